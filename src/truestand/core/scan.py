@@ -1,0 +1,147 @@
+"""Scans: what a file holds (``Recording``) and what it means on a given stand (``Scan``).
+
+NaN = not seen. No point is ever dropped; a row is a profile, in the order of the file.
+"""
+
+from dataclasses import dataclass
+from math import tau
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import BadRecipe
+from truestand.core.stand import Stand
+
+Array = NDArray[np.float64]
+AngleSource = Literal["index", "time", "angle", "encoder"]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A scan file's own content, before a stand says what it means.
+
+    ``x`` and ``z`` are (N, M) in mm as reported; the other columns are (N,), one value a profile, or None.
+    """
+
+    x: Array
+    z: Array
+    format: str
+    sha256: str
+    y: Array | None = None
+    """The Y block of an XYZ file: its meaning is ``[scan] y`` in stand.toml."""
+    time: Array | None = None
+    """s."""
+    angle: Array | None = None
+    """rad, as reported (not yet signed by the table's direction)."""
+    encoder: Array | None = None
+    """Counts."""
+    counter: NDArray[np.int64] | None = None
+    intensity: Array | None = None
+    """(N, M), sensor units."""
+    stand: Stand | None = None
+    """The stand that the file carries (native files)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What one sensor saw in one pass, on a known stand.
+
+    ``x`` (N, M) mm along the laser line, already un-mirrored; ``z`` (N, M) mm range; ``angle`` (N,) rad is the table
+    angle theta, positive counter-clockwise seen from +Z.
+    """
+
+    x: Array
+    z: Array
+    angle: Array
+    stand: Stand
+    angle_source: AngleSource
+    sha256: str = ""
+    time: Array | None = None
+    counter: NDArray[np.int64] | None = None
+    intensity: Array | None = None
+
+    @property
+    def profiles(self) -> int:
+        """Number of profiles, N."""
+        return int(self.x.shape[0])
+
+    @property
+    def step(self) -> float:
+        """Mean table angle from one profile to the next, rad, signed."""
+        if self.profiles < 2:
+            return 0.0
+        return float((self.angle[-1] - self.angle[0]) / (self.profiles - 1))
+
+    @property
+    def revolutions(self) -> float:
+        """Turns covered: N profiles span N steps, not N - 1."""
+        return abs(self.step) * self.profiles / tau
+
+    @property
+    def seen(self) -> float:
+        """Share of the readings that carry a point, 0..1."""
+        return float(np.count_nonzero(np.isfinite(self.z)) / max(self.z.size, 1))
+
+
+def interpret(recording: Recording, stand: Stand | None = None, start_angle: float | None = None) -> Scan:
+    """The recording as seen on ``stand`` (default: the stand it carries).
+
+    ``start_angle`` (rad, table angle of the first profile) is for scans without an angle of their own.
+
+    Raises:
+        BadRecipe: no stand, or the stand lacks what the angle needs (speed, profile rate, counts per turn).
+    """
+    stand = stand or recording.stand
+    if stand is None:
+        raise BadRecipe("the scan carries no stand; describe it with --stand STAND.toml (`truestand init` writes one)")
+    angle, source = table_angle(recording, stand, start_angle)
+    x = -recording.x if stand.sensor.mirrored else recording.x
+    z = _within_range(recording.z, stand.sensor.range)
+    return Scan(
+        x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity
+    )
+
+
+def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:
+    """Table angle theta (N,) rad and what it rests on, best source first: encoder, angle, time, profile number.
+
+    Raises:
+        BadRecipe: the stand lacks what the available source needs.
+    """
+    sign = stand.table.sign
+    encoder = recording.y if stand.y == "encoder" else recording.encoder
+    if encoder is not None:
+        if stand.counts_per_turn <= 0:
+            raise BadRecipe("the scan has encoder counts but [scan] counts_per_turn is 0; state the counts of one turn")
+        return sign * encoder * (tau / stand.counts_per_turn), "encoder"
+    angle = np.radians(recording.y) if stand.y == "angle_deg" and recording.y is not None else recording.angle
+    if angle is not None:
+        return sign * np.unwrap(angle), "angle"
+    if stand.y in ("angle_deg", "encoder") and recording.y is None and recording.format == "xyz blocks":
+        raise BadRecipe(f"[scan] y = {stand.y!r}, but the Y block is not constant along each profile; check [scan] y")
+    return _angle_from_speed(recording, stand, start_angle or 0.0)
+
+
+def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple[Array, AngleSource]:
+    speed = stand.table.speed
+    if speed is None:
+        raise BadRecipe("the scan has no angle and the stand no speed; set [table] speed_rad_per_s in stand.toml")
+    sign = stand.table.sign
+    time = recording.y if stand.y == "time_s" and recording.y is not None else recording.time
+    if time is not None:
+        return start + sign * speed * (time - time[0]), "time"
+    rate = stand.sensor.profile_rate
+    if rate is None:
+        raise BadRecipe("the scan has no angle or time; set profile_rate_hz of the sensor in stand.toml")
+    return start + sign * (speed / rate) * np.arange(recording.x.shape[0]), "index"
+
+
+def _within_range(z: Array, limits: tuple[float, float] | None) -> Array:
+    """``z`` with readings outside the sensor's range marked as not seen; the same array where there are none."""
+    if limits is None:
+        return z
+    low, high = limits
+    if np.fmin.reduce(z, axis=None, initial=np.inf) >= low and np.fmax.reduce(z, axis=None, initial=-np.inf) <= high:
+        return z
+    return np.where((z >= low) & (z <= high), z, np.nan)

@@ -1,0 +1,69 @@
+"""The stand as its builder describes it: table, sensors, and what the columns of its scans mean."""
+
+from dataclasses import dataclass, field
+from math import radians
+from typing import Literal
+
+from truestand.core.errors import BadRecipe
+
+Direction = Literal["ccw", "cw"]
+YMeaning = Literal["index", "time_s", "angle_deg", "encoder"]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """The rotary table. ``direction`` is the sense in which the part turns, seen from +Z (above)."""
+
+    speed: float | None = None
+    """rad/s, positive; used where the scan brings no angle of its own."""
+    direction: Direction = "ccw"
+    start: Literal["home", "unknown"] = "home"
+    """Whether every scan starts at the same table position."""
+
+    @property
+    def sign(self) -> float:
+        """+1 for ccw, -1 for cw."""
+        return 1.0 if self.direction == "ccw" else -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A laser line-profile sensor. Expanded uncertainties are k = 2."""
+
+    name: str = "sensor"
+    profile_rate: float | None = None
+    """Profiles per second."""
+    points: int | None = None
+    range: tuple[float, float] | None = None
+    """mm; readings outside are not seen."""
+    mirrored: bool = False
+    """The sensor reports x mirrored: it is negated before anything else."""
+    serial: str | None = None
+    linearity_U: float | None = None
+    """mm, from the data sheet."""
+    scale_U: float | None = None
+    """Relative, from the data sheet."""
+    plane_offset_U: float = 1.0
+    """mm: how well the laser plane was mounted through the rotation axis."""
+    plane_tilt_U: float = radians(1.0)
+    """rad: how well the laser plane was mounted parallel to the rotation axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """Table, sensors and the meaning of a scan's own columns."""
+
+    table: Table = field(default_factory=Table)
+    sensors: tuple[Sensor, ...] = (Sensor(),)
+    y: YMeaning = "index"
+    """What the Y block of an XYZ scan holds."""
+    counts_per_turn: int = 0
+    """Encoder counts of one turn of the table."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor of a stand that has just one."""
+        if len(self.sensors) != 1:
+            names = ", ".join(s.name for s in self.sensors)
+            raise BadRecipe(f"found {len(self.sensors)} sensors ({names}), need one; describe one sensor a stand.toml")
+        return self.sensors[0]
