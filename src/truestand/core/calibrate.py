@@ -1,0 +1,29 @@
+"""The calibration: one scan of the artefact in; where the sensor stands and how the shaft runs out."""
+
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import Calibration, Method
+from truestand.core.conclude import conclude
+from truestand.core.height import with_height
+from truestand.core.paper import calibrate_paper
+from truestand.core.refine import refine
+from truestand.core.rough import rough_stand
+from truestand.core.scan import Scan
+from truestand.core.segment import segment
+
+
+def calibrate(scan: Scan, artefact: Artefact, method: Method = "stand") -> Calibration:
+    """Where the sensor stands relative to the shaft, how the shaft runs, and how well that is known.
+
+    ``method`` is ``"stand"``, the exact model (docs/theory.md), or ``"paper"``, the published procedure of Klarák et
+    al. 2022, kept faithful so that anyone can reproduce it and see the difference.
+
+    Raises:
+        NotEnoughData: less than half a turn, too few points, or nothing that fits the drawing.
+    """
+    segments = segment(scan, artefact)
+    if method == "paper":
+        return calibrate_paper(scan, artefact, segments)
+    start = rough_stand(scan, segments, artefact)
+    fit = refine(scan, segments, artefact, start)
+    fit = with_height(scan, artefact, fit)
+    return conclude(scan, artefact, fit)

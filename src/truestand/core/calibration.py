@@ -1,0 +1,189 @@
+"""What a calibration is: poses, what remains, how well each number is known, and what could not be known."""
+
+from dataclasses import dataclass, field
+from math import atan2, hypot
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.artefact import Artefact
+from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
+from truestand.core.scan import AngleSource, Scan
+from truestand.core.stand import Stand
+
+Array = NDArray[np.float64]
+Method = Literal["stand", "paper"]
+AngleZero = Literal["index", "home", "witness", "unknown"]
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """One line of an uncertainty budget: U (k = 2) in the unit of the quantity."""
+
+    name: str
+    U: float
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """Expanded uncertainty U = k u of one quantity, with what it is made of."""
+
+    U: float
+    k: float
+    contributions: tuple[Contribution, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """Form of one surface: amplitude cos(upr psi - phase), mm and rad, positive outwards; psi = polar angle in C."""
+
+    surface: str
+    upr: int
+    amplitude: float
+    phase: float
+
+
+@dataclass(frozen=True, slots=True)
+class StaticProfile:
+    """What does not turn with the table on one surface: deviation (n,) mm over height (n,) mm.
+
+    A smooth sensor range error looks like this; so do sag, taper and a wrong step. It is shown, never used as evidence.
+    """
+
+    surface: str
+    height: Array
+    deviation: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A question that the scan answers about itself. ``value`` and ``limit`` carry the unit named in ``name``."""
+
+    name: str
+    value: float
+    limit: float
+    ok: bool
+    advice: str
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """What the method leaves on the artefact: mm, over ``points`` readings of which ``rejected`` were not trusted."""
+
+    rms: float
+    p90: float
+    points: int
+    rejected: int
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSummary:
+    """Which scan a calibration rests on."""
+
+    sha256: str
+    profiles: int
+    points: int
+    revolutions: float
+    seen: float
+
+    @classmethod
+    def of(cls, scan: Scan) -> "ScanSummary":
+        """Of a scan in memory."""
+        return cls(scan.sha256, scan.profiles, int(scan.x.shape[1]), scan.revolutions, scan.seen)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperFigures:
+    """The published method's own figures: mm, and phases in units of pi."""
+
+    bin: int
+    bin_amplitude: float
+    fit_amplitude: float
+    phase_error_pi: float
+    """Nearest Fourier bin minus fit."""
+    arcsine_shift_pi: float
+    """The same by the mean difference of arcsines, monotone branches paired."""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What the stand is like today."""
+
+    method: Method
+    table_from_sensor: Pose
+    shaft_from_rotor: Pose
+    stand: Stand
+    angle_source: AngleSource
+    angle_zero: AngleZero
+    speed_factor: float = 1.0
+    """Estimated over stated table speed; 1 with an angle of the scan's own."""
+    rad_per_profile: float | None = None
+    artefact: Artefact | None = None
+    residuals: Residuals | None = None
+    harmonics: tuple[Harmonic, ...] = ()
+    static_profiles: tuple[StaticProfile, ...] = ()
+    uncertainty: dict[str, Uncertainty] = field(default_factory=dict)
+    """By key of the record, in the record's unit."""
+    covariance_names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """mm and rad, of the unknowns named."""
+    repeatability: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """The part of ``covariance`` that a second scan of the same artefact does not share: noise only."""
+    not_identifiable: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
+    reasons: tuple[str, ...] = ()
+    """Why the calibration is untrusted; empty where it is valid."""
+    scan: ScanSummary | None = None
+    paper: PaperFigures | None = None
+    software: str = ""
+    created: str | None = None
+    """ISO time, put on when the record is written."""
+    valid_until: str | None = None
+
+    @property
+    def status(self) -> Literal["valid", "untrusted"]:
+        """Whether the calibration may carry a verdict."""
+        return "untrusted" if self.reasons else "valid"
+
+    @property
+    def phi(self) -> float:
+        """Angle between the rotation axis and the sensor's z, rad."""
+        return sensor_parameters(self.table_from_sensor)[0]
+
+    @property
+    def plane_tilt(self) -> float | None:
+        """Laser plane's tilt against the rotation axis, rad; None where it is not identifiable."""
+        return self._known("laser_plane_tilt_deg", sensor_parameters(self.table_from_sensor)[3])
+
+    @property
+    def plane_offset(self) -> float | None:
+        """Laser plane's offset from the rotation axis at C's origin, mm; None where it is not identifiable."""
+        return self._known("laser_plane_offset_mm", sensor_parameters(self.table_from_sensor)[4])
+
+    @property
+    def eccentricity(self) -> float:
+        """Offset of the shaft axis from the rotation axis at C's origin, mm."""
+        ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
+        return hypot(ex, ey)
+
+    @property
+    def eccentricity_direction(self) -> float:
+        """Its azimuth in R, rad."""
+        ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
+        return atan2(ey, ex)
+
+    @property
+    def tilt(self) -> float | None:
+        """Angle between shaft axis and rotation axis, rad."""
+        _, _, tx, ty = shaft_parameters(self.shaft_from_rotor)
+        return self._known("tilt_mrad", float(np.arctan(hypot(tx, ty))))
+
+    @property
+    def tilt_direction(self) -> float | None:
+        """Azimuth in R towards which the shaft leans going up, rad."""
+        _, _, tx, ty = shaft_parameters(self.shaft_from_rotor)
+        return self._known("tilt_direction_deg", atan2(ty, tx))
+
+    def _known(self, key: str, value: float) -> float | None:
+        return None if key in self.not_identifiable or self.method == "paper" else value

@@ -1,0 +1,105 @@
+"""Questions a scan answers about itself, in plain words, each with what to do."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import Calibration, Check, Residuals, StaticProfile, Uncertainty
+from truestand.core.refine import Refined
+from truestand.core.scan import Scan
+
+FULL_TURN = 0.9
+MOST_REJECTED = 0.45
+ENOUGH_SEEN = 0.2
+MOST_DRIFT = 0.01
+"""mm over the scan."""
+MOST_RESIDUAL = 0.1
+"""mm rms: a laser triangulation sensor on a metal shaft does ten times better."""
+
+
+def checks_of(
+    scan: Scan,
+    artefact: Artefact,
+    fit: Refined,
+    residuals: Residuals,
+    static: tuple[StaticProfile, ...],
+    budget: dict[str, Uncertainty],
+) -> tuple[Check, ...]:
+    """All checks of one calibration, the gravest first."""
+    share = residuals.rejected / max(residuals.points, 1)
+    drift = abs(float(fit.solution.parameters[8]))
+    found = [
+        Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
+              "scan at least one full turn; a partial one can't tell form from eccentricity"),
+        Check("readings rejected, share", share, MOST_REJECTED, share <= MOST_REJECTED,
+              "clean the shaft, reduce exposure, look for reflections"),
+        Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
+              "check exposure, range and occlusion"),
+        Check("drawing explains the view, share", fit.segments.explained, 0.25, not fit.segments.reasons,
+              "check the diameters and lengths in shaft.toml and what else is in view"),
+        Check("residual, um rms", 1000 * residuals.rms, 1000 * MOST_RESIDUAL, residuals.rms <= MOST_RESIDUAL,
+              "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
+        Check("fit converged, steps", float(fit.solution.steps), 12.0, fit.solution.converged,
+              "the exact model found no steady answer; check the drawing and the direction of the table"),
+        Check("drift over the scan, um", 1000 * drift, 1000 * MOST_DRIFT, drift <= MOST_DRIFT,
+              "let sensor and table warm up; check that nothing is loose"),
+    ]  # fmt: skip
+    found += _static_checks(scan, artefact, fit, static)
+    return tuple(found)
+
+
+def _static_checks(
+    scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]
+) -> list[Check]:
+    """Sensor linearity as the static profile shows it, and the step between the diameters against the drawing."""
+    linearity = scan.stand.sensor.linearity_U
+    limit = 2 * linearity if linearity is not None else 0.02
+    found = []
+    for profile in static:
+        line = np.polynomial.Polynomial.fit(profile.height, profile.deviation, 1)(profile.height)
+        shape = float(np.ptp(profile.deviation - line))
+        found.append(
+            Check(
+                f"static shape on {profile.surface}, um peak to valley", 1000 * shape, 1000 * limit, shape <= limit,
+                "the sensor's range is not linear (or the step's line is not straight): the shape is shown in the "
+                "report and is not used as evidence; ask for the sensor's calibration if it matters",
+            )
+        )  # fmt: skip
+    for profile, band in zip(static[1:], fit.segments.bands[1:], strict=True):
+        cylinders = (artefact.base, artefact.cylinders[band.cylinder])
+        step = float(profile.deviation.mean())
+        known = 0.5 * float(np.hypot(*(c.diameter_U or 0.0 for c in cylinders)))
+        allowed = 0.02 + known + (linearity or 0.02)
+        found.append(
+            Check(
+                f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um", 1000 * step, 1000 * allowed,
+                abs(step) <= allowed, "check the diameters in shaft.toml against the certificate",
+            )
+        )  # fmt: skip
+    return found
+
+
+DECISIVE = (
+    "revolutions",
+    "readings rejected, share",
+    "drawing explains the view, share",
+    "residual, um rms",
+    "fit converged, steps",
+    "step from",
+)
+"""Checks whose failure makes a calibration untrusted; the others warn."""
+
+
+def reasons_of(calibration: Calibration, fit: Refined) -> Calibration:
+    """The calibration with the reasons not to trust it, if any."""
+    reasons = list(fit.segments.reasons)
+    for check in calibration.checks:
+        if not check.ok and check.name.startswith(DECISIVE) and not check.name.startswith("drawing explains"):
+            reasons.append(f"{check.name}: {check.value:.3g} (limit {check.limit:.3g}); {check.advice}")
+    if calibration.angle_zero == "unknown":
+        reasons.append(
+            "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
+            "home the table or record its angle"
+        )
+    return replace(calibration, reasons=tuple(reasons))

@@ -1,0 +1,199 @@
+"""From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
+
+from dataclasses import replace
+from math import degrees, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import (
+    AngleZero,
+    Calibration,
+    Contribution,
+    Harmonic,
+    Residuals,
+    ScanSummary,
+    StaticProfile,
+    Uncertainty,
+)
+from truestand.core.checks import checks_of, reasons_of
+from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
+from truestand.core.model import GEOMETRY, Readings
+from truestand.core.posterior import weigh
+from truestand.core.refine import REACH, Refined
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+
+REPORTED = 8
+"""The unknowns of the geometry proper stand first in the parameter vector."""
+K = 2.0
+IDENTIFIABLE = 0.5
+"""A number is reported where the posterior u is at most this share of the prior's."""
+RESIDUAL_PROFILES = 500
+
+
+def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
+    """The calibration record's content from the exact model's fit."""
+    posterior = weigh(fit.solution, fit.priors)
+    fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
+    p, parts = posterior.parameters, posterior.parts
+    budget = _with_type_b(_budget(p, parts), scan, artefact, fit)
+    free_speed = scan.angle_source in ("index", "time")
+    residuals = residuals_of(scan, fit)
+    static = static_profiles(artefact, fit)
+    own = slice(0, REPORTED)
+    calibration = Calibration(
+        method="stand",
+        table_from_sensor=table_from_sensor(p[0], p[1], fit.model.height, p[3], p[2]),
+        shaft_from_rotor=shaft_from_rotor(*p[4:8]),
+        stand=scan.stand,
+        angle_source=scan.angle_source,
+        angle_zero=angle_zero(scan),
+        speed_factor=1.0 + float(p[9]) if free_speed else 1.0,
+        rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step) * (1.0 + float(p[9])),
+        artefact=artefact,
+        residuals=residuals,
+        harmonics=harmonics_of(artefact, fit),
+        static_profiles=static,
+        uncertainty=budget,
+        covariance_names=GEOMETRY[:REPORTED],
+        covariance=posterior.covariance[own, own],
+        repeatability=parts["noise"][own, own],
+        not_identifiable=_not_identifiable(scan, fit, budget),
+        checks=checks_of(scan, artefact, fit, residuals, static, budget),
+        scan=ScanSummary.of(scan),
+    )
+    return reasons_of(calibration, fit)
+
+
+def angle_zero(scan: Scan) -> AngleZero:
+    """What ties this scan's table angle to another scan's."""
+    if scan.angle_source in ("angle", "encoder"):
+        return "index"
+    return "home" if scan.stand.table.start == "home" else "unknown"
+
+
+def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:
+    """Form harmonics of every cylinder in use."""
+    found = []
+    for k, band in enumerate(fit.segments.bands):
+        a, b = fit.solution.parameters[fit.model.form_slice(k)].reshape(2, -1)
+        name = artefact.cylinders[band.cylinder].name
+        found += [
+            Harmonic(name, n, float(hypot(c, s)), float(np.arctan2(s, c)))
+            for n, c, s in zip(range(2, fit.model.orders + 1), a, b, strict=True)
+        ]
+    return tuple(found)
+
+
+def static_profiles(artefact: Artefact, fit: Refined) -> tuple[StaticProfile, ...]:
+    """The static profile of every cylinder in use over height, 50 points each."""
+    p = fit.solution.parameters
+    side = facing(p[0])
+    profiles = []
+    for k, band in enumerate(fit.segments.bands):
+        height = np.linspace(band.low, band.high, 50)
+        across, up = fit.model.radii[k] - p[1], height - fit.model.height
+        x = side * np.cos(p[0]) * across + np.sin(p[0]) * up
+        z = -side * np.sin(p[0]) * across + np.cos(p[0]) * up
+        deviation = fit.model.static_basis(x, z, k) @ p[fit.model.static_slice(k)]
+        profiles.append(StaticProfile(artefact.cylinders[band.cylinder].name, height, deviation))
+    return tuple(profiles)
+
+
+def residuals_of(scan: Scan, fit: Refined) -> Residuals:
+    """rms and 90 % quantile of the trusted readings of evenly spread profiles; counts of all."""
+    deviation, _ = sampled_residuals(scan, fit)
+    trusted = np.abs(deviation[np.abs(deviation) < fit.limit])
+    rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else 0.0
+    p90 = float(np.quantile(trusted, 0.9)) if trusted.size else 0.0
+    return Residuals(rms, p90, fit.cells.points, fit.cells.rejected)
+
+
+def sampled_residuals(scan: Scan, fit: Refined, profiles: int = RESIDUAL_PROFILES) -> tuple[Array, Readings]:
+    """Residuals (n,) mm after everything fitted, and the readings, of evenly spread profiles."""
+    rows = np.unique(np.linspace(0, scan.profiles - 1, profiles).astype(np.intp))
+    x, z, p = scan.x[rows], scan.z[rows], fit.solution.parameters
+    u = facing(p[0]) * (np.cos(p[0]) * x - np.sin(p[0]) * z) + p[1]
+    v = np.sin(p[0]) * x + np.cos(p[0]) * z + fit.model.height
+    which = np.full(x.shape, -1, dtype=np.intp)
+    for k, band in enumerate(fit.segments.bands):
+        which[(v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < 5.0)] = k
+    row, point = np.nonzero(which >= 0)
+    time = rows / max(scan.profiles - 1, 1) - 0.5
+    readings = Readings(x[row, point], z[row, point], scan.angle[rows][row], time[row], which[row, point])
+    residuals = fit.model.residuals(p, readings)
+    near = np.abs(residuals) < max(REACH, fit.limit)
+    kept = np.flatnonzero(near)
+    return residuals[near], Readings(
+        readings.x[kept], readings.z[kept], readings.angle[kept], readings.time[kept], readings.cylinder[kept]
+    )
+
+
+def _sensitivities(p: Array) -> dict[str, Array]:
+    """Gradient (8,) of each reported quantity, in the record's unit, over the geometry's unknowns in mm and rad."""
+    e, t = hypot(p[4], p[5]), hypot(p[6], p[7])
+    unit = np.eye(REPORTED)
+    ex, ey = unit[4], unit[5]
+    tx, ty = unit[6], unit[7]
+    return {
+        "phi_deg": degrees(1) * unit[0],
+        "radial_position_mm": unit[1],
+        "laser_plane_offset_mm": unit[2],
+        "laser_plane_tilt_deg": degrees(1) * unit[3],
+        "eccentricity_um": 1000.0 * (p[4] * ex + p[5] * ey) / max(e, 1e-9),
+        "eccentricity_direction_deg": degrees(1) * (p[4] * ey - p[5] * ex) / max(e * e, 1e-12),
+        "tilt_mrad": 1000.0 * (p[6] * tx + p[7] * ty) / max(t, 1e-9),
+        "tilt_direction_deg": degrees(1) * (p[6] * ty - p[7] * tx) / max(t * t, 1e-12),
+    }
+
+
+def _budget(p: Array, parts: dict[str, Array]) -> dict[str, dict[str, float]]:
+    """Expanded uncertainty (k = 2) of each quantity by source."""
+    own = slice(0, REPORTED)
+    return {
+        key: {name: K * float(np.sqrt(max(g @ c[own, own] @ g, 0.0))) for name, c in parts.items()}
+        for key, g in _sensitivities(p).items()
+    }
+
+
+def _with_type_b(
+    budget: dict[str, dict[str, float]], scan: Scan, artefact: Artefact, fit: Refined
+) -> dict[str, Uncertainty]:
+    """The budget with the certificate's and the data sheet's contributions, as far as one scan can't see them."""
+    sensor = scan.stand.sensor
+    p = fit.solution.parameters
+    band = max(fit.segments.bands, key=lambda b: b.high - b.low)
+    eccentricity = hypot(p[4], p[5])
+    diameter_U = artefact.cylinders[fit.segments.bands[0].cylinder].diameter_U
+    if diameter_U is not None:
+        budget["radial_position_mm"]["diameter of the artefact"] = diameter_U / 2
+    if sensor.linearity_U is not None:
+        # A straight error over the visible length turns the line; its slope over the wave scales the eccentricity.
+        slope = sensor.linearity_U / (band.high - band.low)
+        budget["phi_deg"]["linearity of the sensor"] = degrees(slope)
+        budget["radial_position_mm"]["linearity of the sensor"] = sensor.linearity_U
+        budget["eccentricity_um"]["linearity of the sensor"] = 1000.0 * eccentricity * slope
+    if sensor.scale_U is not None:
+        budget["eccentricity_um"]["scale of the sensor"] = 1000.0 * eccentricity * sensor.scale_U
+    return {key: _expanded(lines) for key, lines in budget.items()}
+
+
+def _expanded(lines: dict[str, float]) -> Uncertainty:
+    contributions = tuple(Contribution(n, u) for n, u in sorted(lines.items(), key=lambda i: -i[1]))
+    return Uncertainty(float(np.sqrt(sum(c.U**2 for c in contributions))), K, contributions)
+
+
+def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) -> tuple[str, ...]:
+    """Quantities whose number would say more about the prior than about the scan."""
+    sensor = scan.stand.sensor
+    names = []
+    if budget["laser_plane_offset_mm"].U > IDENTIFIABLE * sensor.plane_offset_U:
+        names.append("laser_plane_offset_mm")
+    if budget["laser_plane_tilt_deg"].U > IDENTIFIABLE * degrees(sensor.plane_tilt_U):
+        names.append("laser_plane_tilt_deg")
+    if not fit.segments.shoulder_seen:
+        names.append("height")
+    return tuple(names)

@@ -1,0 +1,122 @@
+"""Rigid transforms between the stand's frames S (sensor), T (table), R (rotor) and C (shaft).
+
+Every transform is named by direction, ``table_from_sensor``, and neighbouring words match when two are chained:
+``shaft_from_sensor = shaft_from_rotor @ rotor_from_table(theta) @ table_from_sensor``.
+"""
+
+from dataclasses import dataclass
+from math import atan2, cos, hypot, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A proper rigid transform: ``rotation`` (3, 3) and ``translation`` (3,) in mm."""
+
+    rotation: Array
+    translation: Array
+
+    @classmethod
+    def from_matrix(cls, matrix: Array) -> "Pose":
+        """From a 4x4 homogeneous matrix."""
+        matrix = np.asarray(matrix, dtype=np.float64)
+        return cls(matrix[:3, :3].copy(), matrix[:3, 3].copy())
+
+    @property
+    def matrix(self) -> Array:
+        """The 4x4 homogeneous matrix."""
+        full = np.eye(4)
+        full[:3, :3] = self.rotation
+        full[:3, 3] = self.translation
+        return full
+
+    @property
+    def inverse(self) -> "Pose":
+        """The transform back."""
+        return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+    @property
+    def is_proper(self) -> bool:
+        """A right-handed rotation to 1e-12: no scale, no shear, no mirror."""
+        unit = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() <= 1e-12
+        return bool(unit and abs(np.linalg.det(self.rotation) - 1.0) <= 1e-12)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
+
+    def __call__(self, points: Array) -> Array:
+        """Points (..., 3) mm, transformed."""
+        return points @ self.rotation.T + self.translation
+
+
+def facing(phi: float) -> float:
+    """+1 or -1: which way T's X (from the axis to the sensor) runs along the in-plane normal of the axis.
+
+    The sensor looks along +z of S, so X, which points back at it, has a negative z component in S.
+    """
+    return 1.0 if sin(phi) >= 0 else -1.0
+
+
+def table_from_sensor(phi: float, radial: float, height: float, tilt: float, offset: float) -> Pose:
+    """Where the sensor stands on the table.
+
+    Args:
+        phi: angle between the rotation axis and the sensor's z, rad (atan2(a_x, a_z), CONTRACT.md).
+        radial: T's X of the sensor's origin, mm.
+        height: position of the sensor's origin along the laser plane's upward direction, mm.
+        tilt: laser plane against the rotation axis (alpha), rad: the plane is Y = offset + Z tan(tilt).
+        offset: laser plane's distance from the axis at Z = 0 (d), mm.
+    """
+    side = facing(phi)
+    across = np.array([1.0, 0.0, 0.0])
+    up = np.array([0.0, sin(tilt), cos(tilt)])
+    x_axis = side * cos(phi) * across + sin(phi) * up
+    z_axis = -side * sin(phi) * across + cos(phi) * up
+    y_axis = np.cross(z_axis, x_axis)
+    rotation = np.column_stack([x_axis, y_axis, z_axis])
+    return Pose(rotation, radial * across + height * up + np.array([0.0, offset, 0.0]))
+
+
+def sensor_parameters(pose: Pose) -> tuple[float, float, float, float, float]:
+    """(phi, radial, height, tilt, offset) of a ``table_from_sensor``: the inverse of that function."""
+    a = pose.rotation[2]
+    phi = atan2(a[0], a[2])
+    tilt = atan2(-facing(phi) * a[1], hypot(a[0], a[2]))
+    height = float(pose.translation[2]) / cos(tilt)
+    return phi, float(pose.translation[0]), height, tilt, float(pose.translation[1]) - height * sin(tilt)
+
+
+def shaft_from_rotor(ex: float, ey: float, tx: float, ty: float) -> Pose:
+    """Rotor to shaft: the shaft's axis passes (ex, ey, 0) mm along (tx, ty, 1); no twist about Z.
+
+    The rotation is the smallest one that takes Z onto the axis, so its rotation vector lies in the XY plane.
+    """
+    axis = np.array([tx, ty, 1.0]) / np.sqrt(tx * tx + ty * ty + 1.0)
+    rotor_from_shaft = Pose(_smallest_rotation_to(axis), np.array([ex, ey, 0.0]))
+    return rotor_from_shaft.inverse
+
+
+def shaft_parameters(pose: Pose) -> tuple[float, float, float, float]:
+    """(ex, ey, tx, ty) of a ``shaft_from_rotor``: the inverse of that function."""
+    rotor_from_shaft = pose.inverse
+    axis = rotor_from_shaft.rotation[:, 2]
+    tx, ty = axis[0] / axis[2], axis[1] / axis[2]
+    origin = rotor_from_shaft.translation
+    return float(origin[0] - tx * origin[2]), float(origin[1] - ty * origin[2]), float(tx), float(ty)
+
+
+def _smallest_rotation_to(axis: Array) -> Array:
+    """The rotation (3, 3) about a horizontal line that takes Z to the unit vector ``axis`` (Rodrigues)."""
+    x, y, z = axis
+    k = 1.0 / (1.0 + z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
+
+
+def rotor_from_table(angle: float) -> Pose:
+    """Table to rotor at table angle ``angle`` rad: p_R = Rz(-angle) p_T."""
+    c, s = cos(angle), sin(angle)
+    return Pose(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))

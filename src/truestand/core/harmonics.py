@@ -1,0 +1,94 @@
+"""A trace as a series: least squares at known frequencies, and the nearest Fourier bin to compare with.
+
+Least squares at the known frequency is exact for any arc; the nearest bin of a discrete Fourier transform leaks
+whenever the arc is no whole number of turns (theory page, *Leakage*).
+"""
+
+from dataclasses import dataclass
+from math import atan2, hypot, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import NotEnoughData
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonics:
+    """mean + sum over ``orders`` of cos_i cos(n_i t) + sin_i sin(n_i t) (+ drift from first to last sample)."""
+
+    orders: tuple[int, ...]
+    mean: float
+    cos: Array
+    sin: Array
+    drift: float = 0.0
+
+    def amplitude(self, upr: int) -> float:
+        """Amplitude of the harmonic ``upr``, in the trace's unit."""
+        i = self.orders.index(upr)
+        return hypot(self.cos[i], self.sin[i])
+
+    def phase(self, upr: int) -> float:
+        """Phase p of the harmonic A cos(upr t - p), rad in (-pi, pi]."""
+        i = self.orders.index(upr)
+        return atan2(self.sin[i], self.cos[i])
+
+    def __call__(self, angle: Array) -> Array:
+        """The series at ``angle`` (rad), without the drift."""
+        phases = np.multiply.outer(np.asarray(angle, dtype=np.float64), np.array(self.orders, dtype=np.float64))
+        return self.mean + np.cos(phases) @ self.cos + np.sin(phases) @ self.sin
+
+
+def fit_harmonics(
+    angle: Array, trace: Array, orders: tuple[int, ...] = (1,), drift: bool = False, weights: Array | None = None
+) -> Harmonics:
+    """Linear least squares of a trace (N,) over table angle (N,) rad; NaN samples are left out.
+
+    Raises:
+        NotEnoughData: fewer samples than coefficients.
+    """
+    seen = np.isfinite(trace) & np.isfinite(angle)
+    columns = 1 + 2 * len(orders) + drift
+    if np.count_nonzero(seen) < columns:
+        raise NotEnoughData(
+            f"found {np.count_nonzero(seen)} samples, need {columns} for {len(orders)} harmonics; scan for longer"
+        )
+    root = np.ones(int(seen.sum())) if weights is None else np.sqrt(weights[seen])
+    design = _design(angle[seen], orders, drift)
+    solution = np.linalg.lstsq(design * root[:, None], trace[seen] * root, rcond=None)[0]
+    n = len(orders)
+    return Harmonics(
+        orders, float(solution[0]), solution[1 : 1 + n], solution[1 + n : 1 + 2 * n], float(solution[-1]) if drift else 0.0
+    )
+
+
+def _design(angle: Array, orders: tuple[int, ...], drift: bool) -> Array:
+    phases = np.multiply.outer(angle, np.array(orders, dtype=np.float64))
+    parts = [np.ones((angle.size, 1)), np.cos(phases), np.sin(phases)]
+    if drift:
+        parts.append(np.linspace(-0.5, 0.5, angle.size)[:, None])
+    return np.hstack(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """One bin of a discrete Fourier transform: amplitude and phase of A cos(2 pi k i / N - phase)."""
+
+    index: int
+    amplitude: float
+    phase: float
+
+
+def nearest_bin(trace: Array, revolutions: float) -> Bin:
+    """The Fourier bin next to once per turn (paper Eq. 9): the published estimate, leakage included."""
+    index = max(1, round(revolutions))
+    spectrum = np.fft.rfft(trace - trace.mean())
+    value = 2.0 * spectrum[index] / trace.size
+    return Bin(index, float(abs(value)), float(-np.angle(value)))
+
+
+def wrap(angle: float) -> float:
+    """``angle`` (rad) brought to (-pi, pi]."""
+    return pi - (pi - angle) % (2 * pi)

@@ -1,0 +1,217 @@
+"""The exact model of the stand: what a reading (x, z) at table angle theta says about the shaft.
+
+    p_T = (u - static(s), d + v sin(alpha), v cos(alpha))      u, v: radial and axial position in the laser plane
+    p_R = Rz(-theta) p_T
+    residual = distance of p_R to the cylinder's axis - R - form(psi)
+
+Unknowns: the sensor's phi, radial position, laser-plane offset d and tilt alpha; the shaft's eccentricity and tilt;
+optionally the table speed; a linear drift; per further cylinder its axis against the base's (with the certificate's
+prior); per cylinder form harmonics 2..n and a free static profile. The static profile absorbs whatever does not turn
+with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
+(docs/theory.md, *What the data can tell*). The Jacobian is analytic.
+"""
+
+from dataclasses import dataclass, field
+from math import cos, sin
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from truestand.core.frames import facing
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+STATIC_DEGREE = 7
+"""Degree of the free static profile (Legendre); the sensor's smooth range error fits in it."""
+GEOMETRY = (
+    "phi", "radial", "plane_offset", "plane_tilt", "eccentricity_x", "eccentricity_y", "tilt_x", "tilt_y", "drift", "speed",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings or means of readings, each (n,): x, z in mm, table angle rad, time -0.5..0.5, which cylinder."""
+
+    x: Array
+    z: Array
+    angle: Array
+    time: Array
+    cylinder: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Which unknowns there are and where they stand in the parameter vector; the fixed numbers they go with."""
+
+    radii: tuple[float, ...]
+    """mm, of the cylinders in use, the base first."""
+    middles: tuple[float, ...]
+    """mm: height at which a further cylinder's axis offset is counted."""
+    height: float
+    """mm: position of the sensor's origin along the laser plane's upward direction (a convention, not an unknown)."""
+    start_angle: float
+    """rad: table angle of the first profile, from which a wrong speed counts."""
+    orders: int
+    """Form harmonics 2..orders per cylinder."""
+    static_axis: tuple[float, float]
+    """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
+    static_spans: tuple[tuple[float, float], ...]
+    """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
+    size: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        further = 4 * (len(self.radii) - 1)
+        object.__setattr__(self, "size", len(GEOMETRY) + further + self._statics + self._forms)
+
+    @property
+    def _statics(self) -> int:
+        return STATIC_DEGREE - 1 + (STATIC_DEGREE + 1) * (len(self.radii) - 1)
+
+    @property
+    def _forms(self) -> int:
+        return 2 * max(self.orders - 1, 0) * len(self.radii)
+
+    def axis_slice(self, cylinder: int) -> slice:
+        """Offset x, y (mm) and angle x, y (rad) of a further cylinder's axis against the base's."""
+        start = len(GEOMETRY) + 4 * (cylinder - 1)
+        return slice(start, start + 4)
+
+    def static_slice(self, cylinder: int) -> slice:
+        """Legendre coefficients (mm): degrees 2.. on the base, 0.. on the others (relative step and taper)."""
+        start = len(GEOMETRY) + 4 * (len(self.radii) - 1)
+        if cylinder == 0:
+            return slice(start, start + STATIC_DEGREE - 1)
+        start += STATIC_DEGREE - 1 + (STATIC_DEGREE + 1) * (cylinder - 1)
+        return slice(start, start + STATIC_DEGREE + 1)
+
+    def form_slice(self, cylinder: int) -> slice:
+        """Form: cos 2..orders, then sin 2..orders (mm)."""
+        each = 2 * max(self.orders - 1, 0)
+        start = self.size - self._forms + each * cylinder
+        return slice(start, start + each)
+
+    def angle(self, parameters: Array, nominal: Array) -> Array:
+        """Table angle with the estimated speed, rad."""
+        return nominal + parameters[9] * (nominal - self.start_angle)
+
+    def static_basis(self, x: Array, z: Array, cylinder: int) -> Array:
+        """(n, terms): the static profile's Legendre polynomials at these readings."""
+        low, high = self.static_spans[cylinder]
+        s = (self.static_axis[0] * x + self.static_axis[1] * z - low) * (2.0 / (high - low)) - 1.0
+        full = legendre.legvander(np.clip(s, -1.1, 1.1), STATIC_DEGREE)
+        return full[:, 2:] if cylinder == 0 else full
+
+    def residuals(self, parameters: Array, readings: Readings) -> Array:
+        """Distance (n,) mm of each reading from the modelled surface, positive outwards."""
+        out = np.empty(readings.x.size)
+        for k in range(len(self.radii)):
+            rows = np.flatnonzero(readings.cylinder == k)
+            if rows.size:
+                out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, None)
+        return out
+
+    def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
+        """Residuals (n,) and their Jacobian (n, size)."""
+        out = np.empty(readings.x.size)
+        jacobian = np.zeros((readings.x.size, self.size))
+        for k in range(len(self.radii)):
+            rows = np.flatnonzero(readings.cylinder == k)
+            if rows.size:
+                block = np.zeros((rows.size, self.size))
+                out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, block)
+                jacobian[rows] = block
+        return out, jacobian
+
+    def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None) -> Array:
+        """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
+        phi, radial, offset, tilt, drift = p[0], p[1], p[2], p[3], p[8]
+        side = facing(phi)
+        static = self.static_basis(r.x, r.z, k)
+        across_line = side * (cos(phi) * r.x - sin(phi) * r.z)
+        along_line = sin(phi) * r.x + cos(phi) * r.z
+        u = across_line + radial + drift * r.time - static @ p[self.static_slice(k)]
+        v = along_line + self.height
+        y, z = offset + sin(tilt) * v, cos(tilt) * v
+        angle = self.angle(p, r.angle)
+        c, s = np.cos(angle), np.sin(angle)
+        point = np.stack([c * u + s * y, c * y - s * u, z])
+
+        ex, ey, tx, ty = _axis(self, p, k)
+        away = point - np.array([[ex], [ey], [0.0]])
+        length = np.sqrt(tx * tx + ty * ty + 1.0)
+        along = (tx * away[0] + ty * away[1] + away[2]) / length
+        normal = away - along * np.array([[tx], [ty], [1.0]]) / length
+        distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+        normal /= distance
+
+        psi = np.arctan2(normal[1], normal[0])
+        coefficients = p[self.form_slice(k)]
+        cosines, sines, form, slope = _form(psi, self.orders, coefficients)
+        residual = distance - self.radii[k] - form
+        if jacobian is None:
+            return residual
+
+        # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
+        gradient = normal - (slope / distance) * np.stack([-normal[1], normal[0], np.zeros_like(psi)])
+        across = c * gradient[0] - s * gradient[1]
+        beside = s * gradient[0] + c * gradient[1]
+        upward = sin(tilt) * beside + cos(tilt) * gradient[2]
+        jacobian[:, 0] = side * (across_line * upward - along_line * across)
+        jacobian[:, 1] = across
+        jacobian[:, 2] = beside
+        jacobian[:, 3] = v * (cos(tilt) * beside - sin(tilt) * gradient[2])
+        jacobian[:, 4], jacobian[:, 5] = -gradient[0], -gradient[1]
+        jacobian[:, 6], jacobian[:, 7] = -along * gradient[0] / length, -along * gradient[1] / length
+        jacobian[:, 8] = across * r.time
+        jacobian[:, 9] = (gradient[0] * point[1] - gradient[1] * point[0]) * (r.angle - self.start_angle)
+        if k:
+            own = self.axis_slice(k).start
+            jacobian[:, own : own + 2] = jacobian[:, 4:6]
+            jacobian[:, own + 2 : own + 4] = jacobian[:, 6:8] - self.middles[k] * jacobian[:, 4:6]
+        jacobian[:, self.static_slice(k)] = -static * across[:, None]
+        jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
+        return residual
+
+    def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, cylinder: int) -> Array:
+        """Where the sensor sees the modelled surface, for axial positions v (n,) mm: u (n,) mm, drift not yet removed."""
+        phi = parameters[0]
+        side = facing(phi)
+        u = np.full(v.shape, self.radii[cylinder])
+        which = np.full(v.shape, cylinder, dtype=np.intp)
+        for _ in range(4):  # the residual changes by 0.97..1 per unit of u: each pass gains two digits
+            across, up = u - parameters[1] - parameters[8] * time, v - self.height
+            x = side * cos(phi) * across + sin(phi) * up
+            z = -side * sin(phi) * across + cos(phi) * up
+            u = u - self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
+        return u - parameters[8] * time
+
+
+def _take(r: Readings, rows: Ints) -> Readings:
+    return Readings(r.x[rows], r.z[rows], r.angle[rows], r.time[rows], r.cylinder[rows])
+
+
+def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
+    """The axis of cylinder ``k`` in R: offset at height 0 and slope."""
+    ex, ey, tx, ty = p[4:8]
+    if k:
+        cx, cy, gx, gy = p[model.axis_slice(k)]
+        # The offset counts at the cylinder's middle, as a certificate states it.
+        ex, ey = ex + cx - gx * model.middles[k], ey + cy - gy * model.middles[k]
+        tx, ty = tx + gx, ty + gy
+    return float(ex), float(ey), float(tx), float(ty)
+
+
+def _form(psi: Array, orders: int, coefficients: Array) -> tuple[Array, Array, Array, Array]:
+    """cos and sin (n, orders - 1) of harmonics 2..orders at psi, the form (n,) mm and its slope (n,) mm/rad."""
+    n = np.arange(2, orders + 1)
+    turns = np.exp(1j * psi)
+    powers = np.empty((psi.size, n.size), dtype=np.complex128)
+    power = turns
+    for i in range(n.size):
+        power = power * turns
+        powers[:, i] = power
+    cosines, sines = powers.real, powers.imag
+    a, b = coefficients[: n.size], coefficients[n.size :]
+    return cosines, sines, cosines @ a + sines @ b, cosines @ (n * b) - sines @ (n * a)

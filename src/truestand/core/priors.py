@@ -1,0 +1,46 @@
+"""What is known before the scan: how the sensor was mounted, what the artefact's certificate says."""
+
+from truestand.core.artefact import Artefact
+from truestand.core.fit import Prior
+from truestand.core.model import GEOMETRY, Model
+from truestand.core.scan import Scan
+from truestand.core.segment import Segments
+
+UNSTATED_COAXIALITY_U = 0.002
+"""mm, k = 2: a ground shaft, where the certificate is silent. Said in the budget."""
+CLAMPING_U = 0.04
+"""rad, k = 2: no shaft runs more tilted than this."""
+DRIFT_U = 0.1
+"""mm over the scan, k = 2."""
+SPEED_U = 0.1
+"""Relative, k = 2, of a table without an encoder."""
+KNOWN = 1e-10
+"""For what is no unknown in this scan."""
+MOUNTING = "mounting of the laser plane"
+COAXIALITY = "coaxiality of the steps"
+
+
+def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
+    """The priors of the stand, the certificate and common sense, each under its name in the budget."""
+    sensor = scan.stand.sensor
+    at = GEOMETRY.index
+    free_speed = scan.angle_source in ("index", "time")
+    priors = [
+        Prior(MOUNTING, (at("plane_offset"),), sensor.plane_offset_U / 2),
+        Prior(MOUNTING, (at("plane_tilt"),), sensor.plane_tilt_U / 2),
+        Prior("clamping", (at("tilt_x"), at("tilt_y")), CLAMPING_U / 2),
+        Prior("drift", (at("drift"),), DRIFT_U / 2),
+        Prior("table speed", (at("speed"),), SPEED_U / 2 if free_speed else KNOWN),
+    ]
+    for k, band in enumerate(segments.bands):
+        cylinder = artefact.cylinders[band.cylinder]
+        if k:
+            coaxiality = cylinder.coaxiality_U or UNSTATED_COAXIALITY_U
+            start = model.axis_slice(k).start
+            slope = coaxiality / 2 / cylinder.length
+            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
+            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
+        loose = range(model.static_slice(k).start, model.static_slice(k).stop)
+        forms = range(model.form_slice(k).start, model.form_slice(k).stop)
+        priors.append(Prior("form and static profile", (*loose, *forms), 1.0))
+    return tuple(priors)

@@ -1,0 +1,172 @@
+"""The exact fit: robust means over cells, Gauss-Newton, again with the noise now known."""
+
+from dataclasses import dataclass, replace
+from math import cos, hypot, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.artefact import Artefact
+from truestand.core.cells import Cells, Grid, make_grid, reduce
+from truestand.core.fit import TUKEY, Prior, Solution, gauss_newton
+from truestand.core.frames import facing
+from truestand.core.model import GEOMETRY, Model
+from truestand.core.priors import priors_for
+from truestand.core.rough import RoughStand
+from truestand.core.scan import Scan
+from truestand.core.segment import Segments
+
+Array = NDArray[np.float64]
+
+FIRST_LIMIT = 0.6
+"""mm: form, tilt and the start's errors together stay below this."""
+REACH = 1.0
+"""mm: readings within it of the predicted surface are the surface's, good or bad."""
+LEAST_LIMIT = 0.012
+"""mm: never reject what quantisation alone can do (three steps of 4 um)."""
+FIRST_ORDERS = 6
+MOST_ORDERS = 30
+SIGNIFICANT = 4.0
+"""A harmonic counts from this many times the median amplitude (noise alone passes that once in 65,000: 2^-16)."""
+LEAST_HARMONIC = 5e-5
+"""mm: smaller ones matter to nobody."""
+STEEP_ENOUGH = 0.3
+"""cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """The exact model's answer with everything it rests on."""
+
+    model: Model
+    segments: Segments
+    grid: Grid
+    cells: Cells
+    solution: Solution
+    priors: tuple[Prior, ...]
+    limit: float
+    """mm from the surface beyond which a reading had no weight."""
+
+
+def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
+    """Fit the exact model to all trusted readings of all the artefact's cylinders."""
+    model = _layout(scan, segments, artefact, start, FIRST_ORDERS)
+    parameters = _start(model, segments, start)
+    grid = make_grid(scan, segments.bands)
+    first = _solve(scan, segments, artefact, model, parameters, grid, FIRST_LIMIT)
+    orders = _orders(first, scan)
+    model = _with_orders(first.model, orders)
+    parameters = _carry(first.model, model, first.solution.parameters)
+    first = _resolve(scan, segments, artefact, model, parameters, first)
+    limit = _noise_limit(first)
+    second = _solve(scan, segments, artefact, model, first.solution.parameters, grid, limit)
+    tighter = _noise_limit(second)
+    if tighter > 0.8 * limit:
+        return second
+    return _solve(scan, segments, artefact, model, second.solution.parameters, grid, tighter)
+
+
+def _solve(
+    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, grid: Grid, limit: float
+) -> Refined:
+    cells = reduce(scan, model, start, grid, limit, max(REACH, limit))
+    return _fitted(scan, segments, artefact, model, start, grid, cells, limit)
+
+
+def _resolve(
+    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, before: Refined
+) -> Refined:
+    """Fit a changed model to the cells of the last pass."""
+    return _fitted(scan, segments, artefact, model, start, before.grid, before.cells, before.limit)
+
+
+def _fitted(
+    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, grid: Grid, cells: Cells, limit: float
+) -> Refined:
+    priors = priors_for(model, scan, segments, artefact)
+    solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells))
+    return Refined(model, segments, grid, cells, solution, priors, limit)
+
+
+def sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
+    """Which stretch of which cylinder each cell lies on, the same on every turn (n,)."""
+    per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
+    return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder
+
+
+def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand, orders: int) -> Model:
+    """The unknowns for what is seen of the artefact."""
+    cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
+    phi, side = segments.phi, facing(segments.phi)
+    over_range = abs(cos(phi)) > STEEP_ENOUGH
+    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
+    eccentricity = hypot(*start.eccentricity)
+    spans = []
+    for band, cylinder in zip(segments.bands, cylinders, strict=True):
+        ends = np.array([band.low, band.high]) - segments.height
+        if over_range:
+            ends = cos(phi) * ends - side * sin(phi) * (cylinder.radius - start.radial)
+            slack = eccentricity * abs(sin(phi)) + 0.1
+        else:
+            slack = 0.1
+        spans.append((float(ends.min() - slack), float(ends.max() + slack)))
+    return Model(
+        radii=tuple(c.radius for c in cylinders),
+        middles=tuple((b.low + b.high) / 2 for b in segments.bands),
+        height=segments.height,
+        start_angle=float(scan.angle[0]),
+        orders=orders,
+        static_axis=axis,
+        static_spans=tuple(spans),
+    )
+
+
+def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
+    p = np.zeros(model.size)
+    at = GEOMETRY.index
+    p[at("phi")], p[at("radial")], p[at("speed")] = segments.phi, start.radial, start.speed
+    p[at("eccentricity_x")], p[at("eccentricity_y")] = start.eccentricity
+    return p
+
+
+def _with_orders(model: Model, orders: int) -> Model:
+    return replace(model, orders=orders)
+
+
+def _carry(before: Model, after: Model, parameters: Array) -> Array:
+    """The parameters in a layout with other form harmonics."""
+    p = np.zeros(after.size)
+    common = before.form_slice(0).start
+    p[:common] = parameters[:common]
+    for k in range(len(before.radii)):
+        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
+        n = min(old.shape[1], new.shape[1])
+        new[:, :n] = old[:, :n]
+        p[after.form_slice(k)] = new.reshape(-1)
+    return p
+
+
+def _orders(fit: Refined, scan: Scan) -> int:
+    """Highest form harmonic that stands out of the residuals, at least ``FIRST_ORDERS``; few on a partial turn."""
+    if scan.revolutions < 0.95:
+        return 3
+    residuals, readings = fit.solution.residuals, fit.cells.readings
+    psi = fit.model.angle(fit.solution.parameters, readings.angle)
+    highest = FIRST_ORDERS
+    candidates = np.arange(FIRST_ORDERS + 1, MOST_ORDERS + 1)
+    for k in range(len(fit.model.radii)):
+        on = (readings.cylinder == k) & (fit.solution.weights > 0)
+        waves = np.exp(1j * np.multiply.outer(candidates, psi[on]))
+        weights = fit.solution.weights[on]
+        amplitude = 2 * np.abs(waves @ (weights * residuals[on])) / max(weights.sum(), 1e-300)
+        strong = candidates[(amplitude > SIGNIFICANT * np.median(amplitude)) & (amplitude > LEAST_HARMONIC)]
+        highest = max(highest, int(strong.max(initial=0)))
+    return highest
+
+
+def _noise_limit(fit: Refined) -> float:
+    """Where Tukey's weight ends for the noise seen in the cells and between them."""
+    within = float(np.median(fit.cells.spread))
+    on = fit.solution.weights > 0
+    between = 1.4826 * float(np.median(np.abs(fit.solution.residuals[on]))) if on.any() else 0.0
+    return max(TUKEY * hypot(within, between), LEAST_LIMIT)

@@ -1,0 +1,134 @@
+"""A calibration applied: scans rolled up into the shaft's own coordinates.
+
+One rigid chain, exact at every radius:
+
+    p_C = shaft_from_rotor . Rz(-theta) . table_from_sensor . (x, 0, z)
+
+For one profile it is affine in (x, z), so a whole scan costs six multiplications a point.
+"""
+
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration
+from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+
+BLOCK = 64
+"""Profiles worked on at once: their points stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """The part, rolled up, in C: ``x``, ``y``, ``z`` (N, M) mm; NaN = not seen. Rows are profiles, as in the scan."""
+
+    x: Array
+    y: Array
+    z: Array
+
+    @property
+    def angle(self) -> Array:
+        """Polar angle (N, M) rad about the shaft axis."""
+        return np.arctan2(self.y, self.x)
+
+    @property
+    def height(self) -> Array:
+        """Height (N, M) mm above the shoulder."""
+        return self.z
+
+    @property
+    def radius(self) -> Array:
+        """Distance (N, M) mm from the shaft axis."""
+        return np.hypot(self.x, self.y)
+
+    def trace(self, height: float, width: float = 0.1) -> tuple[Array, Array]:
+        """Radius over polar angle at one height: angle (n,) rad, increasing, and radius (n,) mm.
+
+        One sample a profile: the mean of its points within ``width`` mm about ``height``. Where a profile shows
+        several surfaces at that height (a chamfer, a flank) the mean is of all of them.
+        """
+        with np.errstate(invalid="ignore"):
+            near = np.abs(self.z - height) <= width / 2
+        count = near.sum(axis=1)
+        rows = count > 0
+        x = np.where(near[rows], self.x[rows], 0.0).sum(axis=1) / count[rows]
+        y = np.where(near[rows], self.y[rows], 0.0).sum(axis=1) / count[rows]
+        angle = np.arctan2(y, x)
+        order = np.argsort(angle)
+        return angle[order], np.hypot(x, y)[order]
+
+
+def roll(scan: Scan, calibration: Calibration) -> Surface:
+    """The scan's points in C.
+
+    The calibration's own method decides: ``stand`` moves the axis (exact), ``paper`` subtracts the published
+    compensation wave from the radial coordinate (and leaves what that leaves).
+    """
+    angle = table_angle(scan, calibration)
+    if calibration.method == "paper":
+        return _published(scan, calibration, angle)
+    return _affine(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
+
+
+def table_angle(scan: Scan, calibration: Calibration) -> Array:
+    """Table angle (N,) rad with the speed that the calibration found, where the scan has no angle of its own."""
+    if scan.angle_source in ("index", "time") and calibration.speed_factor != 1.0:
+        return scan.angle[0] + (scan.angle - scan.angle[0]) * calibration.speed_factor
+    return scan.angle
+
+
+def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Surface:
+    gain_x, gain_z, shift = _chains(table_from_sensor, shaft_from_rotor, angle)
+    out = np.empty((3, *scan.x.shape))
+    room = np.empty((BLOCK, scan.x.shape[1]))
+    for first in range(0, scan.profiles, BLOCK):
+        rows = slice(first, min(first + BLOCK, scan.profiles))
+        x, z = scan.x[rows], scan.z[rows]
+        part = room[: x.shape[0]]
+        for i in range(3):
+            target = out[i, rows]
+            np.multiply(x, gain_x[rows, i, None], out=target)
+            np.multiply(z, gain_z[rows, i, None], out=part)
+            part += shift[rows, i, None]
+            target += part
+    return _surface(out)
+
+
+def _surface(out: Array) -> Surface:
+    out.flags.writeable = False
+    return Surface(out[0], out[1], out[2])
+
+
+def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tuple[Array, Array, Array]:
+    """For each profile, what p_C gains by x and by z, and its shift: three (N, 3) arrays."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.zeros((angle.size, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = c
+    turn[:, 0, 1], turn[:, 1, 0] = s, -s
+    turn[:, 2, 2] = 1.0
+    chain = shaft_from_rotor.rotation @ turn
+    gains = chain @ table_from_sensor.rotation
+    shift = chain @ table_from_sensor.translation + shaft_from_rotor.translation
+    return gains[:, :, 0], gains[:, :, 2], shift
+
+
+def _published(scan: Scan, calibration: Calibration, angle: Array) -> Surface:
+    """Steps 5, 8 and 9 of the paper on any scan: radial less the compensation wave, then rolled up."""
+    ex, ey, _, _ = shaft_parameters(calibration.shaft_from_rotor)
+    pose = calibration.table_from_sensor
+    c, s = np.cos(angle), np.sin(angle)
+    wave = ex * c - ey * s if hypot(ex, ey) > 0 else np.zeros_like(angle)
+    out = np.empty((3, *scan.x.shape))
+    for first in range(0, scan.profiles, BLOCK):
+        rows = slice(first, min(first + BLOCK, scan.profiles))
+        x, z = scan.x[rows], scan.z[rows]
+        radial = pose.rotation[0, 0] * x + pose.rotation[0, 2] * z + (pose.translation[0] - wave[rows])[:, None]
+        out[0, rows] = radial * c[rows, None]
+        out[1, rows] = -radial * s[rows, None]
+        out[2, rows] = pose.rotation[2, 0] * x + pose.rotation[2, 2] * z + pose.translation[2]
+    return _surface(out)
