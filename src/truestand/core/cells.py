@@ -112,8 +112,8 @@ def reduce(scan: Scan, model: Model, parameters: Array, grid: Grid, limit: float
             ratio = block.deviation * (1.0 / limit)
         weight = np.square(np.maximum(1.0 - ratio * ratio, 0.0))
         weight[~near] = 0.0
-        points += np.count_nonzero(near)
-        kept += np.count_nonzero(weight)
+        points += int(np.count_nonzero(near))
+        kept += int(np.count_nonzero(weight))
         span = block.cells
         size = span.stop - span.start
         deviation = np.where(near, block.deviation, 0.0)

@@ -1,6 +1,7 @@
 """Questions a scan answers about itself, in plain words, each with what to do."""
 
 from dataclasses import replace
+from math import hypot
 
 import numpy as np
 
@@ -49,9 +50,7 @@ def checks_of(
     return tuple(found)
 
 
-def _static_checks(
-    scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]
-) -> list[Check]:
+def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:
     """Sensor linearity as the static profile shows it, and the step between the diameters against the drawing."""
     linearity = scan.stand.sensor.linearity_U
     limit = 2 * linearity if linearity is not None else 0.02
@@ -69,11 +68,12 @@ def _static_checks(
     for profile, band in zip(static[1:], fit.segments.bands[1:], strict=True):
         cylinders = (artefact.base, artefact.cylinders[band.cylinder])
         step = float(profile.deviation.mean())
-        known = 0.5 * float(np.hypot(*(c.diameter_U or 0.0 for c in cylinders)))
+        known = 0.5 * hypot(*(c.diameter_U or 0.0 for c in cylinders))
         allowed = 0.02 + known + (linearity or 0.02)
         found.append(
             Check(
-                f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um", 1000 * step, 1000 * allowed,
+                f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um",
+                1000 * step, 1000 * allowed,
                 abs(step) <= allowed, "check the diameters in shaft.toml against the certificate",
             )
         )  # fmt: skip

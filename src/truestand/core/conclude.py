@@ -1,7 +1,7 @@
 """From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
 
 from dataclasses import replace
-from math import degrees, hypot
+from math import degrees, hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,7 +154,7 @@ def _budget(p: Array, parts: dict[str, Array]) -> dict[str, dict[str, float]]:
     """Expanded uncertainty (k = 2) of each quantity by source."""
     own = slice(0, REPORTED)
     return {
-        key: {name: K * float(np.sqrt(max(g @ c[own, own] @ g, 0.0))) for name, c in parts.items()}
+        key: {name: K * sqrt(max(float(g @ c[own, own] @ g), 0.0)) for name, c in parts.items()}
         for key, g in _sensitivities(p).items()
     }
 
@@ -190,9 +190,9 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
     """Quantities whose number would say more about the prior than about the scan."""
     sensor = scan.stand.sensor
     names = []
-    if budget["laser_plane_offset_mm"].U > IDENTIFIABLE * sensor.plane_offset_U:
+    if IDENTIFIABLE * sensor.plane_offset_U < budget["laser_plane_offset_mm"].U:
         names.append("laser_plane_offset_mm")
-    if budget["laser_plane_tilt_deg"].U > IDENTIFIABLE * degrees(sensor.plane_tilt_U):
+    if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
         names.append("laser_plane_tilt_deg")
     if not fit.segments.shoulder_seen:
         names.append("height")

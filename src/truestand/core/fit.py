@@ -9,6 +9,7 @@ from truestand.core.cells import Cells
 from truestand.core.model import Model
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 MOST_STEPS = 12
 TUKEY = 4.685
@@ -61,7 +62,7 @@ class Solution:
     converged: bool
 
 
-def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], sectors: Array) -> Solution:
+def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], sectors: Ints) -> Solution:
     """Fit the model to the cells from ``start``.
 
     The data's weight follows from its own residuals (robustly), so that priors and data are on one scale.
@@ -72,7 +73,8 @@ def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, 
     precision = _precision(priors, model.size)
     converged = False
     steps = 0
-    for steps in range(1, MOST_STEPS + 1):
+    while not converged and steps < MOST_STEPS:
+        steps += 1
         residuals, jacobian = model.linearised(p, cells.readings)
         weights, sd = _weights(residuals, cells.weight)
         weighted = jacobian * weights[:, None]
@@ -80,9 +82,7 @@ def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, 
         pull = weighted.T @ residuals + precision * p
         change = -_solve(information, pull)
         p = p + change
-        if np.abs(change[:8]).max() < 1e-8:
-            converged = True
-            break
+        converged = bool(np.abs(change[:8]).max() < 1e-8)
     residuals, jacobian = model.linearised(p, cells.readings)
     weights, sd = _weights(residuals, cells.weight)
     weighted = jacobian * weights[:, None]
@@ -134,7 +134,7 @@ def _weights(residuals: Array, counts: Array) -> tuple[Array, float]:
     return weights * min(1.0, most / max(float(weights.sum()), 1e-300)), sd
 
 
-def _scatter(pulls: Array, sectors: Array) -> Array:
+def _scatter(pulls: Array, sectors: Ints) -> Array:
     """Sum over sectors of the outer product of each sector's whole pull (cluster-robust, Liang and Zeger 1986)."""
     count = int(sectors.max()) + 1
     order = np.argsort(sectors, kind="stable")

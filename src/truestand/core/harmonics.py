@@ -57,10 +57,14 @@ def fit_harmonics(
         )
     root = np.ones(int(seen.sum())) if weights is None else np.sqrt(weights[seen])
     design = _design(angle[seen], orders, drift)
-    solution = np.linalg.lstsq(design * root[:, None], trace[seen] * root, rcond=None)[0]
+    solution: Array = np.linalg.lstsq(design * root[:, None], trace[seen] * root, rcond=None)[0].astype(np.float64)
     n = len(orders)
     return Harmonics(
-        orders, float(solution[0]), solution[1 : 1 + n], solution[1 + n : 1 + 2 * n], float(solution[-1]) if drift else 0.0
+        orders,
+        float(solution[0]),
+        solution[1 : 1 + n],
+        solution[1 + n : 1 + 2 * n],
+        float(solution[-1]) if drift else 0.0,
     )
 
 

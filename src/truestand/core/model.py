@@ -26,7 +26,8 @@ Ints = NDArray[np.intp]
 STATIC_DEGREE = 7
 """Degree of the free static profile (Legendre); the sensor's smooth range error fits in it."""
 GEOMETRY = (
-    "phi", "radial", "plane_offset", "plane_tilt", "eccentricity_x", "eccentricity_y", "tilt_x", "tilt_y", "drift", "speed",
+    "phi", "radial", "plane_offset", "plane_tilt",
+    "eccentricity_x", "eccentricity_y", "tilt_x", "tilt_y", "drift", "speed",
 )  # fmt: skip
 
 
@@ -94,14 +95,14 @@ class Model:
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
-        return nominal + parameters[9] * (nominal - self.start_angle)
+        return np.asarray(nominal + parameters[9] * (nominal - self.start_angle))
 
     def static_basis(self, x: Array, z: Array, cylinder: int) -> Array:
         """(n, terms): the static profile's Legendre polynomials at these readings."""
         low, high = self.static_spans[cylinder]
         s = (self.static_axis[0] * x + self.static_axis[1] * z - low) * (2.0 / (high - low)) - 1.0
         full = legendre.legvander(np.clip(s, -1.1, 1.1), STATIC_DEGREE)
-        return full[:, 2:] if cylinder == 0 else full
+        return np.asarray(full[:, 2:] if cylinder == 0 else full, dtype=np.float64)
 
     def residuals(self, parameters: Array, readings: Readings) -> Array:
         """Distance (n,) mm of each reading from the modelled surface, positive outwards."""
@@ -126,56 +127,65 @@ class Model:
 
     def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None) -> Array:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
-        phi, radial, offset, tilt, drift = p[0], p[1], p[2], p[3], p[8]
-        side = facing(phi)
-        static = self.static_basis(r.x, r.z, k)
-        across_line = side * (cos(phi) * r.x - sin(phi) * r.z)
-        along_line = sin(phi) * r.x + cos(phi) * r.z
-        u = across_line + radial + drift * r.time - static @ p[self.static_slice(k)]
-        v = along_line + self.height
-        y, z = offset + sin(tilt) * v, cos(tilt) * v
-        angle = self.angle(p, r.angle)
-        c, s = np.cos(angle), np.sin(angle)
-        point = np.stack([c * u + s * y, c * y - s * u, z])
-
-        ex, ey, tx, ty = _axis(self, p, k)
-        away = point - np.array([[ex], [ey], [0.0]])
-        length = np.sqrt(tx * tx + ty * ty + 1.0)
-        along = (tx * away[0] + ty * away[1] + away[2]) / length
-        normal = away - along * np.array([[tx], [ty], [1.0]]) / length
-        distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
-        normal /= distance
-
-        psi = np.arctan2(normal[1], normal[0])
+        at = self._place(p, r, k)
         coefficients = p[self.form_slice(k)]
-        cosines, sines, form, slope = _form(psi, self.orders, coefficients)
-        residual = distance - self.radii[k] - form
+        cosines, sines = _waves(at.psi, self.orders)
+        a, b = np.split(coefficients, 2)
+        residual = at.distance - self.radii[k] - (cosines @ a + sines @ b)
         if jacobian is None:
-            return residual
-
+            return np.asarray(residual)
+        n = np.arange(2, self.orders + 1)
         # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
-        gradient = normal - (slope / distance) * np.stack([-normal[1], normal[0], np.zeros_like(psi)])
-        across = c * gradient[0] - s * gradient[1]
-        beside = s * gradient[0] + c * gradient[1]
-        upward = sin(tilt) * beside + cos(tilt) * gradient[2]
-        jacobian[:, 0] = side * (across_line * upward - along_line * across)
-        jacobian[:, 1] = across
-        jacobian[:, 2] = beside
-        jacobian[:, 3] = v * (cos(tilt) * beside - sin(tilt) * gradient[2])
-        jacobian[:, 4], jacobian[:, 5] = -gradient[0], -gradient[1]
-        jacobian[:, 6], jacobian[:, 7] = -along * gradient[0] / length, -along * gradient[1] / length
-        jacobian[:, 8] = across * r.time
-        jacobian[:, 9] = (gradient[0] * point[1] - gradient[1] * point[0]) * (r.angle - self.start_angle)
+        lean = (cosines @ (n * b) - sines @ (n * a)) / at.distance
+        gradient = at.normal - lean * np.stack([-at.normal[1], at.normal[0], np.zeros_like(lean)])
+        self._fill_geometry(jacobian, p, r, at, gradient)
         if k:
             own = self.axis_slice(k).start
             jacobian[:, own : own + 2] = jacobian[:, 4:6]
             jacobian[:, own + 2 : own + 4] = jacobian[:, 6:8] - self.middles[k] * jacobian[:, 4:6]
-        jacobian[:, self.static_slice(k)] = -static * across[:, None]
+        jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, 1, None]
         jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
-        return residual
+        return np.asarray(residual)
+
+    def _place(self, p: Array, r: Readings, k: int) -> "_Place":
+        """The readings on their way into R and to the axis of cylinder ``k``."""
+        phi, radial, offset, tilt, drift = p[0], p[1], p[2], p[3], p[8]
+        across = facing(phi) * (cos(phi) * r.x - sin(phi) * r.z)
+        along = sin(phi) * r.x + cos(phi) * r.z
+        static = self.static_basis(r.x, r.z, k)
+        u = across + radial + drift * r.time - static @ p[self.static_slice(k)]
+        v = along + self.height
+        y, z = offset + sin(tilt) * v, cos(tilt) * v
+        angle = self.angle(p, r.angle)
+        c, s = np.cos(angle), np.sin(angle)
+        point = np.stack([c * u + s * y, c * y - s * u, z])
+        ex, ey, tx, ty = _axis(self, p, k)
+        length = np.sqrt(tx * tx + ty * ty + 1.0)
+        away = point - np.array([[ex], [ey], [0.0]])
+        lengthwise = (tx * away[0] + ty * away[1] + away[2]) / length
+        normal = away - lengthwise * np.array([[tx], [ty], [1.0]]) / length
+        distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+        normal /= distance
+        psi = np.arctan2(normal[1], normal[0])
+        return _Place(across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi)
+
+    def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_Place", gradient: Array) -> None:
+        """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
+        tilt = p[3]
+        across = at.c * gradient[0] - at.s * gradient[1]
+        beside = at.s * gradient[0] + at.c * gradient[1]
+        upward = sin(tilt) * beside + cos(tilt) * gradient[2]
+        jacobian[:, 0] = facing(p[0]) * (at.across * upward - at.along * across)
+        jacobian[:, 1] = across
+        jacobian[:, 2] = beside
+        jacobian[:, 3] = at.v * (cos(tilt) * beside - sin(tilt) * gradient[2])
+        jacobian[:, 4], jacobian[:, 5] = -gradient[0], -gradient[1]
+        jacobian[:, 6], jacobian[:, 7] = -at.lever * gradient[0], -at.lever * gradient[1]
+        jacobian[:, 8] = across * r.time
+        jacobian[:, 9] = (gradient[0] * at.point[1] - gradient[1] * at.point[0]) * (r.angle - self.start_angle)
 
     def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, cylinder: int) -> Array:
-        """Where the sensor sees the modelled surface, for axial positions v (n,) mm: u (n,) mm, drift not yet removed."""
+        """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm."""
         phi = parameters[0]
         side = facing(phi)
         u = np.full(v.shape, self.radii[cylinder])
@@ -185,7 +195,27 @@ class Model:
             x = side * cos(phi) * across + sin(phi) * up
             z = -side * sin(phi) * across + cos(phi) * up
             u = u - self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
-        return u - parameters[8] * time
+        return np.asarray(u - parameters[8] * time)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Readings (n,) seen from one cylinder's axis."""
+
+    across: Array
+    along: Array
+    static: Array
+    v: Array
+    c: Array
+    s: Array
+    point: Array
+    """(3, n) mm in R."""
+    lever: Array
+    """mm along the axis from height 0, by which a slope of the axis moves it sideways."""
+    normal: Array
+    """(3, n) outward unit normals of the round cylinder, in R."""
+    distance: Array
+    psi: Array
 
 
 def _take(r: Readings, rows: Ints) -> Readings:
@@ -203,15 +233,8 @@ def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     return float(ex), float(ey), float(tx), float(ty)
 
 
-def _form(psi: Array, orders: int, coefficients: Array) -> tuple[Array, Array, Array, Array]:
-    """cos and sin (n, orders - 1) of harmonics 2..orders at psi, the form (n,) mm and its slope (n,) mm/rad."""
-    n = np.arange(2, orders + 1)
-    turns = np.exp(1j * psi)
-    powers = np.empty((psi.size, n.size), dtype=np.complex128)
-    power = turns
-    for i in range(n.size):
-        power = power * turns
-        powers[:, i] = power
-    cosines, sines = powers.real, powers.imag
-    a, b = coefficients[: n.size], coefficients[n.size :]
-    return cosines, sines, cosines @ a + sines @ b, cosines @ (n * b) - sines @ (n * a)
+def _waves(psi: Array, orders: int) -> tuple[Array, Array]:
+    """cos and sin (n, orders - 1) of harmonics 2..orders at psi (n,) rad."""
+    turn = np.exp(1j * psi)
+    powers = np.cumprod(np.broadcast_to(turn[:, None], (psi.size, max(orders, 1))), axis=1)[:, 1:]
+    return powers.real, powers.imag

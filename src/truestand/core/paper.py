@@ -199,20 +199,25 @@ def compensate(radial: Array, angle: Array, wave: Harmonics) -> Array:
 def roll_up(radial: Array, axial: Array, angle: Array) -> tuple[Array, Array, Array]:
     """Step 9, Eq. 10: the flat map rolled up: x, y, z (N, M) mm.
 
-    The printed angle n pi y / y_max (n counts half turns) is the table angle. ``radial`` must count from the axis: Eq. 6
-    leaves the origin on the surface, so R is added before.
+    The printed angle n pi y / y_max (n counts half turns) is the table angle. ``radial`` must count from the axis:
+    Eq. 6 leaves the origin on the surface, so R is added before.
     """
     return radial * np.cos(angle)[:, None], -radial * np.sin(angle)[:, None], axial
 
 
 def _record(
-    scan: Scan, artefact: Artefact, segments: Segments, phi: float, wave: Harmonics, nearest: Bin, trace: Array, left: Array
+    scan: Scan,
+    artefact: Artefact,
+    segments: Segments,
+    phi: float,
+    wave: Harmonics,
+    nearest: Bin,
+    trace: Array,
+    left: Array,
 ) -> Calibration:
     ex, ey = float(wave.cos[0]), -float(wave.sin[0])
     deviation = np.abs(left[np.isfinite(left)])
-    residuals = Residuals(
-        float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0
-    )
+    residuals = Residuals(float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0)
     pose = _pose(scan, artefact, segments, phi)
     fit_phase = wave_phase(wave, scan.angle)
     figures = PaperFigures(

@@ -81,7 +81,14 @@ def _resolve(
 
 
 def _fitted(
-    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, grid: Grid, cells: Cells, limit: float
+    scan: Scan,
+    segments: Segments,
+    artefact: Artefact,
+    model: Model,
+    start: Array,
+    grid: Grid,
+    cells: Cells,
+    limit: float,
 ) -> Refined:
     priors = priors_for(model, scan, segments, artefact)
     solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells))

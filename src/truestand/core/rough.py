@@ -64,7 +64,8 @@ def base_trace(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Arra
     enough = np.count_nonzero(np.isfinite(deviation), axis=1) >= 5
     if np.count_nonzero(enough) < 20:
         raise NotEnoughData(
-            f"found the artefact in {np.count_nonzero(enough)} of {rows.size} profiles, need 20; check exposure and range"
+            f"found the artefact in {np.count_nonzero(enough)} of {rows.size} profiles, need 20; "
+            "check exposure and range"
         )
     return scan.angle[rows[enough]], np.nanmedian(deviation[enough], axis=1)
 
@@ -80,7 +81,7 @@ def _robust_wave(angle: Array, trace: Array) -> tuple[Harmonics, float]:
 
 
 def _find_speed(angle: Array, trace: Array) -> float:
-    """Relative error of the stated speed: the one at which the trace repeats best; 0 where no speed is clearly better."""
+    """Relative error of the stated speed: the one at which the trace repeats best; 0 if none is better."""
     nominal = _robust_wave(angle, trace)[1]
     best, width = 0.0, SPEED_SEARCH
     for _ in range(3):

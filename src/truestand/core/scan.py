@@ -98,9 +98,7 @@ def interpret(recording: Recording, stand: Stand | None = None, start_angle: flo
     angle, source = table_angle(recording, stand, start_angle)
     x = -recording.x if stand.sensor.mirrored else recording.x
     z = _within_range(recording.z, stand.sensor.range)
-    return Scan(
-        x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity
-    )
+    return Scan(x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity)
 
 
 def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:
@@ -134,7 +132,7 @@ def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple
     rate = stand.sensor.profile_rate
     if rate is None:
         raise BadRecipe("the scan has no angle or time; set profile_rate_hz of the sensor in stand.toml")
-    return start + sign * (speed / rate) * np.arange(recording.x.shape[0]), "index"
+    return start + sign * (speed / rate) * np.arange(recording.x.shape[0], dtype=np.float64), "index"
 
 
 def _within_range(z: Array, limits: tuple[float, float] | None) -> Array:

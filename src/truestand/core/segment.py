@@ -99,8 +99,8 @@ def median_profile(scan: Scan) -> tuple[Array, Array]:
     good = supported(x, z)
     if np.count_nonzero(good) < LEAST_POINTS * rows.size:
         raise NotEnoughData(
-            f"found {np.count_nonzero(np.isfinite(scan.z))} points in {scan.profiles} profiles, need a visible surface; "
-            "check exposure, range and that the laser was on"
+            f"found {np.count_nonzero(np.isfinite(scan.z))} points in {scan.profiles} profiles, need a visible "
+            "surface; check exposure, range and that the laser was on"
         )
     low, high = np.quantile(x[good], [0.001, 0.999])
     bins = scan.x.shape[1]
@@ -211,7 +211,9 @@ def _refined(match: _Match, x: Array, z: Array, artefact: Artefact) -> _Match:
     for _ in range(8):
         u = facing(phi) * (x * cos(phi) - z * sin(phi)) + radial
         v = x * sin(phi) + z * cos(phi) + match.height
-        rows, deviations, heights = [], [], []
+        rows: list[NDArray[np.intp]] = []
+        deviations: list[Array] = []
+        heights: list[Array] = []
         for band in match.bands:
             on = (np.abs(u - artefact.cylinders[band.cylinder].radius) < LINE_WIDTH) & (v > band.low) & (v < band.high)
             rows.append(np.full(int(on.sum()), len(rows)))
@@ -263,4 +265,3 @@ def _doubts(match: _Match, artefact: Artefact, explained: float) -> tuple[str, .
         name = artefact.cylinders[match.bands[0].cylinder].name
         doubts.append(f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove")
     return tuple(doubts)
-

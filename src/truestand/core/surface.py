@@ -34,7 +34,7 @@ class Surface:
     @property
     def angle(self) -> Array:
         """Polar angle (N, M) rad about the shaft axis."""
-        return np.arctan2(self.y, self.x)
+        return np.asarray(np.arctan2(self.y, self.x))
 
     @property
     def height(self) -> Array:
@@ -44,7 +44,7 @@ class Surface:
     @property
     def radius(self) -> Array:
         """Distance (N, M) mm from the shaft axis."""
-        return np.hypot(self.x, self.y)
+        return np.asarray(np.hypot(self.x, self.y))
 
     def trace(self, height: float, width: float = 0.1) -> tuple[Array, Array]:
         """Radius over polar angle at one height: angle (n,) rad, increasing, and radius (n,) mm.
@@ -78,7 +78,7 @@ def roll(scan: Scan, calibration: Calibration) -> Surface:
 def table_angle(scan: Scan, calibration: Calibration) -> Array:
     """Table angle (N,) rad with the speed that the calibration found, where the scan has no angle of its own."""
     if scan.angle_source in ("index", "time") and calibration.speed_factor != 1.0:
-        return scan.angle[0] + (scan.angle - scan.angle[0]) * calibration.speed_factor
+        return np.asarray(scan.angle[0] + (scan.angle - scan.angle[0]) * calibration.speed_factor)
     return scan.angle
 
 
