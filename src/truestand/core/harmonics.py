@@ -56,7 +56,7 @@ def fit_harmonics(
             f"found {np.count_nonzero(seen)} samples, need {columns} for {len(orders)} harmonics; scan for longer"
         )
     root = np.ones(int(seen.sum())) if weights is None else np.sqrt(weights[seen])
-    design = _design(angle[seen], orders, drift)
+    design = _design(angle, orders, drift)[seen]
     solution: Array = np.linalg.lstsq(design * root[:, None], trace[seen] * root, rcond=None)[0].astype(np.float64)
     n = len(orders)
     return Harmonics(

@@ -190,7 +190,7 @@ class Model:
         side = facing(phi)
         u = np.full(v.shape, self.radii[cylinder])
         which = np.full(v.shape, cylinder, dtype=np.intp)
-        for _ in range(4):  # the residual changes by 0.97..1 per unit of u: each pass gains two digits
+        for _ in range(6):  # the residual changes by 0.97..1 per unit of u: each pass gains over one digit
             across, up = u - parameters[1] - parameters[8] * time, v - self.height
             x = side * cos(phi) * across + sin(phi) * up
             z = -side * sin(phi) * across + cos(phi) * up

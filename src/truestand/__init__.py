@@ -1,0 +1,92 @@
+"""truestand: calibrate a rotary laser inspection stand from one scan, and know how well.
+
+import truestand as ts
+
+stand, shaft = ts.read_stand("stand.toml"), ts.read_shaft("shaft.toml")
+calibration = ts.calibrate(ts.read_scan("k1.csv", stand), shaft)
+surface = ts.roll(ts.read_scan("gear.csv", stand), calibration)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from truestand._version import __version__
+
+if TYPE_CHECKING:
+    from truestand.core.artefact import Artefact, Certificate, Cylinder
+    from truestand.core.calibrate import calibrate
+    from truestand.core.calibration import Calibration
+    from truestand.core.errors import TruestandError
+    from truestand.core.frames import Pose
+    from truestand.core.scan import Recording, Scan, interpret
+    from truestand.core.stand import Sensor, Stand, Table
+    from truestand.core.surface import Surface, roll
+    from truestand.core.verify import Verification, verify
+    from truestand.files.clouds import write_cloud
+    from truestand.files.read import read_scan
+    from truestand.files.recipes import read_shaft, read_stand
+    from truestand.files.records import read_calibration, write_calibration
+
+# Names are imported when first used, so that `truestand --help` doesn't wait for numpy.
+_HOME = {
+    "Artefact": "core.artefact",
+    "Calibration": "core.calibration",
+    "Certificate": "core.artefact",
+    "Cylinder": "core.artefact",
+    "Pose": "core.frames",
+    "Recording": "core.scan",
+    "Scan": "core.scan",
+    "Sensor": "core.stand",
+    "Stand": "core.stand",
+    "Surface": "core.surface",
+    "Table": "core.stand",
+    "TruestandError": "core.errors",
+    "Verification": "core.verify",
+    "calibrate": "core.calibrate",
+    "interpret": "core.scan",
+    "read_calibration": "files.records",
+    "read_scan": "files.read",
+    "read_shaft": "files.recipes",
+    "read_stand": "files.recipes",
+    "roll": "core.surface",
+    "verify": "core.verify",
+    "write_calibration": "files.records",
+    "write_cloud": "files.clouds",
+}
+
+__all__ = [
+    "Artefact",
+    "Calibration",
+    "Certificate",
+    "Cylinder",
+    "Pose",
+    "Recording",
+    "Scan",
+    "Sensor",
+    "Stand",
+    "Surface",
+    "Table",
+    "TruestandError",
+    "Verification",
+    "__version__",
+    "calibrate",
+    "interpret",
+    "read_calibration",
+    "read_scan",
+    "read_shaft",
+    "read_stand",
+    "roll",
+    "verify",
+    "write_calibration",
+    "write_cloud",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'truestand' has no attribute {name!r}")
+    return getattr(import_module(f"truestand.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,104 @@
+"""``truestand calibrate``: the main job."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truestand.cli.options import (
+    ArtefactOption,
+    JsonOption,
+    QuietOption,
+    StandOption,
+    StartAngleOption,
+    radians_or_none,
+)
+
+if TYPE_CHECKING:
+    from truestand.core.artefact import Artefact
+    from truestand.core.calibration import Calibration
+    from truestand.core.scan import Scan
+
+
+class Method(StrEnum):
+    """Which procedure."""
+
+    STAND = "stand"
+    PAPER = "paper"
+
+
+def calibrate(
+    scans: Annotated[list[Path], typer.Argument(metavar="SCAN", help="A scan of the artefact.")],
+    artefact: ArtefactOption,
+    stand: StandOption = None,
+    method: Annotated[Method, typer.Option(help="The exact model, or the published procedure.")] = Method.STAND,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="CALIBRATION.json", help="The record to write.")
+    ] = Path("calibration.json"),
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="REPORT.html", help="Write the report, one HTML file.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
+    ] = None,
+    start_angle_deg: StartAngleOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Find where the sensor stands and how the shaft runs, from a scan of the reference shaft.
+
+    Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
+    """
+    from truestand.cli.talk import print_json, print_table, working
+    from truestand.core.calibrate import calibrate as find
+    from truestand.core.errors import BadRecipe
+    from truestand.files.read import read_scan
+    from truestand.files.recipes import read_shaft, read_stand
+    from truestand.files.records import read_json, write_calibration
+
+    if len(scans) != 1:
+        raise BadRecipe(f"found {len(scans)} scans, need one: calibrating from several set-ups is not there yet")
+    shaft = read_shaft(artefact)
+    described = None if stand is None else read_stand(stand)
+    known = None if truth is None else read_json(truth)
+    with working(f"Reading {scans[0].name}", quiet):
+        scan = read_scan(scans[0], described, radians_or_none(start_angle_deg))
+    with working("Calibrating", quiet):
+        calibration = find(scan, shaft, method.value)
+    if report is not None:
+        with working("Writing the report", quiet):
+            write_report(report, scan, shaft, calibration, known)
+    record = write_calibration(output, calibration)
+    if as_json:
+        print_json(record)
+    elif not quiet:
+        from truestand.report.terminal import summary_table
+
+        print_table(summary_table(calibration, truth=known))
+        typer.echo(output if report is None else f"{output}\n{report}")
+    tell_doubts(calibration, quiet)
+
+
+def write_report(
+    path: Path, scan: "Scan", artefact: "Artefact", calibration: "Calibration", truth: dict[str, Any] | None
+) -> None:
+    """The HTML report with the published method's result beside the exact model's."""
+    from truestand.core.calibrate import calibrate as find
+    from truestand.core.evidence import gather
+    from truestand.files.atomic import write_text_atomic
+    from truestand.report.calibration import calibration_report
+
+    paper = calibration if calibration.method == "paper" else find(scan, artefact, "paper")
+    evidence = gather(scan, artefact, calibration, paper)
+    write_text_atomic(path, calibration_report(calibration, evidence, paper, truth))
+
+
+def tell_doubts(calibration: "Calibration", quiet: bool) -> None:
+    """Say why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
+    from truestand.cli.talk import hint
+
+    for reason in calibration.reasons:
+        hint(f"truestand: untrusted: {reason}", quiet)
+    if calibration.reasons:
+        raise typer.Exit(3)

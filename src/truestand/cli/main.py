@@ -1,0 +1,67 @@
+"""The door: every command is registered here, every expected error is caught here and told in one line."""
+
+import sys
+from typing import Annotated, NoReturn
+
+import typer
+
+from truestand._version import __version__
+from truestand.cli import calibrate, demo, importing, info, init, roll, schema, simulate, verify
+from truestand.core.errors import TruestandError
+
+DONE, FAILS, WRONG_USE, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
+
+app = typer.Typer(
+    name="truestand",
+    help="Calibrate a rotary laser inspection stand from one scan, and know how well.",
+    epilog="New here? Run: truestand demo",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+app.command("demo")(demo.demo)
+app.command("init")(init.init)
+app.command("simulate")(simulate.simulate)
+app.command("import")(importing.import_scan)
+app.command("info")(info.info)
+app.command("calibrate")(calibrate.calibrate)
+app.command("verify")(verify.verify)
+app.command("roll")(roll.roll)
+app.command("schema")(schema.schema)
+
+
+def _version(show: bool) -> None:
+    if show:
+        typer.echo(f"truestand {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Calibrate a rotary laser inspection stand from one scan, and know how well."""
+
+
+def main() -> NoReturn:
+    """Run the command line: 0 done or holds, 1 does not hold, 2 wrong use or input, 3 undecided, 130 interrupted."""
+    try:
+        app()
+    except TruestandError as wrong:
+        _stop(str(wrong))
+    except OSError as wrong:
+        where = f"{wrong.filename}: " if wrong.filename else ""
+        _stop(f"{where}{wrong.strerror or wrong}; check the path, permissions and free space")
+    except MemoryError:
+        _stop("out of memory; close other programs or use the native format (truestand import)")
+    sys.exit(DONE)
+
+
+def _stop(message: str) -> NoReturn:
+    print(f"truestand: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(WRONG_USE)

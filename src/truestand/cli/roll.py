@@ -1,0 +1,47 @@
+"""``truestand roll``: a scan into the calibrated cloud."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truestand.cli.options import QuietOption, StandOption, StartAngleOption, radians_or_none
+
+
+def roll(
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of any part on the calibrated stand.")],
+    calibration: Annotated[Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The stand today.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
+    ],
+    stand: StandOption = None,
+    start_angle_deg: StartAngleOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Roll a scan up into a point cloud in the shaft's own coordinates.
+
+    Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
+    """
+    from truestand.cli.calibrate import tell_doubts
+    from truestand.cli.talk import working
+    from truestand.core.surface import roll as apply
+    from truestand.core.transfer import with_transfer_doubts
+    from truestand.files.clouds import check_suffix, write_cloud
+    from truestand.files.read import read_recording
+    from truestand.files.recipes import read_stand
+    from truestand.files.records import read_calibration
+
+    check_suffix(output)
+    known = read_calibration(calibration)
+    described = None if stand is None else read_stand(stand)
+    with working(f"Reading {scan.name}", quiet):
+        from truestand.core.scan import interpret
+
+        recording = read_recording(scan)
+        seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    with working("Rolling up", quiet):
+        surface = apply(seen, known)
+        write_cloud(output, surface.x, surface.y, surface.z)
+    if not quiet:
+        typer.echo(output)
+    tell_doubts(with_transfer_doubts(seen, known, start_angle_deg is not None), quiet)

@@ -1,0 +1,17 @@
+"""``truestand schema``: the JSON Schema of a record."""
+
+from typing import Annotated
+
+import typer
+
+
+def schema(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="calibration, verification, info or truth.")],
+) -> None:
+    """Print the JSON Schema of a record.
+
+    Example: truestand schema calibration > calibration.schema.json
+    """
+    from truestand.files.schemas import schema_text
+
+    typer.echo(schema_text(name), nl=False)

@@ -1,0 +1,49 @@
+"""``truestand simulate``: a scan from the virtual stand."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truestand.cli.options import ForceOption, QuietOption
+
+
+def simulate(
+    stand: Annotated[Path, typer.Argument(metavar="STAND.toml", help="The stand, with its [simulation] table.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="SCAN", help="By suffix: .csv (as sensors export) or .h5 (native)."),
+    ],
+    artefact: Annotated[
+        Path | None, typer.Option("--artefact", metavar="SHAFT.toml", help="The shaft; default: the paper's.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same scan.")] = 0,
+    force: ForceOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Scan a shaft on the virtual stand.
+
+    Example: truestand simulate stand.toml --artefact shaft.toml -o k1.csv --truth truth.json --seed 1
+    """
+    from truestand.cli.talk import working
+    from truestand.files.atomic import write_json_atomic
+    from truestand.files.recipes import read_shaft, read_simulation, read_stand
+    from truestand.files.write_scan import check_output, write_recording
+    from truestand.sim import paper_shaft, simulation_from, truth_record
+    from truestand.sim import simulate as scan_virtually
+
+    described = read_stand(stand)
+    simulation = simulation_from(read_simulation(stand))
+    shaft = paper_shaft() if artefact is None else read_shaft(artefact)
+    check_output(output, force)
+    with working("Scanning on the virtual stand", quiet) as advance:
+        simulated = scan_virtually(described, simulation, shaft, seed, advance)
+    with working(f"Writing {output.name}", quiet):
+        write_recording(simulated.recording, output, described, force=force)
+        if truth is not None:
+            write_json_atomic(truth, truth_record(simulated.truth))
+    if not quiet:
+        typer.echo(output if truth is None else f"{output}\n{truth}")
