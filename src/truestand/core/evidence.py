@@ -1,7 +1,7 @@
 """What a report shows of a calibration: small arrays, computed here so that the report only draws.
 
-Everything is made from evenly spread profiles of the scan and from the calibrations themselves, by the same ``roll`` that
-users call: what is drawn is what they get.
+Everything is made from evenly spread profiles of the scan and from the calibrations themselves, by the same ``roll``
+that users call: what is drawn is what they get.
 """
 
 from dataclasses import dataclass, replace

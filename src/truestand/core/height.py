@@ -1,9 +1,10 @@
-"""Height zero: the shoulder face between the first two cylinders, where the scan shows it."""
+"""Height zero: the shoulder face between the first two cylinders, where the scan shows it; else the nearest edge."""
 
 from dataclasses import replace
 from math import cos, sin
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.fit import gauss_newton
@@ -11,31 +12,36 @@ from truestand.core.frames import facing, shaft_from_rotor
 from truestand.core.refine import Refined, sectors
 from truestand.core.scan import Scan
 
+Array = NDArray[np.float64]
+
 SAMPLED_PROFILES = 1000
 FACE_REACH = 0.3
 """mm: half-height of the slab in which the face's points lie once the model is known."""
+EDGE_REACH = 1.5
+"""mm: how far from its expected place the edge of a cylinder is looked for."""
+LEAST_POINTS = 50
 
 
 def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
-    """The fit with height zero moved to the median of the shoulder face's points; as it was where none are seen."""
-    if not fit.segments.shoulder_seen:
+    """The fit with height zero where the shoulder face is.
+
+    Where the face is hidden, the end of the larger cylinder stands in for it; a chamfer there is no edge, so the height
+    stays among what is not identifiable.
+    """
+    if len(artefact.cylinders) < 2:
         return fit
-    heights = face_heights(scan, artefact, fit)
-    if heights.size < 50:
-        return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
-    shift = float(np.median(heights))
-    for _ in range(5):  # the median of the slab, again with the slab where it should be
-        near = heights[np.abs(heights - shift) < FACE_REACH / 2]
-        shift = float(np.median(near)) if near.size else shift
-    model = replace(fit.model, height=fit.model.height - shift)
-    bands = tuple(replace(b, low=b.low - shift, high=b.high - shift) for b in fit.segments.bands)
-    segments = replace(fit.segments, bands=bands, height=model.height)
-    solution = gauss_newton(model, fit.cells, fit.solution.parameters, fit.priors, sectors(scan, fit.grid, fit.cells))
-    return replace(fit, model=model, segments=segments, solution=solution)
+    radius, height = _in_shaft(scan, fit)
+    face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
+    if face.size >= LEAST_POINTS:
+        return _moved(scan, fit, _middle(face), seen=True)
+    edge = _edge(artefact, fit, radius, height)
+    if edge.size >= LEAST_POINTS:
+        return _moved(scan, fit, float(np.median(edge)), seen=False)
+    return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
 
 
-def face_heights(scan: Scan, artefact: Artefact, fit: Refined) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Heights (n,) mm in C of readings on the shoulder face, of evenly spread profiles."""
+def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
+    """Radius and height in C (n, M) mm of the readings of evenly spread profiles."""
     p = fit.solution.parameters
     rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
     x, z = scan.x[rows], scan.z[rows]
@@ -43,16 +49,46 @@ def face_heights(scan: Scan, artefact: Artefact, fit: Refined) -> np.ndarray[tup
     v = sin(p[0]) * x + cos(p[0]) * z + fit.model.height
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
     c, s = np.cos(angle), np.sin(angle)
-    y, level = p[2] + sin(p[3]) * v, cos(p[3]) * v
+    beside, level = p[2] + sin(p[3]) * v, cos(p[3]) * v
+    in_rotor = (c * u + s * beside, c * beside - s * u, level)
     pose = shaft_from_rotor(*p[4:8])
-    in_shaft = [
-        pose.rotation[i, 0] * (c * u + s * y) + pose.rotation[i, 1] * (c * y - s * u) + pose.rotation[i, 2] * level
-        + pose.translation[i]
+    a, b, h = (
+        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(x.shape, pose.translation[i]))
         for i in range(3)
-    ]  # fmt: skip
-    radius = np.hypot(in_shaft[0], in_shaft[1])
+    )
+    return np.hypot(a, b), h
+
+
+def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
+    """Heights (n,) of readings on the shoulder face, clear of its fillet and chamfer."""
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
     with np.errstate(invalid="ignore"):
-        on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(in_shaft[2]) < FACE_REACH)
-    return np.asarray(in_shaft[2][on])
+        return height[(radius > inner + margin) & (radius < outer - margin) & (np.abs(height) < FACE_REACH)]
+
+
+def _middle(heights: Array) -> float:
+    """The median of a slab of readings, with the slab moved to where it should be."""
+    middle = float(np.median(heights))
+    for _ in range(5):
+        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH / 2]))
+    return middle
+
+
+def _edge(artefact: Artefact, fit: Refined, radius: Array, height: Array) -> Array:
+    """The end of the larger cylinder at the shoulder, one height a profile."""
+    lower, upper = artefact.cylinders[:2]
+    larger, outermost = (lower, np.fmax) if lower.radius > upper.radius else (upper, np.fmin)
+    with np.errstate(invalid="ignore"):
+        on = (np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(height) < EDGE_REACH)
+    ends = outermost.reduce(np.where(on, height, np.nan), axis=1)
+    return np.asarray(ends[np.isfinite(ends)])
+
+
+def _moved(scan: Scan, fit: Refined, shift: float, seen: bool) -> Refined:
+    """The fit with every height counted from ``shift``."""
+    model = replace(fit.model, height=fit.model.height - shift)
+    bands = tuple(replace(b, low=b.low - shift, high=b.high - shift) for b in fit.segments.bands)
+    segments = replace(fit.segments, bands=bands, height=model.height, shoulder_seen=seen)
+    solution = gauss_newton(model, fit.cells, fit.solution.parameters, fit.priors, sectors(scan, fit.grid, fit.cells))
+    return replace(fit, model=model, segments=segments, solution=solution)

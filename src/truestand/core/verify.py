@@ -19,6 +19,7 @@ Verdict = Literal["holds", "does_not_hold", "undecided"]
 LIMIT = 0.01
 """mm: how far a calibrated point may have moved on the artefact."""
 K = 2.0
+ORDER: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def verify(scan: Scan, old: Calibration, artefact: Artefact, limit: float = LIMI
         return Verification("undecided", changes, tuple(reasons), new)
     verdicts = {c.verdict for c in changes}
     reasons = [f"{c.name}: {c.advice}" for c in changes if c.verdict != "holds"]
-    worst: Verdict = next(v for v in ("does_not_hold", "undecided", "holds") if v in verdicts)  # type: ignore[assignment]
+    worst: Verdict = next(v for v in ORDER if v in verdicts)
     return Verification(worst, changes, tuple(reasons), new)
 
 

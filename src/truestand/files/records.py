@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from truestand.files.atomic import write_json_atomic
-from truestand.files.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
 
 from truestand._version import __version__
 from truestand.core.calibration import (
@@ -31,6 +29,8 @@ from truestand.core.errors import UnreadableFile
 from truestand.core.frames import Pose
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.core.verify import Verification
+from truestand.files.atomic import write_json_atomic
+from truestand.files.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
 
 FORMAT = "truestand.calibration"
 VERSION = 1

@@ -1,0 +1,178 @@
+"""The long CSV: a header naming profile, x, z and optionally point, angle, encoder, time, counter, intensity.
+
+Units stand in the name (``x_mm``, ``angle_deg``, ``time_s``); a length, angle or time without one is refused, because a
+factor of a thousand is nobody's guess. One row a reading; what has no row was not seen.
+"""
+
+import io
+from collections.abc import Mapping
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import UnreadableFile
+from truestand.core.scan import Recording
+from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite
+
+Array = NDArray[np.float64]
+
+FORMAT = "long csv"
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "x": {"mm": 1.0, "um": 1e-3, "m": 1e3},
+    "z": {"mm": 1.0, "um": 1e-3, "m": 1e3},
+    "angle": {"deg": radians(1.0), "rad": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+}
+PLAIN = ("profile", "point", "encoder", "counter", "intensity")
+MOST_NUMBER = 2**31
+MOST_EMPTY = 1000
+"""Readings without data for each with data, beyond which the numbering is taken for a mistake."""
+
+
+def is_long_csv(data: bytes) -> bool:
+    """Whether a text starts with a header that names a profile and an x."""
+    names = _names(_header(data))
+    return "profile" in names and any(n == "x" or n.startswith("x_") for n in names)
+
+
+def read_long_csv(name: str, data: bytes, sha256: str) -> Recording:
+    """The recording of a long CSV whose bytes are ``data``.
+
+    Raises:
+        UnreadableFile: a missing or unknown unit, a column missing or twice there, or a value that is no number.
+    """
+    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    header, _, body = data.partition(b"\n")
+    columns = _columns(_names(header), name)
+    dialect = _dialect(header, body, name)
+    table = _numbers(normal(body.strip(b"\n"), dialect), len(_names(header)), name)
+    return _recording({key: table[:, i] * factor for key, (i, factor) in columns.items()}, name, sha256)
+
+
+def _header(data: bytes) -> bytes:
+    return data[:4096].removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].split(b"\r", 1)[0]
+
+
+def _names(header: bytes) -> list[str]:
+    text = header.decode("utf-8", "replace").strip().lower()
+    separator = next((s for s in ";\t," if s in text), None)
+    return [n.strip().strip('"') for n in text.split(separator)]
+
+
+def _columns(names: list[str], file: str) -> dict[str, tuple[int, float]]:
+    """Column index and factor to mm, rad, s of every quantity that the header names."""
+    found: dict[str, tuple[int, float]] = {}
+    for i, full in enumerate(names):
+        key, _, unit = full.partition("_")
+        if full in PLAIN:
+            key, factor = full, 1.0
+        elif key in UNITS:
+            if unit not in UNITS[key]:
+                known = ", ".join(f"{key}_{u}" for u in UNITS[key])
+                raise UnreadableFile(f"{file}: column {full!r} has no unit that is known; name it one of {known}")
+            factor = UNITS[key][unit]
+        else:
+            continue
+        if key in found:
+            raise UnreadableFile(f"{file}: column {key!r} stands twice in the header; keep one")
+        found[key] = (i, factor)
+    missing = [key for key in ("profile", "x", "z") if key not in found]
+    if missing:
+        raise UnreadableFile(f"{file}: the header lacks {', '.join(missing)}; need profile, x_mm, z_mm at least")
+    return found
+
+
+def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
+    separator = next((s for s in (b";", b"\t", b",") if s in header), b",")
+    sample = body[:20_000]
+    if separator == b",":
+        return Dialect(b",", b".")
+    return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
+
+
+def _numbers(body: bytes, columns: int, name: str) -> Array:
+    if not body.strip():
+        raise UnreadableFile(f"{name}: found a header and no readings; need at least one profile")
+    while b",," in body:
+        body = body.replace(b",,", b",nan,")
+    body = body.replace(b",\n", b",nan\n").replace(b"\n,", b"\nnan,")
+    if body.endswith(b","):
+        body += b"nan"
+    try:
+        table = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2, comments=None)
+    except ValueError as wrong:
+        raise UnreadableFile(f"{name}: {str(wrong).split(';')[0]} (counting from the line after the header)") from wrong
+    if table.shape[1] != columns:
+        raise UnreadableFile(f"{name}: found {table.shape[1]} values a line, the header names {columns}")
+    refuse_infinite(table, name, 2)
+    return table
+
+
+def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
+    label = columns["profile"]
+    if not np.isfinite(label).all():
+        raise UnreadableFile(f"{name}: line {int(np.flatnonzero(~np.isfinite(label))[0]) + 2} has no profile number")
+    row = _rows(label, name)
+    profiles = int(row.max()) + 1
+    point = _points(columns.get("point"), row, name)
+    shape = (profiles, int(point.max()) + 1)
+    if shape[0] * shape[1] > max(MOST_EMPTY * row.size, MOST_EMPTY**2):
+        raise UnreadableFile(
+            f"{name}: found {row.size} readings, profile and point numbers for {shape[0]} x {shape[1]}; check them"
+        )
+
+    def matrix(values: Array) -> Array:
+        full = np.full(shape, np.nan)
+        full[row, point] = values
+        return full
+
+    def one_a_profile(key: str) -> Array | None:
+        if key not in columns:
+            return None
+        values = np.full(profiles, np.nan)
+        values[row] = columns[key]
+        off = np.flatnonzero(columns[key] != values[row])
+        if off.size:
+            raise UnreadableFile(f"{name}: {key} changes within a profile (line {int(off[0]) + 2}); need one a profile")
+        there = np.flatnonzero(np.isfinite(values))
+        return np.asarray(
+            np.interp(np.arange(profiles), there, values[there])
+        )  # profiles without any reading have no row
+
+    counter = one_a_profile("counter")
+    return Recording(
+        matrix(columns["x"]),
+        matrix(columns["z"]),
+        FORMAT,
+        sha256,
+        time=one_a_profile("time"),
+        angle=one_a_profile("angle"),
+        encoder=one_a_profile("encoder"),
+        counter=None if counter is None else counter.astype(np.int64),
+        intensity=matrix(columns["intensity"]) if "intensity" in columns else None,
+    )
+
+
+def _rows(label: Array, name: str) -> NDArray[np.intp]:
+    """Row of every reading from its profile number; a number that is left out is a profile without readings."""
+    if (label != np.floor(label)).any() or np.abs(label).max() > MOST_NUMBER:
+        raise UnreadableFile(f"{name}: found a profile number that is no whole number; check column 'profile'")
+    return np.asarray(label - label.min(), dtype=np.intp)
+
+
+def _points(point: Array | None, row: NDArray[np.intp], name: str) -> NDArray[np.intp]:
+    """Column of every reading: its point number (from 0 or 1), or its place among its profile's readings."""
+    if point is None:
+        order = np.argsort(row, kind="stable")
+        first = np.searchsorted(row[order], row[order])
+        column = np.empty(row.size, dtype=np.intp)
+        column[order] = np.arange(row.size) - first
+        return column
+    if not np.isfinite(point).all() or (point != np.floor(point)).any() or point.min() < 0 or point.max() > MOST_NUMBER:
+        raise UnreadableFile(f"{name}: found a point number that is no whole number from 0 on; check column 'point'")
+    column = point.astype(np.intp) - (1 if point.min() >= 1 else 0)
+    cell = row * (int(column.max()) + 1) + column
+    if np.unique(cell).size != cell.size:
+        raise UnreadableFile(f"{name}: found the same profile and point twice; check columns 'profile' and 'point'")
+    return column

@@ -1,0 +1,94 @@
+"""Number text of unknown dialect: which separator, which decimal mark, and nothing guessed.
+
+Works on bytes: a scan is a hundred megabytes, and only its first lines are needed to know its dialect.
+"""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import UnreadableFile
+
+Array = NDArray[np.float64]
+
+_ALLOWED = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a number file is written."""
+
+    separator: bytes
+    decimal: bytes
+
+
+def dialect_of(sample: bytes, name: str) -> Dialect:
+    """The dialect of some lines of numbers.
+
+    Raises:
+        UnreadableFile: no numbers, or a comma that could be decimal mark or separator.
+    """
+    if b";" in sample or b"\t" in sample:
+        separator = b";" if b";" in sample else b"\t"
+        if b"," in sample and b"." in sample:
+            raise UnreadableFile(f"{name}: found decimal points and decimal commas together; export it again")
+        return Dialect(separator, b"," if b"," in sample else b".")
+    if b"," not in sample:
+        return Dialect(b" ", b".")
+    if re.search(rb"\d,[ ]+[-+.\d]", sample) and not re.search(rb"\d,\d", sample):
+        return Dialect(b",", b".")
+    if b" " in sample.strip() and re.search(rb"\d,\d+[ ]+[-+]?\d", sample):
+        return Dialect(b" ", b",")
+    if b"." not in sample and re.search(rb"\d,\d", sample):
+        raise UnreadableFile(
+            f"{name}: commas could be decimal marks or separators; export with ';' or tab between values, "
+            "or with decimal points"
+        )
+    return Dialect(b",", b".")
+
+
+def normal(block: bytes, dialect: Dialect) -> bytes:
+    """The block with decimal points and one comma between values; the same object where it already is so."""
+    if dialect.decimal == b",":
+        block = block.replace(b",", b".")
+    if dialect.separator in (b";", b"\t"):
+        block = block.replace(dialect.separator, b",")
+    elif dialect.separator == b" ":
+        block = re.sub(rb"[ ]+", b",", re.sub(rb"(?m)^[ ]+|[ ]+$", b"", block))
+    return block
+
+
+def check_text(data: bytes, name: str) -> None:
+    """Refuse what is no number text.
+
+    Raises:
+        UnreadableFile: empty, NUL bytes, or characters that no number has, with the line.
+    """
+    if not data.strip():
+        raise UnreadableFile(f"{name}: the file is empty; need a scan")
+    wrong = data.find(b"\0")
+    if wrong < 0 and (match := _ALLOWED.search(data)):
+        wrong = match.start()
+    if wrong >= 0:
+        found = data[wrong : wrong + 1]
+        raise UnreadableFile(
+            f"{name}: found {found!r} in line {line_of(data, wrong)}, need numbers; give a scan file (docs/formats.md)"
+        )
+
+
+def line_of(data: bytes, position: int) -> int:
+    """Line number, from 1, of a byte."""
+    return data.count(b"\n", 0, position) + 1
+
+
+def refuse_infinite(values: Array, name: str, first_line: int) -> None:
+    """Refuse numbers that overflowed.
+
+    Raises:
+        UnreadableFile: with the line.
+    """
+    if np.isinf(np.fmax.reduce(np.abs(values), axis=None, initial=0.0)):
+        row = int(np.flatnonzero(np.isinf(values).any(axis=1))[0])
+        raise UnreadableFile(f"{name}: found a number too large in line {first_line + row}; need finite numbers")

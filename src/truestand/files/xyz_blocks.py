@@ -1,0 +1,240 @@
+"""XYZ blocks, the scanCONTROL export and the paper's K = [X Y Z]: block X, empty line, block Y, empty line, block Z.
+
+One line a profile. A point without data is an empty cell, ``nan``, or left out (lines then differ in length and are
+padded with NaN at the end). A separator that ends every line of a block adds no column. Only X and Z are parsed; of Y
+the first and the last cell of each line, because Y is one number a profile.
+"""
+
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import UnreadableFile
+from truestand.core.scan import Recording
+from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite
+
+Array = NDArray[np.float64]
+
+FORMAT = "xyz blocks"
+SAMPLE = 20_000
+
+
+class _Lines:
+    """A text's lines by position, without a copy of the text."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        found = []
+        at = data.find(b"\n")
+        while at >= 0:
+            found.append(at)
+            at = data.find(b"\n", at + 1)
+        if not data.endswith(b"\n"):
+            found.append(len(data))
+        ends = np.array(found, dtype=np.intp)
+        self.ends = ends
+        self.starts = np.concatenate([[0], ends[:-1] + 1])
+
+    def __len__(self) -> int:
+        return int(self.ends.size)
+
+    def __getitem__(self, i: int) -> bytes:
+        return self.data[self.starts[i] : self.ends[i]]
+
+    def text(self, block: range) -> bytes:
+        """The lines of ``block``, with their line ends."""
+        return self.data[self.starts[block.start] : self.ends[block.stop - 1] + 1]
+
+    def blank(self, i: int) -> bool:
+        """Whether line i holds nothing but white space."""
+        return self.ends[i] - self.starts[i] < 200 and not self[i].strip()
+
+
+def is_xyz_blocks(data: bytes) -> bool:
+    """Whether a text is a matrix of numbers without a header: the first line holds no letters but nan's."""
+    first = data[:SAMPLE].lstrip(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].lower().replace(b"nan", b"")
+    return bool(first.strip()) and not any(c in b"abcdfghijklmnopqrstuvwxyz\"'{}[]<>" for c in first)
+
+
+def read_xyz_blocks(path: Path, data: bytes, sha256: str) -> Recording:
+    """The recording of an XYZ file whose bytes are ``data``.
+
+    Raises:
+        UnreadableFile: no three blocks of equal shape, no numbers, or an ambiguous decimal comma; with the line.
+    """
+    original = data
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    if b"\r" in data[:SAMPLE] and b"\n" not in data[:SAMPLE]:
+        data = data.replace(b"\r", b"\n")
+    lines = _Lines(data)
+    blocks = _blocks(lines, path.name)
+    dialect = dialect_of(data[:SAMPLE].rsplit(b"\n", 1)[0] if len(data) > SAMPLE else data, path.name)
+    # Most files can be handed to numpy as they are; where one can't, numpy refuses and the careful way is taken.
+    untouched = data is original and dialect.decimal == b"." and dialect.separator != b" "
+    x, z = (_matrix(path, lines, b, dialect, untouched) for b in (blocks[0], blocks[2]))
+    _same_shape(x, z, lines, blocks, path.name)
+    _whole_last_number(data, dialect, path.name)
+    y = _profile_values(lines, blocks[1], dialect, path.name)
+    return Recording(x, z, FORMAT, sha256, y=y)
+
+
+def _blocks(lines: _Lines, name: str) -> tuple[range, range, range]:
+    """The lines of X, Y and Z: two blank lines at a third and two thirds, or blank lines between three groups."""
+    last = len(lines)
+    while last and lines.blank(last - 1):
+        last -= 1
+    first = 0
+    while first < last and lines.blank(first):
+        first += 1
+    n, rest = divmod(last - first - 2, 3)
+    if rest == 0 and n > 0 and lines.blank(first + n) and lines.blank(first + 2 * n + 1):
+        return range(first, first + n), range(first + n + 1, first + 2 * n + 1), range(first + 2 * n + 2, last)
+    filled = [i for i in range(first, last) if not lines.blank(i)]
+    groups = np.split(np.array(filled), np.flatnonzero(np.diff(filled) > 1) + 1) if filled else []
+    if len(groups) != 3:
+        raise UnreadableFile(
+            f"{name}: found {len(groups)} block{'s' * (len(groups) != 1)} of numbers, need three (X, Y, Z) with an "
+            "empty line between; the file may be cut off"
+        )
+    x, y, z = (range(int(g[0]), int(g[-1]) + 1) for g in groups)
+    if len(x) != len(z):
+        raise UnreadableFile(
+            f"{name}: found {len(x)} profiles in block X and {len(z)} in block Z (the file ends in line {last}); "
+            "it is cut off: export it again"
+        )
+    return x, y, z
+
+
+def _matrix(path: Path, lines: _Lines, block: range, dialect: Dialect, untouched: bool) -> Array:
+    """One block's numbers (profiles, points), NaN where a point has no data."""
+    if untouched and not any(lines.blank(i) for i in (block.start, block.stop - 1)):
+        try:
+            return _load(path, dialect.separator, path.name, block)
+        except ValueError:  # lines of different length, or no numbers: the careful way says which
+            pass
+    return _careful(lines, block, dialect, path.name)
+
+
+def _load(path: Path, separator: bytes, name: str, block: range | None = None) -> Array:
+    skip, rows = (block.start, len(block)) if block is not None else (0, None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            values = np.loadtxt(
+                str(path), delimiter=separator.decode(), skiprows=skip, max_rows=rows, ndmin=2, comments=None,
+                encoding="latin-1",
+            )  # fmt: skip
+        except UserWarning as wrong:
+            raise ValueError(str(wrong)) from wrong
+    if block is not None and values.shape[0] != len(block):
+        raise ValueError("lines were left out")
+    refuse_infinite(values, name, skip + 1)
+    return values
+
+
+def _careful(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array:
+    """Gaps written out as nan, short lines filled up, every line checked."""
+    text = normal(lines.text(block).replace(b"\r", b""), dialect)
+    rows = text.split(b"\n")[: len(block)]
+    if all(row.endswith(b",") or not row.strip() for row in rows):
+        rows = [row[:-1] for row in rows]
+    longest = max(row.count(b",") + 1 for row in rows)
+    filled = [_written_out(row, longest) for row in rows]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "block.csv"
+        file.write_bytes(b"\n".join(filled))
+        try:
+            return _load(file, b",", name, range(len(block)))
+        except ValueError as wrong:
+            _say_where(filled, block, name)
+            raise UnreadableFile(f"{name}: lines {block.start + 1} to {block.stop}: {wrong}") from wrong
+
+
+def _written_out(row: bytes, cells: int) -> bytes:
+    """A line with ``nan`` in its empty cells and at its end up to ``cells`` values."""
+    if not row.strip():
+        return b",".join([b"nan"] * cells)
+    if b",," in row or row.startswith(b",") or row.endswith(b",") or b", " in row:
+        row = b",".join(cell.strip() or b"nan" for cell in row.split(b","))
+    return row + b",nan" * (cells - row.count(b",") - 1)
+
+
+def _say_where(rows: list[bytes], block: range, name: str) -> None:
+    """Find the first cell that is no number.
+
+    Raises:
+        UnreadableFile: with its line.
+    """
+    for i, row in enumerate(rows):
+        for cell in row.split(b","):
+            try:
+                float(cell)
+            except ValueError:
+                shown = cell[:20].decode("latin-1")
+                raise UnreadableFile(
+                    f"{name}: found {shown!r} in line {block.start + i + 1}, need numbers; give a scan file "
+                    "(docs/formats.md)"
+                ) from None
+
+
+def _same_shape(x: Array, z: Array, lines: _Lines, blocks: tuple[range, range, range], name: str) -> None:
+    """X and Z of a profile belong together: as many cells in one as in the other.
+
+    Raises:
+        UnreadableFile: with the line.
+    """
+    cells = [_cells_by_line(lines, b) for b in (blocks[0], blocks[2])]
+    if x.shape == z.shape and np.array_equal(cells[0], cells[1]):
+        return
+    different = np.flatnonzero(cells[0] != cells[1])
+    row = int(different[0]) if different.size else min(x.shape[0], z.shape[0]) - 1
+    raise UnreadableFile(
+        f"{name}: found {cells[1][row]} values in line {blocks[2].start + row + 1} (block Z), need {cells[0][row]} as "
+        f"in line {blocks[0].start + row + 1} (block X); the file may be cut off"
+    )
+
+
+def _cells_by_line(lines: _Lines, block: range) -> NDArray[np.intp]:
+    sample = lines.text(range(block.start, min(block.start + 50, block.stop)))
+    separator = next((s for s in (b";", b"\t") if s in sample), b"," if b" " not in sample.strip() else b" ")
+    count: Callable[[bytes], int] = (
+        (lambda row: len(row.split())) if separator == b" " else (lambda row: row.count(separator) + 1)
+    )
+    return np.array([0 if lines.blank(i) else count(lines[i]) for i in block], dtype=np.intp)
+
+
+def _profile_values(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array | None:
+    """Y, one number a profile; None where a line's first and last cell differ, or a line has none."""
+    values = np.full(len(block), np.nan)
+    for i, line in enumerate(block):
+        row = normal(lines[line].strip(), dialect).strip(b",")
+        first, last = row.split(b",", 1)[0], row.rsplit(b",", 1)[-1]
+        try:
+            if first and float(first) == float(last):
+                values[i] = float(first)
+            else:
+                return None
+        except ValueError as wrong:
+            raise UnreadableFile(f"{name}: found no number in line {line + 1} (block Y); need numbers") from wrong
+    return values if np.isfinite(values).all() else None
+
+
+def _whole_last_number(data: bytes, dialect: Dialect, name: str) -> None:
+    """A file that ends inside a number is cut off, where its numbers have a fixed count of decimals.
+
+    Raises:
+        UnreadableFile: with the last line.
+    """
+    if data.endswith((b"\n", dialect.separator)):
+        return
+    tail = normal(data[-2000:].rsplit(b"\n", 1)[-1], dialect).split(b",")
+    decimals = [len(cell.partition(b".")[2]) for cell in tail[1:] if b"n" not in cell.lower()]
+    if len(decimals) > 20 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
+        raise UnreadableFile(
+            f"{name}: the last number ({tail[-1].decode('latin-1')}) has fewer digits than the others and no line "
+            "end: the file is cut off; export it again"
+        )

@@ -1,0 +1,41 @@
+"""The virtual stand: scans of a shaft with their truth beside them, for training, demos and tests.
+
+A ray caster in the lab's frame. It shares no code with the estimator that it tests; only the types of scans, stands and
+artefacts are common (checked by import-linter).
+"""
+
+from truestand.sim.paper import paper_shaft, paper_simulation, paper_stand
+from truestand.sim.recipe import simulation_from
+from truestand.sim.simulate import Simulated, simulate
+from truestand.sim.simulation import (
+    Acquisition,
+    FormWave,
+    Keyway,
+    Misalignment,
+    Mounting,
+    Optics,
+    Running,
+    Simulation,
+    Workpiece,
+)
+from truestand.sim.truth import Truth, truth_record
+
+__all__ = [
+    "Acquisition",
+    "FormWave",
+    "Keyway",
+    "Misalignment",
+    "Mounting",
+    "Optics",
+    "Running",
+    "Simulated",
+    "Simulation",
+    "Truth",
+    "Workpiece",
+    "paper_shaft",
+    "paper_simulation",
+    "paper_stand",
+    "simulate",
+    "simulation_from",
+    "truth_record",
+]

@@ -1,0 +1,202 @@
+"""``[simulation]`` of stand.toml: mm, um, degrees outside; unknown keys refused with the nearest right one."""
+
+import difflib
+from collections.abc import Mapping
+from math import radians
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from truestand.core.errors import BadRecipe
+from truestand.sim.simulation import (
+    Acquisition,
+    FormWave,
+    Keyway,
+    Misalignment,
+    Mounting,
+    Optics,
+    Running,
+    Simulation,
+    Workpiece,
+)
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class _Recipe(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class FormRecipe(_Recipe):
+    """``[[simulation.form]]``."""
+
+    surface: str
+    upr: Annotated[int, Field(ge=2)]
+    amplitude_um: float
+    phase_deg: float = 0.0
+
+
+class KeywayRecipe(_Recipe):
+    """``[[simulation.keyway]]``."""
+
+    surface: str
+    azimuth_deg: float = 0.0
+    width_mm: Positive
+    depth_mm: Positive
+    from_mm: float = -1e9
+    to_mm: float = 1e9
+
+
+class MisalignmentRecipe(_Recipe):
+    """``[[simulation.misalignment]]``."""
+
+    surface: str
+    offset_x_um: float = 0.0
+    offset_y_um: float = 0.0
+    slope_x_mrad: float = 0.0
+    slope_y_mrad: float = 0.0
+
+
+class DiameterRecipe(_Recipe):
+    """``[[simulation.diameter]]``."""
+
+    surface: str
+    error_um: float
+
+
+class SimulationRecipe(_Recipe):
+    """``[simulation]`` as a whole."""
+
+    phi_deg: float = -41.802
+    standoff_mm: Positive = 95.0
+    height_mm: float = -1.0
+    laser_plane_tilt_deg: float = 0.0
+    laser_plane_offset_mm: float = 0.0
+    azimuth_deg: float = 0.0
+    eccentricity_um: NotNegative = 878.9
+    eccentricity_direction_deg: float = 0.0
+    tilt_mrad: float = 0.0
+    tilt_direction_deg: float = 0.0
+    form: list[FormRecipe] = []
+    keyway: list[KeywayRecipe] = []
+    misalignment: list[MisalignmentRecipe] = []
+    diameter: list[DiameterRecipe] = []
+    chamfer_mm: NotNegative = 0.0
+    table_disc_mm: float | None = None
+    fan_deg: Positive = 16.0
+    noise_um: NotNegative = 4.0
+    correlated_noise_um: NotNegative = 0.0
+    correlation_points: Annotated[int, Field(ge=1)] = 8
+    speckle_um: NotNegative = 0.0
+    speckle_cell_mm: Positive = 0.1
+    nonlinearity_um: float = 0.0
+    nonlinearity_phase_deg: float = 57.3
+    scale_error_ppm: float = 0.0
+    step_z_um: NotNegative = 4.0
+    step_x_um: NotNegative = 1.0
+    triangulation_deg: float = 0.0
+    outliers: Share = 0.0
+    ghosts: Share = 0.0
+    dropouts: Share = 0.0
+    patches: Annotated[int, Field(ge=0)] = 0
+    profiles: Annotated[int, Field(ge=2, le=1_000_000)] = 11000
+    start_angle_deg: float = 0.0
+    columns: list[Literal["angle", "time", "encoder", "counter"]] = []
+    speed_factor: Positive = 1.0
+    ripple: float = 0.0
+    ripple_per_turn: Annotated[int, Field(ge=1)] = 1
+    ramp_s: NotNegative = 0.0
+    dropped: Annotated[int, Field(ge=0)] = 0
+
+
+def simulation_from(table: Mapping[str, Any]) -> Simulation:
+    """The simulation that a ``[simulation]`` table describes.
+
+    Raises:
+        BadRecipe: a wrong or unknown key.
+    """
+    try:
+        return _simulation(SimulationRecipe.model_validate(dict(table)))
+    except ValidationError as wrong:
+        raise BadRecipe(f"[simulation] {_plain(wrong)}") from wrong
+
+
+def _plain(wrong: ValidationError) -> str:
+    first = wrong.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        near = difflib.get_close_matches(str(first["loc"][-1]), list(SimulationRecipe.model_fields), n=1, cutoff=0.4)
+        return f"unknown key {key!r}" + (f"; did you mean {near[0]!r}?" if near else "; see docs/build-your-stand.md")
+    return f"{key}: found {first['input']!r}; {first['msg'].lower()}"
+
+
+def _simulation(r: SimulationRecipe) -> Simulation:
+    return Simulation(
+        mounting=Mounting(
+            radians(r.phi_deg),
+            r.standoff_mm,
+            r.height_mm,
+            radians(r.laser_plane_tilt_deg),
+            r.laser_plane_offset_mm,
+            radians(r.azimuth_deg),
+        ),
+        running=Running(
+            r.eccentricity_um / 1e3,
+            radians(r.eccentricity_direction_deg),
+            r.tilt_mrad / 1e3,
+            radians(r.tilt_direction_deg),
+        ),
+        workpiece=_workpiece(r),
+        optics=_optics(r),
+        acquisition=Acquisition(
+            profiles=r.profiles,
+            start_angle=radians(r.start_angle_deg),
+            columns=tuple(r.columns),
+            speed_factor=r.speed_factor,
+            ripple=r.ripple,
+            ripple_per_turn=r.ripple_per_turn,
+            ramp=r.ramp_s,
+            dropped=r.dropped,
+        ),
+    )
+
+
+def _workpiece(r: SimulationRecipe) -> Workpiece:
+    return Workpiece(
+        form=tuple(FormWave(f.surface, f.upr, f.amplitude_um / 1e3, radians(f.phase_deg)) for f in r.form),
+        keyways=tuple(
+            Keyway(k.surface, radians(k.azimuth_deg), k.width_mm, k.depth_mm, k.from_mm, k.to_mm) for k in r.keyway
+        ),
+        misalignments=tuple(
+            Misalignment(
+                m.surface, m.offset_x_um / 1e3, m.offset_y_um / 1e3, m.slope_x_mrad / 1e3, m.slope_y_mrad / 1e3
+            )
+            for m in r.misalignment
+        ),
+        diameter_errors=tuple((d.surface, d.error_um / 1e3) for d in r.diameter),
+        chamfer=r.chamfer_mm,
+        table_disc=r.table_disc_mm,
+    )
+
+
+def _optics(r: SimulationRecipe) -> Optics:
+    return Optics(
+        fan=radians(r.fan_deg),
+        noise=r.noise_um / 1e3,
+        correlated_noise=r.correlated_noise_um / 1e3,
+        correlation=r.correlation_points,
+        speckle=r.speckle_um / 1e3,
+        speckle_cell=r.speckle_cell_mm,
+        nonlinearity=r.nonlinearity_um / 1e3,
+        nonlinearity_phase=radians(r.nonlinearity_phase_deg),
+        scale_error=r.scale_error_ppm / 1e6,
+        step_z=r.step_z_um / 1e3,
+        step_x=r.step_x_um / 1e3,
+        triangulation=radians(r.triangulation_deg),
+        outliers=r.outliers,
+        ghosts=r.ghosts,
+        dropouts=r.dropouts,
+        patches=r.patches,
+    )

@@ -1,0 +1,108 @@
+"""The real shaft: each step a cylinder about its own axis, with form, chamfers and keyways; shoulders between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.artefact import Artefact
+from truestand.sim.simulation import FormWave, Keyway, Workpiece
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the shaft about its own axis, in C."""
+
+    radius: float
+    bottom: float
+    top: float
+    origin: Array
+    """(3,) a point on its axis at height 0."""
+    axis: Array
+    """(3,) unit."""
+    form: tuple[FormWave, ...]
+    keyways: tuple[Keyway, ...]
+    chamfer_bottom: float
+    chamfer_top: float
+
+    def surface(self, psi: Array, height: Array) -> tuple[Array, Array]:
+        """Radius of the surface and its slope over height, where the polar angle is psi."""
+        radius = np.full(psi.shape, self.radius)
+        for wave in self.form:
+            radius += wave.amplitude * np.cos(wave.upr * psi - wave.phase)
+        slope = np.zeros(psi.shape)
+        if self.chamfer_top:
+            into = height - (self.top - self.chamfer_top)
+            on = into > 0
+            radius -= np.where(on, into, 0.0)
+            slope -= on
+        if self.chamfer_bottom:
+            into = (self.bottom + self.chamfer_bottom) - height
+            on = into > 0
+            radius -= np.where(on, into, 0.0)
+            slope += on
+        return radius, slope
+
+    def in_keyway(self, psi: Array, height: Array) -> Array:
+        """Depth of the keyway at each place, 0 where there is none."""
+        depth = np.zeros(psi.shape)
+        for k in self.keyways:
+            across = np.abs(np.angle(np.exp(1j * (psi - k.azimuth)))) * self.radius
+            depth[(across < k.width / 2) & (height > k.bottom) & (height < k.top)] = k.depth
+        return depth
+
+
+@dataclass(frozen=True, slots=True)
+class Face:
+    """A flat ring square to the base's axis: the shoulder between two steps, or an end. ``up`` = it faces +Z."""
+
+    height: float
+    inner: float
+    outer: float
+    up: bool
+
+
+def steps_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Step, ...]:
+    """The shaft's steps as they really are."""
+    errors = dict(workpiece.diameter_errors)
+    cylinders = artefact.cylinders
+    steps = []
+    for i, c in enumerate(cylinders):
+        below = cylinders[i - 1].radius if i else 0.0
+        above = cylinders[i + 1].radius if i + 1 < len(cylinders) else 0.0
+        off = next((m for m in workpiece.misalignments if m.surface == c.name), None)
+        origin, axis = np.zeros(3), np.array([0.0, 0.0, 1.0])
+        if off is not None:
+            middle = (c.bottom + c.top) / 2
+            axis = np.array([off.slope_x, off.slope_y, 1.0])
+            origin = np.array([off.offset_x - off.slope_x * middle, off.offset_y - off.slope_y * middle, 0.0])
+            axis = axis / np.linalg.norm(axis)
+        steps.append(
+            Step(
+                c.radius + errors.get(c.name, 0.0) / 2,
+                c.bottom,
+                c.top,
+                origin,
+                axis,
+                tuple(f for f in workpiece.form if f.surface == c.name),
+                tuple(k for k in workpiece.keyways if k.surface == c.name),
+                workpiece.chamfer if i and c.radius > below else 0.0,
+                workpiece.chamfer if c.radius > above else 0.0,
+            )
+        )
+    return tuple(steps)
+
+
+def faces_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Face, ...]:
+    """Shoulders, both ends, and the table's face where it is in view."""
+    c = artefact.cylinders
+    cut = workpiece.chamfer
+    faces = [Face(c[0].bottom, 0.0, c[0].radius, up=False), Face(c[-1].top, 0.0, c[-1].radius - cut, up=True)]
+    for lower, upper in zip(c, c[1:], strict=False):
+        inner, outer = sorted((lower.radius, upper.radius))
+        faces.append(Face(lower.top, inner, outer - cut, up=lower.radius > upper.radius))
+    if workpiece.table_disc is not None:
+        faces.append(Face(workpiece.table_disc, 0.0, 200.0, up=True))
+    return tuple(faces)
