@@ -81,7 +81,6 @@ def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[S
 
 
 DECISIVE = (
-    "revolutions",
     "readings rejected, share",
     "drawing explains the view, share",
     "residual, um rms",

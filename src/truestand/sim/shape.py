@@ -1,6 +1,7 @@
 """The real shaft: each step a cylinder about its own axis, with form, chamfers and keyways; shoulders between them."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ def faces_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Face, ...]:
     c = artefact.cylinders
     cut = workpiece.chamfer
     faces = [Face(c[0].bottom, 0.0, c[0].radius, up=False), Face(c[-1].top, 0.0, c[-1].radius - cut, up=True)]
-    for lower, upper in zip(c, c[1:], strict=False):
+    for lower, upper in pairwise(c):
         inner, outer = sorted((lower.radius, upper.radius))
         faces.append(Face(lower.top, inner, outer - cut, up=lower.radius > upper.radius))
     if workpiece.table_disc is not None:

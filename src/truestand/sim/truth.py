@@ -1,8 +1,8 @@
 """What is true of a virtual scan, with the keys of calibration.json.
 
 Signs (CONTRACT.md), worked out here on their own: T has Z up along the rotation axis and X in the laser plane towards
-the sensor; the laser plane's upward direction is w = (0, sin a, cos a). The sensor's z looks into the scene, so it has a
-negative part along X; phi = atan2(Z . x_S, Z . z_S) up to the factor cos a. Hence
+the sensor; the laser plane's upward direction is w = (0, sin a, cos a). The sensor's z looks into the scene: it has
+a negative part along X; phi = atan2(Z . x_S, Z . z_S) up to the factor cos a. Hence
 
     z_S = -|sin phi| X + cos phi w,   x_S = sgn(sin phi) cos phi X + sin phi w,   y_S = z_S x x_S.
 """

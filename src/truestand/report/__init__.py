@@ -1,0 +1,1 @@
+"""A record -> HTML and terminal tables. It prints; it never computes."""

@@ -1,0 +1,200 @@
+"""The report of a calibration: one HTML file that explains itself."""
+
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from truestand._version import __version__
+from truestand.core.calibration import Calibration
+from truestand.core.evidence import Evidence
+from truestand.core.units import um
+from truestand.report import figures, tables
+from truestand.report.numbers import number
+from truestand.report.quantities import quantities
+
+WORDS = (
+    ("eccentricity", "offset of the shaft axis from the rotation axis; a round shaft then shows twice as much run-out"),
+    ("form", "deviation of a surface from a circle about its own axis, by undulations per revolution (UPR)"),
+    ("laser plane", "the plane of the laser line; ideally it contains the rotation axis"),
+    ("static profile", "what the sensor shows at every table angle alike: it does not turn, so it is not the shaft"),
+    ("U", "expanded uncertainty, k = 2: the value lies within ± U with about 95 % confidence"),
+)
+
+
+def calibration_report(
+    calibration: Calibration,
+    evidence: Evidence,
+    paper: Calibration | None = None,
+    truth: Mapping[str, Any] | None = None,
+) -> str:
+    """The HTML text. ``paper`` is the published method's calibration of the same scan, ``truth`` that of a simulation."""
+    rows = quantities(calibration, paper, truth)
+    exact = calibration.method == "stand"
+    parts = [
+        _head(calibration),
+        tables.tiles(rows, calibration),
+        "<h2>Published method and exact model</h2>"
+        "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and no "
+        "laser plane; a dash says that it has no answer.</p>",
+        tables.comparison(rows, truth is not None, exact),
+        _scan(evidence),
+        _signal(evidence, paper),
+        _maps(evidence),
+        _residuals(calibration, evidence) if exact else "",
+        _form(calibration),
+        _budget(calibration, rows),
+        "<h2>Checks</h2><p>Questions that this scan answers about itself.</p>" + tables.checks(calibration)
+        if calibration.checks
+        else "",
+        _open_questions(calibration),
+    ]
+    style = files("truestand.report").joinpath("style.css").read_text(encoding="utf-8")
+    title = escape(f"Calibration of {_name(calibration)}")
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>{style}</style></head><body>{''.join(parts)}"
+        f"<footer>truestand {__version__}. Lengths in the frame of the shaft; signs as in the record.</footer>"
+        "</body></html>\n"
+    )
+
+
+def _name(c: Calibration) -> str:
+    return c.artefact.name if c.artefact is not None else "the stand"
+
+
+def _head(c: Calibration) -> str:
+    verdict = "Valid" if c.status == "valid" else "Untrusted"
+    reasons = "".join(f"<li>{escape(r)}</li>" for r in c.reasons)
+    reasons = f'<ul class="reasons">{reasons}</ul>' if reasons else ""
+    facts = [f"artefact {_name(c)}", f"sensor {c.stand.sensor.name}", f"method {c.method}"]
+    if c.artefact is not None and c.artefact.certificate is not None and c.artefact.certificate.id:
+        facts.append(f"certificate {c.artefact.certificate.id}")
+    if c.scan is not None:
+        facts += [
+            f"{number(c.scan.profiles, 0)} profiles × {c.scan.points} points",
+            f"{c.scan.revolutions:.2f} turns",
+            f"{100 * c.scan.seen:.1f} % seen",
+        ]
+        facts += [f"scan {c.scan.sha256[:12]}"] if c.scan.sha256 else []
+    facts += [c.created] if c.created else []
+    return (
+        f'<header><h1>Calibration of the stand</h1><div class="verdict {c.status}">{verdict}</div>{reasons}'
+        f'<p class="facts">{escape(" · ".join(facts))}</p></header>'
+    )
+
+
+def _figure(svg: str, caption: str) -> str:
+    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
+
+
+def _scan(evidence: Evidence) -> str:
+    left = _figure(
+        figures.raw_scan(evidence),
+        "The scan as it came: each column is one laser line. The waves are the eccentricity; the steps are the shaft's.",
+    )
+    right = _figure(
+        figures.projection(evidence),
+        "All profiles on top of each other, coloured by the surface that each reading was taken for. The line through the "
+        "base gives the angle φ.",
+    )
+    return f'<h2>What the sensor saw</h2><div class="pair">{left}{right}</div>'
+
+
+def _signal(evidence: Evidence, paper: Calibration | None) -> str:
+    text = "<h2>Eccentricity: the once-per-turn wave</h2>"
+    text += _figure(
+        figures.radial_signal(evidence),
+        "The base's radial position as the shaft turns. The nearest Fourier bin has the wrong frequency unless the scan is a "
+        "whole number of turns, so its wave runs out of step.",
+    )
+    return text + _figure(
+        figures.spectrum(evidence, paper),
+        "Leakage made visible. A scan of this length has only the marked bins; the true line at 1 per turn falls between "
+        "them, so the nearest bin reads too little amplitude and a shifted phase. Least squares at the known frequency does "
+        "not leak.",
+    )
+
+
+def _maps(evidence: Evidence) -> str:
+    text = "<h2>Before and after</h2>"
+    for m in evidence.maps:
+        text += f"<h3>{escape(m.surface)}</h3>" + _figure(
+            figures.flat_maps(m),
+            "Deviation from the nominal radius over table turns and height. The top map has a wider colour scale; the lower "
+            "ones share one.",
+        )
+    for r in evidence.rolled:
+        text += _figure(
+            figures.rolled_up(r),
+            f"{escape(r.surface)} rolled up at height {number(r.height, 1)} mm; deviations magnified as stated, dashed: nominal "
+            "circle. All turns lie on top of each other only where angle and radius are both right.",
+        )
+    return text
+
+
+def _residuals(c: Calibration, evidence: Evidence) -> str:
+    text = "<h2>What is left</h2>"
+    if c.residuals is not None:
+        text += (
+            f"<p>After the fitted form: {number(um(c.residuals.rms), 2)} µm rms, 90 % within "
+            f"± {number(um(c.residuals.p90), 2)} µm, {number(c.residuals.points, 0)} readings, "
+            f"{number(c.residuals.rejected, 0)} not trusted.</p>"
+        )
+    for m in evidence.maps:
+        text += _figure(figures.residual_map(m), f"{escape(m.surface)}: residual after form, cell means.")
+    if c.static_profiles:
+        text += _figure(
+            figures.static_shapes(c.static_profiles),
+            "The static profile: what every profile shows alike. A range error of the sensor looks like this, and so do sag, "
+            "taper and a wrong step. It is shown; it is never used as evidence for the laser plane.",
+        )
+    return text
+
+
+def _form(c: Calibration) -> str:
+    if not c.harmonics:
+        return ""
+    bars = _figure(figures.form_bars(c), "Form of the artefact's surfaces, fitted together with the geometry.")
+    return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c)
+
+
+def _budget(c: Calibration, rows: list[Any]) -> str:
+    if not c.uncertainty:
+        return ""
+    return (
+        "<h2>Uncertainty</h2><p>Where each number's U comes from. Contributions below a hundredth are left out here and "
+        "stand in the record.</p>" + tables.budget(c, rows)
+    )
+
+
+def _open_questions(c: Calibration) -> str:
+    text = "<h2>Not identifiable from this scan</h2>"
+    if c.not_identifiable:
+        named = ", ".join(escape(n) for n in c.not_identifiable)
+        text += f"<p>{named}. {_why(c)}</p>"
+    else:
+        text += "<p>Nothing: every quantity of the stand was seen.</p>"
+    words = "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in WORDS)
+    return (
+        f"{text}<h2>Repeat it</h2><p><code>truestand calibrate SCAN --stand stand.toml --artefact shaft.toml "
+        f"--method {c.method} -o calibration.json --report report.html</code></p><h2>Words</h2><dl>{words}</dl>"
+    )
+
+
+def _why(c: Calibration) -> str:
+    reasons = []
+    if "height" in c.not_identifiable:
+        reasons.append(
+            "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless for "
+            "pitch and run-out)."
+        )
+    if {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & set(c.not_identifiable):
+        reasons.append(
+            "The method does not ask for the laser plane."
+            if c.method == "paper"
+            else "The laser plane shows only where an eccentric shaft with two steps turns: a larger eccentricity or a "
+            "second step in view would help. Its doubt is carried on."
+        )
+    return " ".join(reasons)

@@ -1,0 +1,84 @@
+"""How figures look and how they get into the page: one style, one way to SVG, no global state."""
+
+import io
+import re
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+INK, GREY, PALE = "#1f2933", "#7b8794", "#d5dbe1"
+SURFACES = ("#1f6fb2", "#c8641b", "#3d8b5f", "#8a5a9e")
+"""One colour a surface, told apart by the colour-blind too (with different lightness)."""
+BEFORE, PAPER, EXACT = "#7b8794", "#c8641b", "#1f6fb2"
+DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.edgecolor": PALE,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": INK,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "truestand",
+    "axes.unicode_minus": True,
+}
+
+
+def figure(width: float, height: float) -> Figure:
+    """An empty figure, inches."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def svg(fig: Figure) -> str:
+    """The figure as an SVG element that scales with the page and repeats to the byte."""
+    buffer = io.StringIO()
+    fig.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None}, dpi=110)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    return re.sub(r'(<svg[^>]*?) width="[^"]*"| height="[^"]*pt"', r"\1", text, count=2).strip()
+
+
+def styled(draw: Any) -> Any:
+    """Decorate a function that draws, so that the style holds inside it and nowhere else."""
+
+    def inside(*args: Any, **kwargs: Any) -> str:
+        with mpl.rc_context(STYLE):
+            return svg(draw(*args, **kwargs))
+
+    inside.__doc__ = draw.__doc__
+    inside.__name__ = draw.__name__
+    return inside
+
+
+def image(
+    axes: Axes, values: Array, extent: tuple[float, float, float, float], limits: tuple[float, float], cmap: str
+) -> Any:
+    """A dense map; what was not seen stays the page's pale grey."""
+    axes.set_facecolor("#eceff2")
+    return axes.imshow(
+        np.ma.masked_invalid(values), aspect="auto", origin="lower", extent=extent, vmin=limits[0], vmax=limits[1],
+        cmap=cmap, interpolation="nearest",
+    )  # fmt: skip
+
+
+def robust(*arrays: Array | None, share: float = 0.99) -> float:
+    """Symmetric colour limit: the ``share`` quantile of what is drawn, at least a hair."""
+    values = [np.abs(a[np.isfinite(a)]) for a in arrays if a is not None]
+    joined = np.concatenate(values) if values else np.zeros(1)
+    return max(float(np.quantile(joined, share)) if joined.size else 0.0, 1e-6)
