@@ -1,5 +1,6 @@
 """``truestand calibrate``: the main job."""
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -50,7 +51,7 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
-    from truestand.cli.talk import print_json, print_table, working
+    from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibrate import calibrate as find
     from truestand.core.errors import BadRecipe
     from truestand.files.read import read_scan
@@ -65,7 +66,7 @@ def calibrate(
     with working(f"Reading {scans[0].name}", quiet):
         scan = read_scan(scans[0], described, radians_or_none(start_angle_deg))
     with working("Calibrating", quiet):
-        calibration = find(scan, shaft, method.value)
+        calibration = replace(find(scan, shaft, method.value), created=now())
     if report is not None:
         with working("Writing the report", quiet):
             write_report(report, scan, shaft, calibration, known)

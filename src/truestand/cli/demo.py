@@ -1,5 +1,6 @@
 """``truestand demo``: the main job on the virtual stand, from nothing to the report."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +20,7 @@ def demo(
 
     Example: truestand demo --open
     """
-    from truestand.cli.talk import print_table, working
+    from truestand.cli.talk import now, print_table, working
     from truestand.core.calibrate import calibrate
     from truestand.core.evidence import gather
     from truestand.core.surface import roll
@@ -43,7 +44,7 @@ def demo(
 
     scan = read_scan(out / "k1.h5")
     with working("Calibrating", quiet):
-        calibration = calibrate(scan, shaft)
+        calibration = replace(calibrate(scan, shaft), created=now())
         paper = calibrate(scan, shaft, "paper")
         write_calibration(out / "calibration.json", calibration)
         write_calibration(out / "calibration-paper.json", paper)

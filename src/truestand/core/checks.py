@@ -56,8 +56,7 @@ def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[S
     limit = 2 * linearity if linearity is not None else 0.02
     found = []
     for profile in static:
-        line = np.polynomial.Polynomial.fit(profile.height, profile.deviation, 1)(profile.height)
-        shape = float(np.ptp(profile.deviation - line))
+        shape = float(np.ptp(profile.deviation))
         found.append(
             Check(
                 f"static shape on {profile.surface}, um peak to valley", 1000 * shape, 1000 * limit, shape <= limit,

@@ -38,7 +38,8 @@ def calibrate_paper(scan: Scan, artefact: Artefact, segments: Segments) -> Calib
     wave = compensation_wave(scan.angle, trace)
     nearest = nearest_bin(filled(trace), scan.revolutions)
     left = compensate(radial, scan.angle, wave) - wave.mean
-    return _record(scan, artefact, segments, phi, wave, nearest, trace, left)
+    pose = _pose(artefact, segments, base, phi, wave.mean)
+    return _record(scan, artefact, segments, pose, wave, nearest, trace, left)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +210,7 @@ def _record(
     scan: Scan,
     artefact: Artefact,
     segments: Segments,
-    phi: float,
+    pose: Pose,
     wave: Harmonics,
     nearest: Bin,
     trace: Array,
@@ -218,7 +219,6 @@ def _record(
     ex, ey = float(wave.cos[0]), -float(wave.sin[0])
     deviation = np.abs(left[np.isfinite(left)])
     residuals = Residuals(float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0)
-    pose = _pose(scan, artefact, segments, phi)
     fit_phase = wave_phase(wave, scan.angle)
     figures = PaperFigures(
         bin=nearest.index,
@@ -245,17 +245,14 @@ def _record(
     )
 
 
-def _pose(scan: Scan, artefact: Artefact, segments: Segments, phi: float) -> Pose:
-    """The sensor's pose: the base line put at the base's radius (Eq. 6 with R added), height zero at the shoulder."""
-    side = facing(phi)
-    band = next(b for b in segments.bands if b.cylinder == 0)
-    at_middle = (band.low + band.high) / 2 - segments.height
-    across = artefact.base.radius - segments.radial
-    x = facing(segments.phi) * cos(segments.phi) * across + sin(segments.phi) * at_middle
-    z = -facing(segments.phi) * sin(segments.phi) * across + cos(segments.phi) * at_middle
-    radial = artefact.base.radius - side * (cos(phi) * x - sin(phi) * z)
-    height = (band.low + band.high) / 2 - (sin(phi) * x + cos(phi) * z)
-    return table_from_sensor(phi, radial, height, 0.0, 0.0)
+def _pose(artefact: Artefact, segments: Segments, base: BaseSurface, phi: float, mean: float) -> Pose:
+    """The sensor's pose: the mean radial signal put at the base's radius (Eq. 6 with R added), height zero as found."""
+    (a, b), (c, d) = rotation_matrix(phi)
+    x0, z0 = displacement(base)
+    radial = artefact.base.radius - mean - (a * x0 + b * z0)
+    # The height of the segmentation belongs to its own angle; the displaced point is where both must agree.
+    at = sin(segments.phi) * x0 + cos(segments.phi) * z0 + segments.height
+    return table_from_sensor(phi, radial, at - (c * x0 + d * z0), 0.0, 0.0)
 
 
 def _blocks(profiles: int, size: int = 256) -> list[slice]:

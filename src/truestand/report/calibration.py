@@ -28,15 +28,15 @@ def calibration_report(
     paper: Calibration | None = None,
     truth: Mapping[str, Any] | None = None,
 ) -> str:
-    """The HTML text. ``paper`` is the published method's calibration of the same scan, ``truth`` that of a simulation."""
+    """The HTML text. ``paper``: the published method's calibration of the same scan; ``truth``: of a simulation."""
     rows = quantities(calibration, paper, truth)
     exact = calibration.method == "stand"
     parts = [
         _head(calibration),
         tables.tiles(rows, calibration),
         "<h2>Published method and exact model</h2>"
-        "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and no "
-        "laser plane; a dash says that it has no answer.</p>",
+        "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and "
+        "no laser plane; a dash says that it has no answer.</p>",
         tables.comparison(rows, truth is not None, exact),
         _scan(evidence),
         _signal(evidence, paper),
@@ -92,12 +92,12 @@ def _figure(svg: str, caption: str) -> str:
 def _scan(evidence: Evidence) -> str:
     left = _figure(
         figures.raw_scan(evidence),
-        "The scan as it came: each column is one laser line. The waves are the eccentricity; the steps are the shaft's.",
+        "The scan as it came: each column is one laser line. The waves are the eccentricity, the steps the shaft's.",
     )
     right = _figure(
         figures.projection(evidence),
-        "All profiles on top of each other, coloured by the surface that each reading was taken for. The line through the "
-        "base gives the angle φ.",
+        "All profiles on top of each other, coloured by the surface that each reading was taken for. The line through "
+        "the base gives the angle φ.",
     )
     return f'<h2>What the sensor saw</h2><div class="pair">{left}{right}</div>'
 
@@ -106,14 +106,14 @@ def _signal(evidence: Evidence, paper: Calibration | None) -> str:
     text = "<h2>Eccentricity: the once-per-turn wave</h2>"
     text += _figure(
         figures.radial_signal(evidence),
-        "The base's radial position as the shaft turns. The nearest Fourier bin has the wrong frequency unless the scan is a "
-        "whole number of turns, so its wave runs out of step.",
+        "The base's radial position as the shaft turns. The nearest Fourier bin has the wrong frequency unless the "
+        "scan is a whole number of turns, so its wave runs out of step.",
     )
     return text + _figure(
         figures.spectrum(evidence, paper),
-        "Leakage made visible. A scan of this length has only the marked bins; the true line at 1 per turn falls between "
-        "them, so the nearest bin reads too little amplitude and a shifted phase. Least squares at the known frequency does "
-        "not leak.",
+        "Leakage made visible. A scan of this length has only the marked bins; the true line at 1 per turn falls "
+        "between them, so the nearest bin reads too little amplitude and a shifted phase. Least squares at the known "
+        "frequency does not leak.",
     )
 
 
@@ -122,14 +122,14 @@ def _maps(evidence: Evidence) -> str:
     for m in evidence.maps:
         text += f"<h3>{escape(m.surface)}</h3>" + _figure(
             figures.flat_maps(m),
-            "Deviation from the nominal radius over table turns and height. The top map has a wider colour scale; the lower "
-            "ones share one.",
+            "Deviation from the nominal radius over table turns and height. The top map has a wider colour scale; the "
+            "others share one.",
         )
     for r in evidence.rolled:
         text += _figure(
             figures.rolled_up(r),
-            f"{escape(r.surface)} rolled up at height {number(r.height, 1)} mm; deviations magnified as stated, dashed: nominal "
-            "circle. All turns lie on top of each other only where angle and radius are both right.",
+            f"{escape(r.surface)} rolled up at height {number(r.height, 1)} mm; deviations magnified as stated, "
+            "dashed: nominal circle. All turns lie on top of each other only where angle and radius are both right.",
         )
     return text
 
@@ -147,8 +147,8 @@ def _residuals(c: Calibration, evidence: Evidence) -> str:
     if c.static_profiles:
         text += _figure(
             figures.static_shapes(c.static_profiles),
-            "The static profile: what every profile shows alike. A range error of the sensor looks like this, and so do sag, "
-            "taper and a wrong step. It is shown; it is never used as evidence for the laser plane.",
+            "The static profile: what every profile shows alike. A range error of the sensor looks like this, and so "
+            "do sag, taper and a wrong step. It is shown; it is never used as evidence for the laser plane.",
         )
     return text
 
@@ -164,8 +164,8 @@ def _budget(c: Calibration, rows: list[Any]) -> str:
     if not c.uncertainty:
         return ""
     return (
-        "<h2>Uncertainty</h2><p>Where each number's U comes from. Contributions below a hundredth are left out here and "
-        "stand in the record.</p>" + tables.budget(c, rows)
+        "<h2>Uncertainty</h2><p>Where each number's U comes from. Contributions below a hundredth are left out here "
+        "and stand in the record.</p>" + tables.budget(c, rows)
     )
 
 
@@ -187,8 +187,8 @@ def _why(c: Calibration) -> str:
     reasons = []
     if "height" in c.not_identifiable:
         reasons.append(
-            "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless for "
-            "pitch and run-out)."
+            "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless "
+            "for pitch and run-out)."
         )
     if {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & set(c.not_identifiable):
         reasons.append(

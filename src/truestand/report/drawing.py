@@ -17,7 +17,7 @@ SURFACES = ("#1f6fb2", "#c8641b", "#3d8b5f", "#8a5a9e")
 """One colour a surface, told apart by the colour-blind too (with different lightness)."""
 BEFORE, PAPER, EXACT = "#7b8794", "#c8641b", "#1f6fb2"
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
-STYLE = {
+STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
     "axes.edgecolor": PALE,

@@ -1,10 +1,11 @@
 """The figures of a calibration report. Each returns SVG text; lengths are mm inside, um on the axes."""
 
-from math import cos, degrees, sin, tau
+from math import degrees, tau
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from truestand.core.calibration import Calibration, StaticProfile
 from truestand.core.evidence import Evidence, FlatMap, Projection, Rolled
@@ -53,9 +54,10 @@ def projection(evidence: Evidence) -> Figure:
         axes.plot(p.x[on], p.z[on], ".", ms=1.0, color=SURFACES[k % len(SURFACES)], label=name, rasterized=True)
     axes.plot(p.line_x, p.line_z, color=INK, lw=1.2, label=f"{p.names[0]} line" if p.names else "line")
     _angle_mark(axes, p)
-    axes.set(xlabel="x along the laser line (mm)", ylabel="z range (mm)", aspect="equal")
+    axes.set(xlabel="x along the laser line (mm)", ylabel="z range (mm)")
+    axes.set_aspect("equal", adjustable="datalim")
     axes.invert_yaxis()
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), markerscale=6)
+    axes.legend(loc="upper left" if p.phi < 0 else "upper right", markerscale=6)
     return fig
 
 
@@ -66,11 +68,10 @@ def _angle_mark(axes: Axes, p: Projection) -> None:
     axes.plot([x0, x0], [z0, z0 + length], color=GREY, lw=0.8, ls=(0, (4, 3)))
     t = np.linspace(0.0, p.phi, 40)
     axes.plot(x0 + 0.6 * length * np.sin(t), z0 + 0.6 * length * np.cos(t), color=INK, lw=0.8)
-    middle = p.phi / 2
+    beyond = 1.0 if p.phi < 0 else -1.0
     axes.annotate(
-        f"φ = {degrees(p.phi):.3f}°".replace("-", "\N{MINUS SIGN}"),
-        (x0 + 0.75 * length * sin(middle), z0 + 0.75 * length * cos(middle)),
-        ha="left" if p.phi > 0 else "right", va="center", color=INK,
+        f"φ = {degrees(p.phi):.3f}°".replace("-", "\N{MINUS SIGN}"), (x0 + beyond, z0 + 0.5 * length),
+        ha="left" if beyond > 0 else "right", va="center", color=INK,
     )  # fmt: skip
 
 
@@ -204,7 +205,7 @@ def form_bars(calibration: Calibration) -> Figure:
         at = [h.upr + (k - (len(names) - 1) / 2) * width for h in own]
         axes.bar(at, [um(h.amplitude) for h in own], width, color=SURFACES[k % len(SURFACES)], label=name)
     axes.set(xlabel="undulations per revolution (UPR)", ylabel="amplitude (µm)", yscale="symlog")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper right")
     return fig

@@ -46,7 +46,7 @@ _WORDS = (
         "Eccentricity",
         "µm",
         "shaft",
-        "offset of the shaft axis from the rotation axis at the shoulder",
+        "offset of shaft axis from rotation axis, at the shoulder",
     ),
     ("eccentricity_direction_deg", "Eccentricity, direction", "°", "shaft", "its azimuth on the table at angle 0"),
     ("tilt_mrad", "Shaft tilt", "mrad", "shaft", "angle between shaft axis and rotation axis"),

@@ -8,6 +8,8 @@ from truestand.report.numbers import number, places, with_u
 from truestand.report.quantities import Quantity
 
 MOST_HARMONICS = 12
+LEAST_AMPLITUDE = 5e-5
+"""mm: smaller ones stand in the record."""
 
 
 def tiles(rows: list[Quantity], calibration: Calibration) -> str:
@@ -56,7 +58,8 @@ def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
 
 def harmonics(calibration: Calibration) -> str:
     """Form harmonics, the largest first."""
-    largest = sorted(calibration.harmonics, key=lambda h: -h.amplitude)[:MOST_HARMONICS]
+    shown = [h for h in calibration.harmonics if h.amplitude >= LEAST_AMPLITUDE]
+    largest = sorted(shown, key=lambda h: -h.amplitude)[:MOST_HARMONICS]
     top = max((h.amplitude for h in largest), default=1.0)
     body = "".join(
         f'<tr><td>{escape(h.surface)}</td><td class="n">{h.upr}</td><td class="n">{number(um(h.amplitude), 2)}</td>'
