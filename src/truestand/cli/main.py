@@ -1,5 +1,6 @@
 """The door: every command is registered here, every expected error is caught here and told in one line."""
 
+import os
 import sys
 from typing import Annotated, NoReturn
 
@@ -50,6 +51,7 @@ def _root(
 
 def main() -> NoReturn:
     """Run the command line: 0 done or holds, 1 does not hold, 2 wrong use or input, 3 undecided, 130 interrupted."""
+    _one_thread()
     try:
         app()
     except TruestandError as wrong:
@@ -60,6 +62,15 @@ def main() -> NoReturn:
     except MemoryError:
         _stop("out of memory; close other programs or use the native format (truestand import)")
     sys.exit(DONE)
+
+
+def _one_thread() -> None:
+    """Keep linear algebra on one thread, before numpy is loaded: its matrices are small here, waiting threads cost more.
+
+    It also makes the last digit of a record the same on every machine of one kind.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
 
 
 def _stop(message: str) -> NoReturn:

@@ -1,0 +1,258 @@
+"""The commands as users and machines rely on them: outputs, keys, exit codes, one helpful line for every mistake."""
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jsonschema import Draft202012Validator
+
+from command import run
+from truestand.files.clouds import read_ply
+
+COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "schema"]
+
+
+def test_help_is_quick_and_names_every_command():
+    """0.3 s of CPU is the promise; the interpreter itself takes a tenth of that."""
+    import resource
+
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    shown = run("--help")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert shown.returncode == 0
+    assert all(name in shown.stdout for name in COMMANDS)
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.6  # twice, for a busy machine
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command):
+    shown = run(command, "--help")
+    assert shown.returncode == 0
+    assert f"truestand {command}" in shown.stdout
+
+
+def test_version():
+    assert run("--version").stdout.startswith("truestand 0.")
+
+
+def test_the_calibration_record_has_the_keys_and_the_truth(bench):
+    record = json.loads((bench / "calibration.json").read_text(encoding="utf-8"))
+    schema = json.loads(run("schema", "calibration").stdout)
+    Draft202012Validator(schema).validate(record)
+    truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
+    Draft202012Validator(json.loads(run("schema", "truth").stdout)).validate(truth)
+    assert record["status"] == "valid"
+    assert abs(record["shaft"]["eccentricity_um"] - truth["shaft"]["eccentricity_um"]) < 0.2
+    assert abs(record["sensor"]["phi_deg"] - truth["sensor"]["phi_deg"]) < 0.002
+    rotation = np.array(record["sensor"]["table_from_sensor"])[:3, :3]
+    assert np.abs(rotation @ rotation.T - np.eye(3)).max() <= 1e-12
+    assert np.linalg.det(rotation) == pytest.approx(1.0, abs=1e-12)
+    assert record["created"].endswith("Z")
+
+
+def test_csv_and_native_file_give_the_same_calibration(bench, tmp_path):
+    out = tmp_path / "c.json"
+    done = run(
+        "calibrate",
+        bench / "k1.csv",
+        "--stand",
+        bench / "stand.toml",
+        "--artefact",
+        bench / "shaft.toml",
+        "-o",
+        out,
+        "--json",
+    )
+    assert done.returncode == 0, done.stderr
+    printed, native = json.loads(done.stdout), json.loads((bench / "calibration.json").read_text(encoding="utf-8"))
+    assert printed == json.loads(out.read_text(encoding="utf-8"))
+    for key in ("sensor", "shaft", "residuals", "covariance"):
+        assert printed[key] == native[key]
+
+
+def test_method_paper(bench, tmp_path):
+    out = tmp_path / "p.json"
+    done = run("calibrate", bench / "k1.h5", "--artefact", bench / "shaft.toml", "--method", "paper", "-o", out)
+    assert done.returncode == 0, done.stderr
+    record = json.loads(out.read_text(encoding="utf-8"))
+    assert record["sensor"]["laser_plane_offset_mm"] is None
+    assert record["shaft"]["tilt_mrad"] is None
+    assert record["paper"]["bin"] == 3
+    assert -0.264 < record["paper"]["phase_error_pi"] < -0.236
+    assert run("roll", bench / "k1.h5", "--calibration", out, "-o", tmp_path / "p.ply", "-q").returncode == 0
+
+
+def test_roll_puts_the_shaft_where_the_drawing_has_it(bench, tmp_path):
+    for suffix in ("ply", "xyz", "npz"):
+        out = tmp_path / f"cloud.{suffix}"
+        done = run("roll", bench / "k1.h5", "--calibration", bench / "calibration.json", "-o", out)
+        assert done.returncode == 0, done.stderr
+    cloud = read_ply(tmp_path / "cloud.ply")
+    assert list(cloud) == ["x", "y", "z", "profile", "point"]
+    radius = np.hypot(cloud["x"], cloud["y"])
+    base = (cloud["z"] < -2) & (cloud["z"] > -15)
+    assert abs(np.median(radius[base]) - 12.5) < 0.01
+    packed = np.load(tmp_path / "cloud.npz")
+    assert np.allclose(packed["x"], cloud["x"], atol=1e-5)
+    assert packed["profile"].size == len((tmp_path / "cloud.xyz").read_text().splitlines())
+
+
+def test_a_minimal_record_of_somebody_else_is_accepted(bench, tmp_path):
+    record = json.loads((bench / "calibration.json").read_text(encoding="utf-8"))
+    minimal = {key: record[key] for key in ("format", "version", "table", "sensor", "shaft")}
+    (tmp_path / "m.json").write_text(json.dumps(minimal))
+    for name, calibration in (("full", bench / "calibration.json"), ("minimal", tmp_path / "m.json")):
+        done = run("roll", bench / "k1.h5", "--calibration", calibration, "-o", tmp_path / f"{name}.ply")
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "full.ply").read_bytes() == (tmp_path / "minimal.ply").read_bytes()
+
+
+def test_verify_holds_moved_and_undecided(bench, tmp_path):
+    common = ("--artefact", bench / "shaft.toml")
+    again = run("simulate", bench / "stand.toml", *common, "-o", tmp_path / "k2.h5", "--seed", 7)
+    assert again.returncode == 0
+    known = ("--calibration", bench / "calibration.json")
+    holds = run("verify", tmp_path / "k2.h5", *known, "-o", tmp_path / "v.json", "--json")
+    assert holds.returncode == 0, holds.stderr + holds.stdout
+    record = json.loads(holds.stdout)
+    Draft202012Validator(json.loads(run("schema", "verification").stdout)).validate(record)
+    assert record["verdict"] == "holds"
+
+    text = (bench / "stand.toml").read_text(encoding="utf-8")
+    for name, change in (
+        ("sensor", ("phi_deg = -41.802", "phi_deg = -41.702")),
+        ("shaft", ("eccentricity_um = 878.9", "eccentricity_um = 950.0")),
+    ):
+        (tmp_path / "moved.toml").write_text(text.replace(*change), encoding="utf-8")
+        assert run("simulate", tmp_path / "moved.toml", *common, "-o", tmp_path / f"{name}.h5").returncode == 0
+        moved = run("verify", tmp_path / f"{name}.h5", *known)
+        assert moved.returncode == 1
+        assert name in moved.stderr
+
+
+def test_info(bench):
+    facts = json.loads(run("info", bench / "k1.h5", "--json").stdout)
+    Draft202012Validator(json.loads(run("schema", "info").stdout)).validate(facts)
+    assert (facts["format"], facts["profiles"], facts["points_per_profile"]) == ("native", 2750, 320)
+    assert facts["revolutions"] == pytest.approx(2.75)
+    plain = json.loads(run("info", bench / "k1.csv", "--json").stdout)
+    assert plain["format"] == "xyz blocks"
+    assert plain["revolutions"] is None
+    assert plain["points_seen"] == facts["points_seen"]
+
+
+def test_the_report_is_one_file_that_explains_itself(bench):
+    page = (bench / "report.html").read_text(encoding="utf-8")
+    assert "http" not in page.replace("http://www.w3.org", "")
+    assert "<script" not in page
+    for words in (
+        "Published method and exact model",
+        "Leakage",
+        "Before and after",
+        "static profile",
+        "Checks",
+        "truth",
+    ):
+        assert words in page
+
+
+def bad_files(bench: Path, folder: Path) -> dict[str, Path]:
+    """Files that carry no calibration, by name."""
+    text = (bench / "k1.csv").read_bytes()
+    native = (bench / "k1.h5").read_bytes()
+    lines = text.split(b"\n")
+    quarter = lines[:250] + [b""] + lines[2751:3001] + [b""] + lines[5502:5752]
+    lost = [b",".join([b"nan"] * 320)] * 1000
+    contents = {
+        "empty": b"",
+        "truncated": text[: len(text) * 2 // 3],
+        "truncated in the last line": text[:-3000],
+        "binary": bytes(range(256)) * 100,
+        "foreign": b"<html><body>no scan</body></html>\n" * 50,
+        "foreign numbers": b"1,2,3\n4,5,6\n",
+        "all lost": b"\n".join([*lost, b"", *[b"1"] * 1000, b"", *lost]) + b"\n",
+        "quarter turn": b"\n".join(quarter) + b"\n",
+        "truncated native": native[: len(native) // 2],
+        "damaged native": native[:-2000] + bytes(1000) + native[-1000:],
+    }
+    paths = {}
+    for name, content in contents.items():
+        paths[name] = folder / f"{name}.csv"
+        paths[name].write_bytes(content)
+    paths["missing"] = folder / "missing.csv"
+    return paths
+
+
+def test_bad_scans_end_with_one_helpful_line_and_no_output(bench, tmp_path):
+    for name, path in bad_files(bench, tmp_path).items():
+        out, page = tmp_path / "c.json", tmp_path / "r.html"
+        stand = ("--stand", bench / "stand.toml", "--artefact", bench / "shaft.toml")
+        done = run("calibrate", path, *stand, "-o", out, "--report", page)
+        assert done.returncode == 2, (name, done.returncode, done.stderr)
+        assert done.stderr.startswith("truestand: "), (name, done.stderr)
+        assert done.stderr.count("\n") == 1, (name, done.stderr)
+        assert "Traceback" not in done.stderr
+        assert len(done.stderr) > 40, (name, done.stderr)
+        assert not out.exists(), name
+        assert not page.exists(), name
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("calibrate", "k1.csv", "--artefact", "shaft.toml"), "--stand"),
+        (("calibrate", "k1.h5", "--artefact", "nowhere.toml"), "nowhere.toml"),
+        (("calibrate", "k1.h5", "k1.h5", "--artefact", "shaft.toml"), "need one"),
+        (("roll", "k1.h5", "--calibration", "truth.json", "-o", "c.ply"), "truestand.calibration"),
+        (("roll", "k1.h5", "--calibration", "calibration.json", "-o", "c.foo"), ".ply"),
+        (("import", "k1.csv", "-o", "k1.h5"), "--force"),
+        (("simulate", "stand.toml", "-o", "k1.csv"), "--force"),
+        (("init", "."), "--force"),
+        (("schema", "nothing"), "calibration"),
+        (("roll", "k1.h5", "--calibration", "calibration.json", "-o", "c.e57"), "e57"),
+    ],
+)
+def test_wrong_use_is_told_in_one_line(bench, arguments, words):
+    done = run(*arguments, cwd=bench)
+    assert done.returncode == 2, done.stderr
+    assert words in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list(bench.glob("c.*"))
+
+
+def test_unknown_options_end_with_2():
+    assert run("calibrate", "--nonsense").returncode == 2
+    assert run("nonsense").returncode == 2
+
+
+def test_a_typo_in_a_recipe_names_the_right_key(bench, tmp_path):
+    text = (bench / "stand.toml").read_text(encoding="utf-8").replace("profile_rate_hz", "profile_rate_Hz")
+    (tmp_path / "stand.toml").write_text(text, encoding="utf-8")
+    done = run("calibrate", bench / "k1.csv", "--stand", tmp_path / "stand.toml", "--artefact", bench / "shaft.toml")
+    assert done.returncode == 2
+    assert "did you mean 'profile_rate_hz'?" in done.stderr
+
+
+def test_an_unknown_start_is_untrusted_and_written_all_the_same(bench, tmp_path):
+    text = (bench / "stand.toml").read_text(encoding="utf-8").replace('start = "home"', 'start = "unknown"')
+    (tmp_path / "stand.toml").write_text(text, encoding="utf-8")
+    out = tmp_path / "c.json"
+    stand = ("--stand", tmp_path / "stand.toml", "--artefact", bench / "shaft.toml")
+    done = run("calibrate", bench / "k1.csv", *stand, "-o", out)
+    assert done.returncode == 3
+    record = json.loads(out.read_text(encoding="utf-8"))
+    assert record["status"] == "untrusted"
+    assert "table angle" in record["reasons"][0]
+
+
+def test_the_demo_ends_with_its_table_and_paths(tmp_path):
+    started = time.monotonic()
+    done = run("demo", "--out", tmp_path / "demo")
+    assert done.returncode == 0, done.stderr
+    assert time.monotonic() - started < 60
+    for words in ("paper's method", "exact model", "truth", "report.html", "cloud.ply"):
+        assert words in done.stdout
+    assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
