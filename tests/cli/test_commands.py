@@ -163,7 +163,7 @@ def bad_files(bench: Path, folder: Path) -> dict[str, Path]:
     text = (bench / "k1.csv").read_bytes()
     native = (bench / "k1.h5").read_bytes()
     lines = text.split(b"\n")
-    quarter = lines[:250] + [b""] + lines[2751:3001] + [b""] + lines[5502:5752]
+    quarter = [*lines[:250], b"", *lines[2751:3001], b"", *lines[5502:5752]]
     lost = [b",".join([b"nan"] * 320)] * 1000
     contents = {
         "empty": b"",
