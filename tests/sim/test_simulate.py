@@ -92,8 +92,8 @@ def test_chamfer_keyway_diameter_and_misalignment():
         diameter_errors=(("base", 0.1),),
         chamfer=0.5,
     )
-    made = simulate(stand(), Simulation(Mounting(phi=radians(-138.198)), workpiece=work, optics=EXACT, acquisition=SHORT),
-                    paper_shaft())  # fmt: skip
+    below = Mounting(phi=radians(-138.198))
+    made = simulate(stand(), Simulation(below, workpiece=work, optics=EXACT, acquisition=SHORT), paper_shaft())
     x, y, z = in_shaft(made, False)
     radius, psi = np.hypot(x, y), np.arctan2(y, x)
     inside = (z < -2) & (z > -10) & (np.abs(psi - 0.5) < 0.15)
@@ -132,7 +132,8 @@ def test_noise_range_error_and_quantisation():
     assert np.nanstd(correlated) == pytest.approx(0.01, rel=0.05)
     assert np.nanmean(correlated[:, 1:] * correlated[:, :-1]) > 0.8 * np.nanvar(correlated)
     bent = reading(replace(EXACT, nonlinearity=0.025)) - true
-    assert np.allclose(bent, 0.025 * np.sin(2 * np.pi * (true - 70) / 50 + 1.0), atol=1e-9, equal_nan=True)
+    inside = np.isfinite(bent)  # a range error also moves readings over the limits
+    assert np.allclose(bent[inside], (0.025 * np.sin(2 * np.pi * (true - 70) / 50 + 1.0))[inside], atol=1e-9)
     scaled = reading(replace(EXACT, scale_error=1e-4)) - true
     assert np.allclose(scaled[np.isfinite(scaled)], (1e-4 * (true - 95))[np.isfinite(scaled)], atol=1e-9)
     steps = reading(Optics(noise=0.0))

@@ -65,7 +65,7 @@ def main() -> NoReturn:
 
 
 def _one_thread() -> None:
-    """Keep linear algebra on one thread, before numpy is loaded: its matrices are small here, waiting threads cost more.
+    """Keep linear algebra on one thread, before numpy is loaded: small matrices gain nothing, waiting threads cost.
 
     It also makes the last digit of a record the same on every machine of one kind.
     """
