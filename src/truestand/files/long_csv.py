@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite
+from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
 
 Array = NDArray[np.float64]
 
@@ -97,16 +97,27 @@ def _numbers(body: bytes, columns: int, name: str) -> Array:
     while b",," in body:
         body = body.replace(b",,", b",nan,")
     body = body.replace(b",\n", b",nan\n").replace(b"\n,", b"\nnan,")
-    if body.endswith(b","):
-        body += b"nan"
+    body = b"nan" * body.startswith(b",") + body + b"nan" * body.endswith(b",")
     try:
         table = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2, comments=None)
     except ValueError as wrong:
-        raise UnreadableFile(f"{name}: {str(wrong).split(';')[0]} (counting from the line after the header)") from wrong
+        rows = body.split(b"\n")
+        refuse_words(rows, name, 2)
+        _refuse_other_lengths(rows, columns, name)
+        raise UnreadableFile(f"{name}: {wrong}") from wrong
     if table.shape[1] != columns:
         raise UnreadableFile(f"{name}: found {table.shape[1]} values a line, the header names {columns}")
     refuse_infinite(table, name, 2)
     return table
+
+
+def _refuse_other_lengths(rows: list[bytes], columns: int, name: str) -> None:
+    for i, row in enumerate(rows):
+        if row.strip() and row.count(b",") + 1 != columns:
+            raise UnreadableFile(
+                f"{name}: found {row.count(b',') + 1} values in line {i + 2}, the header names {columns}; the file may "
+                "be cut off"
+            )
 
 
 def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
@@ -131,14 +142,13 @@ def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
         if key not in columns:
             return None
         values = np.full(profiles, np.nan)
-        values[row] = columns[key]
+        values[row[::-1]] = columns[key][::-1]  # the first reading of a profile counts
         off = np.flatnonzero(columns[key] != values[row])
         if off.size:
             raise UnreadableFile(f"{name}: {key} changes within a profile (line {int(off[0]) + 2}); need one a profile")
         there = np.flatnonzero(np.isfinite(values))
-        return np.asarray(
-            np.interp(np.arange(profiles), there, values[there])
-        )  # profiles without any reading have no row
+        # profiles without any reading have no row: they lie between their neighbours
+        return np.asarray(np.interp(np.arange(profiles), there, values[there]))
 
     counter = one_a_profile("counter")
     return Recording(

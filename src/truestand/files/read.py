@@ -42,7 +42,7 @@ def read_recording(path: Path | str) -> Recording:
         if is_native(head):
             return read_native(path, sha256_of(path))
         if not is_long_csv(head):
-            check_text(head, path.name)
+            check_text(head.removeprefix(b"\xef\xbb\xbf"), path.name)
         data = path.read_bytes()
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong}); check the path") from wrong

@@ -5,7 +5,7 @@ Unknown keys are refused with the nearest right one: a typo in a recipe is an er
 
 import difflib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.resources import files
 from math import degrees, radians
 from pathlib import Path
@@ -115,6 +115,7 @@ class ShaftRecipe(_Recipe):
 
 
 R = TypeVar("R", bound=_Recipe)
+Made = TypeVar("Made")
 
 
 def read_stand(path: Path | str) -> Stand:
@@ -123,7 +124,7 @@ def read_stand(path: Path | str) -> Stand:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _stand(_checked(StandRecipe, _toml(path), str(path)))
+    return _told_of(path, _stand, _checked(StandRecipe, _toml(path), str(path)))
 
 
 def read_shaft(path: Path | str) -> Artefact:
@@ -132,7 +133,7 @@ def read_shaft(path: Path | str) -> Artefact:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _artefact(_checked(ShaftRecipe, _toml(path), str(path)))
+    return _told_of(path, _artefact, _checked(ShaftRecipe, _toml(path), str(path)))
 
 
 def read_simulation(path: Path | str) -> dict[str, Any]:
@@ -211,6 +212,14 @@ def _toml(path: Path | str) -> dict[str, Any]:
         raise BadRecipe(f"{path}: no UTF-8 text at byte {wrong.start}; save it as UTF-8") from wrong
     except tomllib.TOMLDecodeError as wrong:
         raise BadRecipe(f"{path}: no valid TOML: {wrong}") from wrong
+
+
+def _told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
+    """What a recipe makes; an error names its file."""
+    try:
+        return make(recipe)
+    except BadRecipe as wrong:
+        raise BadRecipe(f"{path}: {wrong}") from wrong
 
 
 def _checked(model: type[R], data: Mapping[str, Any], where: str) -> R:

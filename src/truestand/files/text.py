@@ -13,7 +13,7 @@ from truestand.core.errors import UnreadableFile
 
 Array = NDArray[np.float64]
 
-_ALLOWED = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
+_NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def check_text(data: bytes, name: str) -> None:
     if not data.strip():
         raise UnreadableFile(f"{name}: the file is empty; need a scan")
     wrong = data.find(b"\0")
-    if wrong < 0 and (match := _ALLOWED.search(data)):
+    if wrong < 0 and (match := _NO_NUMBER.search(data)):
         wrong = match.start()
     if wrong >= 0:
         found = data[wrong : wrong + 1]
@@ -92,3 +92,20 @@ def refuse_infinite(values: Array, name: str, first_line: int) -> None:
     if np.isinf(np.fmax.reduce(np.abs(values), axis=None, initial=0.0)):
         row = int(np.flatnonzero(np.isinf(values).any(axis=1))[0])
         raise UnreadableFile(f"{name}: found a number too large in line {first_line + row}; need finite numbers")
+
+
+def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:
+    """Refuse the first cell of comma-separated rows that is no number.
+
+    Raises:
+        UnreadableFile: with the line.
+    """
+    for i, row in enumerate(rows):
+        for cell in row.split(b",") if row.strip() else ():
+            try:
+                float(cell)
+            except ValueError:
+                shown = cell[:20].decode("latin-1")
+                raise UnreadableFile(
+                    f"{name}: found {shown!r} in line {first_line + i}, need numbers; see docs/formats.md"
+                ) from None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite
+from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def read_xyz_blocks(path: Path, data: bytes, sha256: str) -> Recording:
     # Most files can be handed to numpy as they are; where one can't, numpy refuses and the careful way is taken.
     untouched = data is original and dialect.decimal == b"." and dialect.separator != b" "
     x, z = (_matrix(path, lines, b, dialect, untouched) for b in (blocks[0], blocks[2]))
-    _same_shape(x, z, lines, blocks, path.name)
+    x, z = _same_shape(x, z, lines, blocks, path.name)
     _whole_last_number(data, dialect, path.name)
     y = _profile_values(lines, blocks[1], dialect, path.name)
     return Recording(x, z, FORMAT, sha256, y=y)
@@ -150,7 +150,7 @@ def _careful(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array:
         try:
             return _load(file, b",", name, range(len(block)))
         except ValueError as wrong:
-            _say_where(filled, block, name)
+            refuse_words(filled, name, block.start + 1)
             raise UnreadableFile(f"{name}: lines {block.start + 1} to {block.stop}: {wrong}") from wrong
 
 
@@ -163,48 +163,42 @@ def _written_out(row: bytes, cells: int) -> bytes:
     return row + b",nan" * (cells - row.count(b",") - 1)
 
 
-def _say_where(rows: list[bytes], block: range, name: str) -> None:
-    """Find the first cell that is no number.
+def _same_shape(
+    x: Array, z: Array, lines: _Lines, blocks: tuple[range, range, range], name: str
+) -> tuple[Array, Array]:
+    """X and Z as matrices of one shape: as many cells in a profile's line of the one block as of the other.
 
-    Raises:
-        UnreadableFile: with its line.
-    """
-    for i, row in enumerate(rows):
-        for cell in row.split(b","):
-            try:
-                float(cell)
-            except ValueError:
-                shown = cell[:20].decode("latin-1")
-                raise UnreadableFile(
-                    f"{name}: found {shown!r} in line {block.start + i + 1}, need numbers; give a scan file "
-                    "(docs/formats.md)"
-                ) from None
-
-
-def _same_shape(x: Array, z: Array, lines: _Lines, blocks: tuple[range, range, range], name: str) -> None:
-    """X and Z of a profile belong together: as many cells in one as in the other.
+    A last column that is empty in every line of one block only looks like a separator at the end; it is NaN there.
 
     Raises:
         UnreadableFile: with the line.
     """
-    cells = [_cells_by_line(lines, b) for b in (blocks[0], blocks[2])]
-    if x.shape == z.shape and np.array_equal(cells[0], cells[1]):
-        return
-    different = np.flatnonzero(cells[0] != cells[1])
-    row = int(different[0]) if different.size else min(x.shape[0], z.shape[0]) - 1
-    raise UnreadableFile(
-        f"{name}: found {cells[1][row]} values in line {blocks[2].start + row + 1} (block Z), need {cells[0][row]} as "
-        f"in line {blocks[0].start + row + 1} (block X); the file may be cut off"
-    )
+    (x_written, x_ended), (z_written, z_ended) = (_cells_by_line(lines, b) for b in (blocks[0], blocks[2]))
+    if not (np.array_equal(x_written, z_written) or np.array_equal(x_written - x_ended, z_written - z_ended)):
+        row = int(np.flatnonzero(x_written != z_written)[0])
+        raise UnreadableFile(
+            f"{name}: found {z_written[row]} values in line {blocks[2].start + row + 1} (block Z), need "
+            f"{x_written[row]} as in line {blocks[0].start + row + 1} (block X); the file may be cut off"
+        )
+    width = max(x.shape[1], z.shape[1])
+    return _filled_up(x, width), _filled_up(z, width)
 
 
-def _cells_by_line(lines: _Lines, block: range) -> NDArray[np.intp]:
+def _filled_up(values: Array, width: int) -> Array:
+    if values.shape[1] == width:
+        return values
+    return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
+
+
+def _cells_by_line(lines: _Lines, block: range) -> tuple[NDArray[np.intp], bool]:
+    """Values in each line as separators count them, and whether a separator ends every line."""
     sample = lines.text(range(block.start, min(block.start + 50, block.stop)))
     separator = next((s for s in (b";", b"\t") if s in sample), b"," if b" " not in sample.strip() else b" ")
     count: Callable[[bytes], int] = (
         (lambda row: len(row.split())) if separator == b" " else (lambda row: row.count(separator) + 1)
     )
-    return np.array([0 if lines.blank(i) else count(lines[i]) for i in block], dtype=np.intp)
+    cells = np.array([0 if lines.blank(i) else count(lines[i]) for i in block], dtype=np.intp)
+    return cells, all(lines[i].rstrip(b"\r").endswith(separator) for i in block if not lines.blank(i))
 
 
 def _profile_values(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array | None:

@@ -1,0 +1,36 @@
+"""Outputs are old or new, never half."""
+
+import json
+
+import pytest
+
+from truestand.files.atomic import replacing, write_json_atomic, write_text_atomic
+
+
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
+    target = tmp_path / "out.txt"
+    write_text_atomic(target, "old")
+    with pytest.raises(RuntimeError), replacing(target) as temporary:
+        temporary.write_text("half")
+        raise RuntimeError
+    assert target.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.txt"]
+
+
+def test_an_interrupt_leaves_nothing(tmp_path):
+    with pytest.raises(KeyboardInterrupt), replacing(tmp_path / "out.txt") as temporary:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders_are_made_and_unicode_survives(tmp_path):
+    target = tmp_path / "a" / "ü b" / "out.json"
+    write_json_atomic(target, {"name": "Klarák µm"})
+    assert json.loads(target.read_text(encoding="utf-8")) == {"name": "Klarák µm"}
+
+
+def test_a_record_holds_no_nan(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        write_json_atomic(tmp_path / "out.json", {"x": float("nan")})
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,163 @@
+"""stand.toml and shaft.toml: exact keys, and a typo is an error that knows the right word."""
+
+from math import radians
+
+import pytest
+
+from truestand.core.errors import BadRecipe
+from truestand.files.recipes import (
+    read_shaft,
+    read_simulation,
+    read_stand,
+    shaft_from_recipe,
+    shaft_recipe,
+    stand_from_recipe,
+    stand_recipe,
+    write_starters,
+)
+
+STAND = """
+[table]
+speed_rad_per_s = 0.3141592653589793
+direction = "cw"
+start = "home"
+[[sensor]]
+name = "front"
+profile_rate_hz = 200.0
+points = 640
+range_mm = [70.0, 120.0]
+mirrored = true
+serial = "S1"
+linearity_U_um = 20.0
+scale_U_ppm = 50.0
+plane_offset_U_mm = 0.5
+plane_tilt_U_deg = 0.25
+[scan]
+y = "encoder"
+counts_per_turn = 36000
+[simulation]
+seed_free = 1
+"""
+SHAFT = """
+name = "shaft M"
+[[cylinder]]
+name = "base"
+diameter_mm = 25.0
+from_mm = -60.0
+to_mm = 0.0
+diameter_U_mm = 0.002
+[[cylinder]]
+name = "bearing"
+diameter_mm = 13.94
+from_mm = 0.0
+to_mm = 35.0
+coaxiality_U_mm = 0.003
+[certificate]
+id = "K-17"
+date = 2026-03-01
+valid_until = "2027-03-01"
+temperature_C = 20.0
+"""
+
+
+def stand(folder, text):
+    path = folder / "stand.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_stand(path)
+
+
+def shaft(folder, text):
+    path = folder / "shaft.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_shaft(path)
+
+
+def test_units_end_at_the_border(tmp_path):
+    made = stand(tmp_path, STAND)
+    assert (made.table.sign, made.table.speed) == (-1, 0.3141592653589793)
+    assert made.sensor.linearity_U == 0.02
+    assert made.sensor.scale_U == pytest.approx(5e-5)
+    assert made.sensor.plane_tilt_U == radians(0.25)
+    assert (made.y, made.counts_per_turn) == ("encoder", 36000)
+    assert read_simulation(tmp_path / "stand.toml") == {"seed_free": 1}
+    assert stand_from_recipe(stand_recipe(made)) == made
+
+
+def test_the_certificate_keeps_dates_as_text(tmp_path):
+    made = shaft(tmp_path, SHAFT)
+    assert made.certificate.date == "2026-03-01"
+    assert made.certificate.temperature == 20.0
+    assert [c.radius for c in made.cylinders] == [12.5, 6.97]
+    assert shaft_from_recipe(shaft_recipe(made)) == made
+
+
+def test_a_byte_order_mark_does_no_harm(tmp_path):
+    (tmp_path / "s.toml").write_bytes(b"\xef\xbb\xbf" + SHAFT.encode())
+    assert read_shaft(tmp_path / "s.toml").name == "shaft M"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("direction", "directoin", ["[table]", "'directoin'", "did you mean 'direction'"]),
+        ("range_mm", "range_in_mm", ["did you mean 'range_mm'"]),
+        ("[scan]", "[scans]", ["'scans'", "did you mean 'scan'"]),
+        ("counts_per_turn", "turns", ["unknown key 'turns'"]),
+        ('"cw"', '"left"', ["direction", "'left'", "ccw"]),
+        ("= 200.0", "= -200.0", ["profile_rate_hz", "-200"]),
+        ("= 200.0", '= "fast"', ["profile_rate_hz", "fast"]),
+        ("= 200.0", "= nan", ["profile_rate_hz"]),
+        ("= 200.0", "= inf", ["profile_rate_hz"]),
+        ("= 640", "= 0", ["points"]),
+        ("[70.0, 120.0]", "[120.0, 70.0]", ["range_mm", "nearest"]),
+        ("[70.0, 120.0]", "[120.0]", ["range_mm"]),
+        ("[table]", "[table", ["no valid TOML"]),
+        ("[[sensor]]", "[sensor]", ["sensor"]),
+    ],
+)
+def test_a_mistake_in_the_stand_is_named_in_one_line(tmp_path, old, new, words):
+    with pytest.raises(BadRecipe) as caught:
+        stand(tmp_path, STAND.replace(old, new))
+    for word in ("stand.toml", *words):
+        assert word in str(caught.value), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("diameter_mm = 25.0", "diametre_mm = 25.0", ["[cylinder[1]]", "did you mean 'diameter_mm'"]),
+        ("diameter_mm = 25.0", "", ["diameter_mm", "missing"]),
+        ("diameter_mm = 25.0", "diameter_mm = 0.0", ["diameter_mm"]),
+        ("[[cylinder]]", "[[cilinder]]", ["did you mean 'cylinder'"]),
+        ("to_mm = 0.0", "to_mm = -70.0", ["base"]),
+        ("from_mm = 0.0", "from_mm = -5.0", ["bearing"]),
+        ("temperature_C", "temperature_c", ["did you mean 'temperature_C'"]),
+    ],
+)
+def test_a_mistake_in_the_shaft_is_named_in_one_line(tmp_path, old, new, words):
+    with pytest.raises(BadRecipe) as caught:
+        shaft(tmp_path, SHAFT.replace(old, new))
+    for word in ("shaft.toml", *words):
+        assert word in str(caught.value), str(caught.value)
+
+
+def test_files_that_are_no_recipes(tmp_path):
+    with pytest.raises(BadRecipe, match="can't be read"):
+        read_stand(tmp_path / "none.toml")
+    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(BadRecipe, match="UTF-8"):
+        read_shaft(tmp_path / "b.toml")
+    (tmp_path / "e.toml").write_bytes(b"")
+    with pytest.raises(BadRecipe, match="missing"):
+        read_shaft(tmp_path / "e.toml")
+
+
+def test_the_starters_are_valid_and_never_overwritten_unasked(tmp_path):
+    paths = write_starters(tmp_path)
+    assert read_stand(paths[0]).table.direction == "ccw"
+    assert read_shaft(paths[1]).cylinders[0].radius == 12.5
+    paths[0].write_text("mine")
+    with pytest.raises(BadRecipe, match="--force"):
+        write_starters(tmp_path)
+    assert paths[0].read_text() == "mine"
