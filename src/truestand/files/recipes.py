@@ -3,7 +3,6 @@
 Unknown keys are refused with the nearest right one: a typo in a recipe is an error, not a default.
 """
 
-import difflib
 import tomllib
 from collections.abc import Callable, Mapping
 from importlib.resources import files
@@ -11,22 +10,19 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from truestand.core.artefact import Artefact, Certificate, Cylinder
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_text_atomic
+from truestand.files.checking import Recipe, checked
 
 Positive = Annotated[float, Field(gt=0)]
 STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
 
 
-class _Recipe(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False, allow_inf_nan=False)
-
-
-class TableRecipe(_Recipe):
+class TableRecipe(Recipe):
     """``[table]``."""
 
     speed_rad_per_s: Positive | None = None
@@ -34,7 +30,7 @@ class TableRecipe(_Recipe):
     start: Literal["home", "unknown"] = "home"
 
 
-class SensorRecipe(_Recipe):
+class SensorRecipe(Recipe):
     """``[[sensor]]``."""
 
     name: str = "sensor"
@@ -55,26 +51,26 @@ class SensorRecipe(_Recipe):
         return self
 
 
-class ScanRecipe(_Recipe):
+class ScanRecipe(Recipe):
     """``[scan]``."""
 
     y: Literal["index", "time_s", "angle_deg", "encoder"] = "index"
     counts_per_turn: Annotated[int, Field(ge=0)] = 0
 
 
-class StandRecipe(_Recipe):
+class StandRecipe(Recipe):
     """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand."""
 
     table: TableRecipe = TableRecipe()
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
     scan: ScanRecipe = ScanRecipe()
-    simulation: dict[str, Any] = {}
+    simulation: dict[str, Any] = Field(default_factory=dict)
     serial: str | None = None
     order: str | None = None
     operator: str | None = None
 
 
-class CylinderRecipe(_Recipe):
+class CylinderRecipe(Recipe):
     """``[[cylinder]]``."""
 
     name: str
@@ -85,7 +81,7 @@ class CylinderRecipe(_Recipe):
     coaxiality_U_mm: Positive | None = None
 
 
-class CertificateRecipe(_Recipe):
+class CertificateRecipe(Recipe):
     """``[certificate]``."""
 
     id: str | None = None
@@ -103,7 +99,7 @@ class CertificateRecipe(_Recipe):
         return data
 
 
-class ShaftRecipe(_Recipe):
+class ShaftRecipe(Recipe):
     """shaft.toml as a whole."""
 
     name: str = "shaft"
@@ -114,7 +110,7 @@ class ShaftRecipe(_Recipe):
     operator: str | None = None
 
 
-R = TypeVar("R", bound=_Recipe)
+R = TypeVar("R", bound=Recipe)
 Made = TypeVar("Made")
 
 
@@ -124,7 +120,7 @@ def read_stand(path: Path | str) -> Stand:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _told_of(path, _stand, _checked(StandRecipe, _toml(path), str(path)))
+    return _told_of(path, _stand, checked(StandRecipe, _toml(path), str(path)))
 
 
 def read_shaft(path: Path | str) -> Artefact:
@@ -133,22 +129,22 @@ def read_shaft(path: Path | str) -> Artefact:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _told_of(path, _artefact, _checked(ShaftRecipe, _toml(path), str(path)))
+    return _told_of(path, _artefact, checked(ShaftRecipe, _toml(path), str(path)))
 
 
 def read_simulation(path: Path | str) -> dict[str, Any]:
     """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
-    return _checked(StandRecipe, _toml(path), str(path)).simulation
+    return checked(StandRecipe, _toml(path), str(path)).simulation
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
     """The stand of a recipe embedded in a record or a native scan."""
-    return _stand(_checked(StandRecipe, recipe, "the embedded stand"))
+    return _stand(checked(StandRecipe, recipe, "the embedded stand"))
 
 
 def shaft_from_recipe(recipe: Mapping[str, Any]) -> Artefact:
     """The artefact of a recipe embedded in a record."""
-    return _artefact(_checked(ShaftRecipe, recipe, "the embedded artefact"))
+    return _artefact(checked(ShaftRecipe, recipe, "the embedded artefact"))
 
 
 def stand_recipe(stand: Stand) -> dict[str, Any]:
@@ -220,44 +216,6 @@ def _told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
         return make(recipe)
     except BadRecipe as wrong:
         raise BadRecipe(f"{path}: {wrong}") from wrong
-
-
-def _checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
-    try:
-        return model.model_validate(dict(data))
-    except ValidationError as wrong:
-        raise BadRecipe(f"{where}: {_plain(wrong, model)}") from wrong
-
-
-def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
-    """The first problem of a recipe in one plain line; unknown keys before everything else."""
-    errors = sorted(wrong.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    first = errors[0]
-    *parents, key = first["loc"] or ("",)
-    place = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in parents).lstrip(".")
-    inside = f"[{place}] " if place else ""
-    if first["type"] == "extra_forbidden":
-        known = _keys(model, tuple(parents))
-        near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.4)
-        advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
-        return f"{inside}unknown key {key!r}; {advice}"
-    if first["type"] == "missing":
-        return f"{inside}key {key!r} is missing"
-    message = str(first["msg"]).removeprefix("Value error, ")
-    return f"{inside}{key}: found {first['input']!r}; {message[0].lower()}{message[1:]}"
-
-
-def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """The keys that a table knows, following ``parents`` down from ``model``."""
-    for parent in parents:
-        if isinstance(parent, int):
-            continue
-        annotation = str(model.model_fields[parent].annotation) if parent in model.model_fields else ""
-        nested = [c for c in _Recipe.__subclasses__() if c.__name__ in annotation]
-        if not nested:
-            return []
-        model = nested[0]
-    return list(model.model_fields)
 
 
 def _stand(recipe: StandRecipe) -> Stand:

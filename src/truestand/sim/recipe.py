@@ -1,13 +1,12 @@
 """``[simulation]`` of stand.toml: mm, um, degrees outside; unknown keys refused with the nearest right one."""
 
-import difflib
 from collections.abc import Mapping
 from math import radians
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
-from truestand.core.errors import BadRecipe
+from truestand.files.checking import Recipe, checked
 from truestand.sim.simulation import (
     Acquisition,
     FormWave,
@@ -25,11 +24,7 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 
 
-class _Recipe(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class FormRecipe(_Recipe):
+class FormRecipe(Recipe):
     """``[[simulation.form]]``."""
 
     surface: str
@@ -38,7 +33,7 @@ class FormRecipe(_Recipe):
     phase_deg: float = 0.0
 
 
-class KeywayRecipe(_Recipe):
+class KeywayRecipe(Recipe):
     """``[[simulation.keyway]]``."""
 
     surface: str
@@ -49,7 +44,7 @@ class KeywayRecipe(_Recipe):
     to_mm: float = 1e9
 
 
-class MisalignmentRecipe(_Recipe):
+class MisalignmentRecipe(Recipe):
     """``[[simulation.misalignment]]``."""
 
     surface: str
@@ -59,14 +54,14 @@ class MisalignmentRecipe(_Recipe):
     slope_y_mrad: float = 0.0
 
 
-class DiameterRecipe(_Recipe):
+class DiameterRecipe(Recipe):
     """``[[simulation.diameter]]``."""
 
     surface: str
     error_um: float
 
 
-class SimulationRecipe(_Recipe):
+class SimulationRecipe(Recipe):
     """``[simulation]`` as a whole."""
 
     phi_deg: float = -41.802
@@ -79,10 +74,10 @@ class SimulationRecipe(_Recipe):
     eccentricity_direction_deg: float = 0.0
     tilt_mrad: float = 0.0
     tilt_direction_deg: float = 0.0
-    form: list[FormRecipe] = []
-    keyway: list[KeywayRecipe] = []
-    misalignment: list[MisalignmentRecipe] = []
-    diameter: list[DiameterRecipe] = []
+    form: tuple[FormRecipe, ...] = ()
+    keyway: tuple[KeywayRecipe, ...] = ()
+    misalignment: tuple[MisalignmentRecipe, ...] = ()
+    diameter: tuple[DiameterRecipe, ...] = ()
     chamfer_mm: NotNegative = 0.0
     table_disc_mm: float | None = None
     fan_deg: Positive = 16.0
@@ -103,7 +98,7 @@ class SimulationRecipe(_Recipe):
     patches: Annotated[int, Field(ge=0)] = 0
     profiles: Annotated[int, Field(ge=2, le=1_000_000)] = 11000
     start_angle_deg: float = 0.0
-    columns: list[Literal["angle", "time", "encoder", "counter"]] = []
+    columns: tuple[Literal["angle", "time", "encoder", "counter"], ...] = ()
     speed_factor: Positive = 1.0
     ripple: float = 0.0
     ripple_per_turn: Annotated[int, Field(ge=1)] = 1
@@ -117,19 +112,7 @@ def simulation_from(table: Mapping[str, Any]) -> Simulation:
     Raises:
         BadRecipe: a wrong or unknown key.
     """
-    try:
-        return _simulation(SimulationRecipe.model_validate(dict(table)))
-    except ValidationError as wrong:
-        raise BadRecipe(f"[simulation] {_plain(wrong)}") from wrong
-
-
-def _plain(wrong: ValidationError) -> str:
-    first = wrong.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(first["loc"][-1]), list(SimulationRecipe.model_fields), n=1, cutoff=0.4)
-        return f"unknown key {key!r}" + (f"; did you mean {near[0]!r}?" if near else "; see docs/build-your-stand.md")
-    return f"{key}: found {first['input']!r}; {first['msg'].lower()}"
+    return _simulation(checked(SimulationRecipe, table, "[simulation]"))
 
 
 def _simulation(r: SimulationRecipe) -> Simulation:
@@ -153,7 +136,7 @@ def _simulation(r: SimulationRecipe) -> Simulation:
         acquisition=Acquisition(
             profiles=r.profiles,
             start_angle=radians(r.start_angle_deg),
-            columns=tuple(r.columns),
+            columns=r.columns,
             speed_factor=r.speed_factor,
             ripple=r.ripple,
             ripple_per_turn=r.ripple_per_turn,

@@ -1,0 +1,63 @@
+"""Recipes checked key by key: an unknown key is refused with the nearest right one, a wrong value is named."""
+
+import difflib
+from collections.abc import Mapping
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from truestand.core.errors import BadRecipe
+
+
+class Recipe(BaseModel):
+    """A table of a recipe: no unknown key, no infinity, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+R = TypeVar("R", bound=Recipe)
+
+
+def checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
+    """``data`` as a ``model``.
+
+    Raises:
+        BadRecipe: a wrong, missing or unknown key, told in one line that starts with ``where``.
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as wrong:
+        raise BadRecipe(f"{where}: {_plain(wrong, model)}") from wrong
+
+
+def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
+    """The first problem of a recipe in one plain line; unknown keys before everything else."""
+    first = min(wrong.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    *parents, key = first["loc"] or ("",)
+    place = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in parents).lstrip(".")
+    inside = f"[{place}] " if place else ""
+    if first["type"] == "extra_forbidden":
+        known = _keys(model, tuple(parents))
+        near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.4)
+        advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
+        return f"{inside}unknown key {key!r}; {advice}"
+    if first["type"] == "missing":
+        return f"{inside}key {key!r} is missing"
+    message = str(first["msg"]).removeprefix("Value error, ")
+    return f"{inside}{key}: found {first['input']!r}; {message[0].lower()}{message[1:]}"
+
+
+def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
+    """The keys that a table knows, following ``parents`` down from ``model``."""
+    for parent in parents:
+        if isinstance(parent, str):
+            inner = _model_in(model.model_fields[parent].annotation)
+            model = inner if inner is not None else model
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The table that a field holds, be it alone, in a list or optional."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None)
