@@ -1,0 +1,138 @@
+"""The documentation is true: its code runs, its links lead somewhere, its keys exist."""
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from command import run
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/**/*.md"))
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SMALL = {"profiles = 11000 ": "profiles = 2000 ", "points = 640": "points = 200", "hz = 200.0": "hz = 40.0"}
+
+
+def code(page, language):
+    return [text for kind, text in FENCE.findall(page.read_text(encoding="utf-8")) if kind == language]
+
+
+def page_id(page):
+    return str(page.relative_to(ROOT))
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """What the README's five lines need beside them: recipes, a scan of the shaft, a scan of a part."""
+    folder = tmp_path_factory.mktemp("docs")
+    assert run("init", folder).returncode == 0
+    shrink(folder / "stand.toml")
+    for name, seed in (("k1.csv", 1), ("gear.csv", 2), ("k2.csv", 3)):
+        made = run("simulate", "stand.toml", "--artefact", "shaft.toml", "-o", name, "--seed", seed, cwd=folder)
+        assert made.returncode == 0, made.stderr
+    return folder
+
+
+def shrink(stand):
+    """The same stand with fewer profiles and points: documentation is tried often."""
+    text = stand.read_text(encoding="utf-8")
+    for old, new in SMALL.items():
+        assert old in text
+        text = text.replace(old, new)
+    stand.write_text(text, encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if code(p, "python")], ids=page_id)
+def test_python_of_the_page_runs(bench, page):
+    for text in code(page, "python"):
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", text], cwd=bench, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    if page == ROOT / "README.md":
+        assert done.stdout.startswith("valid")
+        assert (bench / "gear.ply").stat().st_size > 1_000_000
+
+
+def test_the_start_page_runs_as_it_stands(tmp_path):
+    commands = [line for text in code(ROOT / "docs" / "start.md", "bash") for line in text.splitlines()]
+    assert len(commands) > 8
+    for command in commands:
+        name, *arguments = shlex.split(command)
+        assert name == "truestand"
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, (command, done.stderr)
+        if arguments[0] == "init":
+            shrink(tmp_path / "my-stand" / "stand.toml")
+    assert (tmp_path / "report.html").exists()
+    assert (tmp_path / "part.ply").exists()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_id)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(FENCE, "", text)):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        file = page if not path else (page.parent / path).resolve()
+        assert file.exists(), target
+        if anchor:
+            assert anchor in anchors(file), target
+
+
+def anchors(page):
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+def test_the_formats_page_shows_files_that_can_be_read(tmp_path):
+    blocks, long = [t for t in code(ROOT / "docs" / "formats.md", "text") if "\n0" in t]
+    for text in (blocks, long):
+        (tmp_path / "scan.csv").write_text(text)
+        done = run("info", tmp_path / "scan.csv", "--json")
+        assert done.returncode == 0, done.stderr
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    schema = (ROOT / "src/truestand/files/schemas/calibration.json").read_text(encoding="utf-8")
+    for key in re.findall(r'^    "(\w+)": {', schema, re.MULTILINE):
+        assert f"`{key}" in page, key
+
+
+def test_every_setting_of_the_virtual_stand_is_explained():
+    from truestand.sim.recipe import SimulationRecipe, simulation_from
+
+    page = ROOT / "docs" / "build-your-stand.md"
+    text = page.read_text(encoding="utf-8")
+    tables = ("form", "keyway", "misalignment", "diameter")
+    for key in SimulationRecipe.model_fields:
+        assert (f"[[simulation.{key}]]" if key in tables else f"`{key}`") in text, key
+    (example,) = code(page, "toml")
+    assert simulation_from(tomllib.loads(example)["simulation"]).workpiece.form[0].upr == 3
+
+
+def test_every_key_of_the_recipes_is_explained():
+    from truestand.files.recipes import CertificateRecipe, CylinderRecipe, ScanRecipe, SensorRecipe, TableRecipe
+
+    text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for recipe in (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe):
+        for key in recipe.model_fields:
+            assert re.search(rf"`[^`]*\b{key}`", text), key
+
+
+def test_nothing_names_a_machine_or_a_package_host_and_no_figure_is_missing():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for word in ("/work/", "/root/", "/tmp/", "index-url", "to be filled in"):
+            assert word not in text, (page.name, word)
+
+
+def test_the_readme_states_the_two_commands():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    for marker, end in (("<!-- demo -->", "truestand demo --open"), ("<!-- tests -->", "-m pytest")):
+        (command,) = re.findall(rf"{marker}\n```bash\n(.*)\n```", text)
+        assert command.endswith(end)
+    assert (ROOT / "docs" / "stand.svg").read_text(encoding="utf-8").startswith("<svg")
