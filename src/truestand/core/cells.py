@@ -22,9 +22,9 @@ Ints = NDArray[np.intp]
 
 BLOCK = 128
 """Profiles worked on at once: fits the processor's cache."""
-PROFILES_PER_TURN = 500
+GROUPS_PER_TURN = 500
 """Groups of profiles a turn; the trace bends by nanometres within one."""
-BINS_PER_BAND = 20
+BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
 LOOKUP = 0.02
 """mm: resolution at which heights are looked up for their bin."""
@@ -65,10 +65,10 @@ class Grid:
         return table, low
 
 
-def make_grid(scan: Scan, bands: tuple[Band, ...]) -> Grid:
+def make_grid(scan: Scan, bands: tuple[Band, ...], groups_per_turn: int = GROUPS_PER_TURN) -> Grid:
     """A grid for the scan and the parts of the cylinders that are measured on."""
     per_turn = scan.profiles / max(scan.revolutions, 1e-9)
-    group = max(1, round(per_turn / PROFILES_PER_TURN))
+    group = max(1, round(per_turn / groups_per_turn))
     edges = tuple(np.linspace(b.low, b.high, BINS_PER_BAND + 1) for b in bands)
     return Grid(group, -(-scan.profiles // group), edges)
 
@@ -194,9 +194,9 @@ def _means(
     bins = grid.centres.size
     cell = sums.reshape(5, grid.groups, bins + 1)[:, :, :bins]
     full = cell[0] > 0.5
-    group, bin_ = np.nonzero(full)
-    weight = cell[0][full]
-    deviation, square, offset, profile = (cell[i][full] / weight for i in range(1, 5))
+    bin_, group = np.nonzero(full.T)  # cylinder after cylinder
+    weight = cell[0][group, bin_]
+    deviation, square, offset, profile = (cell[i][group, bin_] / weight for i in range(1, 5))
     profile = np.clip(profile, 0, scan.profiles - 1)
     part = profile / grid.group - group
     surface = predicted[group, bin_] * (1 - part) + predicted[group + 1, bin_] * part

@@ -12,6 +12,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 MOST_STEPS = 12
+SETTLED = 1e-7
+"""mm or rad: a tenth of a nanometre is still."""
 TUKEY = 4.685
 """Tukey's constant: 95 % efficient for normal noise."""
 MODEL_U = 3e-5
@@ -62,8 +64,10 @@ class Solution:
     converged: bool
 
 
-def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], sectors: Ints) -> Solution:
-    """Fit the model to the cells from ``start``.
+def gauss_newton(
+    model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], sectors: Ints, settled: float = SETTLED
+) -> Solution:
+    """Fit the model to the cells from ``start`` until no unknown of the geometry moves by more than ``settled``.
 
     The data's weight follows from its own residuals (robustly), so that priors and data are on one scale.
     ``sectors`` (n,) says which stretch of surface each cell belongs to: repeated turns see the same form and the same
@@ -82,7 +86,7 @@ def gauss_newton(model: Model, cells: Cells, start: Array, priors: tuple[Prior, 
         pull = weighted.T @ residuals + precision * p
         change = -_solve(information, pull)
         p = p + change
-        converged = bool(np.abs(change[:8]).max() < 1e-8)
+        converged = bool(np.abs(change[:8]).max() < settled)
     residuals, jacobian = model.linearised(p, cells.readings)
     weights, sd = _weights(residuals, cells.weight)
     weighted = jacobian * weights[:, None]

@@ -41,31 +41,53 @@ class Harmonics:
         return self.mean + np.cos(phases) @ self.cos + np.sin(phases) @ self.sin
 
 
-def fit_harmonics(
-    angle: Array, trace: Array, orders: tuple[int, ...] = (1,), drift: bool = False, weights: Array | None = None
-) -> Harmonics:
+def fit_harmonics(angle: Array, trace: Array, orders: tuple[int, ...] = (1,), drift: bool = False) -> Harmonics:
     """Linear least squares of a trace (N,) over table angle (N,) rad; NaN samples are left out.
 
     Raises:
         NotEnoughData: fewer samples than coefficients.
     """
+    design, samples = _system(angle, trace, orders, drift)
+    return _series(orders, _solve(design, samples), drift)
+
+
+def fit_harmonics_robustly(
+    angle: Array, trace: Array, orders: tuple[int, ...], least: float, passes: int = 15
+) -> Harmonics:
+    """Least absolute deviations of a trace (N,) over table angle (N,) rad, by least squares weighted again and again.
+
+    Deviations below ``least`` (the trace's unit) weigh the same.
+
+    Raises:
+        NotEnoughData: fewer samples than coefficients.
+    """
+    design, samples = _system(angle, trace, orders, False)
+    weighted, solution = design, np.zeros(design.shape[1])
+    for _ in range(passes):
+        solution = _solve(weighted.T @ design, weighted.T @ samples)
+        weighted = design / np.maximum(np.abs(samples - design @ solution), least)[:, None]
+    return _series(orders, solution, False)
+
+
+def _system(angle: Array, trace: Array, orders: tuple[int, ...], drift: bool) -> tuple[Array, Array]:
+    """Design matrix (n, columns) and samples (n,) of what was seen."""
     seen = np.isfinite(trace) & np.isfinite(angle)
     columns = 1 + 2 * len(orders) + drift
     if np.count_nonzero(seen) < columns:
         raise NotEnoughData(
             f"found {np.count_nonzero(seen)} samples, need {columns} for {len(orders)} harmonics; scan for longer"
         )
-    root = np.ones(int(seen.sum())) if weights is None else np.sqrt(weights[seen])
-    design = _design(angle, orders, drift)[seen]
-    solution: Array = np.linalg.lstsq(design * root[:, None], trace[seen] * root, rcond=None)[0].astype(np.float64)
+    return _design(angle, orders, drift)[seen], trace[seen]
+
+
+def _solve(design: Array, samples: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(design, samples, rcond=None)[0], dtype=np.float64)
+
+
+def _series(orders: tuple[int, ...], solution: Array, drift: bool) -> Harmonics:
     n = len(orders)
-    return Harmonics(
-        orders,
-        float(solution[0]),
-        solution[1 : 1 + n],
-        solution[1 + n : 1 + 2 * n],
-        float(solution[-1]) if drift else 0.0,
-    )
+    mean, last = float(solution[0]), float(solution[-1]) if drift else 0.0
+    return Harmonics(orders, mean, solution[1 : 1 + n], solution[1 + n : 1 + 2 * n], last)
 
 
 def _design(angle: Array, orders: tuple[int, ...], drift: bool) -> Array:

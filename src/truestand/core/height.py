@@ -87,8 +87,11 @@ def _edge(artefact: Artefact, fit: Refined, radius: Array, height: Array) -> Arr
 
 def _moved(scan: Scan, fit: Refined, shift: float, seen: bool) -> Refined:
     """The fit with every height counted from ``shift``."""
-    model = replace(fit.model, height=fit.model.height - shift)
+    model = replace(fit.model, height=fit.model.height - shift, middles=tuple(m - shift for m in fit.model.middles))
     bands = tuple(replace(b, low=b.low - shift, high=b.high - shift) for b in fit.segments.bands)
     segments = replace(fit.segments, bands=bands, height=model.height, shoulder_seen=seen)
-    solution = gauss_newton(model, fit.cells, fit.solution.parameters, fit.priors, sectors(scan, fit.grid, fit.cells))
+    p = fit.solution.parameters.copy()
+    p[2] += sin(p[3]) * shift
+    p[4:6] += p[6:8] * cos(p[3]) * shift
+    solution = gauss_newton(model, fit.cells, p, fit.priors, sectors(scan, fit.grid, fit.cells))
     return replace(fit, model=model, segments=segments, solution=solution)

@@ -108,9 +108,8 @@ class Model:
         """Distance (n,) mm of each reading from the modelled surface, positive outwards."""
         out = np.empty(readings.x.size)
         for k in range(len(self.radii)):
-            rows = np.flatnonzero(readings.cylinder == k)
-            if rows.size:
-                out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, None)
+            rows = _rows(readings, k)
+            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, None)
         return out
 
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
@@ -118,10 +117,10 @@ class Model:
         out = np.empty(readings.x.size)
         jacobian = np.zeros((readings.x.size, self.size))
         for k in range(len(self.radii)):
-            rows = np.flatnonzero(readings.cylinder == k)
-            if rows.size:
-                block = np.zeros((rows.size, self.size))
-                out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, block)
+            rows = _rows(readings, k)
+            block = jacobian[rows]  # a view, or a copy where the cylinder's readings are scattered
+            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, block)
+            if block.base is not jacobian:
                 jacobian[rows] = block
         return out, jacobian
 
@@ -218,7 +217,15 @@ class _Place:
     psi: Array
 
 
-def _take(r: Readings, rows: Ints) -> Readings:
+def _rows(r: Readings, cylinder: int) -> slice | Ints:
+    """Where the cylinder's readings stand: a slice where they stand together, as cells do."""
+    rows = np.flatnonzero(r.cylinder == cylinder)
+    if rows.size and rows[-1] - rows[0] == rows.size - 1:
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
+
+
+def _take(r: Readings, rows: slice | Ints) -> Readings:
     return Readings(r.x[rows], r.z[rows], r.angle[rows], r.time[rows], r.cylinder[rows])
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
-from truestand.core.cells import Cells, Grid, make_grid, reduce
-from truestand.core.fit import TUKEY, Prior, Solution, gauss_newton
+from truestand.core.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
+from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, gauss_newton
 from truestand.core.frames import facing
 from truestand.core.model import GEOMETRY, Model
 from truestand.core.priors import priors_for
@@ -24,6 +24,11 @@ REACH = 1.0
 """mm: readings within it of the predicted surface are the surface's, good or bad."""
 LEAST_LIMIT = 0.012
 """mm: never reject what quantisation alone can do (three steps of 4 um)."""
+FIRST_READINGS = 1_500_000
+"""The first look takes about as many: it finds where the surface is and how noisy."""
+FIRST_GROUPS_PER_TURN = 250
+FIRST_SETTLED = 1e-5
+"""mm or rad: still enough to collect the cells once more."""
 FIRST_ORDERS = 6
 MOST_ORDERS = 30
 SIGNIFICANT = 4.0
@@ -52,47 +57,50 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     """Fit the exact model to all trusted readings of all the artefact's cylinders."""
     model = _layout(scan, segments, artefact, start, FIRST_ORDERS)
     parameters = _start(model, segments, start)
-    grid = make_grid(scan, segments.bands)
-    first = _solve(scan, segments, artefact, model, parameters, grid, FIRST_LIMIT)
-    orders = _orders(first, scan)
-    model = _with_orders(first.model, orders)
-    parameters = _carry(first.model, model, first.solution.parameters)
-    first = _resolve(scan, segments, artefact, model, parameters, first)
+    few = _thinned(scan)
+    first = _solve(few, segments, artefact, model, parameters, FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _with_orders(few, artefact, first, _orders(first, few))
     limit = _noise_limit(first)
-    second = _solve(scan, segments, artefact, model, first.solution.parameters, grid, limit)
+    second = _solve(scan, segments, artefact, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
     if tighter > 0.8 * limit:
         return second
-    return _solve(scan, segments, artefact, model, second.solution.parameters, grid, tighter)
+    return _solve(scan, segments, artefact, second.model, second.solution.parameters, tighter)
+
+
+def _thinned(scan: Scan) -> Scan:
+    """Every so many profiles of a long scan: enough for the first look."""
+    every = slice(None, None, max(1, scan.x.size // FIRST_READINGS))
+    return replace(scan, x=scan.x[every], z=scan.z[every], angle=scan.angle[every], time=None, counter=None)
 
 
 def _solve(
-    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, grid: Grid, limit: float
-) -> Refined:
-    cells = reduce(scan, model, start, grid, limit, max(REACH, limit))
-    return _fitted(scan, segments, artefact, model, start, grid, cells, limit)
-
-
-def _resolve(
-    scan: Scan, segments: Segments, artefact: Artefact, model: Model, start: Array, before: Refined
-) -> Refined:
-    """Fit a changed model to the cells of the last pass."""
-    return _fitted(scan, segments, artefact, model, start, before.grid, before.cells, before.limit)
-
-
-def _fitted(
     scan: Scan,
     segments: Segments,
     artefact: Artefact,
     model: Model,
     start: Array,
-    grid: Grid,
-    cells: Cells,
     limit: float,
+    settled: float = SETTLED,
+    groups_per_turn: int = GROUPS_PER_TURN,
 ) -> Refined:
+    """Cells about the surface that ``start`` predicts, and the model fitted to them."""
+    grid = make_grid(scan, segments.bands, groups_per_turn)
+    cells = reduce(scan, model, start, grid, limit, max(REACH, limit))
     priors = priors_for(model, scan, segments, artefact)
-    solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells))
+    solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells), settled)
     return Refined(model, segments, grid, cells, solution, priors, limit)
+
+
+def _with_orders(scan: Scan, artefact: Artefact, fit: Refined, orders: int) -> Refined:
+    """The model with form harmonics up to ``orders``, fitted to the same cells."""
+    if orders == fit.model.orders:
+        return fit
+    model = replace(fit.model, orders=orders)
+    start = _carry(fit.model, model, fit.solution.parameters)
+    priors = priors_for(model, scan, fit.segments, artefact)
+    solution = gauss_newton(model, fit.cells, start, priors, sectors(scan, fit.grid, fit.cells), FIRST_SETTLED)
+    return replace(fit, model=model, solution=solution, priors=priors)
 
 
 def sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
@@ -134,10 +142,6 @@ def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
     p[at("phi")], p[at("radial")], p[at("speed")] = segments.phi, start.radial, start.speed
     p[at("eccentricity_x")], p[at("eccentricity_y")] = start.eccentricity
     return p
-
-
-def _with_orders(model: Model, orders: int) -> Model:
-    return replace(model, orders=orders)
 
 
 def _carry(before: Model, after: Model, parameters: Array) -> Array:

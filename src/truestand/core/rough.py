@@ -8,13 +8,15 @@ from numpy.typing import NDArray
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import facing
-from truestand.core.harmonics import Harmonics, fit_harmonics
+from truestand.core.harmonics import Harmonics, fit_harmonics_robustly
 from truestand.core.scan import Scan
 from truestand.core.segment import Segments
 
 Array = NDArray[np.float64]
 
-SAMPLED_PROFILES = 2000
+SAMPLED_PROFILES = 1000
+SEARCHED_PROFILES = 500
+"""Of these, the ones that a hundred speeds are tried on."""
 REACH = 4.0
 """mm: most eccentric shaft that is looked for."""
 SPEED_SEARCH = 0.08
@@ -72,16 +74,14 @@ def base_trace(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Arra
 
 def _robust_wave(angle: Array, trace: Array) -> tuple[Harmonics, float]:
     """First two harmonics by least absolute deviations, and their mean absolute residual in mm."""
-    weights = np.ones(trace.size)
-    for _ in range(15):
-        wave = fit_harmonics(angle, trace, (1, 2), weights=weights)
-        off = np.abs(trace - wave(angle))
-        weights = 1.0 / np.maximum(off, 0.01)
-    return wave, float(off.mean())
+    wave = fit_harmonics_robustly(angle, trace, (1, 2), least=0.01)
+    return wave, float(np.abs(trace - wave(angle)).mean())
 
 
 def _find_speed(angle: Array, trace: Array) -> float:
     """Relative error of the stated speed: the one at which the trace repeats best; 0 if none is better."""
+    few = slice(None, None, -(-angle.size // SEARCHED_PROFILES))
+    angle, trace = angle[few], trace[few]
     nominal = _robust_wave(angle, trace)[1]
     best, width = 0.0, SPEED_SEARCH
     for _ in range(3):

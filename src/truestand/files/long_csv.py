@@ -4,15 +4,18 @@ Units stand in the name (``x_mm``, ``angle_deg``, ``time_s``); a length, angle o
 factor of a thousand is nobody's guess. One row a reading; what has no row was not seen.
 """
 
+import hashlib
 import io
 from collections.abc import Mapping
 from math import radians
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
+from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
 
 Array = NDArray[np.float64]
@@ -30,19 +33,24 @@ MOST_EMPTY = 1000
 """Readings without data for each with data, beyond which the numbering is taken for a mistake."""
 
 
-def is_long_csv(data: bytes) -> bool:
+def is_long_csv(head: bytes) -> bool:
     """Whether a text starts with a header that names a profile and an x."""
-    names = _names(_header(data))
+    names = _names(_header(head))
     return "profile" in names and any(n == "x" or n.startswith("x_") for n in names)
 
 
-def read_long_csv(name: str, data: bytes, sha256: str) -> Recording:
-    """The recording of a long CSV whose bytes are ``data``.
+def read_long_csv(path: Path) -> Recording:
+    """The recording of a long CSV.
 
     Raises:
-        UnreadableFile: a missing or unknown unit, a column missing or twice there, or a value that is no number.
+        UnreadableFile: NUL bytes, a missing or unknown unit, a column missing or twice there, a value that is no
+            number.
     """
-    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    name, data = path.name, path.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    if b"\0" in data:
+        raise UnreadableFile(f"{name}: found NUL bytes, need text; the file is damaged or of another kind")
+    data = data.removeprefix(BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     header, _, body = data.partition(b"\n")
     columns = _columns(_names(header), name)
     dialect = _dialect(header, body, name)
@@ -51,7 +59,7 @@ def read_long_csv(name: str, data: bytes, sha256: str) -> Recording:
 
 
 def _header(data: bytes) -> bytes:
-    return data[:4096].removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].split(b"\r", 1)[0]
+    return data[:4096].removeprefix(BYTE_ORDER_MARK).split(b"\n", 1)[0].split(b"\r", 1)[0]
 
 
 def _names(header: bytes) -> list[str]:

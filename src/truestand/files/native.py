@@ -7,9 +7,8 @@ float64. Dimension scales ``profile`` and ``point`` and the ``units`` attributes
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +18,9 @@ from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.files.atomic import replacing
 from truestand.files.recipes import stand_from_recipe, stand_recipe
+
+if TYPE_CHECKING:
+    import h5py
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,8 @@ def is_native(head: bytes) -> bool:
 
 def write_native(recording: Recording, path: Path, stand: Stand | None = None) -> None:
     """Write a recording, with the stand that it was taken on, as a whole or not at all."""
+    import h5py
+
     with replacing(path) as temporary, h5py.File(temporary, "w", libver=("v108", "v108")) as file:
         file.attrs["Conventions"] = "CF-1.8"
         file.attrs["format"] = LAYOUT
@@ -66,6 +70,8 @@ def read_native(path: Path, sha256: str) -> Recording:
     Raises:
         UnreadableFile: damaged, truncated, of another kind, newer, or with content that fails its hash.
     """
+    import h5py
+
     try:
         with h5py.File(path, "r") as file:
             return _recording(file, path.name, sha256)
@@ -75,7 +81,7 @@ def read_native(path: Path, sha256: str) -> Recording:
         raise UnreadableFile(f"{path.name}: the HDF5 file is damaged or cut off ({wrong}); import it again") from wrong
 
 
-def _recording(file: h5py.File, name: str, sha256: str) -> Recording:
+def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
     if file.attrs.get("format") != LAYOUT:
         raise UnreadableFile(f"{name}: an HDF5 file, but no truestand scan; give a scan written by `truestand import`")
     version = int(file.attrs["version"])
@@ -97,14 +103,14 @@ def _recording(file: h5py.File, name: str, sha256: str) -> Recording:
     )
 
 
-def _write_scales(file: h5py.File, profiles: int, points: int) -> None:
+def _write_scales(file: "h5py.File", profiles: int, points: int) -> None:
     for name, size in (("profile", profiles), ("point", points)):
         scale = file.create_dataset(name, data=np.arange(size, dtype=np.int32))
         scale.attrs["units"] = "1"
         scale.make_scale(name)
 
 
-def _write_matrix(file: h5py.File, name: str, values: Array, unit: str) -> None:
+def _write_matrix(file: "h5py.File", name: str, values: Array, unit: str) -> None:
     counted = _counts(values)
     if counted is None:
         _write(file, name, values, unit, ("profile", "point"))
@@ -116,7 +122,7 @@ def _write_matrix(file: h5py.File, name: str, values: Array, unit: str) -> None:
     dataset.attrs["_FillValue"] = np.int16(FILL)
 
 
-def _write(file: h5py.File, name: str, values: NDArray[Any], unit: str, axes: tuple[str, ...]) -> h5py.Dataset:
+def _write(file: "h5py.File", name: str, values: NDArray[Any], unit: str, axes: tuple[str, ...]) -> "h5py.Dataset":
     chunks = (min(512, values.shape[0]), values.shape[1]) if values.ndim == 2 else None
     pressed = {"compression": "lzf", "shuffle": True, "chunks": chunks} if values.ndim == 2 and values.size else {}
     dataset = file.create_dataset(name, data=values, **pressed)
@@ -164,7 +170,7 @@ def _values(counts: NDArray[Any], step: float, offset: float) -> Array:
     return np.asarray((counts + float(round(offset * inverse))) / float(inverse), dtype=np.float64)
 
 
-def _read_matrix(dataset: h5py.Dataset, name: str) -> Array:
+def _read_matrix(dataset: "h5py.Dataset", name: str) -> Array:
     raw = _read(dataset, name)
     if "scale_factor" not in dataset.attrs:
         return np.asarray(raw, dtype=np.float64)
@@ -173,7 +179,7 @@ def _read_matrix(dataset: h5py.Dataset, name: str) -> Array:
     return values
 
 
-def _read(dataset: h5py.Dataset, name: str) -> NDArray[Any]:
+def _read(dataset: "h5py.Dataset", name: str) -> NDArray[Any]:
     values: NDArray[Any] = dataset[()]
     if _hash(values) != dataset.attrs["sha256"]:
         raise UnreadableFile(f"{name}: {dataset.name} fails its hash: the file was damaged or edited; import it again")

@@ -9,6 +9,7 @@ import numpy as np
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.core.scan import Recording, Scan, interpret, table_angle
 from truestand.core.stand import Stand
+from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.long_csv import is_long_csv, read_long_csv
 from truestand.files.native import is_native, read_native
 from truestand.files.text import check_text
@@ -41,18 +42,13 @@ def read_recording(path: Path | str) -> Recording:
             head = file.read(HEAD)
         if is_native(head):
             return read_native(path, sha256_of(path))
-        if not is_long_csv(head):
-            check_text(head.removeprefix(b"\xef\xbb\xbf"), path.name)
-        data = path.read_bytes()
+        if is_long_csv(head):
+            return read_long_csv(path)
+        check_text(head.removeprefix(BYTE_ORDER_MARK), path.name)
+        if is_xyz_blocks(head):
+            return read_xyz_blocks(path, head)
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong}); check the path") from wrong
-    sha256 = hashlib.sha256(data).hexdigest()
-    if b"\0" in data:
-        raise UnreadableFile(f"{path.name}: found NUL bytes, need text; the file is damaged or of another kind")
-    if is_long_csv(data):
-        return read_long_csv(path.name, data, sha256)
-    if is_xyz_blocks(data):
-        return read_xyz_blocks(path, data, sha256)
     raise UnreadableFile(f"{path.name}: the format is not known; readable scans are listed in docs/formats.md")
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
+from truestand.files.lines import BYTE_ORDER_MARK, Lines
 from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
 
 Array = NDArray[np.float64]
@@ -23,66 +24,38 @@ FORMAT = "xyz blocks"
 SAMPLE = 20_000
 
 
-class _Lines:
-    """A text's lines by position, without a copy of the text."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        found = []
-        at = data.find(b"\n")
-        while at >= 0:
-            found.append(at)
-            at = data.find(b"\n", at + 1)
-        if not data.endswith(b"\n"):
-            found.append(len(data))
-        ends = np.array(found, dtype=np.intp)
-        self.ends = ends
-        self.starts = np.concatenate([[0], ends[:-1] + 1])
-
-    def __len__(self) -> int:
-        return int(self.ends.size)
-
-    def __getitem__(self, i: int) -> bytes:
-        return self.data[self.starts[i] : self.ends[i]]
-
-    def text(self, block: range) -> bytes:
-        """The lines of ``block``, with their line ends."""
-        return self.data[self.starts[block.start] : self.ends[block.stop - 1] + 1]
-
-    def blank(self, i: int) -> bool:
-        """Whether line i holds nothing but white space."""
-        return self.ends[i] - self.starts[i] < 200 and not self[i].strip()
-
-
-def is_xyz_blocks(data: bytes) -> bool:
+def is_xyz_blocks(head: bytes) -> bool:
     """Whether a text is a matrix of numbers without a header: the first line holds no letters but nan's."""
-    first = data[:SAMPLE].lstrip(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].lower().replace(b"nan", b"")
+    text = head[:SAMPLE].removeprefix(BYTE_ORDER_MARK).replace(b"\r", b"\n").lstrip()
+    first = text.split(b"\n", 1)[0].lower().replace(b"nan", b"")
     return bool(first.strip()) and not any(c in b"abcdfghijklmnopqrstuvwxyz\"'{}[]<>" for c in first)
 
 
-def read_xyz_blocks(path: Path, data: bytes, sha256: str) -> Recording:
-    """The recording of an XYZ file whose bytes are ``data``.
+def read_xyz_blocks(path: Path, head: bytes) -> Recording:
+    """The recording of an XYZ file that begins with ``head``.
 
     Raises:
         UnreadableFile: no three blocks of equal shape, no numbers, or an ambiguous decimal comma; with the line.
     """
-    original = data
-    data = data.removeprefix(b"\xef\xbb\xbf")
-    if b"\r" in data[:SAMPLE] and b"\n" not in data[:SAMPLE]:
-        data = data.replace(b"\r", b"\n")
-    lines = _Lines(data)
-    blocks = _blocks(lines, path.name)
-    dialect = dialect_of(data[:SAMPLE].rsplit(b"\n", 1)[0] if len(data) > SAMPLE else data, path.name)
-    # Most files can be handed to numpy as they are; where one can't, numpy refuses and the careful way is taken.
-    untouched = data is original and dialect.decimal == b"." and dialect.separator != b" "
-    x, z = (_matrix(path, lines, b, dialect, untouched) for b in (blocks[0], blocks[2]))
-    x, z = _same_shape(x, z, lines, blocks, path.name)
-    _whole_last_number(data, dialect, path.name)
-    y = _profile_values(lines, blocks[1], dialect, path.name)
-    return Recording(x, z, FORMAT, sha256, y=y)
+    name = path.name
+    with Lines(path, head) as lines:
+        blocks = _blocks(lines, name)
+        dialect = _dialect(lines, name)
+        x, z = (_matrix(path, lines, b, dialect) for b in (blocks[0], blocks[2]))
+        if x is None or z is None or x.shape != z.shape:
+            x, z = (_careful(lines, b, dialect, name) for b in (blocks[0], blocks[2]))
+            x, z = _same_shape(x, z, lines, blocks, name)
+        _whole_last_number(lines, dialect, name)
+        return Recording(x, z, FORMAT, lines.sha256, y=_profile_values(lines, blocks[1], dialect, name))
 
 
-def _blocks(lines: _Lines, name: str) -> tuple[range, range, range]:
+def _dialect(lines: Lines, name: str) -> Dialect:
+    """How the file's first lines are written."""
+    enough = int(np.searchsorted(lines.ends, SAMPLE)) or 1
+    return dialect_of(lines.text(range(min(enough, len(lines)))), name)
+
+
+def _blocks(lines: Lines, name: str) -> tuple[range, range, range]:
     """The lines of X, Y and Z: two blank lines at a third and two thirds, or blank lines between three groups."""
     last = len(lines)
     while last and lines.blank(last - 1):
@@ -109,14 +82,15 @@ def _blocks(lines: _Lines, name: str) -> tuple[range, range, range]:
     return x, y, z
 
 
-def _matrix(path: Path, lines: _Lines, block: range, dialect: Dialect, untouched: bool) -> Array:
-    """One block's numbers (profiles, points), NaN where a point has no data."""
-    if untouched and not any(lines.blank(i) for i in (block.start, block.stop - 1)):
-        try:
-            return _load(path, dialect.separator, path.name, block)
-        except ValueError:  # lines of different length, or no numbers: the careful way says which
-            pass
-    return _careful(lines, block, dialect, path.name)
+def _matrix(path: Path, lines: Lines, block: range, dialect: Dialect) -> Array | None:
+    """One block's numbers (profiles, points) as they stand; None where the careful way has to be taken."""
+    plain = dialect.decimal == b"." and dialect.separator != b" " and lines.end == b"\n" and not lines.marked
+    if not plain or any(lines.blank(i) for i in (block.start, block.stop - 1)):
+        return None
+    try:
+        return _load(path, dialect.separator, path.name, block)
+    except ValueError:  # lines of different length, or no numbers: the careful way says which
+        return None
 
 
 def _load(path: Path, separator: bytes, name: str, block: range | None = None) -> Array:
@@ -136,10 +110,9 @@ def _load(path: Path, separator: bytes, name: str, block: range | None = None) -
     return values
 
 
-def _careful(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array:
+def _careful(lines: Lines, block: range, dialect: Dialect, name: str) -> Array:
     """Gaps written out as nan, short lines filled up, every line checked."""
-    text = normal(lines.text(block).replace(b"\r", b""), dialect)
-    rows = text.split(b"\n")[: len(block)]
+    rows = normal(lines.text(block), dialect).split(b"\n")
     if all(row.endswith(b",") or not row.strip() for row in rows):
         rows = [row[:-1] for row in rows]
     longest = max(row.count(b",") + 1 for row in rows)
@@ -163,9 +136,7 @@ def _written_out(row: bytes, cells: int) -> bytes:
     return row + b",nan" * (cells - row.count(b",") - 1)
 
 
-def _same_shape(
-    x: Array, z: Array, lines: _Lines, blocks: tuple[range, range, range], name: str
-) -> tuple[Array, Array]:
+def _same_shape(x: Array, z: Array, lines: Lines, blocks: tuple[range, range, range], name: str) -> tuple[Array, Array]:
     """X and Z as matrices of one shape: as many cells in a profile's line of the one block as of the other.
 
     A last column that is empty in every line of one block only looks like a separator at the end; it is NaN there.
@@ -190,7 +161,7 @@ def _filled_up(values: Array, width: int) -> Array:
     return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
 
 
-def _cells_by_line(lines: _Lines, block: range) -> tuple[NDArray[np.intp], bool]:
+def _cells_by_line(lines: Lines, block: range) -> tuple[NDArray[np.intp], bool]:
     """Values in each line as separators count them, and whether a separator ends every line."""
     sample = lines.text(range(block.start, min(block.start + 50, block.stop)))
     separator = next((s for s in (b";", b"\t") if s in sample), b"," if b" " not in sample.strip() else b" ")
@@ -198,10 +169,10 @@ def _cells_by_line(lines: _Lines, block: range) -> tuple[NDArray[np.intp], bool]
         (lambda row: len(row.split())) if separator == b" " else (lambda row: row.count(separator) + 1)
     )
     cells = np.array([0 if lines.blank(i) else count(lines[i]) for i in block], dtype=np.intp)
-    return cells, all(lines[i].rstrip(b"\r").endswith(separator) for i in block if not lines.blank(i))
+    return cells, all(lines[i].endswith(separator) for i in block if not lines.blank(i))
 
 
-def _profile_values(lines: _Lines, block: range, dialect: Dialect, name: str) -> Array | None:
+def _profile_values(lines: Lines, block: range, dialect: Dialect, name: str) -> Array | None:
     """Y, one number a profile; None where a line's first and last cell differ, or a line has none."""
     values = np.full(len(block), np.nan)
     for i, line in enumerate(block):
@@ -217,15 +188,16 @@ def _profile_values(lines: _Lines, block: range, dialect: Dialect, name: str) ->
     return values if np.isfinite(values).all() else None
 
 
-def _whole_last_number(data: bytes, dialect: Dialect, name: str) -> None:
+def _whole_last_number(lines: Lines, dialect: Dialect, name: str) -> None:
     """A file that ends inside a number is cut off, where its numbers have a fixed count of decimals.
 
     Raises:
         UnreadableFile: with the last line.
     """
-    if data.endswith((b"\n", dialect.separator)):
+    last = lines[len(lines) - 1]
+    if lines.ended or last.endswith(dialect.separator):
         return
-    tail = normal(data[-2000:].rsplit(b"\n", 1)[-1], dialect).split(b",")
+    tail = normal(last[-2000:], dialect).split(b",")
     decimals = [len(cell.partition(b".")[2]) for cell in tail[1:] if b"n" not in cell.lower()]
     if len(decimals) > 20 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
         raise UnreadableFile(

@@ -1,0 +1,74 @@
+"""A text file's lines by position, read when asked for: a scan of a hundred megabytes needs no copy in memory."""
+
+import hashlib
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from truestand.core.errors import UnreadableFile
+
+CHUNK = 1 << 20
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+LONGEST_BLANK = 200
+"""Bytes: a line of white space isn't longer."""
+
+
+class Lines:
+    """The lines of an open file, without their line ends; a byte order mark is no part of them."""
+
+    def __init__(self, path: Path, head: bytes) -> None:
+        """Find the lines and the hash in one pass; ``head`` is the file's beginning and tells the line end.
+
+        Raises:
+            UnreadableFile: NUL bytes.
+        """
+        self.marked = head.startswith(BYTE_ORDER_MARK)
+        self.end = b"\r" if b"\r" in head and b"\n" not in head else b"\n"
+        self._file = path.open("rb")
+        ends, size = [], 0
+        hashed = hashlib.sha256()
+        while chunk := self._file.read(CHUNK):
+            if b"\0" in chunk:
+                self._file.close()
+                raise UnreadableFile(f"{path.name}: found NUL bytes, need text; the file is damaged or of another kind")
+            hashed.update(chunk)
+            at = chunk.find(self.end)
+            while at >= 0:
+                ends.append(size + at)
+                at = chunk.find(self.end, at + 1)
+            size += len(chunk)
+        self.sha256 = hashed.hexdigest()
+        self.ended = bool(ends) and ends[-1] == size - 1
+        if not self.ended:
+            ends.append(size)
+        self.ends = np.array(ends, dtype=np.intp)
+        self.starts = np.concatenate([[len(BYTE_ORDER_MARK) * self.marked], self.ends[:-1] + 1])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return int(self.ends.size)
+
+    def __getitem__(self, i: int) -> bytes:
+        return self._read(self.starts[i], self.ends[i]).rstrip(b"\r")
+
+    def text(self, block: range) -> bytes:
+        """The lines of ``block`` with ``\\n`` between them."""
+        text = self._read(self.starts[block.start], self.ends[block.stop - 1])
+        return text.replace(b"\r", b"\n" if self.end == b"\r" else b"")
+
+    def blank(self, i: int) -> bool:
+        """Whether line i holds nothing but white space."""
+        return self.ends[i] - self.starts[i] < LONGEST_BLANK and not self[i].strip()
+
+    def _read(self, start: int, end: int) -> bytes:
+        self._file.seek(start)
+        return self._file.read(end - start)
