@@ -256,3 +256,12 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     for words in ("paper's method", "exact model", "truth", "report.html", "cloud.ply"):
         assert words in done.stdout
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
+
+
+def test_the_demo_never_overwrites_a_real_scan(tmp_path):
+    (tmp_path / "k1.h5").write_bytes(b"precious")
+    done = run("demo", "--out", tmp_path)
+    assert done.returncode == 2
+    assert "--out" in done.stderr
+    assert (tmp_path / "k1.h5").read_bytes() == b"precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["k1.h5"]

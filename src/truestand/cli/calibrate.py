@@ -67,10 +67,10 @@ def calibrate(
         scan = read_scan(scans[0], described, radians_or_none(start_angle_deg))
     with working("Calibrating", quiet):
         calibration = replace(find(scan, shaft, method.value), created=now())
+    record = write_calibration(output, calibration)
     if report is not None:
         with working("Writing the report", quiet):
             write_report(report, scan, shaft, calibration, known)
-    record = write_calibration(output, calibration)
     if as_json:
         print_json(record)
     elif not quiet:

@@ -22,6 +22,7 @@ def demo(
     """
     from truestand.cli.talk import now, print_table, working
     from truestand.core.calibrate import calibrate
+    from truestand.core.errors import BadRecipe
     from truestand.core.evidence import gather
     from truestand.core.surface import roll
     from truestand.files.atomic import write_json_atomic, write_text_atomic
@@ -34,6 +35,8 @@ def demo(
     from truestand.report.terminal import summary_table
     from truestand.sim import simulate, simulation_from, truth_record
 
+    if (out / "k1.h5").exists() and not (out / "truth.json").exists():
+        raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")
     write_starters(out, force=True)
     stand, shaft = read_stand(out / "stand.toml"), read_shaft(out / "shaft.toml")
     with working("Scanning the shaft on the virtual stand", quiet) as advance:

@@ -67,6 +67,11 @@ class Artefact:
                 )
 
     @property
+    def valid_until(self) -> str | None:
+        """The date to which its certificate carries a calibration."""
+        return None if self.certificate is None else self.certificate.valid_until
+
+    @property
     def base(self) -> Cylinder:
         """The first cylinder, whose axis is the datum."""
         return self.cylinders[0]

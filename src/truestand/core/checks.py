@@ -6,9 +6,10 @@ from math import hypot
 import numpy as np
 
 from truestand.core.artefact import Artefact
-from truestand.core.calibration import Calibration, Check, Residuals, StaticProfile, Uncertainty
+from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
 from truestand.core.refine import Refined
 from truestand.core.scan import Scan
+from truestand.core.segment import LEAST_SHARE
 
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
@@ -37,7 +38,8 @@ def checks_of(
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("drawing explains the view, share", fit.segments.explained, 0.25, not fit.segments.reasons,
+        Check("drawing explains the view, share", fit.segments.explained, LEAST_SHARE,
+              fit.segments.explained >= LEAST_SHARE,
               "check the diameters and lengths in shaft.toml and what else is in view"),
         Check("residual, um rms", 1000 * residuals.rms, 1000 * MOST_RESIDUAL, residuals.rms <= MOST_RESIDUAL,
               "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
@@ -95,9 +97,14 @@ def reasons_of(calibration: Calibration, fit: Refined) -> Calibration:
     for check in calibration.checks:
         if not check.ok and check.name.startswith(DECISIVE) and not check.name.startswith("drawing explains"):
             reasons.append(f"{check.name}: {check.value:.3g} (limit {check.limit:.3g}); {check.advice}")
-    if calibration.angle_zero == "unknown":
-        reasons.append(
-            "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
-            "home the table or record its angle"
-        )
-    return replace(calibration, reasons=tuple(reasons))
+    return replace(calibration, reasons=(*reasons, *no_zero(calibration.angle_zero)))
+
+
+def no_zero(angle_zero: AngleZero) -> tuple[str, ...]:
+    """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
+    if angle_zero != "unknown":
+        return ()
+    return (
+        "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
+        "home the table or record its angle",
+    )

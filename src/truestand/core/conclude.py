@@ -64,6 +64,7 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
         not_identifiable=_not_identifiable(scan, fit, budget),
         checks=checks_of(scan, artefact, fit, residuals, static, budget),
         scan=ScanSummary.of(scan),
+        valid_until=artefact.valid_until,
     )
     return reasons_of(calibration, fit)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, PaperFigures, Residuals, ScanSummary
+from truestand.core.checks import no_zero
 from truestand.core.conclude import angle_zero
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, facing, shaft_from_rotor, table_from_sensor
@@ -227,21 +228,23 @@ def _record(
         phase_error_pi=wrap(-nearest.phase - fit_phase) / pi,
         arcsine_shift_pi=arcsine_shift(scan.angle, trace, wave, nearest) / pi,
     )
-    reasons = segments.reasons
+    zero = angle_zero(scan)
+    hidden = () if segments.shoulder_seen else ("height",)
     return Calibration(
         method="paper",
         table_from_sensor=pose,
         shaft_from_rotor=shaft_from_rotor(ex, ey, 0.0, 0.0),
         stand=scan.stand,
         angle_source=scan.angle_source,
-        angle_zero=angle_zero(scan),
+        angle_zero=zero,
         rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step),
         artefact=artefact,
         residuals=residuals,
-        not_identifiable=("laser_plane_offset_mm", "laser_plane_tilt_deg", "tilt_mrad", "tilt_direction_deg"),
-        reasons=reasons,
+        not_identifiable=("laser_plane_offset_mm", "laser_plane_tilt_deg", "tilt_mrad", "tilt_direction_deg", *hidden),
+        reasons=(*segments.reasons, *no_zero(zero)),
         scan=ScanSummary.of(scan),
         paper=figures,
+        valid_until=artefact.valid_until,
     )
 
 
