@@ -8,6 +8,8 @@ import typer
 
 from truestand.cli.options import QuietOption
 
+MADE = ("k1.h5", "truth.json", "calibration.json", "calibration-paper.json", "cloud.ply", "report.html")
+
 
 def demo(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where to write everything.")] = Path(
@@ -22,21 +24,19 @@ def demo(
     """
     from truestand.cli.talk import now, print_table, working
     from truestand.core.calibrate import calibrate
-    from truestand.core.errors import BadRecipe
     from truestand.core.evidence import gather
     from truestand.core.surface import roll
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
     from truestand.files.read import read_scan
-    from truestand.files.recipes import read_shaft, read_simulation, read_stand, write_starters
+    from truestand.files.recipes import STARTERS, read_shaft, read_simulation, read_stand, write_starters
     from truestand.files.records import write_calibration
     from truestand.files.write_scan import write_recording
     from truestand.report.calibration import calibration_report
     from truestand.report.terminal import summary_table
     from truestand.sim import simulate, simulation_from, truth_record
 
-    if (out / "k1.h5").exists() and not (out / "truth.json").exists():
-        raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")
+    _refuse_real_scans(out)
     write_starters(out, force=True)
     stand, shaft = read_stand(out / "stand.toml"), read_shaft(out / "shaft.toml")
     with working("Scanning the shaft on the virtual stand", quiet) as advance:
@@ -60,8 +60,15 @@ def demo(
 
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
-        names = "stand.toml shaft.toml gear.toml k1.h5 truth.json calibration.json calibration-paper.json cloud.ply"
-        for name in (*names.split(), "report.html"):
+        for name in (*STARTERS, *MADE):
             typer.echo(out / name)
     if open_report:
         typer.launch(str(out / "report.html"))
+
+
+def _refuse_real_scans(out: Path) -> None:
+    """Raw scans are never overwritten: one without a truth beside it is none of the demo's."""
+    from truestand.core.errors import BadRecipe
+
+    if (out / "k1.h5").exists() and not (out / "truth.json").exists():
+        raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")
