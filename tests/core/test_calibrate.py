@@ -105,6 +105,17 @@ def test_a_centred_shaft_says_what_it_can_not_tell():
     assert 1000 * found.eccentricity < 0.2
     budget = found.uncertainty["laser_plane_offset_mm"]
     assert pytest.approx(1.0, rel=0.1) == budget.U  # the mounting prior, still propagated
+    assert "eccentricity_direction_deg" in found.not_identifiable
+    assert found.eccentricity_direction is None
+    assert found.uncertainty["eccentricity_direction_deg"].U == 180.0
+
+
+def test_a_sensor_less_linear_than_its_data_sheet_is_doubted_by_what_its_scan_shows():
+    found, true = calibrated("sensor 25 um non-linear"), truth_of("sensor 25 um non-linear")
+    phi = found.uncertainty["phi_deg"]
+    assert phi.contributions[0].name == "linearity of the sensor"
+    assert abs(degrees(found.phi) - true["sensor"]["phi_deg"]) < phi.U
+    assert phi.U > 1.2 * calibrated("paper").uncertainty["phi_deg"].U  # its data sheet says 20 um, the scan 27
 
 
 def test_speckle_that_repeats_is_no_new_evidence():

@@ -168,10 +168,10 @@ class Calibration:
         return hypot(ex, ey)
 
     @property
-    def eccentricity_direction(self) -> float:
-        """Its azimuth in R, rad."""
+    def eccentricity_direction(self) -> float | None:
+        """Its azimuth in R, rad; None where the shaft is so well centred that it has none."""
         ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
-        return atan2(ey, ex)
+        return None if "eccentricity_direction_deg" in self.not_identifiable else atan2(ey, ex)
 
     @property
     def tilt(self) -> float | None:
@@ -181,7 +181,7 @@ class Calibration:
 
     @property
     def tilt_direction(self) -> float | None:
-        """Azimuth in R towards which the shaft leans going up, rad."""
+        """Azimuth in R towards which the shaft leans going up, rad; None where it stands too straight to have one."""
         _, _, tx, ty = shaft_parameters(self.shaft_from_rotor)
         return self._known("tilt_direction_deg", atan2(ty, tx))
 

@@ -31,6 +31,10 @@ REPORTED = 8
 K = 2.0
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
+DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
+HALF_TURN = 180.0
+"""deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
+LINEARITY = "linearity of the sensor"
 RESIDUAL_PROFILES = 500
 
 
@@ -39,10 +43,10 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
     posterior = weigh(fit.solution, fit.priors)
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
-    budget = _with_type_b(_budget(p, parts), scan, artefact, fit)
+    static = static_profiles(artefact, fit)
+    budget = _with_type_b(_budget(p, parts), scan, artefact, fit, static)
     free_speed = scan.angle_source in ("index", "time")
     residuals = residuals_of(scan, fit)
-    static = static_profiles(artefact, fit)
     own = slice(0, REPORTED)
     calibration = Calibration(
         method="stand",
@@ -161,7 +165,11 @@ def _budget(p: Array, parts: dict[str, Array]) -> dict[str, dict[str, float]]:
 
 
 def _with_type_b(
-    budget: dict[str, dict[str, float]], scan: Scan, artefact: Artefact, fit: Refined
+    budget: dict[str, dict[str, float]],
+    scan: Scan,
+    artefact: Artefact,
+    fit: Refined,
+    static: tuple[StaticProfile, ...],
 ) -> dict[str, Uncertainty]:
     """The budget with the certificate's and the data sheet's contributions, as far as one scan can't see them."""
     sensor = scan.stand.sensor
@@ -171,15 +179,17 @@ def _with_type_b(
     diameter_U = artefact.cylinders[fit.segments.bands[0].cylinder].diameter_U
     if diameter_U is not None:
         budget["radial_position_mm"]["diameter of the artefact"] = diameter_U / 2
-    if sensor.linearity_U is not None:
-        # A straight error over the visible length turns the line; its slope over the wave scales the eccentricity.
-        slope = sensor.linearity_U / (band.high - band.low)
-        budget["phi_deg"]["linearity of the sensor"] = degrees(slope)
-        budget["radial_position_mm"]["linearity of the sensor"] = sensor.linearity_U
-        budget["eccentricity_um"]["linearity of the sensor"] = 1000.0 * eccentricity * slope
+    # The data sheet's word, unless this scan shows worse.
+    linearity = max(sensor.linearity_U or 0.0, *(float(np.ptp(s.deviation)) / 2 for s in static))
+    # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
+    slope = sqrt(2.0) * linearity / (band.high - band.low)
+    budget["phi_deg"][LINEARITY] = degrees(slope)
+    budget["radial_position_mm"][LINEARITY] = linearity
+    budget["eccentricity_um"][LINEARITY] = 1000.0 * eccentricity * slope
     if sensor.scale_U is not None:
         budget["eccentricity_um"]["scale of the sensor"] = 1000.0 * eccentricity * sensor.scale_U
-    return {key: _expanded(lines) for key, lines in budget.items()}
+    expanded = {key: _expanded(lines) for key, lines in budget.items()}
+    return expanded | {key: replace(expanded[key], U=min(expanded[key].U, HALF_TURN)) for key in DIRECTIONS}
 
 
 def _expanded(lines: dict[str, float]) -> Uncertainty:
@@ -195,6 +205,7 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
         names.append("laser_plane_offset_mm")
     if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
         names.append("laser_plane_tilt_deg")
+    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN]
     if not fit.segments.shoulder_seen:
         names.append("height")
     return tuple(names)

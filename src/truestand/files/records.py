@@ -69,7 +69,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         "shaft": {
             "shaft_from_rotor": c.shaft_from_rotor.matrix.tolist(),
             "eccentricity_um": 1000.0 * c.eccentricity,
-            "eccentricity_direction_deg": math.degrees(c.eccentricity_direction),
+            "eccentricity_direction_deg": _degrees(c.eccentricity_direction),
             "tilt_mrad": None if c.tilt is None else 1000.0 * c.tilt,
             "tilt_direction_deg": _degrees(c.tilt_direction),
         },

@@ -190,6 +190,8 @@ def _why(c: Calibration) -> str:
             "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless "
             "for pitch and run-out)."
         )
+    if {"eccentricity_direction_deg", "tilt_direction_deg"} & set(c.not_identifiable):
+        reasons.append("A shaft that runs nearly true has no direction to run out to.")
     if {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & set(c.not_identifiable):
         reasons.append(
             "The method does not ask for the laser plane."

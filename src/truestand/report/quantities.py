@@ -85,7 +85,7 @@ def _values(c: Calibration) -> dict[str, float | None]:
     return {
         "phi_deg": degrees(c.phi),
         "eccentricity_um": um(c.eccentricity),
-        "eccentricity_direction_deg": degrees(c.eccentricity_direction),
+        "eccentricity_direction_deg": None if c.eccentricity_direction is None else degrees(c.eccentricity_direction),
         "tilt_mrad": None if c.tilt is None else mrad(c.tilt),
         "tilt_direction_deg": None if c.tilt_direction is None else degrees(c.tilt_direction),
         "laser_plane_offset_mm": c.plane_offset,
