@@ -82,6 +82,7 @@ STANDS = {
         optics={"outliers": 0.1, "dropouts": 0.2, "ghosts": 0.2, "patches": 30},
         acquisition=ANGLE,
     ),
+    "eccentric 2.5 mm": Named(PLANE, {"eccentricity": 2.5, **TILTED}, acquisition=ANGLE),
     "centred": Named(running={"eccentricity": 0.0}, acquisition=ANGLE),
     "speckled": Named(optics={"speckle": 0.005, "correlated_noise": 0.005}),
     "many harmonics": Named(

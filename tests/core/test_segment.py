@@ -14,7 +14,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.scan import Scan, interpret
 from truestand.core.segment import segment
 from truestand.sim import Keyway, simulate
-from truth import ABOVE, ANGLE, STANDS, Named, scan_of, shaft
+from truth import ABOVE, ANGLE, STANDS, Named, scan_of, shaft, truth_of
 
 THREE = Artefact(
     (
@@ -36,6 +36,8 @@ def test_both_cylinders_and_the_angle_are_found_on_every_named_stand(name):
     assert found.reasons == ()
     assert [b.cylinder for b in found.bands] == [0, 1]
     assert degrees(found.phi) == pytest.approx(degrees(STANDS[name].simulation().mounting.phi), abs=0.4)
+    # The end of the base is the shoulder, not the first reading behind it: several mm apart in an oblique view.
+    assert found.height == pytest.approx(truth_of(name)["sensor"]["table_from_sensor"][2][3], abs=1.0)
 
 
 @pytest.mark.parametrize("phi", [-25, -60, -120, -155, 30, 65, 110, 150])
@@ -77,6 +79,21 @@ def test_one_cylinder_alone_can_not_prove_which_it_is():
     found = segment(scan(Named(acquisition=ANGLE), only), shaft())
     assert len(found.bands) == 1
     assert any("only one surface" in reason for reason in found.reasons)
+
+
+def test_one_cylinder_by_its_drawing_can_not_tell_which_way_is_up():
+    only = Artefact((Cylinder("shaft", 25.0, -60.0, 60.0),))
+    found = calibrate(scan(Named(acquisition=ANGLE), only), only)
+    assert found.status == "untrusted"
+    assert len(found.reasons) == 1
+    assert "both ways up" in found.reasons[0]
+    assert "laser_plane_offset_mm" in found.not_identifiable
+
+
+def test_a_shoulder_that_is_drawn_at_another_height_keeps_it():
+    moved = Artefact(tuple(replace(c, bottom=c.bottom + 7.0, top=c.top + 7.0) for c in shaft().cylinders))
+    at_zero, at_seven = (calibrate(scan_of("from above"), a).table_from_sensor.translation[2] for a in (shaft(), moved))
+    assert at_seven - at_zero == pytest.approx(7.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.01, 0.05, 0.2])

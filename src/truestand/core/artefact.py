@@ -72,6 +72,15 @@ class Artefact:
         return None if self.certificate is None else self.certificate.valid_until
 
     @property
+    def shoulder(self) -> float:
+        """Height of the face between the first two cylinders, mm: 0 by rule, where the larger one ends in any case.
+
+        Only with two cylinders or more.
+        """
+        lower, upper = self.cylinders[:2]
+        return lower.top if lower.radius > upper.radius else upper.bottom
+
+    @property
     def base(self) -> Cylinder:
         """The first cylinder, whose axis is the datum."""
         return self.cylinders[0]

@@ -14,6 +14,8 @@ Ints = NDArray[np.intp]
 MOST_STEPS = 12
 SETTLED = 1e-7
 """mm or rad: a tenth of a nanometre is still."""
+STILL = 1e-4
+"""A step this small against the unknown's own standard uncertainty changes nothing that anyone could see."""
 TUKEY = 4.685
 """Tukey's constant: 95 % efficient for normal noise."""
 MODEL_U = 3e-5
@@ -86,7 +88,7 @@ def gauss_newton(
         pull = weighted.T @ residuals + precision * p
         change = -_solve(information, pull)
         p = p + change
-        converged = bool(np.abs(change[:8]).max() < settled)
+        converged = bool(np.all(np.abs(change[:8]) < np.maximum(settled, STILL * _doubt(information)[:8])))
     residuals, jacobian = model.linearised(p, cells.readings)
     weights, sd = _weights(residuals, cells.weight)
     weighted = jacobian * weights[:, None]
@@ -125,6 +127,11 @@ def _solve(matrix: Array, right: Array) -> Array:
     right_scaled = right * (scale if right.ndim == 1 else scale[:, None])
     solved = np.linalg.lstsq(scaled, right_scaled, rcond=1e-13)[0]
     return np.asarray(solved * (scale if right.ndim == 1 else scale[:, None]))
+
+
+def _doubt(information: Array) -> Array:
+    """Standard uncertainty (p,) of each unknown if the normal matrix were the whole truth."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(_solve(information, np.eye(information.shape[0]))), 0.0)))
 
 
 def _weights(residuals: Array, counts: Array) -> tuple[Array, float]:

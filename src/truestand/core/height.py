@@ -23,7 +23,7 @@ LEAST_POINTS = 50
 
 
 def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
-    """The fit with height zero where the shoulder face is.
+    """The fit with the shoulder face at its height in the drawing.
 
     Where the face is hidden, the end of the larger cylinder stands in for it; a chamfer there is no edge, so the height
     stays among what is not identifiable.
@@ -34,9 +34,9 @@ def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
     face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
     if face.size >= LEAST_POINTS:
         return _moved(scan, fit, _middle(face), seen=True)
-    edge = _edge(artefact, fit, radius, height)
-    if edge.size >= LEAST_POINTS:
-        return _moved(scan, fit, float(np.median(edge)), seen=False)
+    edge = _edge(artefact, radius, height)
+    if edge is not None:
+        return _moved(scan, fit, edge, seen=False)
     return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
 
 
@@ -60,11 +60,12 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
 
 
 def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
-    """Heights (n,) of readings on the shoulder face, clear of its fillet and chamfer."""
+    """Heights (n,) mm above the drawing's shoulder of readings on its face, clear of its fillet and chamfer."""
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
     with np.errstate(invalid="ignore"):
-        return height[(radius > inner + margin) & (radius < outer - margin) & (np.abs(height) < FACE_REACH)]
+        above = height - artefact.shoulder
+        return above[(radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)]
 
 
 def _middle(heights: Array) -> float:
@@ -75,14 +76,26 @@ def _middle(heights: Array) -> float:
     return middle
 
 
-def _edge(artefact: Artefact, fit: Refined, radius: Array, height: Array) -> Array:
-    """The end of the larger cylinder at the shoulder, one height a profile."""
+def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
+    """Height (mm) above the drawing's shoulder at which the larger cylinder ends; None where that end is not in view.
+
+    Each profile ends with its last reading there; the edge lies on average mean(g^2) / (2 mean(g)) further, g being the
+    gaps between readings, lost ones included (the waiting time of renewal theory).
+    """
     lower, upper = artefact.cylinders[:2]
-    larger, outermost = (lower, np.fmax) if lower.radius > upper.radius else (upper, np.fmin)
+    larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
+    beyond = outwards * (height - artefact.shoulder)
     with np.errstate(invalid="ignore"):
-        on = (np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(height) < EDGE_REACH)
-    ends = outermost.reduce(np.where(on, height, np.nan), axis=1)
-    return np.asarray(ends[np.isfinite(ends)])
+        row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
+    if row.size < LEAST_POINTS:
+        return None
+    readings = beyond[row, column]
+    order = np.lexsort((readings, row))
+    row, readings = row[order], readings[order]
+    same = row[1:] == row[:-1]
+    ends = readings[np.append(~same, True)]
+    gaps = np.diff(readings)[same]
+    return outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
 
 
 def _moved(scan: Scan, fit: Refined, shift: float, seen: bool) -> Refined:

@@ -12,7 +12,7 @@ from math import cos, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.artefact import Artefact
+from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.clean import supported
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import facing
@@ -27,6 +27,8 @@ LEAST_POINTS = 12
 """Points of the median profile that make a line."""
 LEAST_SHARE = 0.25
 """Share of the profile's points that the drawing must explain, below which the segmentation is not trusted."""
+AS_GOOD = 0.97
+"""Share of the best score from which another explanation is as good."""
 EDGE_MARGIN = 0.75
 """mm: kept away from a cylinder's ends, where chamfers, fillets and ghosts live (less on short cylinders)."""
 
@@ -72,17 +74,16 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
     """
     x, z = median_profile(scan)
     candidates = [_match(x, z, phi, artefact) for phi in _directions(x, z)]
-    best = max(candidates, key=lambda m: m.score, default=None)
-    if best is None or not best.bands:
+    best = max(candidates, key=lambda m: m.score)
+    if not best.bands:
         raise NotEnoughData(
             f"found no surface that fits the drawing of {artefact.name!r}; check the artefact's diameters and that the "
             "sensor sees the shaft"
         )
     height, shoulder_seen = _shoulder(x, z, best, artefact)
     explained = best.points / x.size
-    return Segments(
-        best.phi, best.radial, height, best.bands, shoulder_seen, explained, _doubts(best, artefact, explained), x, z
-    )
+    doubts = _doubts(best, candidates, artefact, explained)
+    return Segments(best.phi, best.radial, height, best.bands, shoulder_seen, explained, doubts, x, z)
 
 
 def median_profile(scan: Scan) -> tuple[Array, Array]:
@@ -161,6 +162,8 @@ def _match(x: Array, z: Array, phi: float, artefact: Artefact) -> _Match:
                 # explanations the one with more cylinders, then the one anchored on the base, is the better.
                 score = points * (1.0 + 0.2 * (len(found) - 1)) - 0.01 * k
                 if score > best.score:
+                    score -= _missing(u + radial, v + height, (radial, height), artefact)
+                if score > best.score:
                     best = _Match(phi, radial, height, tuple(found), points, score)
     return _refined(best, x, z, artefact) if best.bands else best
 
@@ -190,11 +193,48 @@ def _heights(u: Array, v: Array, artefact: Artefact) -> list[float]:
     return shifts
 
 
+def _missing(u: Array, v: Array, sensor: tuple[float, float], artefact: Artefact) -> float:
+    """How many points the drawing promises in vain between the lowest and the highest seen: not hidden, not there.
+
+    ``sensor`` is where the rays start, (u, v) mm. This tells a shoulder's edge from the first reading behind it.
+    """
+    on = [np.sort(_on(u, v, c)) for c in artefact.cylinders]
+    seen = np.concatenate(on)
+    pitch = (seen.max() - seen.min()) / seen.size
+    missing = 0
+    for c, heights in zip(artefact.cylinders, on, strict=True):
+        promised = np.arange(max(c.bottom, seen.min()) + pitch, min(c.top, seen.max()), pitch)
+        near = np.zeros(promised.size, dtype=np.bool_)
+        if heights.size:
+            after = np.minimum(np.searchsorted(heights, promised), heights.size - 1)
+            gap = np.minimum(np.abs(heights[after] - promised), np.abs(heights[np.maximum(after - 1, 0)] - promised))
+            near = gap < max(LINE_WIDTH, 2 * pitch)
+        missing += int(np.count_nonzero(~near & ~_hidden(c.radius, promised, sensor, artefact)))
+    return float(missing)
+
+
+def _hidden(radius: float, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> NDArray[np.bool_]:
+    """Mask (n,) of points of one cylinder that another one hides from the sensor."""
+    across, up = sensor
+    hidden = np.zeros(heights.size, dtype=np.bool_)
+    rise = np.where(heights == up, 1e-12, heights - up)
+    for c in artefact.cylinders:
+        ends = np.sort(np.clip((np.array([[c.bottom], [c.top]]) - up) / rise, 0.0, 1.0), axis=0)
+        lowest = across + np.where(radius < across, ends[1], ends[0]) * (radius - across)
+        hidden |= (ends[1] - ends[0] > 1e-9) & (lowest < c.radius - LINE_WIDTH)
+    return hidden
+
+
+def _on(u: Array, v: Array, c: Cylinder) -> Array:
+    """Heights (n,) of the points on one cylinder of the drawing."""
+    return v[(np.abs(u - c.radius) < LINE_WIDTH) & (v > c.bottom - 0.2) & (v < c.top + 0.2)]
+
+
 def _explain(u: Array, v: Array, artefact: Artefact) -> list[Band]:
     """The cylinders whose drawing explains points of the median profile, with the part that is measured on."""
     bands = []
     for k, c in enumerate(artefact.cylinders):
-        on = v[(np.abs(u - c.radius) < LINE_WIDTH) & (v > c.bottom - 0.2) & (v < c.top + 0.2)]
+        on = _on(u, v, c)
         if on.size < LEAST_POINTS:
             continue
         margin = min(EDGE_MARGIN, 0.15 * c.length)
@@ -238,14 +278,15 @@ def _refined(match: _Match, x: Array, z: Array, artefact: Artefact) -> _Match:
 
 
 def _shoulder(x: Array, z: Array, match: _Match, artefact: Artefact) -> tuple[float, bool]:
-    """Height zero from the shoulder face where the median profile shows it; (height, seen)."""
+    """The height from the shoulder face where the median profile shows it; (height, seen)."""
     if len(artefact.cylinders) < 2:
         return match.height, False
     u = facing(match.phi) * (x * cos(match.phi) - z * sin(match.phi)) + match.radial
     v = x * sin(match.phi) + z * cos(match.phi) + match.height
     inner, outer = sorted((artefact.cylinders[0].radius, artefact.cylinders[1].radius))
     margin = min(0.5, 0.2 * (outer - inner))
-    face = v[(u > inner + margin) & (u < outer - margin) & (np.abs(v) < 2.0)]
+    above = v - artefact.shoulder
+    face = above[(u > inner + margin) & (u < outer - margin) & (np.abs(above) < 2.0)]
     if face.size < 5:
         return match.height, False
     middle = float(np.median(face))
@@ -255,8 +296,13 @@ def _shoulder(x: Array, z: Array, match: _Match, artefact: Artefact) -> tuple[fl
     return match.height - float(np.median(face[flat])), True
 
 
-def _doubts(match: _Match, artefact: Artefact, explained: float) -> tuple[str, ...]:
+def _doubts(match: _Match, others: list[_Match], artefact: Artefact, explained: float) -> tuple[str, ...]:
     doubts = []
+    upside_down = max(m.score for m in others if cos(m.phi - match.phi) < 0)
+    if upside_down > AS_GOOD * match.score:
+        doubts.append(
+            "the drawing fits what is seen both ways up, so the axis may point either way; bring a step into view"
+        )
     if explained < LEAST_SHARE:
         doubts.append(
             f"the drawing explains {explained:.0%} of what the sensor sees, need {LEAST_SHARE:.0%}: check shaft.toml"
