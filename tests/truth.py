@@ -64,6 +64,9 @@ STANDS = {
     "plane off and tilted": Named(PLANE, TILTED, ROUND, {"noise": 0.010}),
     "sensor 25 um non-linear": Named(optics={"nonlinearity": 0.025}),
     "sensor non-linear, plane off": Named(PLANE, optics={"nonlinearity": 0.025}),
+    "sensor non-linear from step to step": Named(
+        optics={"nonlinearity": 0.025, "nonlinearity_phase": radians(90.0)}, acquisition=ONE_TURN
+    ),
     "clockwise": Named(PLANE, TILTED, acquisition=ONE_TURN, direction="cw"),
     "from above": Named({"phi": ABOVE, **PLANE}, TILTED, acquisition=ONE_TURN),
     "other side": Named({"phi": radians(41.802), **PLANE}, TILTED, acquisition=ONE_TURN),

@@ -55,6 +55,11 @@ class StaticProfile:
     height: Array
     deviation: Array
 
+    @property
+    def peak_to_valley(self) -> float:
+        """Height of the shape, mm."""
+        return float(np.ptp(self.deviation))
+
 
 @dataclass(frozen=True, slots=True)
 class Check:

@@ -17,7 +17,7 @@ from truestand.core.calibration import (
     StaticProfile,
     Uncertainty,
 )
-from truestand.core.checks import checks_of, reasons_of
+from truestand.core.checks import checks_of, linearity_of, reasons_of
 from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
 from truestand.core.model import GEOMETRY, Readings
 from truestand.core.posterior import weigh
@@ -179,8 +179,7 @@ def _with_type_b(
     diameter_U = artefact.cylinders[fit.segments.bands[0].cylinder].diameter_U
     if diameter_U is not None:
         budget["radial_position_mm"]["diameter of the artefact"] = diameter_U / 2
-    # The data sheet's word, unless this scan shows worse.
-    linearity = max(sensor.linearity_U or 0.0, *(float(np.ptp(s.deviation)) / 2 for s in static))
+    linearity = linearity_of(sensor, static)
     # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
     slope = sqrt(2.0) * linearity / (band.high - band.low)
     budget["phi_deg"][LINEARITY] = degrees(slope)
