@@ -30,4 +30,5 @@ def info(
         return
     width = max(len(key) for key in facts)
     for key, value in facts.items():
-        typer.echo(f"{key.replace('_', ' '):{width}}  {'unknown' if value is None else value}")
+        shown = "unknown" if value is None else f"{value:.6g}" if isinstance(value, float) else value
+        typer.echo(f"{key.replace('_', ' '):{width}}  {shown}")
