@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
-from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, gauss_newton
+from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, covariance, gauss_newton
 from truestand.core.frames import facing
 from truestand.core.model import GEOMETRY, Model
 from truestand.core.priors import priors_for
@@ -35,6 +35,9 @@ SIGNIFICANT = 4.0
 """A harmonic counts from this many times the median amplitude (noise alone passes that once in 65,000: 2^-16)."""
 LEAST_HARMONIC = 5e-5
 """mm: smaller ones matter to nobody."""
+NOTHING_SHOWN = 25.0
+"""Chi-square of two unknowns up to which they are as stated: three standard deviations, of which a single turn tells no
+more than their order of size."""
 STEEP_ENOUGH = 0.3
 """cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
 
@@ -63,9 +66,29 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     limit = _noise_limit(first)
     second = _solve(scan, segments, artefact, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
-    if tighter > 0.8 * limit:
-        return second
-    return _solve(scan, segments, artefact, second.model, second.solution.parameters, tighter)
+    if tighter <= 0.8 * limit:
+        second = _solve(scan, segments, artefact, second.model, second.solution.parameters, tighter)
+    return _steady(scan, second)
+
+
+def _steady(scan: Scan, fit: Refined) -> Refined:
+    """The fit with drift and table speed held as stated, their doubt considered, where the scan shows no others.
+
+    Over a single turn the two take up each other's noise and the eccentricity's with it, ten times what is left here.
+    """
+    both = [GEOMETRY.index("drift"), GEOMETRY.index("speed")]
+    whole = np.asarray(sum(covariance(fit.solution, fit.priors).values()))[np.ix_(both, both)]
+    found = fit.solution.parameters[both]
+    if found @ np.linalg.solve(whole, found) > NOTHING_SHOWN:
+        return fit
+    doubt = dict(zip(both, np.sqrt(np.diag(whole)), strict=True))
+    priors = tuple(
+        replace(q, u=float(doubt[q.index[0]]), considered=True) if q.index[0] in doubt else q for q in fit.priors
+    )
+    start = fit.solution.parameters.copy()
+    start[both] = 0.0
+    solution = gauss_newton(fit.model, fit.cells, start, priors, sectors(scan, fit.grid, fit.cells))
+    return replace(fit, solution=solution, priors=priors)
 
 
 def _thinned(scan: Scan) -> Scan:
