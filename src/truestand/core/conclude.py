@@ -35,7 +35,7 @@ DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
 HALF_TURN = 180.0
 """deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
 LINEARITY = "linearity of the sensor"
-RESIDUAL_PROFILES = 500
+RESIDUAL_PROFILES = 300
 
 
 def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
