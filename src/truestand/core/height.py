@@ -87,14 +87,14 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     beyond = outwards * (height - artefact.shoulder)
     with np.errstate(invalid="ignore"):
         row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
-    if row.size < LEAST_POINTS:
-        return None
     readings = beyond[row, column]
     order = np.lexsort((readings, row))
     row, readings = row[order], readings[order]
     same = row[1:] == row[:-1]
-    ends = readings[np.append(~same, True)]
     gaps = np.diff(readings)[same]
+    if gaps.size < LEAST_POINTS:
+        return None
+    ends = readings[np.append(~same, True)]
     return outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
 
 
