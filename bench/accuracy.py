@@ -134,9 +134,20 @@ def variations() -> Iterator[Case]:
         yield Case(name, OFF + "profiles = 4000\nnoise_um = 5.0\n" + OVAL, phi, direction, mirrored)
     for turns in (1.0, 1.5, 2.0, 3.3, 5.0):
         yield Case(f"{turns} turns", OFF + f"profiles = {round(4000 * turns)}\nnoise_um = 5.0\n" + OVAL)
+    for off in (2e-5, 1e-4, 1e-2):
+        yield Case(
+            f"1 turn, table {off:g} fast", OFF + f"profiles = 4000\nspeed_factor = {1 + off}\nnoise_um = 5.0\n" + OVAL
+        )
     for start in (-170.0, -60.0, 45.0, 200.0, 355.0):
         simulation = f'profiles = 4400\nstart_angle_deg = {start}\ncolumns = ["angle"]\nnoise_um = 5.0\n'
         yield Case(f"start at {start}", OFF + simulation + OVAL)
+
+
+def phases() -> Iterator[Case]:
+    """A sensor with 25 um of range error, one sine over its range, from phase to phase."""
+    for phase in range(0, 360, 45):
+        simulation = f"profiles = 4000\nnoise_um = 5.0\nnonlinearity_um = 25.0\nnonlinearity_phase_deg = {phase}.0\n"
+        yield Case(f"phase {phase}", simulation + OVAL)
 
 
 def main() -> None:
@@ -146,7 +157,8 @@ def main() -> None:
     seeds = range(parser.parse_args().seeds)
     console = Console(width=130)
     console.print(named(seeds))
-    console.print(all_senses())
+    console.print(errors_of("senses, turns, start angles: method stand, 5 um of noise", variations()))
+    console.print(errors_of("25 um of range error: method stand, 5 um of noise", phases()))
 
 
 def named(seeds: range) -> Table:
@@ -179,18 +191,21 @@ def more(case: Case, found: Record, true: Record) -> str:
     return "; ".join(f"{c['name']}: {c['value']:.0f}" for c in found["checks"] if not c["ok"])
 
 
-def all_senses() -> Table:
-    """Each variation's errors."""
-    table = Table(title="senses, turns, start angles: method stand, 5 um of noise")
+def errors_of(title: str, cases: Iterator[Case]) -> Table:
+    """Each case's errors, and the largest against its own U."""
+    table = Table(title=title)
     table.add_column("stand")
     table.add_column("status")
-    columns = ("e / um", "phi / deg", "d / um", "alpha / mrad", "tilt / mrad")
-    for heading in columns:
+    columns = {"e / um": "eccentricity_um", "phi / deg": "phi_deg", "d / um": "laser_plane_offset_mm",
+               "alpha / mrad": "laser_plane_tilt_deg", "tilt / mrad": "tilt_mrad"}  # fmt: skip
+    units = {"d / um": 1000.0, "alpha / mrad": float(np.radians(1000.0))}
+    for heading in (*columns, "worst / U"):
         table.add_column(heading, justify="right")
-    for case in variations():
+    for case in cases:
         found, true = run(case, 1)
         off = errors(found, true)
-        table.add_row(case.name, found["status"], *(f"{off[c]:+.4f}" for c in columns))
+        worst = max(abs(off[c]) / (found["uncertainty"][key]["U"] * units.get(c, 1.0)) for c, key in columns.items())
+        table.add_row(case.name, found["status"], *(f"{off[c]:+.4f}" for c in columns), f"{worst:.2f}")
     return table
 
 

@@ -137,7 +137,7 @@ def test_a_wrong_speed_is_found():
 
 
 def test_a_single_turn_at_the_stated_speed_is_as_good_as_several():
-    """Speed and drift, both free, would scatter the eccentricity of one turn by 0.05 um."""
+    """Speed and drift, both free, would scatter the eccentricity of one turn by 0.05 um; at another speed they do."""
     for name in ("clockwise", "other side", "from above"):
         found, true = calibrated(name), truth_of(name)
         assert abs(1000 * found.eccentricity - true["shaft"]["eccentricity_um"]) < 0.03
@@ -168,6 +168,18 @@ def test_a_wrong_drawing_is_not_trusted():
     found = calibrate(scan_of("from above"), wrong)
     assert found.status == "untrusted"
     assert any("step from base to bearing" in r for r in found.reasons)
+
+
+def test_half_a_tenth_off_in_radius_is_flagged_unless_the_sensor_shows_as_much_of_itself():
+    from dataclasses import replace
+
+    base, bearing = shaft().cylinders
+    wrong = replace(shaft(), cylinders=(base, replace(bearing, diameter=bearing.diameter + 0.1)))
+    assert calibrate(scan_of("from above"), wrong).status == "untrusted"  # 20 um, data sheet 20 um, certificate 1.4
+    bent = calibrate(scan_of("sensor non-linear from step to step"), wrong)
+    step = next(c for c in bent.checks if c.name.startswith("step"))
+    shape = max(c.value for c in bent.checks if c.name.startswith("static shape"))
+    assert step.limit == pytest.approx(20 + np.sqrt(2) + shape, abs=0.1)
 
 
 def test_the_same_scan_gives_the_same_calibration():

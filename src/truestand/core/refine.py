@@ -36,8 +36,8 @@ SIGNIFICANT = 4.0
 LEAST_HARMONIC = 5e-5
 """mm: smaller ones matter to nobody."""
 NOTHING_SHOWN = 25.0
-"""Chi-square of two unknowns up to which they are as stated: three standard deviations, of which a single turn tells no
-more than their order of size."""
+"""Chi-square of two unknowns up to which they are as stated. Not the 11.8 of three standard deviations: over one turn u
+comes out 1.4 times too small (12 scans), and 11.8 frees them in one scan of twelve that has neither."""
 STEEP_ENOUGH = 0.3
 """cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
 
@@ -74,7 +74,8 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
 def _steady(scan: Scan, fit: Refined) -> Refined:
     """The fit with drift and table speed held as stated, their doubt considered, where the scan shows no others.
 
-    Over a single turn the two take up each other's noise and the eccentricity's with it, ten times what is left here.
+    Over a single turn the two take up each other's noise: free, they scatter the eccentricity by 0.05 um; held, by
+    0.004, if the table does run as stated. From 5e-5 off its speed the scan shows it and they stay free.
     """
     both = [GEOMETRY.index("drift"), GEOMETRY.index("speed")]
     whole = np.asarray(sum(covariance(fit.solution, fit.priors).values()))[np.ix_(both, both)]

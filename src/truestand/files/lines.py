@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from truestand.core.errors import UnreadableFile
+from truestand.files.text import refuse_nul
 
 CHUNK = 1 << 20
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -26,19 +26,18 @@ class Lines:
         """
         self.marked = head.startswith(BYTE_ORDER_MARK)
         self.end = b"\r" if b"\r" in head and b"\n" not in head else b"\n"
-        self._file = path.open("rb")
         ends, size = [], 0
         hashed = hashlib.sha256()
-        while chunk := self._file.read(CHUNK):
-            if b"\0" in chunk:
-                self._file.close()
-                raise UnreadableFile(f"{path.name}: found NUL bytes, need text; the file is damaged or of another kind")
-            hashed.update(chunk)
-            at = chunk.find(self.end)
-            while at >= 0:
-                ends.append(size + at)
-                at = chunk.find(self.end, at + 1)
-            size += len(chunk)
+        with path.open("rb") as file:
+            while chunk := file.read(CHUNK):
+                refuse_nul(chunk, path.name)
+                hashed.update(chunk)
+                at = chunk.find(self.end)
+                while at >= 0:
+                    ends.append(size + at)
+                    at = chunk.find(self.end, at + 1)
+                size += len(chunk)
+        self._file = path.open("rb")
         self.sha256 = hashed.hexdigest()
         self.ended = bool(ends) and ends[-1] == size - 1
         if not self.ended:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
+from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_nul, refuse_words
 
 Array = NDArray[np.float64]
 
@@ -48,8 +48,7 @@ def read_long_csv(path: Path) -> Recording:
     """
     name, data = path.name, path.read_bytes()
     sha256 = hashlib.sha256(data).hexdigest()
-    if b"\0" in data:
-        raise UnreadableFile(f"{name}: found NUL bytes, need text; the file is damaged or of another kind")
+    refuse_nul(data, name)
     data = data.removeprefix(BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     header, _, body = data.partition(b"\n")
     columns = _columns(_names(header), name)

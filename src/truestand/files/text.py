@@ -83,6 +83,16 @@ def line_of(data: bytes, position: int) -> int:
     return data.count(b"\n", 0, position) + 1
 
 
+def refuse_nul(data: bytes, name: str) -> None:
+    """Refuse bytes that no text holds.
+
+    Raises:
+        UnreadableFile: NUL bytes.
+    """
+    if b"\0" in data:
+        raise UnreadableFile(f"{name}: found NUL bytes, need text; the file is damaged or of another kind")
+
+
 def refuse_infinite(values: Array, name: str, first_line: int) -> None:
     """Refuse numbers that overflowed.
 
