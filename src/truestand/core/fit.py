@@ -85,14 +85,10 @@ def gauss_newton(
         weights, sd = _weights(residuals, cells.weight)
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian + np.diag(precision)
-        pull = weighted.T @ residuals + precision * p
-        change = -_solve(information, pull)
-        p = p + change
+        change = -_solve(information, weighted.T @ residuals + precision * p)
         converged = bool(np.all(np.abs(change[:8]) < np.maximum(settled, STILL * _doubt(information)[:8])))
-    residuals, jacobian = model.linearised(p, cells.readings)
-    weights, sd = _weights(residuals, cells.weight)
-    weighted = jacobian * weights[:, None]
-    information = weighted.T @ jacobian + np.diag(precision)
+        if not converged:  # a step too small to matter is not worth another look at all cells
+            p = p + change
     scatter = _scatter(weighted * residuals[:, None], sectors)
     return Solution(p, residuals, weights, information, scatter, sd, steps, converged)
 
