@@ -9,9 +9,9 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from command import run
-from truestand.files.clouds import read_ply
+from truestand.files.points import read_ply
 
-COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "schema"]
+COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "form", "schema"]
 
 
 def test_help_is_quick_and_names_every_command():
@@ -265,3 +265,43 @@ def test_the_demo_never_overwrites_a_real_scan(tmp_path):
     assert "--out" in done.stderr
     assert (tmp_path / "k1.h5").read_bytes() == b"precious"
     assert [p.name for p in tmp_path.iterdir()] == ["k1.h5"]
+
+
+def test_form_of_points_and_of_a_calibrated_scan(bench, tmp_path):
+    t = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    ring = np.column_stack([10 * np.cos(t) + 0.01 * np.cos(3 * t), 10 * np.sin(t), 0 * t + 5])
+    np.savetxt(tmp_path / "ring.xyz", ring)
+    done = run("form", tmp_path / "ring.xyz", "--feature", "circle", "--reference", "MZC", "-o", tmp_path / "form.json")
+    assert done.returncode == 0, done.stderr
+    assert "roundness" in done.stdout
+    record = json.loads((tmp_path / "form.json").read_text())
+    Draft202012Validator(json.loads(run("schema", "form").stdout)).validate(record)
+    assert record["point"][2] == pytest.approx(5)
+    assert record["certificate"]["imbalance"] < 1e-9
+    scanned = run(
+        "form", bench / "k1.h5", "--calibration", bench / "calibration.json", "--feature", "circle", "--json",
+        "--filter-upr", "15",
+    )  # fmt: skip
+    assert scanned.returncode == 0, scanned.stderr
+    found = json.loads(scanned.stdout)
+    assert 1000 * found["form"] == pytest.approx(2 * 85 * 2 ** -((2 / 15) ** 2), rel=0.03)  # 85 um of 2 UPR
+    assert 1000 * found["run_out"] == pytest.approx(2 * 85, rel=0.05)
+    assert found["radius"] == pytest.approx(12.5, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--feature", "sphere", "--reference", "MZC"], "LSC only"),
+        (["--feature", "cylinder", "--filter-upr", "50"], "circular profiles"),
+        (["--feature", "circle", "--height-mm", "3"], "--calibration"),
+        (["--feature", "circle"], "on one line"),
+    ],
+)
+def test_form_refuses_in_one_line(tmp_path, arguments, message):
+    np.savetxt(tmp_path / "p.xyz", np.arange(30.0)[:, None] * np.ones(3))
+    done = run("form", tmp_path / "p.xyz", *arguments, "-o", tmp_path / "form.json")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "form.json").exists()

@@ -6,7 +6,7 @@ import typer
 
 
 def schema(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="calibration, verification, info or truth.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="calibration, verification, form, info or truth.")],
 ) -> None:
     """Print the JSON Schema of a record.
 

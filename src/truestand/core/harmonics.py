@@ -99,6 +99,54 @@ def _design(angle: Array, orders: tuple[int, ...], drift: bool) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
+class Sinusoid:
+    """mean + amplitude cos(2 pi frequency t - phase); ``sd`` is of the residual with n - 4 degrees of freedom."""
+
+    mean: float
+    amplitude: float
+    frequency: float
+    """Per unit of time."""
+    phase: float
+    sd: float
+
+
+FINER = 8
+"""Frequencies tried between two Fourier bins: the best fit's valley is one bin wide, so none is stepped over."""
+
+
+def fit_sinusoid(time: Array, samples: Array) -> Sinusoid:
+    """The least-squares sinusoid of unknown frequency: every frequency is tried, then the best one sharpened.
+
+    A local solver from a guessed frequency ends in whatever valley it starts in (NIST's LEW data are a trap of that
+    kind); mean, cosine and sine are solved exactly for every frequency, which leaves one unknown to search.
+
+    Raises:
+        NotEnoughData: fewer than five samples, or no span of time.
+    """
+    span = float(np.ptp(time)) if time.size else 0.0
+    if time.size < 5 or span <= 0:
+        raise NotEnoughData(f"found {time.size} samples over {span:g}, need five at different times; measure longer")
+    highest = 0.5 * (time.size - 1) / span
+    tried = np.arange(0.5, FINER * highest * span) / (FINER * span)
+    best = float(tried[int(np.argmin([_misfit(time, samples, f) for f in tried]))])
+    width = 1.0 / (FINER * span)
+    for _ in range(40):  # golden section: each pass keeps 0.618 of the valley
+        lower, upper = best - 0.382 * width, best + 0.382 * width
+        costs = [_misfit(time, samples, f) for f in (lower, best, upper)]
+        best, width = (lower, best, upper)[int(np.argmin(costs))], 0.618 * width
+    wave = fit_harmonics(2 * pi * best * time, samples)
+    sd = float(np.sqrt(_misfit(time, samples, best) / (time.size - 4)))
+    return Sinusoid(wave.mean, wave.amplitude(1), best, wave.phase(1), sd)
+
+
+def _misfit(time: Array, samples: Array, frequency: float) -> float:
+    """Sum of squares that the best sinusoid of this frequency leaves."""
+    design = _design(2 * pi * frequency * time, (1,), False)
+    left = samples - design @ _solve(design, samples)
+    return float(left @ left)
+
+
+@dataclass(frozen=True, slots=True)
 class Bin:
     """One bin of a discrete Fourier transform: amplitude and phase of A cos(2 pi k i / N - phase)."""
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
+from truestand.core.errors import BadRecipe, MissingExtra
 from truestand.files.atomic import replacing
 
 Array = NDArray[np.float64]
@@ -42,26 +42,6 @@ def write_cloud(path: Path | str, x: Array, y: Array, z: Array, deviation: Array
     writers = {".ply": _write_ply, ".xyz": _write_xyz, ".npz": _write_npz, ".e57": _write_e57}
     with replacing(path) as temporary:
         return writers[path.suffix.lower()](temporary, x, y, z, deviation)
-
-
-def read_ply(path: Path | str) -> dict[str, NDArray[Any]]:
-    """The vertices of a binary little-endian PLY, by property.
-
-    Raises:
-        UnreadableFile: another kind of PLY, or truncated.
-    """
-    data = Path(path).read_bytes()
-    head, found, body = data.partition(b"end_header\n")
-    if not found or b"format binary_little_endian" not in head:
-        raise UnreadableFile(f"{path}: no binary little-endian PLY")
-    lines = [line.split() for line in head.decode("ascii").splitlines()]
-    count = next(int(words[2]) for words in lines if words[:2] == ["element", "vertex"])
-    kinds = {"float": "<f4", "double": "<f8", "int": "<i4", "uint": "<u4", "uchar": "u1"}
-    kind = np.dtype([(words[2], kinds[words[1]]) for words in lines if words and words[0] == "property"])
-    if len(body) < count * kind.itemsize:
-        raise UnreadableFile(f"{path}: the PLY is cut off")
-    vertices = np.frombuffer(body, dtype=kind, count=count)
-    return {name: vertices[name] for name in kind.names or ()}
 
 
 def _seen(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:

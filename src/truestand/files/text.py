@@ -74,7 +74,7 @@ def check_text(data: bytes, name: str) -> None:
     if wrong >= 0:
         found = data[wrong : wrong + 1]
         raise UnreadableFile(
-            f"{name}: found {found!r} in line {line_of(data, wrong)}, need numbers; give a scan file (docs/formats.md)"
+            f"{name}: found {found!r} in line {line_of(data, wrong)}, need numbers; see docs/formats.md"
         )
 
 

@@ -1,0 +1,173 @@
+"""``truestand form``: associate a feature with points, and say how far they depart from it."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truestand.cli.options import JsonOption, QuietOption, StandOption
+
+if TYPE_CHECKING:
+    from truestand.core.artefact import Cylinder
+    from truestand.core.calibration import Calibration
+    from truestand.core.form import Form
+    from truestand.core.sections import Section
+
+
+class FeatureName(StrEnum):
+    """What to associate."""
+
+    LINE = "line"
+    PLANE = "plane"
+    CIRCLE = "circle"
+    CYLINDER = "cylinder"
+    SPHERE = "sphere"
+
+
+class ReferenceName(StrEnum):
+    """By which reference."""
+
+    LSC = "LSC"
+    MZC = "MZC"
+    MIC = "MIC"
+    MCC = "MCC"
+
+
+FORM_NAMES = {
+    "line": "straightness",
+    "plane": "flatness",
+    "circle": "roundness",
+    "cylinder": "cylindricity",
+    "sphere": "sphericity",
+}
+
+
+def form(
+    points: Annotated[
+        Path, typer.Argument(metavar="POINTS", help="x y z text, PLY or NIST .ds in mm; a scan with --calibration.")
+    ],
+    feature: Annotated[FeatureName, typer.Option(help="What to associate.")],
+    reference: Annotated[
+        ReferenceName,
+        typer.Option(
+            help="Least squares; circle and cylinder also minimum zone, maximum inscribed, minimum circumscribed."
+        ),
+    ] = ReferenceName.LSC,
+    filter_upr: Annotated[
+        float | None, typer.Option(min=0.001, help="Circle: Gaussian filter, half of this many waves a turn passes.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option("--calibration", metavar="CALIBRATION.json", help="POINTS is a scan: roll it up.")
+    ] = None,
+    surface: Annotated[
+        str | None, typer.Option(help="Scan: which cylinder of the artefact; default: the first.")
+    ] = None,
+    height_mm: Annotated[
+        float | None, typer.Option(help="Scan, circle: height of the section in C; default: the cylinder's middle.")
+    ] = None,
+    stand: StandOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FORM.json", help="Write the record.")
+    ] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Associate a line, plane, circle, cylinder or sphere with points, and measure the form that remains.
+
+    Example: truestand form points.xyz --feature circle --reference MZC --filter-upr 50 -o form.json
+    """
+    from truestand.cli.talk import now, print_json, working
+    from truestand.core.errors import BadRecipe
+    from truestand.core.form import evaluate
+    from truestand.files.atomic import write_json_atomic
+    from truestand.files.form_record import form_record
+    from truestand.files.points import read_points
+    from truestand.files.read import sha256_of
+
+    if calibration is None and (surface, height_mm, stand) != (None, None, None):
+        raise BadRecipe("--surface, --height-mm and --stand are for scans; pass --calibration CALIBRATION.json too")
+    run_out = None
+    with working(f"Reading {points.name}", quiet):
+        if calibration is None:
+            cloud = read_points(points)
+        else:
+            cells = _scanned(points, calibration, stand, feature, surface, height_mm)
+            cloud, run_out = cells.points, cells.run_out
+    with working("Associating", quiet):
+        found = evaluate(cloud, feature.value, reference.value, filter_upr)
+    record = form_record(found, now(), sha256_of(points), run_out)
+    if output is not None:
+        write_json_atomic(output, record)
+    if as_json:
+        print_json(record)
+    elif not quiet:
+        _print(found, run_out)
+
+
+def _scanned(
+    path: Path, calibration: Path, stand: Path | None, feature: FeatureName, surface: str | None, height: float | None
+) -> "Section":
+    """Cells of one cylinder of the artefact in a scan."""
+    from truestand.core.errors import BadRecipe
+    from truestand.core.scan import interpret
+    from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
+    from truestand.core.surface import roll
+    from truestand.files.read import read_recording
+    from truestand.files.recipes import read_stand
+    from truestand.files.records import read_calibration
+
+    if feature not in (FeatureName.CIRCLE, FeatureName.CYLINDER):
+        raise BadRecipe(f"a {feature.value} can't be taken from a scan of the artefact; use circle or cylinder")
+    known = read_calibration(calibration)
+    recording = read_recording(path)
+    described = None if stand is None else read_stand(stand)
+    rolled = roll(interpret(recording, described or recording.stand or known.stand), known)
+    cylinder, low, high = _stretch(known, surface)
+    if feature is FeatureName.CYLINDER:
+        return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)
+    middle = (low + high) / 2 if height is None else height
+    return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS)
+
+
+def _stretch(known: "Calibration", name: str | None) -> "tuple[Cylinder, float, float]":
+    """A cylinder of the artefact and the heights between which the calibration measured it."""
+    from truestand.core.errors import BadRecipe
+
+    if known.artefact is None or not known.static_profiles:
+        raise BadRecipe("the calibration carries no artefact; calibrate again with this version")
+    seen = {p.surface: p for p in known.static_profiles}
+    wanted = name or known.static_profiles[0].surface
+    if wanted not in seen:
+        raise BadRecipe(f"found no surface {wanted!r} in the calibration, need one of {', '.join(seen)}")
+    heights = seen[wanted].height
+    cylinder = next(c for c in known.artefact.cylinders if c.name == wanted)
+    return cylinder, float(heights[0]), float(heights[-1])
+
+
+def _print(found: "Form", run_out: float | None) -> None:
+    from truestand.core.units import um
+
+    def line(name: str, text: str, U: float | None = None) -> None:
+        typer.echo(f"{name:22}{text}" + ("" if U is None else f"   U = {um(U):.3f} um (k = 2)"))
+
+    line("feature", f"{found.feature}, {found.reference}, {found.n} points")
+    line("point, mm", "  ".join(f"{v:.6f}" for v in found.point), found.U.get("point"))
+    if found.direction is not None:
+        line("direction", "  ".join(f"{v:.9f}" for v in found.direction))
+    if found.radius is not None:
+        line("radius, mm", f"{found.radius:.6f}", found.U.get("radius"))
+    line("rms, um", f"{um(found.rms):.4f}")
+    line(f"{FORM_NAMES[found.feature]}, um", f"{um(found.form):.4f}", found.U.get("form"))
+    if found.cutoff_upr is not None:
+        line("filter", f"Gaussian, {found.cutoff_upr:g} UPR")
+    line("noise floor, um", f"{um(found.noise_floor):.4f}   what this form value reads from the points' noise alone")
+    if run_out is not None:
+        kind = "circular" if found.feature == "circle" else "total"
+        line(f"{kind} run-out, um", f"{um(run_out):.4f}   about the shaft's axis, unfiltered")
+    if found.certificate is not None:
+        proof = "proven" if found.certificate.scope == "global" else "no small move betters it"
+        line(
+            "optimum",
+            f"{proof}: {len(found.certificate.contacts)} contacts, balanced to {found.certificate.imbalance:.0e}",
+        )

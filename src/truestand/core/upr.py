@@ -1,0 +1,85 @@
+"""The Gaussian filter of roundness, by undulations per revolution (ISO 12181-2, ISO 16610-21).
+
+A harmonic of n UPR passes with 2^-((n/nc)^2), half at the cut-off nc. Evenly spaced profiles go through a Fourier
+transform, which is exact; others through least squares of the harmonics that the filter lets pass.
+"""
+
+from math import pi, tau
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import NotEnoughData
+
+Array = NDArray[np.float64]
+
+EVEN = 1e-6
+"""Largest departure from even spacing, as a share of it, at which a profile counts as evenly spaced."""
+NEGLIGIBLE = 4
+"""From this many cut-offs on nothing passes: 2^-16."""
+
+
+def transmission(upr: NDArray[Any], cutoff: float) -> Array:
+    """Share (n,) of each harmonic's amplitude that passes."""
+    return np.asarray(np.exp2(-np.square(np.asarray(upr, dtype=np.float64) / cutoff)))
+
+
+def upr_filter(angle: Array, deviation: Array, cutoff: float) -> Array:
+    """The profile's waves up to about ``cutoff`` UPR: deviations (n,) at angles (n,) rad in any order.
+
+    Raises:
+        NotEnoughData: the profile is open, or too few samples for the cut-off.
+    """
+    if not cutoff > 0:
+        raise NotEnoughData(f"found a cut-off of {cutoff:g} UPR, need a positive one; 15, 50, 150 and 500 are usual")
+    order = np.argsort(angle)
+    sorted_, n = np.asarray(angle)[order], len(angle)
+    gaps = np.diff(np.append(sorted_, sorted_[0] + tau))
+    if np.abs(gaps - tau / n).max() <= EVEN * tau / n:
+        passed = _even(deviation[order], cutoff)
+    else:
+        highest = max(1, min(int(NEGLIGIBLE * cutoff), n // 4))
+        _demand_closed(float(gaps.max()), highest)
+        passed = _uneven(sorted_, deviation[order], cutoff, highest)
+    out = np.empty(n)
+    out[order] = passed
+    return out
+
+
+def _even(deviation: Array, cutoff: float) -> Array:
+    spectrum = np.fft.rfft(deviation)
+    return np.asarray(np.fft.irfft(spectrum * transmission(np.arange(spectrum.size), cutoff), deviation.size))
+
+
+def _demand_closed(gap: float, highest: int) -> None:
+    """Half of the shortest wave that passes is what a gap may hide."""
+    limit = pi / highest * 1.5
+    if gap > limit:
+        raise NotEnoughData(
+            f"found a gap of {np.degrees(gap):.1f} degrees in the profile, need a closed one (at most "
+            f"{np.degrees(limit):.1f} for this cut-off); measure the whole circumference or filter more strongly"
+        )
+
+
+def _uneven(angle: Array, deviation: Array, cutoff: float, highest: int) -> Array:
+    """Least squares of all harmonics up to ``highest``; the normal matrix depends on differences of orders only."""
+    turn = np.exp(1j * angle)
+    moments = np.empty(2 * highest + 1, dtype=np.complex128)
+    right = np.empty(highest + 1, dtype=np.complex128)
+    wave = np.ones(angle.size, dtype=np.complex128)
+    for k in range(2 * highest + 1):
+        moments[k] = wave.sum()
+        if k <= highest:
+            right[k] = wave.conj() @ deviation
+        wave *= turn
+    both = np.concatenate([np.conj(right[:0:-1]), right])
+    lag = np.subtract.outer(np.arange(both.size), np.arange(both.size))
+    matrix = np.where(lag >= 0, np.conj(moments[np.abs(lag)]), moments[np.abs(lag)])
+    series = np.linalg.solve(matrix, both)[highest:] * transmission(np.arange(highest + 1), cutoff)
+    passed = np.full(angle.size, float(series[0].real))
+    wave = np.ones(angle.size, dtype=np.complex128)
+    for k in range(1, highest + 1):
+        wave *= turn
+        passed += 2.0 * (series[k] * wave).real
+    return passed

@@ -1,0 +1,229 @@
+"""Minimum zone, minimum circumscribed and maximum inscribed circles and cylinders, with a certificate of optimality.
+
+All three are one problem: move the axis until the largest distance of the points from it (circumscribed), the smallest
+(inscribed) or the difference of both (zone) can't be bettered. It is solved by successive linear programs on the points
+that matter, more of which are added until no other point is violated, and sharpened by Newton's method on the
+conditions of Karush, Kuhn and Tucker. These are the certificate: the contacts hold the axis in balance, their forces
+positive. For the circumscribed circle that proves the optimum; for the others, that no small move betters it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import NotEnoughData
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Kind = Literal["MZC", "MCC", "MIC"]
+Distance = Callable[[Array, Ints], tuple[Array, Array]]
+"""Parameters (m,) and which points: their distances (k,) mm from the axis and slopes (k, m)."""
+
+MOST_ROUNDS = 60
+MOST_PROGRAMS = 200
+ADDED = 24
+"""Violated points taken in at once."""
+HELD = 1e-13
+"""Relative to the radius: a point out of the zone by less is on its border."""
+BALANCED = 1e-7
+"""Forces of the contacts may be out of balance by this share and be called balanced."""
+REACH = 0.5
+"""Share of the radius by which the axis may move from the least-squares one: further, the points don't hold it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zone:
+    """The best axis and what holds it there."""
+
+    parameters: Array
+    outer: float
+    """mm: largest distance of a point from the axis."""
+    inner: float
+    """mm: smallest."""
+    contacts: Ints
+    """Points that hold the axis."""
+    outside: NDArray[np.bool_]
+    """Which of them touch from the outer side."""
+    forces: Array
+    """Multipliers of the contacts: positive, their sum 1 on each side that counts."""
+    imbalance: float
+    """What is left of the balance: 0 at an optimum."""
+    sensitivity: Array
+    """(m + 2, contacts): how parameters, outer and inner radius follow the noise of the contacts."""
+
+
+def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
+    """The minimum zone (MZC), circumscribed (MCC) or inscribed (MIC) feature of ``count`` points, from ``start`` (m,).
+
+    Raises:
+        NotEnoughData: the points don't hold the axis, as on less than half the circumference for MIC.
+    """
+    everything = np.arange(count)
+    d, _ = distance(start, everything)
+    radius = float(d.mean())
+    working = _extremes(d, count)
+    q = start.copy()
+    for _ in range(MOST_ROUNDS):
+        problem = _Problem(distance, working, kind, radius, start)
+        q = problem.solve(q)
+        d, _ = distance(q, everything)
+        missed = _violators(d, working, kind, HELD * radius)
+        if not missed.size:
+            break
+        working = np.union1d(working, missed)
+    return problem.certified(q, float(d.max()), float(d.min()))
+
+
+def _extremes(d: Array, count: int) -> Ints:
+    """The outermost and innermost points of some stretches of the data, and of all."""
+    stretches = np.array_split(np.arange(count), min(48, max(count // 4, 1)))
+    picked = [s[[int(np.argmax(d[s])), int(np.argmin(d[s]))]] for s in stretches]
+    order = np.argsort(d)
+    return np.unique(np.concatenate([*picked, order[:16], order[-16:]]))
+
+
+def _violators(d: Array, working: Ints, kind: Kind, tolerance: float) -> Ints:
+    """Points out of the working points' zone, the worst first."""
+    high, low = float(d[working].max()), float(d[working].min())
+    worst: list[Ints] = []
+    if kind != "MIC":
+        out = np.flatnonzero(d > high + tolerance)
+        worst.append(out[np.argsort(d[out])[::-1][:ADDED]])
+    if kind != "MCC":
+        out = np.flatnonzero(d < low - tolerance)
+        worst.append(out[np.argsort(d[out])[:ADDED]])
+    return np.concatenate(worst)
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """The problem on the working points."""
+
+    distance: Distance
+    working: Ints
+    kind: Kind
+    radius: float
+    start: Array
+
+    def value(self, d: Array) -> float:
+        """What is made small."""
+        outer, inner = float(d.max()), float(d.min())
+        return {"MZC": outer - inner, "MCC": outer, "MIC": -inner}[self.kind]
+
+    def solve(self, q: Array) -> Array:
+        """Successive linear programs within a region of trust, then Newton's method on the contacts."""
+        d, slopes = self.distance(q, self.working)
+        unit = max(float(np.ptp(d)), 1e-15 * self.radius)
+        size = np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+        trust = 1.0
+        for _ in range(MOST_PROGRAMS):
+            move, foreseen, _ = _program((d - self.radius) / unit, slopes / size, self.kind, trust)
+            tried = q + move * unit / size
+            if np.abs((tried - self.start) * size).max() > REACH * self.radius:
+                raise NotEnoughData(f"the points don't hold a {self.kind} feature; measure more of the circumference")
+            d_new, slopes_new = self.distance(tried, self.working)
+            gained = (self.value(d) - self.value(d_new)) / unit
+            if gained > 0:
+                q, d, slopes = tried, d_new, slopes_new
+            trust = trust * 2.0 if gained > 0.5 * foreseen else trust * 0.25
+            if foreseen < 1e-9 or trust < 1e-12:
+                break
+        sharp = self._sharpened(q)
+        return sharp if self.value(self.distance(sharp, self.working)[0]) <= self.value(d) + HELD * self.radius else q
+
+    def _contacts(self, q: Array) -> tuple[Ints, NDArray[np.bool_], Array]:
+        """Which points hold the axis, on which side, with which force: the program's multipliers without a move."""
+        d, slopes = self.distance(q, self.working)
+        unit = max(float(np.ptp(d)), 1e-15 * self.radius)
+        size = np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+        _, _, forces = _program((d - self.radius) / unit, slopes / size, self.kind, 1e-4)
+        n = self.working.size
+        both = np.concatenate([self.working, self.working])
+        outside = np.arange(2 * n) < n
+        holding = np.flatnonzero(forces > 1e-6)
+        return both[holding], outside[holding], forces[holding]
+
+    def _sharpened(self, q: Array) -> Array:
+        """Newton's method on balance and contact of the points that hold the axis."""
+        contacts, outside, forces = self._contacts(q)
+        if not contacts.size:
+            return q
+        for _ in range(12):
+            matrix, right = self._conditions(q, contacts, outside, forces)
+            step = np.linalg.lstsq(matrix, -right, rcond=1e-12)[0]
+            q = q + step[: q.size]
+            forces = forces + step[q.size + 2 :]
+            if np.abs(step[: q.size]).max() < 1e-15 * self.radius:
+                break
+        return q
+
+    def _conditions(self, q: Array, contacts: Ints, outside: NDArray[np.bool_], forces: Array) -> tuple[Array, Array]:
+        """The conditions' matrix and what is left of them: balance, sums of forces, contact.
+
+        Unknowns: parameters (m), outer and inner radius (2), forces (k).
+        """
+        m, k = q.size, contacts.size
+        sign = np.where(outside, 1.0, -1.0)
+        d, slopes = self.distance(q, contacts)
+        pull = sign * forces
+        matrix = np.zeros((m + 2 + k, m + 2 + k))
+        matrix[:m, :m] = self._curvature(q, contacts, pull)
+        matrix[:m, m + 2 :] = (sign[:, None] * slopes).T
+        matrix[m, m + 2 :], matrix[m + 1, m + 2 :] = outside, ~outside
+        matrix[m + 2 :, :m] = slopes
+        matrix[m + 2 :, m], matrix[m + 2 :, m + 1] = -1.0 * outside, -1.0 * ~outside
+        outer = float(d[outside].mean()) if outside.any() else 0.0
+        inner = float(d[~outside].mean()) if not outside.all() else 0.0
+        sums = [float(forces[outside].sum()) - outside.any(), float(forces[~outside].sum()) - (not outside.all())]
+        right = np.concatenate([slopes.T @ pull, sums, d - np.where(outside, outer, inner)])
+        return matrix, right
+
+    def _curvature(self, q: Array, contacts: Ints, pull: Array) -> Array:
+        """Second derivative (m, m) of the contacts' balance, by differences of the slopes."""
+        curvature = np.empty((q.size, q.size))
+        for j in range(q.size):
+            h = np.zeros(q.size)
+            h[j] = 1e-6 * max(self.radius, 1.0)
+            after, before = (self.distance(q + sign * h, contacts)[1].T @ pull for sign in (1.0, -1.0))
+            curvature[:, j] = (after - before) / (2 * h[j])
+        return (curvature + curvature.T) / 2
+
+    def certified(self, q: Array, outer: float, inner: float) -> Zone:
+        """The solution with its certificate."""
+        contacts, outside, forces = self._contacts(q)
+        _, slopes = self.distance(q, contacts)
+        size = np.maximum(np.abs(slopes).max(axis=0, initial=1e-12), 1e-12)
+        sign = np.where(outside, 1.0, -1.0)
+        imbalance = float(np.abs((slopes / size).T @ (sign * forces)).max(initial=0.0))
+        matrix, _ = self._conditions(q, contacts, outside, forces)
+        response = np.linalg.pinv(-matrix, rcond=1e-12)[: q.size + 2, q.size + 2 :]
+        return Zone(q, outer, inner, contacts, outside, forces, imbalance, np.asarray(response, dtype=np.float64))
+
+
+def _program(d: Array, slopes: Array, kind: Kind, trust: float) -> tuple[Array, float, Array]:
+    """The linear program about the present axis: best move (m,), gain foreseen, forces (2n,) outer then inner."""
+    from scipy.optimize import linprog
+
+    n, m = slopes.shape
+    outer_counts, inner_counts = kind != "MIC", kind != "MCC"
+    cost = np.concatenate([np.zeros(m), [1.0 * outer_counts, -1.0 * inner_counts]])
+    one, none = np.ones((n, 1)), np.zeros((n, 1))
+    above, below = np.hstack([slopes, -one, none]), np.hstack([-slopes, none, one])
+    parts = [above] * outer_counts + [below] * inner_counts
+    limits = [-d] * outer_counts + [d] * inner_counts
+    free = (None, None)
+    sides = [free if counts else (0.0, 0.0) for counts in (outer_counts, inner_counts)]
+    found = linprog(
+        cost, np.vstack(parts), np.concatenate(limits), bounds=[(-trust, trust)] * m + sides, method="highs",
+        options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+    )  # fmt: skip
+    now = (d.max() if outer_counts else 0.0) - (d.min() if inner_counts else 0.0)
+    if found.x is None:
+        return np.zeros(m), 0.0, np.zeros(2 * n)
+    forces = -np.asarray(found.ineqlin.marginals)
+    whole = np.zeros(2 * n)
+    whole[slice(0, None) if outer_counts and inner_counts else slice(0, n) if outer_counts else slice(n, None)] = forces
+    return np.asarray(found.x[:m]), float(now - found.fun), whole
