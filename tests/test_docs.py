@@ -107,7 +107,7 @@ def test_every_setting_of_the_virtual_stand_is_explained():
 
     page = ROOT / "docs" / "build-your-stand.md"
     text = page.read_text(encoding="utf-8")
-    tables = ("form", "keyway", "misalignment", "diameter")
+    tables = ("form", "keyway", "flat", "dirt", "misalignment", "diameter")
     for key in SimulationRecipe.model_fields:
         assert (f"[[simulation.{key}]]" if key in tables else f"`{key}`") in text, key
     (example,) = code(page, "toml")

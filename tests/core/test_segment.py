@@ -1,5 +1,6 @@
 """The automatic choice of the base surface, on views that make it hard."""
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
 from math import cos, degrees, hypot, radians, sin
@@ -7,6 +8,7 @@ from math import cos, degrees, hypot, radians, sin
 import numpy as np
 import pytest
 
+from random_stands import try_shaft, try_stand
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibrate import calibrate
 from truestand.core.clean import supported
@@ -138,3 +140,19 @@ def test_the_band_lies_on_the_cylinder():
         off = u[on] - shaft().cylinders[band.cylinder].radius
         assert np.abs(off).max() < hypot(0.8789, 0.085) + 0.4
         assert on.sum() > 20 * view.profiles
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_shafts_are_right_or_said_to_be_doubtful(seed):
+    outcome = try_shaft(seed)
+    assert outcome.status != "valid" or not outcome.wrong
+
+
+@pytest.mark.slow
+def test_a_thousand_random_stands_and_shafts_are_never_silently_wrong():
+    """The whole study with its table: python bench/random_stands.py"""
+    for what in (try_stand, try_shaft):
+        with ProcessPoolExecutor(2) as pool:
+            done = list(pool.map(what, range(1000), chunksize=8))
+        assert [o for o in done if o.status == "valid" and o.wrong] == []
+        assert sum(o.status == "valid" for o in done) > 800

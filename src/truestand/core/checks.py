@@ -5,9 +5,10 @@ from math import hypot
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
+from truestand.core.fit import MOST_STEPS
 from truestand.core.refine import Refined
 from truestand.core.scan import Scan
-from truestand.core.segment import LEAST_SHARE
+from truestand.core.segment import LEAST_SHARE, SURE
 from truestand.core.stand import Sensor
 
 FULL_TURN = 0.9
@@ -44,9 +45,11 @@ def checks_of(
         Check("drawing explains the view, share", fit.segments.explained, LEAST_SHARE,
               fit.segments.explained >= LEAST_SHARE,
               "check the diameters and lengths in shaft.toml and what else is in view"),
+        Check("surfaces told apart, confidence", fit.segments.confidence, SURE, fit.segments.confidence >= SURE,
+              "bring a step and an end of the shaft into view; check shaft.toml"),
         Check("residual, um rms", 1000 * residuals.rms, 1000 * MOST_RESIDUAL, residuals.rms <= MOST_RESIDUAL,
               "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
-        Check("fit converged, steps", float(fit.solution.steps), 12.0, fit.solution.converged,
+        Check("fit converged, steps", float(fit.solution.steps), float(MOST_STEPS), fit.solution.converged,
               "the exact model found no steady answer; check the drawing and the direction of the table"),
         Check("drift over the scan, um", 1000 * drift, 1000 * MOST_DRIFT, drift <= MOST_DRIFT,
               "let sensor and table warm up; check that nothing is loose"),

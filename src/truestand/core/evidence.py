@@ -15,7 +15,8 @@ from truestand.core.calibration import Calibration
 from truestand.core.frames import facing, sensor_parameters, shaft_from_rotor
 from truestand.core.harmonics import fit_harmonics
 from truestand.core.scan import Scan
-from truestand.core.segment import EDGE_MARGIN, median_profile
+from truestand.core.segment import EDGE_MARGIN
+from truestand.core.silhouette import median_profile, sample
 from truestand.core.surface import Surface, roll, table_angle
 
 Array = NDArray[np.float64]
@@ -180,7 +181,7 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
     base = seen[0].radius if seen else 0.0
     at = np.nanmedian(surface.z[which == 0]) if (which == 0).any() else 0.0
     across, up = base - radial, ends + at - height
-    profile = median_profile(part)
+    profile = median_profile(sample(part))
     return Projection(
         part.x[row, column],
         part.z[row, column],

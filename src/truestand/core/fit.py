@@ -6,24 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.cells import Cells
-from truestand.core.model import Model
+from truestand.core.model import GEOMETRY, Model
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-MOST_STEPS = 12
+MOST_STEPS = 30
+MOST_HALVINGS = 10
+SLACK = 1e-5
+"""Cost, absolute and relative, that a step may add: near the end the linear model is as true as the cost."""
 SETTLED = 1e-7
 """mm or rad: a tenth of a nanometre is still."""
 STILL = 1e-4
 """A step this small against the unknown's own standard uncertainty changes nothing that anyone could see."""
 TUKEY = 4.685
 """Tukey's constant: 95 % efficient for normal noise."""
-MODEL_U = 3e-5
+MODEL_U = 1e-4
 """mm: the model is no truer than this, however many readings there are.
 
 Seven million readings average to 3 nm. At that scale directions that the scan hardly sees (the laser plane's offset
-under a centred shaft) would be read from effects that nobody modelled; with this floor the priors decide there.
+under a centred shaft) would be read from what nobody modelled: the edges of a keyway, half a micrometre of dirt. With
+this floor the priors decide there. What the scan does see is read with weights a thousand times the priors' own.
 """
+PLANE = (GEOMETRY.index("plane_offset"), GEOMETRY.index("plane_tilt"))
 PIN = 1e-7
 """mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
@@ -82,15 +87,67 @@ def gauss_newton(
     while not converged and steps < MOST_STEPS:
         steps += 1
         residuals, jacobian = model.linearised(p, cells.readings)
-        weights, sd = _weights(residuals, cells.weight)
+        scale = _scale_of(residuals, cells.weight)
+        weights = scale.weights(residuals, cells.weight)
         weighted = jacobian * weights[:, None]
         information = weighted.T @ jacobian + np.diag(precision)
-        change = -_solve(information, weighted.T @ residuals + precision * p)
+        change = -solve(information, weighted.T @ residuals + precision * p)
         converged = bool(np.all(np.abs(change[:8]) < np.maximum(settled, STILL * _doubt(information)[:8])))
         if not converged:  # a step too small to matter is not worth another look at all cells
-            p = p + change
+            p = _bettering(model, cells, p, change, residuals, scale, precision)
     scatter = _scatter(weighted * residuals[:, None], sectors)
-    return Solution(p, residuals, weights, information, scatter, sd, steps, converged)
+    return Solution(p, residuals, weights, information, scatter, scale.sd, steps, converged)
+
+
+def _bettering(
+    model: Model, cells: Cells, p: Array, change: Array, residuals: Array, scale: "_Scale", precision: Array
+) -> Array:
+    """The parameters after a step that betters the robust cost.
+
+    Under a nearly centred shaft the scan hardly sees the laser plane, and far along that direction the other unknowns
+    follow in a curve (sag is quadratic). Where the straight step fails they are solved again for the new plane; where
+    that fails too, the step is halved.
+    """
+    before = SLACK + (1.0 + SLACK) * scale.cost(residuals, cells.weight, p, precision)
+    for _ in range(MOST_HALVINGS):
+        tried = p + change
+        if scale.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+            return tried
+        tried = _following(model, cells, tried, scale, precision)
+        if scale.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+            return tried
+        change = change / 2
+    return p + change
+
+
+def _following(model: Model, cells: Cells, p: Array, scale: "_Scale", precision: Array) -> Array:
+    """One Gauss-Newton step of all unknowns but the laser plane's."""
+    residuals, jacobian = model.linearised(p, cells.readings)
+    others = np.setdiff1d(np.arange(p.size), PLANE)
+    weighted = jacobian[:, others] * scale.weights(residuals, cells.weight)[:, None]
+    information = weighted.T @ jacobian[:, others] + np.diag(precision[others])
+    out = p.copy()
+    out[others] -= solve(information, weighted.T @ residuals + precision[others] * p[others])
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """Noise of one reading of full weight (mm), and the share of the data's weight that the model's floor leaves."""
+
+    sd: float
+    share: float
+
+    def weights(self, residuals: Array, counts: Array) -> Array:
+        """Tukey's weights (n,) in 1/mm2."""
+        ratio = residuals * np.sqrt(counts) / (TUKEY * self.sd)
+        return np.asarray(np.square(np.maximum(1.0 - ratio * ratio, 0.0)) * counts * (self.share / self.sd**2))
+
+    def cost(self, residuals: Array, counts: Array, p: Array, precision: Array) -> float:
+        """What Gauss-Newton makes small: Tukey's cost of the cells and the priors' squares."""
+        ratio = residuals * np.sqrt(counts) / (TUKEY * self.sd)
+        left = np.maximum(1.0 - ratio * ratio, 0.0)
+        return self.share * TUKEY**2 / 3.0 * float(np.sum(1.0 - left * left * left)) + float(precision @ (p * p))
 
 
 def covariance(solution: Solution, priors: tuple[Prior, ...]) -> dict[str, Array]:
@@ -100,7 +157,7 @@ def covariance(solution: Solution, priors: tuple[Prior, ...]) -> dict[str, Array
     tightness with which each prior holds its unknowns and u its standard uncertainty.
     """
     size = solution.parameters.size
-    inverse = _solve(solution.information, np.eye(size))
+    inverse = solve(solution.information, np.eye(size))
     parts = {"noise": inverse @ solution.scatter @ inverse.T}
     for prior in priors:
         rows = inverse[:, prior.index]
@@ -116,7 +173,7 @@ def _precision(priors: tuple[Prior, ...], size: int) -> Array:
     return precision
 
 
-def _solve(matrix: Array, right: Array) -> Array:
+def solve(matrix: Array, right: Array) -> Array:
     """Solve a normal system whose unknowns have very different units: scaled to a unit diagonal first."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * scale[:, None] * scale[None, :]
@@ -127,18 +184,14 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 def _doubt(information: Array) -> Array:
     """Standard uncertainty (p,) of each unknown if the normal matrix were the whole truth."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(_solve(information, np.eye(information.shape[0]))), 0.0)))
+    return np.asarray(np.sqrt(np.maximum(np.diag(solve(information, np.eye(information.shape[0]))), 0.0)))
 
 
-def _weights(residuals: Array, counts: Array) -> tuple[Array, float]:
-    """Weights (n,) in 1/mm2 and the standard deviation of one reading, from the residuals themselves."""
-    root = np.sqrt(counts)
-    normalised = residuals * root
-    sd = max(1.4826 * float(np.median(np.abs(normalised))), 1e-7)
-    ratio = normalised / (TUKEY * sd)
-    weights = np.square(np.maximum(1.0 - ratio * ratio, 0.0)) * counts / sd**2
-    most = 1.0 / MODEL_U**2
-    return weights * min(1.0, most / max(float(weights.sum()), 1e-300)), sd
+def _scale_of(residuals: Array, counts: Array) -> _Scale:
+    """The noise from the residuals themselves; all data together weigh no more than the model is true."""
+    sd = max(1.4826 * float(np.median(np.abs(residuals * np.sqrt(counts)))), 1e-7)
+    total = float(_Scale(sd, 1.0).weights(residuals, counts).sum())
+    return _Scale(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
 
 def _scatter(pulls: Array, sectors: Ints) -> Array:

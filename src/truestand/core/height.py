@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 SAMPLED_PROFILES = 1000
 FACE_REACH = 0.3
 """mm: half-height of the slab in which the face's points lie once the model is known."""
+LEVEL = 0.03
+"""mm by which the inner and the outer half of a face may differ in height."""
 EDGE_REACH = 1.5
 """mm: how far from its expected place the edge of a cylinder is looked for."""
 LEAST_POINTS = 50
@@ -32,7 +34,7 @@ def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
         return fit
     radius, height = _in_shaft(scan, fit)
     face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
-    if face.size >= LEAST_POINTS:
+    if face.size:
         return _moved(scan, fit, _middle(face), seen=True)
     edge = _edge(artefact, radius, height)
     if edge is not None:
@@ -60,12 +62,23 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
 
 
 def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
-    """Heights (n,) mm above the drawing's shoulder of readings on its face, clear of its fillet and chamfer."""
+    """Heights (n,) mm above the drawing's shoulder of readings on its face, clear of its fillet and chamfer.
+
+    Empty where there are too few, or where their height changes across the face: that is a fillet, no face.
+    """
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
     with np.errstate(invalid="ignore"):
         above = height - artefact.shoulder
-        return above[(radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)]
+        on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
+    face, across = above[on], radius[on]
+    if face.size < LEAST_POINTS:
+        return np.empty(0)
+    inside = across < np.median(across)
+    if not inside.any():
+        return np.empty(0)
+    slope = float(np.median(face[~inside]) - np.median(face[inside]))
+    return face if abs(slope) < LEVEL else np.empty(0)
 
 
 def _middle(heights: Array) -> float:

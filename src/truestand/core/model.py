@@ -2,7 +2,7 @@
 
     p_T = (u - static(s), d + v sin(alpha), v cos(alpha))      u, v: radial and axial position in the laser plane
     p_R = Rz(-theta) p_T
-    residual = distance of p_R to the cylinder's axis - R - form(psi)
+    residual = (distance of p_R to the cylinder's axis - R - form(psi)) / cosine of the normal to T's X
 
 Unknowns: the sensor's phi, radial position, laser-plane offset d and tilt alpha; the shaft's eccentricity and tilt;
 optionally the table speed; a linear drift; per further cylinder its axis against the base's (with the certificate's
@@ -23,6 +23,8 @@ from truestand.core.frames import facing
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
+LEAST_FACING = 0.1
+"""Beyond 84 degrees a surface can't be seen."""
 STATIC_DEGREE = 7
 """Degree of the free static profile (Legendre); the sensor's smooth range error fits in it."""
 GEOMETRY = (
@@ -105,7 +107,11 @@ class Model:
         return np.asarray(full[:, 2:] if cylinder == 0 else full, dtype=np.float64)
 
     def residuals(self, parameters: Array, readings: Readings) -> Array:
-        """Distance (n,) mm of each reading from the modelled surface, positive outwards."""
+        """Distance (n,) mm of each reading from the modelled surface along T's X, positive outwards.
+
+        Not the shortest distance: the sensor errs along its line of sight, and under a plane far off the axis the
+        shortest distances shrink with the noise in them, which would draw the plane there.
+        """
         out = np.empty(readings.x.size)
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
@@ -130,7 +136,7 @@ class Model:
         coefficients = p[self.form_slice(k)]
         cosines, sines = _waves(at.psi, self.orders)
         a, b = np.split(coefficients, 2)
-        residual = at.distance - self.radii[k] - (cosines @ a + sines @ b)
+        residual = (at.distance - self.radii[k] - (cosines @ a + sines @ b)) / at.facing
         if jacobian is None:
             return np.asarray(residual)
         n = np.arange(2, self.orders + 1)
@@ -144,6 +150,7 @@ class Model:
             jacobian[:, own + 2 : own + 4] = jacobian[:, 6:8] - self.middles[k] * jacobian[:, 4:6]
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, 1, None]
         jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
+        jacobian /= at.facing[:, None]
         return np.asarray(residual)
 
     def _place(self, p: Array, r: Readings, k: int) -> "_Place":
@@ -166,7 +173,8 @@ class Model:
         distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
         normal /= distance
         psi = np.arctan2(normal[1], normal[0])
-        return _Place(across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi)
+        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_FACING)
+        return _Place(across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards)
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_Place", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
@@ -215,6 +223,8 @@ class _Place:
     """(3, n) outward unit normals of the round cylinder, in R."""
     distance: Array
     psi: Array
+    facing: Array
+    """Cosine between the normal and T's X, along which the sensor errs."""
 
 
 def _rows(r: Readings, cylinder: int) -> slice | Ints:

@@ -5,18 +5,18 @@ the certificate leaves open on coaxiality makes that reading uncertain, the more
 the reading (d, alpha) is combined with the mounting prior, each with its covariance, and the other unknowns follow.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.fit import Prior, Solution, covariance
-from truestand.core.model import GEOMETRY
+from truestand.core.fit import PLANE, Prior, Solution, covariance, solve
 from truestand.core.priors import MOUNTING
 
 Array = NDArray[np.float64]
 
-PLANE = (GEOMETRY.index("plane_offset"), GEOMETRY.index("plane_tilt"))
+BARELY = 1e-6
+"""Share of the mounting prior's hold that stays on, so that a plane that nobody sees has a number at all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +33,15 @@ class Posterior:
 
 
 def weigh(solution: Solution, priors: tuple[Prior, ...]) -> Posterior:
-    """Combine the reading of the laser plane with its mounting prior: Kalman's update of two numbers."""
-    parts = covariance(solution, priors)
+    """Combine the reading of the laser plane with its mounting prior: Kalman's update of two numbers.
+
+    The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
+    is taken off first, so that the prior counts once, against what the reading is really worth.
+    """
+    solution, others = _released(solution, priors)
+    parts = covariance(solution, others)
     whole = np.asarray(sum(parts.values()))
-    plane = np.ix_(PLANE, PLANE)
-    reading = whole[plane] - parts[MOUNTING][plane]
+    reading = whole[np.ix_(PLANE, PLANE)]
     mounting = np.diag([next(q.u for q in priors if q.name == MOUNTING and i in q.index) ** 2 for i in PLANE])
     gain = mounting @ np.linalg.inv(mounting + reading)
     follow = _followers(solution)
@@ -45,8 +49,20 @@ def weigh(solution: Solution, priors: tuple[Prior, ...]) -> Posterior:
     transfer = np.eye(whole.shape[0])
     transfer[:, PLANE] += move
     weighed = {name: transfer @ part @ transfer.T for name, part in parts.items()}
-    weighed[MOUNTING] = weighed[MOUNTING] + move @ mounting @ move.T
+    weighed[MOUNTING] = move @ mounting @ move.T
     return Posterior(transfer @ solution.parameters, weighed)
+
+
+def _released(solution: Solution, priors: tuple[Prior, ...]) -> tuple[Solution, tuple[Prior, ...]]:
+    """The solution without the mounting prior, one linear step away, and the other priors."""
+    hold = np.zeros(solution.parameters.size)
+    for q in priors:
+        if q.name == MOUNTING:
+            hold[list(q.index)] = q.tightness * (1.0 - BARELY)
+    information = solution.information - np.diag(hold)
+    step = solve(information, hold * solution.parameters)
+    others = tuple(q for q in priors if q.name != MOUNTING)
+    return replace(solution, parameters=solution.parameters + step, information=information), others
 
 
 def _followers(solution: Solution) -> Array:

@@ -18,6 +18,10 @@ KNOWN = 1e-10
 """For what is no unknown in this scan."""
 MOUNTING = "mounting of the laser plane"
 COAXIALITY = "coaxiality of the steps"
+LOOSE = "form and static profile"
+STATIC_U = 0.1
+"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
+of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
 
 
 def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
@@ -40,7 +44,11 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             slope = coaxiality / 2 / cylinder.length
             priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
             priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
-        loose = range(model.static_slice(k).start, model.static_slice(k).stop)
-        forms = range(model.form_slice(k).start, model.form_slice(k).stop)
-        priors.append(Prior("form and static profile", (*loose, *forms), 1.0))
+        own, forms = model.static_slice(k), model.form_slice(k)
+        shape = tuple(range(own.start, own.stop))
+        if k:  # the step to the base, which the drawing may have wrong
+            priors.append(Prior(LOOSE, shape[:1], 1.0))
+            shape = shape[1:]
+        priors.append(Prior(LOOSE, shape, STATIC_U / 2))
+        priors.append(Prior(LOOSE, tuple(range(forms.start, forms.stop)), 1.0))
     return tuple(priors)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
+from truestand.core.errors import NotEnoughData
 from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, covariance, gauss_newton
 from truestand.core.frames import facing
 from truestand.core.model import GEOMETRY, Model
@@ -111,6 +112,11 @@ def _solve(
     """Cells about the surface that ``start`` predicts, and the model fitted to them."""
     grid = make_grid(scan, segments.bands, groups_per_turn)
     cells = reduce(scan, model, start, grid, limit, max(REACH, limit))
+    if cells.weight.size < 2 * model.size:
+        raise NotEnoughData(
+            f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
+            "drawing, exposure and that nothing else turns in view"
+        )
     priors = priors_for(model, scan, segments, artefact)
     solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells), settled)
     return Refined(model, segments, grid, cells, solution, priors, limit)

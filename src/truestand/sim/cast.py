@@ -105,9 +105,8 @@ def _solved(
     a, b, c = square
     h0, h1 = lift
     deeper = np.zeros(s.shape)
-    plain = not step.form and not step.chamfer_bottom and not step.chamfer_top
     for attempt in range(2 if step.keyways else 1):
-        for _ in range(0 if plain and not attempt else NEWTON_STEPS):
+        for _ in range(0 if step.plain and not attempt else NEWTON_STEPS):
             rho = np.sqrt(np.maximum(c + s * (2 * b + s * a), 1e-12))
             radius, slope = step.surface(np.arctan2(py + s * qy, px + s * qx), h0 + s * h1)
             s = s - (rho - radius + deeper) / ((b + s * a) / rho - slope * h1)

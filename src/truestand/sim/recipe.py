@@ -14,6 +14,7 @@ from truestand.sim.simulation import (
     Misalignment,
     Mounting,
     Optics,
+    Patch,
     Running,
     Simulation,
     Workpiece,
@@ -42,6 +43,23 @@ class KeywayRecipe(Recipe):
     depth_mm: Positive
     from_mm: float = -1e9
     to_mm: float = 1e9
+
+
+class FlatRecipe(Recipe):
+    """``[[simulation.flat]]``."""
+
+    surface: str
+    azimuth_deg: float = 0.0
+    share: Annotated[float, Field(gt=0, lt=0.5)]
+
+
+class DirtRecipe(Recipe):
+    """``[[simulation.dirt]]``."""
+
+    surface: str
+    azimuth_deg: float = 0.0
+    share: Share
+    height_um: float
 
 
 class MisalignmentRecipe(Recipe):
@@ -76,9 +94,12 @@ class SimulationRecipe(Recipe):
     tilt_direction_deg: float = 0.0
     form: tuple[FormRecipe, ...] = ()
     keyway: tuple[KeywayRecipe, ...] = ()
+    flat: tuple[FlatRecipe, ...] = ()
+    dirt: tuple[DirtRecipe, ...] = ()
     misalignment: tuple[MisalignmentRecipe, ...] = ()
     diameter: tuple[DiameterRecipe, ...] = ()
     chamfer_mm: NotNegative = 0.0
+    fillet_mm: NotNegative = 0.0
     table_disc_mm: float | None = None
     fan_deg: Positive = 16.0
     noise_um: NotNegative = 4.0
@@ -94,6 +115,7 @@ class SimulationRecipe(Recipe):
     triangulation_deg: float = 0.0
     outliers: Share = 0.0
     ghosts: Share = 0.0
+    reflection: Share = 0.0
     dropouts: Share = 0.0
     patches: Annotated[int, Field(ge=0)] = 0
     profiles: Annotated[int, Field(ge=2, le=1_000_000)] = 11000
@@ -159,7 +181,12 @@ def _workpiece(r: SimulationRecipe) -> Workpiece:
             for m in r.misalignment
         ),
         diameter_errors=tuple((d.surface, d.error_um / 1e3) for d in r.diameter),
+        patches=(
+            *(Patch(f.surface, radians(f.azimuth_deg), f.share) for f in r.flat),
+            *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / 1e3) for d in r.dirt),
+        ),
         chamfer=r.chamfer_mm,
+        fillet=r.fillet_mm,
         table_disc=r.table_disc_mm,
     )
 
@@ -180,6 +207,7 @@ def _optics(r: SimulationRecipe) -> Optics:
         triangulation=radians(r.triangulation_deg),
         outliers=r.outliers,
         ghosts=r.ghosts,
+        reflection=r.reflection,
         dropouts=r.dropouts,
         patches=r.patches,
     )

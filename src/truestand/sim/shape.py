@@ -7,9 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
-from truestand.sim.simulation import FormWave, Keyway, Workpiece
+from truestand.sim.simulation import FormWave, Keyway, Patch, Workpiece
 
 Array = NDArray[np.float64]
+
+CORNER = 0.02
+"""Share of a fillet next to its corner, where it is all but a face."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +30,23 @@ class Step:
     keyways: tuple[Keyway, ...]
     chamfer_bottom: float
     chamfer_top: float
+    fillet_bottom: float = 0.0
+    fillet_top: float = 0.0
+    patches: tuple[Patch, ...] = ()
+
+    @property
+    def plain(self) -> bool:
+        """Nothing but a round cylinder."""
+        cut = self.chamfer_bottom or self.chamfer_top or self.fillet_bottom or self.fillet_top
+        return not (self.form or self.patches or cut)
 
     def surface(self, psi: Array, height: Array) -> tuple[Array, Array]:
         """Radius of the surface and its slope over height, where the polar angle is psi."""
         radius = np.full(psi.shape, self.radius)
         for wave in self.form:
             radius += wave.amplitude * np.cos(wave.upr * psi - wave.phase)
+        for patch in self.patches:
+            radius = _patched(radius, psi, patch)
         slope = np.zeros(psi.shape)
         if self.chamfer_top:
             into = height - (self.top - self.chamfer_top)
@@ -44,6 +58,14 @@ class Step:
             on = into > 0
             radius -= np.where(on, into, 0.0)
             slope += on
+        for size, into, way in (
+            (self.fillet_bottom, height - self.bottom, -1.0),
+            (self.fillet_top, self.top - height, 1.0),
+        ):
+            if size:
+                wider, steep = _fillet(size, into)
+                radius += wider
+                slope += way * steep
         return radius, slope
 
     def in_keyway(self, psi: Array, height: Array) -> Array:
@@ -53,6 +75,24 @@ class Step:
             across = np.abs(np.angle(np.exp(1j * (psi - k.azimuth)))) * self.radius
             depth[(across < k.width / 2) & (height > k.bottom) & (height < k.top)] = k.depth
         return depth
+
+
+def _patched(radius: Array, psi: Array, patch: Patch) -> Array:
+    """The radius with dirt, or cut down to a chord."""
+    off = np.abs(np.angle(np.exp(1j * (psi - patch.azimuth))))
+    on = off < np.pi * patch.share
+    if patch.height is not None:
+        return np.asarray(radius + patch.height * on)
+    chord = radius * np.cos(np.pi * patch.share) / np.maximum(np.cos(off), 0.1)
+    return np.where(on, np.minimum(chord, radius), radius)
+
+
+def _fillet(size: float, into: Array) -> tuple[Array, Array]:
+    """By how much a fillet widens the step ``into`` mm from its corner, and how steeply."""
+    x = np.clip(into / size, CORNER, 1.0)
+    root = np.sqrt(x * (2.0 - x))
+    steep = np.where((into > 0) & (into < size), (1.0 - x) / root, 0.0)
+    return size * (1.0 - root), steep
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +131,9 @@ def steps_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Step, ...]:
                 tuple(k for k in workpiece.keyways if k.surface == c.name),
                 workpiece.chamfer if i and c.radius > below else 0.0,
                 workpiece.chamfer if c.radius > above else 0.0,
+                workpiece.fillet if below > c.radius else 0.0,
+                workpiece.fillet if above > c.radius else 0.0,
+                tuple(p for p in workpiece.patches if p.surface == c.name),
             )
         )
     return tuple(steps)
@@ -103,6 +146,7 @@ def faces_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Face, ...]:
     faces = [Face(c[0].bottom, 0.0, c[0].radius, up=False), Face(c[-1].top, 0.0, c[-1].radius - cut, up=True)]
     for lower, upper in pairwise(c):
         inner, outer = sorted((lower.radius, upper.radius))
+        inner += float(_fillet(workpiece.fillet, np.zeros(1))[0][0]) if workpiece.fillet else 0.0
         faces.append(Face(lower.top, inner, outer - cut, up=lower.radius > upper.radius))
     if workpiece.table_disc is not None:
         faces.append(Face(workpiece.table_disc, 0.0, 200.0, up=True))

@@ -53,6 +53,17 @@ class Keyway:
 
 
 @dataclass(frozen=True, slots=True)
+class Patch:
+    """A stretch of one surface's circumference, over its whole length: ``share`` 0..1 of a turn about ``azimuth``."""
+
+    surface: str
+    azimuth: float
+    share: float
+    height: float | None = None
+    """mm of dirt on it; None: it is milled flat."""
+
+
+@dataclass(frozen=True, slots=True)
 class Misalignment:
     """A step whose axis is not the base's: sideways offset at its middle, and slopes."""
 
@@ -71,6 +82,10 @@ class Workpiece:
     keyways: tuple[Keyway, ...] = ()
     misalignments: tuple[Misalignment, ...] = ()
     diameter_errors: tuple[tuple[str, float], ...] = ()
+    patches: tuple[Patch, ...] = ()
+    """Flats and dirt."""
+    fillet: float = 0.0
+    """Radius in every inner corner at a shoulder."""
     chamfer: float = 0.0
     """Leg of the 45 degree chamfer on every outer edge at a shoulder."""
     table_disc: float | None = None
@@ -105,6 +120,8 @@ class Optics:
     """Share of readings that are anywhere in the range."""
     ghosts: float = 0.0
     """Share of readings near the shoulder that come back from the other step."""
+    reflection: float = 0.0
+    """Share of readings, at random, that come back from one place that stands still."""
     dropouts: float = 0.0
     """Share of readings lost at random."""
     patches: int = 0

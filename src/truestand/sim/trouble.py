@@ -13,6 +13,10 @@ GHOST_REACH = 3.0
 """mm of height about the shoulder in which double reflections happen."""
 
 
+REFLECTION_AT = 0.45
+"""Where in the range a reflection that stands still comes from."""
+
+
 def table_angles(stand: Stand, a: Acquisition, rng: Generator) -> tuple[Array, NDArray[np.int64], Array, float]:
     """True table angle (N,) rad, counter, time (s) of the profiles that arrive, and the mean step."""
     speed, rate = stand.table.speed or np.pi / 10, stand.sensor.profile_rate or 200.0
@@ -85,6 +89,10 @@ def false_and_lost(
         with np.errstate(invalid="ignore"):
             near = (np.abs(height - shoulder) < GHOST_REACH) & (rng.random(z.shape) < optics.ghosts)
         z = np.where(near, z + rng.uniform(-1.5, 1.5, z.shape), z)
+    if optics.reflection:
+        low, high = limits
+        still = low + REFLECTION_AT * (high - low) + rng.normal(0.0, optics.noise, z.shape)
+        z = np.where(rng.random(z.shape) < optics.reflection, still, z)
     if optics.outliers:
         z = np.where(rng.random(z.shape) < optics.outliers, rng.uniform(*limits, z.shape), z)
     if optics.dropouts:
