@@ -7,7 +7,7 @@ present model predicts are weighted down (Tukey's biweight) before the mean is t
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, sin, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ GROUPS_PER_TURN = 500
 """Groups of profiles a turn; the trace bends by nanometres within one."""
 BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
+FOREIGN_REACH = 4.0
+"""mm: a keyway or a flat is as deep, and its readings count as rejected."""
 LOOKUP = 0.02
 """mm: resolution at which heights are looked up for their bin."""
 
@@ -91,7 +93,15 @@ class Cells:
     """Of these, the ones with no weight."""
 
 
-def reduce(scan: Scan, model: Model, parameters: Array, grid: Grid, limit: float, reach: float) -> Cells:
+def reduce(
+    scan: Scan,
+    model: Model,
+    parameters: Array,
+    grid: Grid,
+    limit: float,
+    reach: float,
+    foreign: NDArray[np.bool_] | None = None,
+) -> Cells:
     """One robust pass over all readings.
 
     Args:
@@ -101,17 +111,23 @@ def reduce(scan: Scan, model: Model, parameters: Array, grid: Grid, limit: float
         grid: the cells.
         limit: mm from the predicted surface at which a reading's weight becomes zero.
         reach: mm from the predicted surface within which a reading counts as one of the surface's at all.
+        foreign: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
     """
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
     predicted = _predicted(scan, model, parameters, grid)
+    trusted = _trusted(scan, model, parameters, grid, foreign)
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
         with np.errstate(invalid="ignore"):
             ratio = block.deviation * (1.0 / limit)
         weight = np.square(np.maximum(1.0 - ratio * ratio, 0.0))
         weight[~near] = 0.0
+        if trusted is not None:
+            own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
+            near |= ~own & (np.abs(block.deviation) < FOREIGN_REACH)
+            weight[~own] = 0.0
         points += int(np.count_nonzero(near))
         kept += int(np.count_nonzero(weight))
         span = block.cells
@@ -124,6 +140,17 @@ def reduce(scan: Scan, model: Model, parameters: Array, grid: Grid, limit: float
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
     return _means(scan, model, parameters, grid, predicted, sums, points, points - kept)
+
+
+def _trusted(
+    scan: Scan, model: Model, p: Array, grid: Grid, foreign: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Whether profile i may be looked at in bin j, (N, bins + 1); None where nothing is foreign."""
+    if foreign is None or not foreign.any():
+        return None
+    sector = np.floor(model.angle(p, scan.angle) * (foreign.shape[1] / tau)).astype(np.intp) % foreign.shape[1]
+    per_bin = np.vstack([foreign[grid.cylinder], np.zeros((1, foreign.shape[1]), dtype=np.bool_)])
+    return np.asarray(~per_bin[:, sector].T)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from math import hypot
 
+import numpy as np
+
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
 from truestand.core.fit import MOST_STEPS
@@ -20,6 +22,12 @@ UNSTATED_LINEARITY = 0.01
 """mm, k = 2: expected where the data sheet is silent."""
 MOST_STEP = 0.02
 """mm: difference of two steps from the drawing that is not called wrong, sensor and certificate apart."""
+MOST_OVERLAP = 0.001
+"""mm rms: a trace's stretch of 10 degrees repeats to a tenth of that."""
+MOST_TOGETHER = 0.02
+"""Share of the profiles."""
+MOST_SHARED, ALIKE = 0.002, 0.25
+"""mm; and how far, against the common wave, the surfaces' waves may lie from it to be called the same."""
 MOST_RESIDUAL = 0.1
 """mm rms: a laser triangulation sensor on a metal shaft does ten times better."""
 
@@ -54,8 +62,50 @@ def checks_of(
         Check("drift over the scan, um", 1000 * drift, 1000 * MOST_DRIFT, drift <= MOST_DRIFT,
               "let sensor and table warm up; check that nothing is loose"),
     ]  # fmt: skip
+    found += _angle_checks(scan, fit)
     found += _static_checks(scan, artefact, fit, static)
     return tuple(found)
+
+
+def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
+    """What a wrong table angle, or a table whose bearing errs, does to all surfaces alike."""
+    found = []
+    own = "angle" if scan.angle_source in ("index", "time") else "bearing"
+    if fit.overlap is not None:
+        found.append(
+            Check(f"repeated turns differ ({own}), um rms", 1000 * fit.overlap, 1000 * MOST_OVERLAP,
+                  fit.overlap <= MOST_OVERLAP,
+                  "the same surface reads otherwise on the next turn: lost profiles, uneven turning, slip or drift; "
+                  "record the table's angle and see that nothing is loose")
+        )  # fmt: skip
+    if len(fit.model.radii) < 2:
+        return found
+    if scan.angle_source in ("index", "time"):
+        found.append(
+            Check("all surfaces off their waves at once, share", fit.together, MOST_TOGETHER,
+                  fit.together <= MOST_TOGETHER,
+                  "profiles were lost or the table didn't turn steadily (a start-up ramp?): record its angle, or a "
+                  "counter, or start the scan later")
+        )  # fmt: skip
+    shared = shared_form(fit)
+    found.append(
+        Check(f"form shared by all surfaces ({own}), um", 1000 * shared, 1000 * MOST_SHARED, shared <= MOST_SHARED,
+              "the table's bearing, or an angle that is not what it seems (lost profiles, uneven turning), shows on "
+              "all surfaces alike: record the angle, or clamp the shaft at another angle to tell which it is")
+    )  # fmt: skip
+    return found
+
+
+def shared_form(fit: Refined) -> float:
+    """The largest amplitude (mm) of a form harmonic that all surfaces share in size and phase; 0 where none is."""
+    p, model = fit.solution.parameters, fit.model
+    waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
+    if not waves.size:
+        return 0.0
+    turning = waves[:, 0] + 1j * waves[:, 1]
+    common = turning.mean(axis=0)
+    alike = np.abs(turning - common).max(axis=0) < ALIKE * np.abs(common)
+    return float(np.abs(common[alike]).max(initial=0.0))
 
 
 def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
@@ -102,6 +152,9 @@ DECISIVE = (
     "residual, um rms",
     "fit converged, steps",
     "step from",
+    "all surfaces off",
+    "form shared by all surfaces (angle)",
+    "repeated turns differ (angle)",
 )
 """Checks whose failure makes a calibration untrusted; the others warn."""
 

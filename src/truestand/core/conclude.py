@@ -21,6 +21,7 @@ from truestand.core.checks import checks_of, linearity_of, reasons_of
 from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
 from truestand.core.model import GEOMETRY, Readings
 from truestand.core.posterior import weigh
+from truestand.core.priors import UNSTATED_COAXIALITY_U
 from truestand.core.refine import REACH, Refined
 from truestand.core.scan import Scan
 
@@ -40,7 +41,7 @@ RESIDUAL_PROFILES = 300
 
 def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
     """The calibration record's content from the exact model's fit."""
-    posterior = weigh(fit.solution, fit.priors)
+    posterior = weigh(fit.solution, fit.priors, plane_told(scan, artefact, fit))
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
     static = static_profiles(artefact, fit)
@@ -56,7 +57,7 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
         angle_source=scan.angle_source,
         angle_zero=angle_zero(scan),
         speed_factor=1.0 + float(p[9]) if free_speed else 1.0,
-        rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step) * (1.0 + float(p[9])),
+        rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[9])),
         artefact=artefact,
         residuals=residuals,
         harmonics=harmonics_of(artefact, fit),
@@ -73,11 +74,29 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
     return reasons_of(calibration, fit)
 
 
+def plane_told(scan: Scan, artefact: Artefact, fit: Refined) -> bool:
+    """Whether the shaft can tell the laser plane: two diameters, and an eccentricity that outweighs their coaxiality.
+
+    u(d) = u(c) / (e |1/R2 - 1/R1|), against the mounting's own u (docs/theory.md, *What the data can tell*). What else
+    seems to tell d under a centred shaft comes from waves of form beyond the ones that are fitted.
+    """
+    cylinders = [artefact.cylinders[b.cylinder] for b in fit.segments.bands]
+    bend = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
+    coaxiality = max((c.coaxiality_U or UNSTATED_COAXIALITY_U for c in cylinders[1:]), default=0.0)
+    eccentricity = float(hypot(fit.solution.parameters[4], fit.solution.parameters[5]))
+    return len(cylinders) > 1 and coaxiality < eccentricity * bend * scan.stand.sensor.plane_offset_U
+
+
 def angle_zero(scan: Scan) -> AngleZero:
     """What ties this scan's table angle to another scan's."""
     if scan.angle_source in ("angle", "encoder"):
         return "index"
     return "home" if scan.stand.table.start == "home" else "unknown"
+
+
+def _step(scan: Scan) -> float:
+    """Table angle from one profile to the next, rad, whatever got lost between others."""
+    return float(np.median(np.abs(np.diff(scan.angle))))
 
 
 def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:

@@ -15,7 +15,7 @@ from truestand.core.priors import MOUNTING
 
 Array = NDArray[np.float64]
 
-BARELY = 1e-6
+BARELY = 1e-2
 """Share of the mounting prior's hold that stays on, so that a plane that nobody sees has a number at all."""
 
 
@@ -32,8 +32,10 @@ class Posterior:
         return np.asarray(sum(self.parts.values()))
 
 
-def weigh(solution: Solution, priors: tuple[Prior, ...]) -> Posterior:
+def weigh(solution: Solution, priors: tuple[Prior, ...], told: bool = True) -> Posterior:
     """Combine the reading of the laser plane with its mounting prior: Kalman's update of two numbers.
+
+    ``told`` is False where the shaft can't tell the plane at all: then only the mounting counts.
 
     The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
     is taken off first, so that the prior counts once, against what the reading is really worth.
@@ -43,7 +45,7 @@ def weigh(solution: Solution, priors: tuple[Prior, ...]) -> Posterior:
     whole = np.asarray(sum(parts.values()))
     reading = whole[np.ix_(PLANE, PLANE)]
     mounting = np.diag([next(q.u for q in priors if q.name == MOUNTING and i in q.index) ** 2 for i in PLANE])
-    gain = mounting @ np.linalg.inv(mounting + reading)
+    gain = mounting @ np.linalg.inv(mounting + reading) if told else np.zeros((2, 2))
     follow = _followers(solution)
     move = follow @ (gain - np.eye(2))
     transfer = np.eye(whole.shape[0])

@@ -50,5 +50,6 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             priors.append(Prior(LOOSE, shape[:1], 1.0))
             shape = shape[1:]
         priors.append(Prior(LOOSE, shape, STATIC_U / 2))
-        priors.append(Prior(LOOSE, tuple(range(forms.start, forms.stop)), 1.0))
+        if forms.stop > forms.start:
+            priors.append(Prior(LOOSE, tuple(range(forms.start, forms.stop)), 1.0))
     return tuple(priors)

@@ -13,14 +13,14 @@ from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, covariance, gaus
 from truestand.core.frames import facing
 from truestand.core.model import GEOMETRY, Model
 from truestand.core.priors import priors_for
-from truestand.core.rough import RoughStand
+from truestand.core.rough import WHOLE, Mask, RoughStand
 from truestand.core.scan import Scan
 from truestand.core.segment import Segments
 
 Array = NDArray[np.float64]
 
-FIRST_LIMIT = 0.6
-"""mm: form, tilt and the start's errors together stay below this."""
+FIRST_LIMIT = 0.3
+"""mm: what the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
 REACH = 1.0
 """mm: readings within it of the predicted surface are the surface's, good or bad."""
 LEAST_LIMIT = 0.012
@@ -30,7 +30,8 @@ FIRST_READINGS = 1_500_000
 FIRST_GROUPS_PER_TURN = 250
 FIRST_SETTLED = 1e-5
 """mm or rad: still enough to collect the cells once more."""
-FIRST_ORDERS = 6
+CLEAN_ORDERS = 6
+"""Harmonics of form that are looked at in any case where the whole circumference is the shaft's."""
 MOST_ORDERS = 30
 SIGNIFICANT = 4.0
 """A harmonic counts from this many times the median amplitude (noise alone passes that once in 65,000: 2^-16)."""
@@ -55,21 +56,27 @@ class Refined:
     priors: tuple[Prior, ...]
     limit: float
     """mm from the surface beyond which a reading had no weight."""
+    foreign: Mask
+    """(bands, SECTORS) stretches of each surface that are not the shaft's and were not looked at."""
+    together: float = 0.0
+    """Share of the profiles in which all surfaces left their waves at once."""
+    overlap: float | None = None
+    """mm rms by which repeated turns differ; None without a second turn."""
 
 
 def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
     """Fit the exact model to all trusted readings of all the artefact's cylinders."""
-    model = _layout(scan, segments, artefact, start, FIRST_ORDERS)
-    parameters = _start(model, segments, start)
+    model = _layout(scan, segments, artefact, start)
     few = _thinned(scan)
-    first = _solve(few, segments, artefact, model, parameters, FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    begun = _Begun(model, segments, artefact, _start(model, segments, start), start.foreign)
+    first = _solve(few, begun, FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, artefact, first, _orders(first, few))
     limit = _noise_limit(first)
-    second = _solve(scan, segments, artefact, first.model, first.solution.parameters, limit)
+    second = _solve(scan, begun.going_on(first), limit)
     tighter = _noise_limit(second)
     if tighter <= 0.8 * limit:
-        second = _solve(scan, segments, artefact, second.model, second.solution.parameters, tighter)
-    return _steady(scan, second)
+        second = _solve(scan, begun.going_on(second), tighter)
+    return replace(_steady(scan, second), together=start.together, overlap=start.overlap)
 
 
 def _steady(scan: Scan, fit: Refined) -> Refined:
@@ -99,27 +106,36 @@ def _thinned(scan: Scan) -> Scan:
     return replace(scan, x=scan.x[every], z=scan.z[every], angle=scan.angle[every], time=None, counter=None)
 
 
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """Where a fit starts from, and what it may look at."""
+
+    model: Model
+    segments: Segments
+    artefact: Artefact
+    parameters: Array
+    foreign: Mask
+
+    def going_on(self, fit: Refined) -> "_Begun":
+        """The same from what a fit has found."""
+        return replace(self, model=fit.model, parameters=fit.solution.parameters)
+
+
 def _solve(
-    scan: Scan,
-    segments: Segments,
-    artefact: Artefact,
-    model: Model,
-    start: Array,
-    limit: float,
-    settled: float = SETTLED,
-    groups_per_turn: int = GROUPS_PER_TURN,
+    scan: Scan, begun: _Begun, limit: float, settled: float = SETTLED, groups_per_turn: int = GROUPS_PER_TURN
 ) -> Refined:
-    """Cells about the surface that ``start`` predicts, and the model fitted to them."""
+    """Cells about the surface that the start predicts, and the model fitted to them."""
+    model, segments = begun.model, begun.segments
     grid = make_grid(scan, segments.bands, groups_per_turn)
-    cells = reduce(scan, model, start, grid, limit, max(REACH, limit))
+    cells = reduce(scan, model, begun.parameters, grid, limit, max(REACH, limit), begun.foreign)
     if cells.weight.size < 2 * model.size:
         raise NotEnoughData(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
             "drawing, exposure and that nothing else turns in view"
         )
-    priors = priors_for(model, scan, segments, artefact)
-    solution = gauss_newton(model, cells, start, priors, sectors(scan, grid, cells), settled)
-    return Refined(model, segments, grid, cells, solution, priors, limit)
+    priors = priors_for(model, scan, segments, begun.artefact)
+    solution = gauss_newton(model, cells, begun.parameters, priors, sectors(scan, grid, cells), settled)
+    return Refined(model, segments, grid, cells, solution, priors, limit, begun.foreign)
 
 
 def _with_orders(scan: Scan, artefact: Artefact, fit: Refined, orders: int) -> Refined:
@@ -139,7 +155,7 @@ def sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
     return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder
 
 
-def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand, orders: int) -> Model:
+def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
     """The unknowns for what is seen of the artefact."""
     cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
     phi, side = segments.phi, facing(segments.phi)
@@ -160,7 +176,7 @@ def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStan
         middles=tuple((b.low + b.high) / 2 for b in segments.bands),
         height=segments.height,
         start_angle=float(scan.angle[0]),
-        orders=orders,
+        orders=start.orders if start.foreign.any() else max(start.orders, CLEAN_ORDERS),
         static_axis=axis,
         static_spans=tuple(spans),
     )
@@ -171,6 +187,12 @@ def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
     at = GEOMETRY.index
     p[at("phi")], p[at("radial")], p[at("speed")] = segments.phi, start.radial, start.speed
     p[at("eccentricity_x")], p[at("eccentricity_y")] = start.eccentricity
+    p[at("tilt_x")], p[at("tilt_y")] = start.tilt
+    for k, wave in enumerate(start.waves):
+        form = p[model.form_slice(k)].reshape(2, -1)
+        # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
+        form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
+        p[model.form_slice(k)] = form.reshape(-1)
     return p
 
 
@@ -188,13 +210,13 @@ def _carry(before: Model, after: Model, parameters: Array) -> Array:
 
 
 def _orders(fit: Refined, scan: Scan) -> int:
-    """Highest form harmonic that stands out of the residuals, at least ``FIRST_ORDERS``; few on a partial turn."""
-    if scan.revolutions < 0.95:
-        return 3
+    """Highest form harmonic that stands out of the residuals, if it is more than the majority of the traces needed."""
+    if scan.revolutions < WHOLE:
+        return fit.model.orders
     residuals, readings = fit.solution.residuals, fit.cells.readings
     psi = fit.model.angle(fit.solution.parameters, readings.angle)
-    highest = FIRST_ORDERS
-    candidates = np.arange(FIRST_ORDERS + 1, MOST_ORDERS + 1)
+    highest = fit.model.orders
+    candidates = np.arange(highest + 1, MOST_ORDERS + 1)
     for k in range(len(fit.model.radii)):
         on = (readings.cylinder == k) & (fit.solution.weights > 0)
         waves = np.exp(1j * np.multiply.outer(candidates, psi[on]))

@@ -132,7 +132,21 @@ def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple
     rate = stand.sensor.profile_rate
     if rate is None:
         raise BadRecipe("the scan has no angle or time; set profile_rate_hz of the sensor in stand.toml")
-    return start + sign * (speed / rate) * np.arange(recording.x.shape[0], dtype=np.float64), "index"
+    return start + sign * (speed / rate) * profile_number(recording), "index"
+
+
+def profile_number(recording: Recording) -> Array:
+    """Which profile since the start each one is (N,): by the sensor's counter where there is one, lost ones included.
+
+    A counter that starts again at a power of two (8 bits and more) goes on.
+    """
+    if recording.counter is None:
+        return np.arange(recording.x.shape[0], dtype=np.float64)
+    steps = np.diff(recording.counter).astype(np.int64)
+    for i in np.flatnonzero(steps <= 0):
+        highest = int(recording.counter[: i + 1].max())
+        steps[i] += 1 << max(8, highest.bit_length())
+    return np.concatenate([[0.0], np.cumsum(steps, dtype=np.float64)])
 
 
 def _within_range(z: Array, limits: tuple[float, float] | None) -> Array:

@@ -34,6 +34,8 @@ SURE = 0.99
 """Confidence below which another explanation is as good."""
 EDGE_MARGIN = 0.75
 """mm: kept away from a cylinder's ends, where chamfers, fillets and ghosts live (less on short cylinders)."""
+MOVES, STILL = 0.05, 0.3
+"""mm of wobble that no noise makes; share of it below which another outline counts as standing still."""
 SHARPENED = 4
 """Times the direction is sharpened at most."""
 FACE_REACH = 2.0
@@ -81,7 +83,7 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
         NotEnoughData: no points, or nothing that fits the drawing.
     """
     seen = sample(scan)
-    outlines = [silhouette(seen, phi) for phi in directions(seen)]
+    outlines = _turning([silhouette(seen, phi) for phi in directions(seen)])
     found = [m for outline in outlines for m in explanations(outline, artefact)]
     best, margin = best_and_margin(found) if found else (None, 0.0)
     if best is None or best.score <= 0:
@@ -95,6 +97,12 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
     sure = confidence(margin)
     doubts = _doubts(best, found, bands, artefact, explained, sure)
     return Segments(match.phi, match.radial, height, bands, shoulder_seen, explained, sure, doubts)
+
+
+def _turning(outlines: list[Silhouette]) -> list[Silhouette]:
+    """The outlines that move: where one does, another that stands still is a reflection, or a face seen edge on."""
+    most = max((o.wobble for o in outlines), default=0.0)
+    return [o for o in outlines if most < MOVES or o.wobble > STILL * most]
 
 
 def _nothing(artefact: Artefact) -> NotEnoughData:

@@ -58,6 +58,11 @@ class Silhouette:
     shift: Array
     """(n,) mm by which each sampled profile was moved across."""
 
+    @property
+    def wobble(self) -> float:
+        """Robust standard deviation of the shifts, mm: what moves turns with the table."""
+        return 1.4826 * float(np.median(np.abs(self.shift - np.median(self.shift))))
+
 
 def sample(scan: Scan) -> Sample:
     """Profiles spread evenly over whole turns, without readings that no neighbour supports.
@@ -159,25 +164,25 @@ def silhouette(seen: Sample, phi: float) -> Silhouette:
     row, _ = np.nonzero(on)
     cell, across = cell[on], u[on]
     shift = np.zeros(len(u))
-    centre, often, spread = _medians(cell, across, count)
+    centre, often = _medians(cell, across, count)
     for _ in range(PASSES):
         steady = (often >= SEEN_OFTEN * len(u)) & np.isfinite(centre)
         part = np.where(steady[cell], across - centre[cell], np.nan)
-        own, seen_in, _ = _medians(row[np.isfinite(part)], part[np.isfinite(part)], len(u))
+        own, seen_in = _medians(row[np.isfinite(part)], part[np.isfinite(part)], len(u))
         own = np.where(seen_in >= LEAST_POINTS, own, 0.0)
         shift = own - np.mean(own)
-        centre, often, spread = _medians(cell, across - shift[row], count)
+        centre, often = _medians(cell, across - shift[row], count)
+    spread, _ = _medians(cell, np.abs(across - shift[row] - centre[cell]), count)
     shown = (often >= SEEN_OFTEN * len(u)) & (spread < STEADY)
     return Silhouette(phi, low + (np.arange(count) + 0.5) * BIN, np.where(shown, centre, np.nan), shift)
 
 
-def _medians(cell: NDArray[np.intp], values: Array, count: int) -> tuple[Array, NDArray[np.intp], Array]:
-    """Median of each cell's values (NaN where there is none), how many there are, and their median deviation."""
+def _medians(cell: NDArray[np.intp], values: Array, count: int) -> tuple[Array, NDArray[np.intp]]:
+    """Median (count,) of each cell's values, NaN where there is none, and how many there are."""
     order = np.lexsort((values, cell))
     sorted_, many = values[order], np.bincount(cell, minlength=count)
+    if not sorted_.size:
+        return np.full(count, np.nan), many
     first = np.concatenate([[0], np.cumsum(many)[:-1]])
-    at = np.minimum(first + many // 2, max(sorted_.size - 1, 0))
-    median = np.where(many > 0, sorted_[at] if sorted_.size else np.nan, np.nan)
-    quarter, three = first + many // 4, np.minimum(first + (3 * many) // 4, max(sorted_.size - 1, 0))
-    spread = (sorted_[three] - sorted_[np.minimum(quarter, max(sorted_.size - 1, 0))]) / 2 if sorted_.size else median
-    return median, many, spread
+    middle = sorted_[np.minimum(first + many // 2, sorted_.size - 1)]
+    return np.where(many > 0, middle, np.nan), many

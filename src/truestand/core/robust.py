@@ -1,0 +1,145 @@
+"""The wave of a turning shaft when up to 45 % of the circumference is not the shaft: a flat, a keyway, dirt.
+
+Least trimmed squares (Rousseeuw 1984) by concentration steps from many small random subsets: the fit that the best 55 %
+of the samples agree on. The order of the series is the lowest on which they agree: each further harmonic could
+absorb a flat, so it has to earn its place.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.harmonics import Harmonics
+
+Array = NDArray[np.float64]
+
+KEPT = 0.55
+"""Share of the samples that must agree."""
+SUBSETS = 150
+FINALISTS = 8
+CONCENTRATIONS = 12
+MOST_ORDERS = 8
+SEARCHED_ORDERS = 4
+"""Up to this order random subsets are clean often enough (0.7^9 = 4 %); higher ones start from the order below."""
+WORTH = 1.3
+"""A lower order is as good where its scatter is at most this many times that of the highest."""
+GOOD_ENOUGH = 0.0003
+"""mm of scatter below which no further harmonic is asked for here."""
+HOME = 0.4
+"""Share of the foreign samples that may stay foreign when a further harmonic explains the others."""
+OUTSIDE = 6.0
+"""Robust standard deviations from which a sample is not the shaft's."""
+LEAST_OUTSIDE = 0.015
+"""mm: never call smaller deviations foreign."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wave:
+    """What the majority of a trace agrees on."""
+
+    series: Harmonics
+    scatter: float
+    """mm, robust standard deviation of the samples that agree."""
+    foreign: NDArray[np.bool_]
+    """(n,) samples that are not the shaft's round surface."""
+
+
+def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> Wave:
+    """The series of a trace (n,) mm over table angle (n,) rad that the best 55 % of its samples agree on."""
+    rng = np.random.default_rng(20220711)  # any fixed seed: the same scan gives the same answer
+    fits = []
+    solution = np.zeros(1)
+    for order in range(1, most_orders + 1):
+        design = _design(angle, order)
+        if design.shape[1] > KEPT * trace.size / 3:
+            break
+        start = np.append(solution, [0.0, 0.0]) if order > 1 else None
+        solution, scatter = _trimmed(design, trace, start, rng if order <= SEARCHED_ORDERS else None)
+        fits.append((solution, scatter))
+        if scatter < GOOD_ENOUGH:
+            break
+    enough = max(GOOD_ENOUGH, WORTH * min(s for _, s in fits))
+    order, (solution, scatter) = next((i + 1, f) for i, f in enumerate(fits) if f[1] <= enough)
+    foreign = _outside(trace - _design(angle, order) @ solution, scatter)
+    for more in range(order + 1, most_orders + 1):
+        order, solution, foreign = _reconciled(angle, trace, (order, solution, foreign), more, scatter)
+    series = Harmonics(tuple(range(1, order + 1)), float(solution[0]), solution[1::2].copy(), solution[2::2].copy())
+    return Wave(series, scatter, foreign)
+
+
+def _outside(off: Array, scatter: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(off) > max(OUTSIDE * scatter, LEAST_OUTSIDE))
+
+
+def _reconciled(
+    angle: Array, trace: Array, found: tuple[int, Array, NDArray[np.bool_]], more: int, scatter: float
+) -> tuple[int, Array, NDArray[np.bool_]]:
+    """The series with ``more`` harmonics, fitted to what was not foreign, if with them most of the foreign comes home.
+
+    Form of a higher order comes home; a flat, a keyway or dirt, which the fit doesn't look at, doesn't.
+    """
+    _, _, foreign = found
+    if not foreign.any():
+        return found
+    design = _design(angle, more)
+    if design.shape[1] > np.count_nonzero(~foreign) / 3:
+        return found
+    solution = _fit(design[~foreign], trace[~foreign])
+    left = _outside(trace - design @ solution, scatter)
+    return (more, solution, left) if left.sum() < HOME * foreign.sum() else found
+
+
+def _design(angle: Array, order: int) -> Array:
+    """Columns 1, cos t, sin t, cos 2t, ..."""
+    columns = [np.ones(angle.size)]
+    for n in range(1, order + 1):
+        columns += [np.cos(n * angle), np.sin(n * angle)]
+    return np.column_stack(columns)
+
+
+def _trimmed(design: Array, trace: Array, start: Array | None, rng: np.random.Generator | None) -> tuple[Array, float]:
+    """Least trimmed squares: parameters and the robust standard deviation."""
+    n, p = design.shape
+    kept = int(KEPT * n)
+    starts = [] if start is None else [start]
+    if rng is not None:
+        picks = rng.integers(0, n, (SUBSETS, p + 1))
+        starts += [_fit(design[i], trace[i]) for i in picks]
+    rough = [_concentrated(design, trace, s, kept, 2) for s in starts]
+    rough.sort(key=lambda f: f[1])
+    best = min(
+        (_concentrated(design, trace, s, kept, CONCENTRATIONS) for s, _ in rough[:FINALISTS]), key=lambda f: f[1]
+    )
+    return best[0], sqrt(best[1] / kept) * _CONSISTENT
+
+
+def _fit(design: Array, trace: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(design, trace, rcond=None)[0])
+
+
+def _concentrated(design: Array, trace: Array, solution: Array, kept: int, steps: int) -> tuple[Array, float]:
+    """Refit to the samples that lie nearest, again and again: the trimmed sum of squares can only fall."""
+    for _ in range(steps):
+        squares = np.square(trace - design @ solution)
+        nearest = np.argpartition(squares, kept - 1)[:kept]
+        rows = design[nearest]
+        normal = rows.T @ rows + 1e-12 * np.eye(rows.shape[1])
+        better = np.asarray(np.linalg.solve(normal, rows.T @ trace[nearest]), dtype=np.float64)
+        if np.abs(better - solution).max() < 1e-9:
+            break
+        solution = better
+    squares = np.square(trace - design @ solution)
+    return solution, float(np.partition(squares, kept - 1)[:kept].sum())
+
+
+def _consistency() -> float:
+    """What makes the trimmed rms the standard deviation of normal noise."""
+    normal = NormalDist()
+    q = normal.inv_cdf((1 + KEPT) / 2)
+    return 1.0 / sqrt(1.0 - 2.0 * q * normal.pdf(q) / KEPT)
+
+
+_CONSISTENT = _consistency()
