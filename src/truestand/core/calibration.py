@@ -1,7 +1,7 @@
 """What a calibration is: poses, what remains, how well each number is known, and what could not be known."""
 
 from dataclasses import dataclass, field
-from math import atan2, hypot
+from math import atan2, hypot, inf
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,13 @@ class Contribution:
 
     name: str
     U: float
+    value: float | None = None
+    """Standard uncertainty of the input itself (mm, rad, K or relative)."""
+    distribution: str = "normal"
+    sensitivity: float | None = None
+    """By how much the quantity follows the input, in the quantity's unit per the input's."""
+    dof: float = inf
+    """Degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +39,8 @@ class Uncertainty:
     U: float
     k: float
     contributions: tuple[Contribution, ...]
+    monte_carlo: float | None = None
+    """Half-width that holds 95.45 % of the trials of the same inputs: what U should be."""
 
 
 @dataclass(frozen=True, slots=True)

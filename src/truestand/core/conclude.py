@@ -1,23 +1,23 @@
 """From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
 
 from dataclasses import replace
-from math import degrees, hypot, sqrt
+from math import degrees, hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
+from truestand.core.budget import DIRECTIONS, HALF_TURN, REPORTED, budget_of
 from truestand.core.calibration import (
     AngleZero,
     Calibration,
-    Contribution,
     Harmonic,
     Residuals,
     ScanSummary,
     StaticProfile,
     Uncertainty,
 )
-from truestand.core.checks import checks_of, linearity_of, reasons_of
+from truestand.core.checks import checks_of, reasons_of
 from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
 from truestand.core.model import GEOMETRY, Readings
 from truestand.core.posterior import weigh
@@ -27,15 +27,8 @@ from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
 
-REPORTED = 8
-"""The unknowns of the geometry proper stand first in the parameter vector."""
-K = 2.0
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
-DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
-HALF_TURN = 180.0
-"""deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
-LINEARITY = "linearity of the sensor"
 RESIDUAL_PROFILES = 300
 
 
@@ -45,7 +38,7 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
     static = static_profiles(artefact, fit)
-    budget = _with_type_b(_budget(p, parts), scan, artefact, fit, static)
+    budget = budget_of(parts, scan, artefact, fit, static)
     free_speed = scan.angle_source in ("index", "time")
     residuals = residuals_of(scan, fit)
     own = slice(0, REPORTED)
@@ -154,65 +147,6 @@ def sampled_residuals(scan: Scan, fit: Refined, profiles: int = RESIDUAL_PROFILE
     return residuals[near], Readings(
         readings.x[kept], readings.z[kept], readings.angle[kept], readings.time[kept], readings.cylinder[kept]
     )
-
-
-def _sensitivities(p: Array) -> dict[str, Array]:
-    """Gradient (8,) of each reported quantity, in the record's unit, over the geometry's unknowns in mm and rad."""
-    e, t = hypot(p[4], p[5]), hypot(p[6], p[7])
-    unit = np.eye(REPORTED)
-    ex, ey = unit[4], unit[5]
-    tx, ty = unit[6], unit[7]
-    return {
-        "phi_deg": degrees(1) * unit[0],
-        "radial_position_mm": unit[1],
-        "laser_plane_offset_mm": unit[2],
-        "laser_plane_tilt_deg": degrees(1) * unit[3],
-        "eccentricity_um": 1000.0 * (p[4] * ex + p[5] * ey) / max(e, 1e-9),
-        "eccentricity_direction_deg": degrees(1) * (p[4] * ey - p[5] * ex) / max(e * e, 1e-12),
-        "tilt_mrad": 1000.0 * (p[6] * tx + p[7] * ty) / max(t, 1e-9),
-        "tilt_direction_deg": degrees(1) * (p[6] * ty - p[7] * tx) / max(t * t, 1e-12),
-    }
-
-
-def _budget(p: Array, parts: dict[str, Array]) -> dict[str, dict[str, float]]:
-    """Expanded uncertainty (k = 2) of each quantity by source."""
-    own = slice(0, REPORTED)
-    return {
-        key: {name: K * sqrt(max(float(g @ c[own, own] @ g), 0.0)) for name, c in parts.items()}
-        for key, g in _sensitivities(p).items()
-    }
-
-
-def _with_type_b(
-    budget: dict[str, dict[str, float]],
-    scan: Scan,
-    artefact: Artefact,
-    fit: Refined,
-    static: tuple[StaticProfile, ...],
-) -> dict[str, Uncertainty]:
-    """The budget with the certificate's and the data sheet's contributions, as far as one scan can't see them."""
-    sensor = scan.stand.sensor
-    p = fit.solution.parameters
-    band = max(fit.segments.bands, key=lambda b: b.high - b.low)
-    eccentricity = hypot(p[4], p[5])
-    diameter_U = artefact.cylinders[fit.segments.bands[0].cylinder].diameter_U
-    if diameter_U is not None:
-        budget["radial_position_mm"]["diameter of the artefact"] = diameter_U / 2
-    linearity = linearity_of(sensor, static)
-    # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
-    slope = sqrt(2.0) * linearity / (band.high - band.low)
-    budget["phi_deg"][LINEARITY] = degrees(slope)
-    budget["radial_position_mm"][LINEARITY] = linearity
-    budget["eccentricity_um"][LINEARITY] = 1000.0 * eccentricity * slope
-    if sensor.scale_U is not None:
-        budget["eccentricity_um"]["scale of the sensor"] = 1000.0 * eccentricity * sensor.scale_U
-    expanded = {key: _expanded(lines) for key, lines in budget.items()}
-    return expanded | {key: replace(expanded[key], U=min(expanded[key].U, HALF_TURN)) for key in DIRECTIONS}
-
-
-def _expanded(lines: dict[str, float]) -> Uncertainty:
-    contributions = tuple(Contribution(n, u) for n, u in sorted(lines.items(), key=lambda i: -i[1]))
-    return Uncertainty(float(np.sqrt(sum(c.U**2 for c in contributions))), K, contributions)
 
 
 def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) -> tuple[str, ...]:

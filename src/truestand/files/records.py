@@ -92,7 +92,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             for s in c.static_profiles
         ],
         "uncertainty": {
-            key: {"U": u.U, "k": u.k, "contributions": [{"name": n.name, "U": n.U} for n in u.contributions]}
+            key: {"U": u.U, "k": u.k, "U_monte_carlo": u.monte_carlo, "contributions": _lines(u)}
             for key, u in c.uncertainty.items()
         },
         "covariance": {
@@ -275,7 +275,29 @@ def _read_paper(p: Any) -> PaperFigures | None:
 
 
 def _uncertainty(u: Any) -> Uncertainty:
-    return Uncertainty(u["U"], u["k"], tuple(Contribution(c["name"], c["U"]) for c in u.get("contributions", [])))
+    lines = tuple(
+        Contribution(
+            c["name"], c["U"], c.get("value"), c.get("distribution", "normal"), c.get("sensitivity"),
+            math.inf if c.get("dof") is None else c["dof"],
+        )
+        for c in u.get("contributions", [])
+    )  # fmt: skip
+    return Uncertainty(u["U"], u["k"], lines, u.get("U_monte_carlo"))
+
+
+def _lines(u: Uncertainty) -> list[Record]:
+    """The budget's lines; null degrees of freedom are infinite."""
+    return [
+        {
+            "name": c.name,
+            "U": c.U,
+            "value": c.value,
+            "distribution": c.distribution,
+            "sensitivity": c.sensitivity,
+            "dof": None if math.isinf(c.dof) else c.dof,
+        }
+        for c in u.contributions
+    ]
 
 
 def _matrix(rows: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
