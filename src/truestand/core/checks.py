@@ -153,7 +153,6 @@ DECISIVE = (
     "fit converged, steps",
     "step from",
     "all surfaces off",
-    "form shared by all surfaces (angle)",
     "repeated turns differ (angle)",
 )
 """Checks whose failure makes a calibration untrusted; the others warn."""

@@ -6,7 +6,7 @@ absorb a flat, so it has to earn its place.
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 from statistics import NormalDist
 
 import numpy as np
@@ -28,6 +28,8 @@ WORTH = 1.3
 """A lower order is as good where its scatter is at most this many times that of the highest."""
 GOOD_ENOUGH = 0.0003
 """mm of scatter below which no further harmonic is asked for here."""
+MOST_FORM = 0.5
+"""mm: no shaft has a harmonic of form that large; a series that bends itself to an arc does."""
 HOME = 0.4
 """Share of the foreign samples that may stay foreign when a further harmonic explains the others."""
 OUTSIDE = 6.0
@@ -57,13 +59,20 @@ def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> W
         if design.shape[1] > KEPT * trace.size / 3:
             break
         start = np.append(solution, [0.0, 0.0]) if order > 1 else None
-        solution, scatter = _trimmed(design, trace, start, rng if order <= SEARCHED_ORDERS else None)
-        fits.append((solution, scatter))
+        tried, scatter = _trimmed(design, trace, start, rng if order <= SEARCHED_ORDERS else None)
+        wild = np.abs(tried[3:]).max(initial=0.0) > MOST_FORM
+        solution = np.append(solution, [0.0, 0.0]) if wild else tried
+        fits.append((solution, inf if wild else scatter))
         if scatter < GOOD_ENOUGH:
             break
     enough = max(GOOD_ENOUGH, WORTH * min(s for _, s in fits))
     order, (solution, scatter) = next((i + 1, f) for i, f in enumerate(fits) if f[1] <= enough)
     foreign = _outside(trace - _design(angle, order) @ solution, scatter)
+    for more, (other, spread) in enumerate(fits[order:], order + 1):
+        # An arc of 55 % can be bent to by a wild series; the one that explains the whole circumference is the shaft's.
+        left = _outside(trace - _design(angle, more) @ other, spread)
+        if left.sum() < HOME * foreign.sum():
+            order, solution, scatter, foreign = more, other, spread, left
     for more in range(order + 1, most_orders + 1):
         order, solution, foreign = _reconciled(angle, trace, (order, solution, foreign), more, scatter)
     series = Harmonics(tuple(range(1, order + 1)), float(solution[0]), solution[1::2].copy(), solution[2::2].copy())

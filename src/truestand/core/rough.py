@@ -25,6 +25,10 @@ REACH = 4.0
 """mm: most eccentric shaft that is looked for."""
 SPEED_SEARCH = 0.08
 """Relative: how wrong a stated table speed may be and still be found."""
+SPEED_SHOWN = 0.9
+"""A speed is another one where the traces repeat at least so much better with it."""
+REPEATS = 1.05
+"""Turns from which form repeats, so that it may be told from a wrong speed."""
 LEAST_REVOLUTIONS = 0.5
 WHOLE = 0.95
 """Turns below which only two harmonics of form can be told from eccentricity."""
@@ -178,13 +182,15 @@ def _find_speed(angle: Array, traces: Array) -> float:
 
     def cost(speed: float) -> float:
         turned = angle + speed * (angle - angle[0])
-        wave = fit_harmonics_robustly(turned, trace, (1, 2), least=0.01)
+        wave = fit_harmonics_robustly(turned, trace, orders, least=0.01)
         return float(np.abs(trace - wave(turned)).mean())
 
+    turns = float(np.ptp(angle)) / tau
+    orders = (1, 2, 3, 4, 5, 6) if turns > REPEATS else (1, 2)
     nominal = cost(0.0)
     best, width, costs = 0.0, SPEED_SEARCH, [nominal]
     for _ in range(3):
         tried = best + np.linspace(-width, width, 33)
         costs = [cost(float(k)) for k in tried]
         best, width = float(tried[int(np.argmin(costs))]), width / 16
-    return best if min(costs) < 0.97 * nominal else 0.0
+    return best if min(costs) < SPEED_SHOWN * nominal else 0.0
