@@ -305,3 +305,15 @@ def test_form_refuses_in_one_line(tmp_path, arguments, message):
     assert message in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "form.json").exists()
+
+
+def test_form_under_an_untrusted_calibration_ends_3_and_is_written(bench, tmp_path):
+    record = json.loads((bench / "calibration.json").read_text())
+    record["status"], record["reasons"] = "untrusted", ["made so by this test"]
+    (tmp_path / "c.json").write_text(json.dumps(record))
+    done = run(
+        "form", bench / "k1.h5", "--calibration", tmp_path / "c.json", "--feature", "circle", "-o", tmp_path / "f.json"
+    )
+    assert done.returncode == 3
+    assert "made so by this test" in done.stderr
+    assert (tmp_path / "f.json").exists()

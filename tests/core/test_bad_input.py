@@ -115,3 +115,12 @@ def test_a_counter_that_starts_again_goes_on():
     z = np.zeros((6, 1))
     number = profile_number(Recording(z, z, "test", "", counter=counter))
     assert number.tolist() == [0, 1, 2, 3, 4, 7]
+
+
+def test_whole_profiles_lost_are_no_trouble():
+    """Warnings are errors here: a stretch in which no surface is seen at all goes unremarked."""
+    named = stand(acquisition={"columns": ()})
+    made = simulate(named.stand(), named.simulation(), shaft(), 1)
+    made.recording.z[1000:1200] = np.nan
+    found = calibrate(interpret(made.recording, named.stand()), shaft())
+    assert abs(1000 * found.eccentricity - 878.9) < 1.0

@@ -87,12 +87,12 @@ def form(
 
     if calibration is None and (surface, height_mm, stand) != (None, None, None):
         raise BadRecipe("--surface, --height-mm and --stand are for scans; pass --calibration CALIBRATION.json too")
-    run_out = None
+    run_out, known = None, None
     with working(f"Reading {points.name}", quiet):
         if calibration is None:
             cloud = read_points(points)
         else:
-            cells = _scanned(points, calibration, stand, feature, surface, height_mm)
+            cells, known = _scanned(points, calibration, stand, feature, surface, height_mm)
             cloud, run_out = cells.points, cells.run_out
     with working("Associating", quiet):
         found = evaluate(cloud, feature.value, reference.value, filter_upr)
@@ -103,16 +103,21 @@ def form(
         print_json(record)
     elif not quiet:
         _print(found, run_out)
+    if known is not None:
+        from truestand.cli.calibrate import tell_doubts
+
+        tell_doubts(known, quiet)
 
 
 def _scanned(
     path: Path, calibration: Path, stand: Path | None, feature: FeatureName, surface: str | None, height: float | None
-) -> "Section":
-    """Cells of one cylinder of the artefact in a scan."""
+) -> "tuple[Section, Calibration]":
+    """Cells of one cylinder of the artefact in a scan, and the calibration with its doubts about that scan."""
     from truestand.core.errors import BadRecipe
     from truestand.core.scan import interpret
     from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
     from truestand.core.surface import roll
+    from truestand.core.transfer import with_transfer_doubts
     from truestand.files.read import read_recording
     from truestand.files.recipes import read_stand
     from truestand.files.records import read_calibration
@@ -122,12 +127,13 @@ def _scanned(
     known = read_calibration(calibration)
     recording = read_recording(path)
     described = None if stand is None else read_stand(stand)
-    rolled = roll(interpret(recording, described or recording.stand or known.stand), known)
+    scan = interpret(recording, described or recording.stand or known.stand)
+    rolled, doubted = roll(scan, known), with_transfer_doubts(scan, known)
     cylinder, low, high = _stretch(known, surface)
     if feature is FeatureName.CYLINDER:
-        return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)
+        return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS), doubted
     middle = (low + high) / 2 if height is None else height
-    return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS)
+    return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS), doubted
 
 
 def _stretch(known: "Calibration", name: str | None) -> "tuple[Cylinder, float, float]":

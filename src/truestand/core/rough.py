@@ -98,6 +98,8 @@ def _overlap(angle: Array, traces: Array, waves: tuple[Wave, ...]) -> float | No
     found = []
     for trace, wave in zip(traces, waves, strict=True):
         seen = np.isfinite(trace)
+        if np.count_nonzero(seen) < LEAST_PROFILES:
+            continue
         off = trace[seen] - wave.series(angle[seen])
         time = np.linspace(-0.5, 0.5, trace.size)[seen]
         near = np.abs(off) <= OUTSIDE * np.median(np.abs(off))
@@ -175,10 +177,9 @@ def _foreign(angle: Array, wave: Wave) -> Mask:
 def _find_speed(angle: Array, traces: Array) -> float:
     """Relative error of the stated speed: the one at which the traces repeat best; 0 if none is better."""
     few = slice(None, None, -(-angle.size // SEARCHED_PROFILES))
-    angle = angle[few]
-    trace = np.nanmedian(np.vstack([traces[:, few], np.full(angle.size, np.nan)[None]]), axis=0)
-    seen = np.isfinite(trace)
-    angle, trace = angle[seen], trace[seen]
+    angle, traces = angle[few], traces[:, few]
+    seen = np.isfinite(traces).any(axis=0)  # whole profiles may be lost
+    angle, trace = angle[seen], np.nanmedian(traces[:, seen], axis=0)
 
     def cost(speed: float) -> float:
         turned = angle + speed * (angle - angle[0])

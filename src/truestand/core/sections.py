@@ -28,12 +28,9 @@ SECTION = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Cells of one cylinder: ``points`` (n, 3) mm in C, of ``cells`` in all, with the noise that their means have."""
+    """Cells of one cylinder that hold readings: their means as ``points`` (n, 3) mm in C."""
 
     points: Array
-    cells: int
-    noise: float
-    """mm: standard deviation of one cell's mean, from the scatter of its readings as if they were independent."""
 
     @property
     def run_out(self) -> float:
@@ -57,7 +54,7 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
     x, y, z, deviation = x[near], y[near], z[near], deviation[near]
     column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * around).astype(np.intp) % around
     row = np.minimum(((z - low) / (high - low) * along).astype(np.intp), along - 1)
-    count, means, scatter = _cell_means(row * around + column, deviation, around * along)
+    count, means = _cell_means(row * around + column, deviation, around * along)
     full = count >= LEAST_READINGS
     if np.count_nonzero(full) < 0.1 * full.size:
         raise NotEnoughData(
@@ -68,18 +65,17 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
     height = low + (np.arange(along) + 0.5) * (high - low) / along
     psi, level = np.tile(angle, along)[full], np.repeat(height, around)[full]
     rho = radius + means[full]
-    noise = scatter / float(np.sqrt(np.median(count[full])))
-    return Section(np.column_stack([rho * np.cos(psi), rho * np.sin(psi), level]), full.size, noise)
+    return Section(np.column_stack([rho * np.cos(psi), rho * np.sin(psi), level]))
 
 
-def _cell_means(cell: NDArray[np.intp], deviation: Array, size: int) -> tuple[Array, Array, float]:
-    """Readings trusted (size,), their mean (size,) mm and the scatter of one reading in mm."""
+def _cell_means(cell: NDArray[np.intp], deviation: Array, size: int) -> tuple[Array, Array]:
+    """Readings trusted (size,) and their mean (size,) mm."""
     trusted = np.ones(deviation.size, dtype=np.bool_)
-    count, means, scatter = np.zeros(size), np.zeros(size), 0.0
+    count, means = np.zeros(size), np.zeros(size)
     for _ in range(PASSES):
         count = np.bincount(cell[trusted], minlength=size).astype(np.float64)
         means = np.bincount(cell[trusted], deviation[trusted], size) / np.maximum(count, 1.0)
         off = np.abs(deviation - means[cell])
         scatter = 1.4826 * float(np.median(off)) if off.size else 0.0
         trusted = off < TRUSTED * scatter + 1e-9
-    return count, means, scatter
+    return count, means
