@@ -149,14 +149,20 @@ def _tried(seed: int, stand: Stand, simulation: Simulation, shaft: Artefact) -> 
         wrong.append(f"e {1e3 * e:.1f} um")
     if phi > max(WRONG_PHI, 2 * radians(found.uncertainty["phi_deg"].U)):
         wrong.append(f"phi {degrees(phi):.3f} deg")
-    true_height = made.truth.table_from_sensor[2, 3]
-    height = abs(found.table_from_sensor.translation[2] - true_height)
+    height = abs(shoulder_error(found, made.truth, shaft))
     if "height" not in found.not_identifiable and height > WRONG_EDGE:
         wrong.append(f"height {height:.2f} mm")
     if height > 5.0:
         wrong.append(f"wrong cylinder, {height:.1f} mm")
     said = found.status if found.status == "valid" else f"untrusted: {found.reasons[0][:60]}"
     return Outcome(seed, said, 1e3 * e, 1e3 * e_U, degrees(phi), 1e3 * field_error(found, made.truth), ", ".join(wrong))
+
+
+def shoulder_error(found: Calibration, truth: Truth, shaft: Artefact) -> float:
+    """Height (mm) at which the calibration puts the corner of the shoulder, which stands at the drawing's."""
+    pose = Pose.from_matrix(truth.table_from_sensor)
+    corner = np.array([shaft.base.radius, pose.translation[1], shaft.shoulder])
+    return float(found.table_from_sensor(pose.inverse(corner))[2]) - shaft.shoulder
 
 
 def field_error(found: Calibration, truth: Truth) -> float:

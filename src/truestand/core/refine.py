@@ -13,7 +13,7 @@ from truestand.core.fit import SETTLED, TUKEY, Prior, Solution, covariance, gaus
 from truestand.core.frames import facing
 from truestand.core.model import GEOMETRY, Model
 from truestand.core.priors import priors_for
-from truestand.core.rough import WHOLE, Mask, RoughStand
+from truestand.core.rough import WHOLE, Mask, RoughStand, repeats_within
 from truestand.core.scan import Scan
 from truestand.core.segment import Segments
 
@@ -76,7 +76,9 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     tighter = _noise_limit(second)
     if tighter <= 0.8 * limit:
         second = _solve(scan, begun.going_on(second), tighter)
-    return replace(_steady(scan, second), together=start.together, overlap=start.overlap)
+    steady = _steady(scan, second)
+    speed = float(steady.solution.parameters[GEOMETRY.index("speed")])
+    return replace(steady, together=start.together, overlap=repeats_within(start, speed))
 
 
 def _steady(scan: Scan, fit: Refined) -> Refined:

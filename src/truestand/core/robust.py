@@ -32,6 +32,10 @@ MOST_FORM = 0.5
 """mm: no shaft has a harmonic of form that large; a series that bends itself to an arc does."""
 HOME = 0.4
 """Share of the foreign samples that may stay foreign when a further harmonic explains the others."""
+LEAST_SCATTER = 0.002
+"""mm: what waves of a higher order than is looked at leave in any case."""
+FEW = 0.01
+"""Share of the samples that may be off the fit to all of them, for that to be the shaft."""
 OUTSIDE = 6.0
 """Robust standard deviations from which a sample is not the shaft's."""
 LEAST_OUTSIDE = 0.015
@@ -68,6 +72,13 @@ def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> W
     enough = max(GOOD_ENOUGH, WORTH * min(s for _, s in fits))
     order, (solution, scatter) = next((i + 1, f) for i, f in enumerate(fits) if f[1] <= enough)
     foreign = _outside(trace - _design(angle, order) @ solution, scatter)
+    if foreign.any():
+        design = _design(angle, order)
+        whole = _fit(design, trace)
+        # Trimmed, a series may bend itself to an arc; where all samples agree as well, nothing is foreign.
+        beyond = np.abs(trace - design @ whole) > OUTSIDE * max(scatter, LEAST_SCATTER)
+        if beyond.mean() < FEW:
+            solution, foreign = whole, beyond
     for more, (other, spread) in enumerate(fits[order:], order + 1):
         # An arc of 55 % can be bent to by a wild series; the one that explains the whole circumference is the shaft's.
         left = _outside(trace - _design(angle, more) @ other, spread)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import facing
-from truestand.core.harmonics import Harmonics, fit_harmonics_robustly
+from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
 from truestand.core.robust import MOST_ORDERS, OUTSIDE, Wave, robust_wave
 from truestand.core.scan import Scan
 from truestand.core.segment import Segments
@@ -55,8 +55,10 @@ class RoughStand:
     """(bands, SECTORS): stretches of table angle in which a band doesn't show the shaft's round surface."""
     together: float
     """Share of the profiles in which every band is off its wave: dirt seldom is, a wrong table angle is."""
-    overlap: float | None
-    """mm rms by which repeated turns differ where they overlap, linear drift apart; None without a second turn."""
+    angle: Array
+    """(n,) rad: nominal table angle of the profiles that were looked at."""
+    traces: Array
+    """(bands, n) mm: their deviations, NaN where foreign."""
 
     @property
     def orders(self) -> int:
@@ -74,9 +76,9 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
         raise NotEnoughData(
             f"need one full revolution, got {scan.revolutions:.2f}; scan for longer (or check the table's speed)"
         )
-    angle, traces = band_traces(scan, segments, artefact)
-    speed = _find_speed(angle, traces) if scan.angle_source in ("index", "time") else 0.0
-    angle = angle + speed * (angle - scan.angle[0])
+    nominal, traces = band_traces(scan, segments, artefact)
+    speed = _find_speed(nominal, traces) if scan.angle_source in ("index", "time") else 0.0
+    angle = nominal + speed * (nominal - scan.angle[0])
     orders = MOST_ORDERS if scan.revolutions >= WHOLE else 3
     waves = tuple(robust_wave(angle[np.isfinite(t)], t[np.isfinite(t)], orders) for t in traces)
     foreign = np.stack([_foreign(angle[np.isfinite(t)], w) for t, w in zip(traces, waves, strict=True)])
@@ -85,22 +87,26 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
     (ex, ey), tilt = _axis(segments, waves)
     longest = int(np.argmax([b.high - b.low for b in segments.bands]))
     radial = segments.radial - waves[longest].series.mean
-    overlap = _overlap(angle, np.where(foreign[:, sector_of(angle)], np.nan, traces), waves)
+    traces = np.where(foreign[:, sector_of(angle)], np.nan, traces)
     series = tuple(w.series for w in waves)
-    return RoughStand(radial, (ex, ey), tilt, speed, series, foreign, together, overlap)
+    return RoughStand(radial, (ex, ey), tilt, speed, series, foreign, together, nominal, traces)
 
 
-def _overlap(angle: Array, traces: Array, waves: tuple[Wave, ...]) -> float | None:
-    """How far stretches of ``OVERLAP`` sectors differ from the same stretch on the other turns, mm rms."""
+def repeats_within(start: RoughStand, speed: float) -> float | None:
+    """How far repeated turns differ, mm rms, with the table's speed now known; None without a second turn.
+
+    Stretches of ``OVERLAP`` sectors are compared with the same stretch on the other turns, linear drift apart.
+    """
+    angle, traces = start.angle + speed * (start.angle - start.angle[0]), start.traces
     stretch = sector_of(angle) // OVERLAP
     turn = np.floor(np.abs(angle - angle[0]) / tau).astype(np.intp)
     count = SECTORS // OVERLAP
     found = []
-    for trace, wave in zip(traces, waves, strict=True):
+    for trace, wave in zip(traces, start.waves, strict=True):
         seen = np.isfinite(trace)
         if np.count_nonzero(seen) < LEAST_PROFILES:
             continue
-        off = trace[seen] - wave.series(angle[seen])
+        off = trace[seen] - fit_harmonics(angle[seen], trace[seen], wave.orders)(angle[seen])
         time = np.linspace(-0.5, 0.5, trace.size)[seen]
         near = np.abs(off) <= OUTSIDE * np.median(np.abs(off))
         fit = np.polyfit(time[near], off[near], 1)

@@ -42,6 +42,8 @@ FACE_REACH = 2.0
 """mm from the matched height within which the shoulder face is looked for."""
 FACE_POINTS = 1.0
 """Readings on the face, per profile, that show it."""
+FAN = 0.2
+"""rad: the outermost rays of a fan look by as much to either side."""
 LEAST_BAND = 0.3
 """mm of one cylinder that must be seen between its margins to measure on it."""
 
@@ -167,7 +169,7 @@ def _explained(outline: Silhouette, match: Match, artefact: Artefact) -> float:
 
 def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefact) -> tuple[float, bool]:
     """The height from the shoulder face where the readings show it; (height, seen)."""
-    if len(artefact.cylinders) < 2:
+    if len(artefact.cylinders) < 2 or not _faces_sensor(artefact, match.phi):
         return match.height, False
     u, v = across_and_along(seen, outline.phi)
     u, above = u - outline.shift[:, None] + match.radial, v + match.height - artefact.shoulder
@@ -182,6 +184,13 @@ def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefac
     if np.count_nonzero(flat) < 0.5 * face.size:
         return match.height, False
     return match.height - float(np.median(face[flat])), True
+
+
+def _faces_sensor(artefact: Artefact, phi: float) -> bool:
+    """Whether the shoulder's face looks to the side from which the sensor does (the fan's own angle allowed for)."""
+    lower, upper = artefact.cylinders[:2]
+    above = -cos(phi)
+    return above > -FAN if lower.radius > upper.radius else above < FAN
 
 
 def _doubts(
