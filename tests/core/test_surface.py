@@ -6,7 +6,6 @@ import pytest
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose, rotor_from_table
 from truestand.core.surface import roll
-from truestand.core.transfer import with_transfer_doubts
 from truth import STANDS, scan_of, simulated
 
 
@@ -56,11 +55,3 @@ def test_a_trace_is_radius_over_angle_at_one_height():
     assert (np.diff(angle) >= 0).all()
     assert radius.size == 4000
     assert np.abs(radius - 12.5).max() < 0.1
-
-
-def test_a_scan_with_another_angle_zero_is_doubted():
-    calibration = truth_as_calibration("any start angle")
-    assert not with_transfer_doubts(scan_of("any start angle"), calibration).reasons
-    doubts = with_transfer_doubts(scan_of("clockwise"), calibration).reasons
-    assert any("--start-angle-deg" in d for d in doubts)
-    assert any("turns cw" in d for d in doubts)

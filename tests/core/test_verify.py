@@ -6,10 +6,11 @@ from math import radians
 
 import pytest
 
+from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibrate import calibrate
 from truestand.core.scan import interpret
 from truestand.core.verify import verify
-from truestand.sim import simulate
+from truestand.sim import FormWave, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
 
 BASE = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 4000, "columns": ("angle",)})
@@ -64,3 +65,46 @@ def test_the_published_method_is_not_enough_to_verify_with():
     found = verify(scan(BASE, 1), paper, shaft())
     assert found.verdict == "undecided"
     assert "published method" in found.reasons[0]
+
+
+def wheel_scan(start=0.0, zero="home", **running):
+    """The wheel of the transfer's tests on this stand, the shaft in view below it."""
+    base, seat = shaft().cylinders
+    parts = (base, Cylinder("seat", seat.diameter, 0.0, 5.0), Cylinder("wheel", 47.0, 5.0, 25.0))
+    named = changed(
+        mounting={"phi": radians(-41.802)}, running=running, acquisition={"columns": (), "start_angle": start}
+    )
+    stand = replace(named.stand(), table=replace(named.stand().table, start=zero))
+    lobes = (FormWave("wheel", 24, 2.0),)
+    simulation = replace(named.simulation(), workpiece=replace(named.simulation().workpiece, form=lobes))
+    return interpret(simulate(stand, simulation, Artefact(parts), 4).recording, stand)
+
+
+@cache
+def old_from_below():
+    named = changed(mounting={"phi": radians(-41.802)}, acquisition={"columns": ()}, workpiece={"form": ()})
+    return calibrate(scan(named, 0), shaft())
+
+
+@pytest.mark.parametrize(
+    ("now", "verdict"),
+    [
+        ({}, "holds"),
+        ({"start": 1.0, "zero": "unknown"}, "holds"),
+        ({"eccentricity": 0.92}, "does_not_hold"),
+        ({"eccentricity_direction": 0.75}, "does_not_hold"),
+    ],
+)
+def test_a_part_with_shaft_in_view_verifies_as_well(now, verdict):
+    found = verify(wheel_scan(**now), old_from_below(), shaft())
+    assert found.by == "witness"
+    assert found.verdict == verdict, found.reasons
+
+
+def test_a_shaft_scan_that_starts_elsewhere_is_tied_by_itself():
+    named = changed(acquisition={"columns": (), "start_angle": 1.0})
+    stand = replace(named.stand(), table=replace(named.stand().table, start="unknown"))
+    again = interpret(simulate(stand, named.simulation(), shaft(), 1).recording, stand)
+    first = calibrate(scan(changed(acquisition={"columns": ()}), 0), shaft())
+    found = verify(again, first, shaft())
+    assert (found.verdict, found.by) == ("holds", "calibration"), found.reasons

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from truestand.core.artefact import Artefact
     from truestand.core.calibration import Calibration
     from truestand.core.scan import Scan
+    from truestand.core.transfer import Transfer
 
 
 class Method(StrEnum):
@@ -93,6 +94,18 @@ def write_report(
     paper = calibration if calibration.method == "paper" else find(scan, artefact, "paper")
     evidence = gather(scan, artefact, calibration, paper)
     write_text_atomic(path, calibration_report(calibration, evidence, paper, truth))
+
+
+def tell_witness(tied: "Transfer", quiet: bool) -> None:
+    """Say what the shaft in view of a scan told about the zero of the table's angle."""
+    from math import degrees
+
+    from truestand.cli.talk import hint
+
+    if tied.witness is not None and tied.calibration.angle_zero == "witness":
+        turn, U = degrees(tied.witness.angle_shift), degrees(tied.witness.angle_U)
+        where = ", ".join(tied.witness.surfaces)
+        hint(f"truestand: table angle tied by the shaft in view ({where}): {turn:+.4f} deg, U = {U:.4f} deg", quiet)
 
 
 def tell_doubts(calibration: "Calibration", quiet: bool) -> None:

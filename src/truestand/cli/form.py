@@ -117,7 +117,7 @@ def _scanned(
     from truestand.core.scan import interpret
     from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
     from truestand.core.surface import roll
-    from truestand.core.transfer import with_transfer_doubts
+    from truestand.core.transfer import transfer
     from truestand.files.read import read_recording
     from truestand.files.recipes import read_stand
     from truestand.files.records import read_calibration
@@ -128,7 +128,8 @@ def _scanned(
     recording = read_recording(path)
     described = None if stand is None else read_stand(stand)
     scan = interpret(recording, described or recording.stand or known.stand)
-    rolled, doubted = roll(scan, known), with_transfer_doubts(scan, known)
+    tied = transfer(scan, known)
+    rolled, doubted = roll(tied.scan, tied.calibration), tied.calibration
     cylinder, low, high = _stretch(known, surface)
     if feature is FeatureName.CYLINDER:
         return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS), doubted

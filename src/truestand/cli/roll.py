@@ -22,10 +22,10 @@ def roll(
 
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
-    from truestand.cli.calibrate import tell_doubts
+    from truestand.cli.calibrate import tell_doubts, tell_witness
     from truestand.cli.talk import working
     from truestand.core.surface import roll as apply
-    from truestand.core.transfer import with_transfer_doubts
+    from truestand.core.transfer import transfer
     from truestand.files.clouds import check_suffix, write_cloud
     from truestand.files.read import read_recording
     from truestand.files.recipes import read_stand
@@ -40,8 +40,10 @@ def roll(
         recording = read_recording(scan)
         seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
     with working("Rolling up", quiet):
-        surface = apply(seen, known)
+        tied = transfer(seen, known, start_angle_deg is not None)
+        surface = apply(tied.scan, tied.calibration)
         write_cloud(output, surface.x, surface.y, surface.z)
     if not quiet:
         typer.echo(output)
-    tell_doubts(with_transfer_doubts(seen, known, start_angle_deg is not None), quiet)
+    tell_witness(tied, quiet)
+    tell_doubts(tied.calibration, quiet)

@@ -95,7 +95,7 @@ def gauss_newton(
         converged = bool(np.all(np.abs(change[:8]) < np.maximum(settled, STILL * _doubt(information)[:8])))
         if not converged:  # a step too small to matter is not worth another look at all cells
             p = _bettering(model, cells, p, change, residuals, scale, precision)
-    scatter = _scatter(weighted * residuals[:, None], sectors)
+    scatter = scatter_of(weighted * residuals[:, None], sectors)
     return Solution(p, residuals, weights, information, scatter, scale.sd, steps, converged)
 
 
@@ -194,7 +194,7 @@ def _scale_of(residuals: Array, counts: Array) -> _Scale:
     return _Scale(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
 
-def _scatter(pulls: Array, sectors: Ints) -> Array:
+def scatter_of(pulls: Array, sectors: Ints) -> Array:
     """Sum over sectors of the outer product of each sector's whole pull (cluster-robust, Liang and Zeger 1986)."""
     count = int(sectors.max()) + 1
     order = np.argsort(sectors, kind="stable")

@@ -1,33 +1,93 @@
-"""Whether a calibration may be applied to a scan: what ties the table angle of the two together."""
+"""Whether a calibration may be applied to a scan: what ties the table angle of the two together, and whether sensor and
+shaft still stand where they stood."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-from truestand.core.calibration import Calibration
+import numpy as np
+
+from truestand.core.calibration import Calibration, Check
+from truestand.core.checks import no_zero
 from truestand.core.conclude import angle_zero
 from truestand.core.scan import Scan
+from truestand.core.witness import Witness, witness
+
+MOST_MOVED = 0.01
+"""mm by which sensor or shaft may have moved since the calibration."""
+MOST_ARC = 0.02
+"""mm at the part's outside: how well the zero of the table's angle must be known."""
+SAMPLED_PROFILES = 200
+MOSTLY_INSIDE = 0.9
+"""Share of the readings within the radius that counts as the part's outside: wild readings lie beyond."""
 
 
-def with_transfer_doubts(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Calibration:
-    """The calibration with the reasons added that speak against applying it to this scan.
+@dataclass(frozen=True, slots=True)
+class Transfer:
+    """A scan and the calibration as it is applied to it."""
 
-    ``start_stated``: the table angle of the scan's first profile was given by the user.
+    scan: Scan
+    """Its table angle counts from the calibration's zero."""
+    calibration: Calibration
+    """With the reasons added that speak against applying it to this scan."""
+    witness: Witness | None = None
+    """None where the scan shows too little of the shaft."""
+    checks: tuple[Check, ...] = ()
+
+
+def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Transfer:
+    """Tie the scan's table angle to the calibration's, and ask the shaft in view whether anything moved.
+
+    ``start_stated``: the table angle of the scan's first profile was given by the user. A scan that counts from an
+    index keeps its angle; any other takes its zero from the witness band, where one shows.
     """
-    reasons = list(calibration.reasons)
-    own = angle_zero(scan)
-    stated = start_stated and scan.angle_source in ("index", "time")
-    if not stated and own != calibration.angle_zero and calibration.angle_zero != "unknown":
-        reasons.append(
-            f"the scan's table angle counts from {_word(own)}, the calibration's from {_word(calibration.angle_zero)}: "
-            "record the same angle in both, or pass --start-angle-deg"
-        )
+    doubts = _configuration_doubts(scan, calibration)
+    untied = _untied(scan, calibration, start_stated)
+    found = witness(scan, calibration)
+    if found is None:
+        return Transfer(scan, _doubted(calibration, (*doubts, *untied)))
+    limit = MOST_ARC / _outside(scan, calibration)
+    checks = _moved(found)
+    if angle_zero(scan) == calibration.angle_zero == "index":
+        checks = (*checks, _still_tied(found, limit))
+    elif found.angle_U > limit:
+        doubts = (*doubts, *untied)
+    elif untied or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
+        scan = replace(scan, angle=scan.angle + found.angle_shift)
+        told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
+        calibration = replace(calibration, angle_zero="witness", reasons=told)
+    failed = (f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok)
+    return Transfer(scan, _doubted(calibration, (*doubts, *failed)), found, checks)
+
+
+def _doubted(calibration: Calibration, doubts: tuple[str, ...]) -> Calibration:
+    return replace(calibration, reasons=(*calibration.reasons, *doubts))
+
+
+def _configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
+    doubts = []
     if scan.stand.table.direction != calibration.stand.table.direction:
-        reasons.append(
+        doubts.append(
             f"the scan's table turns {scan.stand.table.direction}, the calibration's "
             f"{calibration.stand.table.direction}: check [table] direction"
         )
     if scan.stand.sensor.mirrored != calibration.stand.sensor.mirrored:
-        reasons.append("the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored")
-    return replace(calibration, reasons=tuple(reasons))
+        doubts.append("the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored")
+    return tuple(doubts)
+
+
+def _untied(scan: Scan, calibration: Calibration, start_stated: bool) -> tuple[str, ...]:
+    """The reason not to trust the scan's zero of the angle, where neither index, home nor the user gives it.
+
+    A calibration whose own zero is unknown carries its reason already.
+    """
+    own, its = angle_zero(scan), calibration.angle_zero
+    stated = start_stated and scan.angle_source in ("index", "time")
+    if stated or own == its or its == "unknown":
+        return ()
+    return (
+        f"the scan's table angle counts from {_word(own)}, the calibration's from {_word(its)}, and too little of the "
+        "shaft is in view to tell them from each other: record the same angle in both, bring the shaft into view, or "
+        "pass --start-angle-deg",
+    )
 
 
 def _word(zero: str) -> str:
@@ -37,3 +97,35 @@ def _word(zero: str) -> str:
         "witness": "a witness band",
         "unknown": "an unknown position",
     }[zero]
+
+
+def _moved(w: Witness) -> tuple[Check, ...]:
+    """Whether sensor and shaft stand where they stood, as far as the witness band tells."""
+    where = ", ".join(w.surfaces)
+    return (
+        _change(f"sensor moved radially ({where}), um", w.radial,
+                "the sensor has moved or warmed up since the calibration: calibrate again"),
+        _change(f"shaft runs more or less eccentrically ({where}), um", w.eccentricity_size,
+                "the shaft was clamped again or has slipped since the calibration: calibrate again"),
+    )  # fmt: skip
+
+
+def _change(name: str, value: float, advice: str) -> Check:
+    return Check(name, 1000 * value, 1000 * MOST_MOVED, abs(value) <= MOST_MOVED, advice)
+
+
+def _still_tied(w: Witness, limit: float) -> Check:
+    """Whether the index still ties the angle: the shaft's axis lies in the direction that the calibration found."""
+    allowed = limit + w.angle_U
+    return Check(
+        "shaft turned against the index, mrad", 1000 * w.angle_shift, 1000 * allowed, abs(w.angle_shift) <= allowed,
+        "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: calibrate again",
+    )  # fmt: skip
+
+
+def _outside(scan: Scan, calibration: Calibration) -> float:
+    """Radius (mm) of what the scan shows."""
+    rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
+    across, shift = calibration.table_from_sensor.rotation[0], calibration.table_from_sensor.translation[0]
+    u = np.abs(across[0] * scan.x[rows] + across[2] * scan.z[rows] + shift)
+    return max(float(np.nanquantile(u, MOSTLY_INSIDE)), 1.0)

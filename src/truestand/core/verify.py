@@ -1,6 +1,6 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, sqrt
 from typing import Literal
 
@@ -9,16 +9,25 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibrate import calibrate
-from truestand.core.calibration import Calibration
+from truestand.core.calibration import Calibration, ScanSummary
+from truestand.core.checks import no_zero
+from truestand.core.conclude import angle_zero
+from truestand.core.errors import NotEnoughData
 from truestand.core.frames import facing, sensor_parameters, shaft_parameters
 from truestand.core.scan import Scan
+from truestand.core.transfer import transfer
+from truestand.core.witness import Witness, witness
 
 Array = NDArray[np.float64]
 Verdict = Literal["holds", "does_not_hold", "undecided"]
+By = Literal["calibration", "witness"]
 
 LIMIT = 0.01
 """mm: how far a calibrated point may have moved on the artefact."""
 K = 2.0
+SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
+SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
+PUBLISHED = "the old calibration is of the published method, which knows no laser plane or tilt"
 ORDER: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
 
 
@@ -41,29 +50,80 @@ class Verification:
     verdict: Verdict
     changes: tuple[Change, ...]
     reasons: tuple[str, ...]
-    calibration: Calibration
+    calibration: Calibration | None
+    """None where the scan shows too little of the artefact to be calibrated."""
+    scan: ScanSummary
+    by: By
+    """Whether the artefact was calibrated again, or judged by the shaft in view beside a part."""
 
 
 def verify(scan: Scan, old: Calibration, artefact: Artefact, limit: float = LIMIT) -> Verification:
-    """Hold an old calibration against a new scan of the artefact.
+    """Hold an old calibration against a new scan of the artefact, or of a part beside which the shaft shows.
 
     What both scans share (certificate, mounting prior) cancels: U is the repeatability of both. A change within
-    ``limit`` by more than U holds, one beyond it by more than U does not, in between is undecided.
+    ``limit`` by more than U holds, one beyond it by more than U does not, in between is undecided. A scan that can't be
+    calibrated by itself is judged by its witness band: where the sensor stands radially, and how the shaft runs.
 
     Raises:
-        NotEnoughData: the new scan can't be calibrated.
+        NotEnoughData: the new scan can't be calibrated and shows no witness band.
     """
-    new = calibrate(scan, artefact)
-    changes = tuple(_decided(*c, limit=limit) for c in _changes(old, new, artefact))
-    reasons = [f"the new scan is untrusted: {r}" for r in new.reasons]
-    if old.method == "paper":
-        reasons.append("the old calibration is of the published method, which knows no laser plane or tilt")
-    if reasons:
-        return Verification("undecided", changes, tuple(reasons), new)
-    verdicts = {c.verdict for c in changes}
-    reasons = [f"{c.name}: {c.advice}" for c in changes if c.verdict != "holds"]
-    worst: Verdict = next(v for v in ORDER if v in verdicts)
-    return Verification(worst, changes, tuple(reasons), new)
+    before = () if old.method == "stand" else (PUBLISHED,)
+    scan, tied = _aligned(scan, old)
+    new, doubts = _calibrated(scan, artefact, tied)
+    band = None if new is not None and _shows(new) else witness(scan, replace(old, artefact=artefact))
+    if band is not None:
+        return _judged(_changes_in_band(band, not tied), limit, before, "witness", scan, new)
+    if new is None:
+        raise NotEnoughData(doubts[0])
+    before = (*(f"the new scan is untrusted: {d}" for d in doubts), *before)
+    return _judged(_changes(old, new, artefact), limit, before, "calibration", scan, new)
+
+
+def _aligned(scan: Scan, old: Calibration) -> tuple[Scan, bool]:
+    """The scan on the old calibration's zero of the angle; True where only the shaft in view can tie the two."""
+    if angle_zero(scan) == old.angle_zero != "unknown":
+        return scan, False
+    return transfer(scan, old).scan, True
+
+
+def _calibrated(scan: Scan, artefact: Artefact, tied: bool) -> tuple[Calibration | None, tuple[str, ...]]:
+    """What the new scan says by itself, and why that is not to be trusted."""
+    try:
+        new = calibrate(scan, artefact)
+    except NotEnoughData as few:
+        return None, (str(few),)
+    return new, tuple(r for r in new.reasons if not (tied and r in no_zero("unknown")))
+
+
+def _shows(new: Calibration) -> bool:
+    """Whether the scan showed the artefact by itself, and not a part with some shaft beside it."""
+    return all(c.ok for c in new.checks if c.name.startswith(("surfaces told apart", "drawing explains")))
+
+
+def _judged(
+    changes: list[tuple[str, float, float, str]],
+    limit: float,
+    before: tuple[str, ...],
+    by: By,
+    scan: Scan,
+    new: Calibration | None,
+) -> Verification:
+    """The worst of the changes; undecided where there are reasons ``before`` any of them."""
+    decided = tuple(_decided(*c, limit=limit) for c in changes)
+    worst: Verdict = next(v for v in ORDER if v in {c.verdict for c in decided})
+    reasons = tuple(f"{c.name}: {c.advice}" for c in decided if c.verdict != "holds")
+    if before:
+        worst, reasons = "undecided", before
+    return Verification(worst, decided, reasons, new, ScanSummary.of(scan), by)
+
+
+def _changes_in_band(band: Witness, direction: bool) -> list[tuple[str, float, float, str]]:
+    """What the shaft in view beside a part says; the ``direction`` counts where it doesn't tie the scan itself."""
+    shaft = hypot(*band.eccentricity_change) if direction else abs(band.eccentricity_size)
+    return [
+        ("sensor, radially", abs(band.radial), band.radial_U, SENSOR_MOVED),
+        ("shaft on the table", shaft, band.eccentricity_U, SHAFT_MOVED),
+    ]
 
 
 def _decided(name: str, value: float, U: float, advice: str, limit: float) -> Change:
@@ -82,12 +142,12 @@ def _changes(old: Calibration, new: Calibration, artefact: Artefact) -> list[tup
     found = []
     radial = [_sensor_move(old, new, p, spread) for p in points]
     worst = max(radial, key=lambda c: c[0])
-    found.append(("sensor, radially", *worst, "the sensor has moved or turned in the laser plane: calibrate again"))
+    found.append(("sensor, radially", *worst, SENSOR_MOVED))
     sideways = max((_sideways_move(old, new, v, spread) for _, _, v in points), key=lambda c: c[0])
     if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
         found.append(("sensor, sideways", *sideways, "the laser plane has moved or tilted: calibrate again"))
     shaft = max((_shaft_move(old, new, v, spread) for _, _, v in points), key=lambda c: c[0])
-    found.append(("shaft on the table", *shaft, "the shaft was clamped again or has slipped: calibrate again"))
+    found.append(("shaft on the table", *shaft, SHAFT_MOVED))
     return found
 
 

@@ -330,7 +330,8 @@ def verification_record(verification: Verification, created: str, calibration_sh
         "created": created,
         "software": f"truestand {__version__}",
         "calibration": {"sha256": calibration_sha256},
-        "scan": None if v.calibration.scan is None else _scan(v.calibration.scan),
+        "scan": _scan(v.scan),
+        "by": v.by,
         "changes": [
             {
                 "name": c.name,
