@@ -72,10 +72,13 @@ class Witness:
 
 
 def witness(scan: Scan, calibration: Calibration) -> Witness | None:
-    """What the shaft in view of a scan says; None where too little of it shows, or the drawing is not known."""
-    few = _few(scan)
-    if calibration.artefact is None or scan.revolutions < LEAST_REVOLUTIONS:
+    """What the shaft in view of a scan says; None where too little of it shows, or the drawing is not known.
+
+    The published method's calibration holds no pose of the shaft to compare with: None.
+    """
+    if calibration.artefact is None or calibration.method == "paper" or scan.revolutions < LEAST_REVOLUTIONS:
         return None
+    few = _few(scan)
     start = _first_look(few, calibration)
     if start is None:
         return None
