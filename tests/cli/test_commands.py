@@ -11,7 +11,7 @@ from jsonschema import Draft202012Validator
 from command import run
 from truestand.files.points import read_ply
 
-COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "form", "schema"]
+COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "form", "compare", "schema"]
 
 
 def test_help_is_quick_and_names_every_command():
@@ -107,6 +107,22 @@ def test_a_minimal_record_of_somebody_else_is_accepted(bench, tmp_path):
         done = run("roll", bench / "k1.h5", "--calibration", calibration, "-o", tmp_path / f"{name}.ply")
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "full.ply").read_bytes() == (tmp_path / "minimal.ply").read_bytes()
+
+
+def test_compare_tells_every_way_with_its_error(bench, tmp_path):
+    common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json")
+    done = run("compare", bench / "k1.h5", *common, "-o", tmp_path / "c.json", "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert json.loads((tmp_path / "c.json").read_text(encoding="utf-8")) == record
+    Draft202012Validator(json.loads(run("schema", "comparison").stdout)).validate(record)
+    exact = record["rows"][0]
+    assert (exact["method"], exact["library"]) == ("exact model", "truestand")
+    assert exact["axis_error_um"] < 1.0
+    assert all(row["reason"] or row["eccentricity_um"] for row in record["rows"])
+    wrong = run("compare", bench / "k1.h5", "--artefact", bench / "shaft.toml", "--truth", bench / "report.html")
+    assert wrong.returncode == 2
+    assert len(wrong.stderr.splitlines()) == 1
 
 
 def test_verify_holds_moved_and_undecided(bench, tmp_path):

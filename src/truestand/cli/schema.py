@@ -6,7 +6,9 @@ import typer
 
 
 def schema(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="calibration, verification, form, info or truth.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="calibration, verification, comparison, form, info, truth.")
+    ],
 ) -> None:
     """Print the JSON Schema of a record.
 
