@@ -2,7 +2,10 @@
 
 import difflib
 from collections.abc import Mapping
-from typing import Any, TypeVar, get_args
+from dataclasses import is_dataclass
+from functools import cache
+from types import UnionType
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -28,6 +31,37 @@ def checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
         return model.model_validate(dict(data))
     except ValidationError as wrong:
         raise BadRecipe(f"{where}: {_plain(wrong, model)}") from wrong
+
+
+def refuse_other_types(value: Any, hint: Any, where: str) -> None:
+    """Refuse what is not, at any depth of a dataclass, as its annotations say; null is what is not known.
+
+    Raises:
+        TypeError: with the place.
+    """
+    inner = get_args(hint)
+    if isinstance(hint, type) and is_dataclass(hint):
+        for name, of in _annotations(hint).items():
+            refuse_other_types(getattr(value, name), of, f"{where}.{name}")
+    elif get_origin(hint) in (tuple, dict):
+        for item in value.values() if isinstance(value, dict) else value:
+            refuse_other_types(item, inner[get_origin(hint) is dict], where)
+    elif get_origin(hint) is UnionType and value is not None:
+        refuse_other_types(value, inner[0], where)
+    elif value is not None and not _is(value, hint):
+        raise TypeError(f"{where}: found {str(value)[:40]!r}, need {hint}")
+
+
+_annotations = cache(get_type_hints)
+
+
+def _is(value: Any, hint: Any) -> bool:
+    """Whether a single value is as annotated; a whole number may be written 3.0, and arrays are checked elsewhere."""
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    if hint in (int, float):
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return hint not in (str, bool) or isinstance(value, hint)
 
 
 def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from truestand.core.errors import UnreadableFile
 from truestand.files.text import refuse_nul
 
 CHUNK = 1 << 20
@@ -22,21 +23,26 @@ class Lines:
         """Find the lines and the hash in one pass; ``head`` is the file's beginning and tells the line end.
 
         Raises:
-            UnreadableFile: NUL bytes.
+            UnreadableFile: NUL bytes, or line ends of another kind inside a line.
         """
         self.marked = head.startswith(BYTE_ORDER_MARK)
         self.end = b"\r" if b"\r" in head and b"\n" not in head else b"\n"
-        ends, size = [], 0
+        other = b"\n" if self.end == b"\r" else b"\r"
+        ends: list[int] = []
+        size, loose, before = 0, 0, b""
         hashed = hashlib.sha256()
         with path.open("rb") as file:
             while chunk := file.read(CHUNK):
-                refuse_nul(chunk, path.name)
+                refuse_nul(chunk, path.name, len(ends) + 1)
                 hashed.update(chunk)
                 at = chunk.find(self.end)
                 while at >= 0:
                     ends.append(size + at)
                     at = chunk.find(self.end, at + 1)
-                size += len(chunk)
+                loose += chunk.count(other)
+                if other == b"\r":  # before a line feed it belongs to the line end
+                    loose -= chunk.count(b"\r\n") + (before + chunk[:1] == b"\r\n")
+                size, before = size + len(chunk), chunk[-1:]
         self._file = path.open("rb")
         self.sha256 = hashed.hexdigest()
         self.ended = bool(ends) and ends[-1] == size - 1
@@ -44,6 +50,10 @@ class Lines:
             ends.append(size)
         self.ends = np.array(ends, dtype=np.intp)
         self.starts = np.concatenate([[len(BYTE_ORDER_MARK) * self.marked], self.ends[:-1] + 1])
+        self.plain = self.end == b"\n" and not self.marked and not loose
+        """Whether every text reader sees the same lines."""
+        if loose:
+            self._refuse_inside(other, path.name)
 
     def __enter__(self) -> Self:
         return self
@@ -67,6 +77,15 @@ class Lines:
     def blank(self, i: int) -> bool:
         """Whether line i holds nothing but white space."""
         return self.ends[i] - self.starts[i] < LONGEST_BLANK and not self[i].strip()
+
+    def _refuse_inside(self, other: bytes, name: str) -> None:
+        for i in range(len(self)):
+            if other in self[i]:
+                self._file.close()
+                raise UnreadableFile(
+                    f"{name}: found {other!r} inside line {i + 1}, need {self.end!r} at the end of every line; the "
+                    "file is damaged: export it again"
+                )
 
     def _read(self, start: int, end: int) -> bytes:
         self._file.seek(start)

@@ -16,9 +16,19 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_nul, refuse_words
+from truestand.files.text import (
+    Dialect,
+    dialect_of,
+    line_of,
+    normal,
+    refuse_cut_number,
+    refuse_infinite,
+    refuse_nul,
+    refuse_words,
+)
 
 Array = NDArray[np.float64]
+Lines = NDArray[np.intp]
 
 FORMAT = "long csv"
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -28,7 +38,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
 PLAIN = ("profile", "point", "encoder", "counter", "intensity")
-MOST_NUMBER = 2**31
+LIMITS = {"profile": (-(2**31), 2**31), "point": (0, 2**31), "counter": (-(2**53), 2**53)}
+"""Lowest and highest number of the columns that count; beyond 2^53 float64 skips whole numbers."""
 MOST_EMPTY = 1000
 """Readings without data for each with data, beyond which the numbering is taken for a mistake."""
 
@@ -53,8 +64,8 @@ def read_long_csv(path: Path) -> Recording:
     header, _, body = data.partition(b"\n")
     columns = _columns(_names(header), name)
     dialect = _dialect(header, body, name)
-    table = _numbers(normal(body.strip(b"\n"), dialect), len(_names(header)), name)
-    return _recording({key: table[:, i] * factor for key, (i, factor) in columns.items()}, name, sha256)
+    table, lines = _numbers(normal(body, dialect, name, 2), len(_names(header)), name)
+    return _recording({key: table[:, i] * factor for key, (i, factor) in columns.items()}, lines, name, sha256)
 
 
 def _header(data: bytes) -> bytes:
@@ -98,13 +109,15 @@ def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
     return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
 
 
-def _numbers(body: bytes, columns: int, name: str) -> Array:
+def _numbers(body: bytes, columns: int, name: str) -> tuple[Array, Lines]:
+    """All readings (n, columns), and the line in the file of each."""
     if not body.strip():
         raise UnreadableFile(f"{name}: found a header and no readings; need at least one profile")
     while b",," in body:
         body = body.replace(b",,", b",nan,")
     body = body.replace(b",\n", b",nan\n").replace(b"\n,", b"\nnan,")
     body = b"nan" * body.startswith(b",") + body + b"nan" * body.endswith(b",")
+    _whole_last_number(body, name)
     try:
         table = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2, comments=None)
     except ValueError as wrong:
@@ -112,10 +125,33 @@ def _numbers(body: bytes, columns: int, name: str) -> Array:
         refuse_words(rows, name, 2)
         _refuse_other_lengths(rows, columns, name)
         raise UnreadableFile(f"{name}: {wrong}") from wrong
+    lines = _lines(body, table.shape[0])
     if table.shape[1] != columns:
-        raise UnreadableFile(f"{name}: found {table.shape[1]} values a line, the header names {columns}")
-    refuse_infinite(table, name, 2)
-    return table
+        raise UnreadableFile(
+            f"{name}: found {table.shape[1]} values a line from line {lines[0]}, the header names {columns}"
+        )
+    if np.isinf(table).any():
+        row = int(np.flatnonzero(np.isinf(table).any(axis=1))[0])
+        refuse_infinite(table[row : row + 1], name, int(lines[row]))
+    return table, lines
+
+
+def _lines(body: bytes, readings: int) -> Lines:
+    """The line in the file of every reading: empty lines hold none."""
+    if body.count(b"\n") + (not body.endswith(b"\n")) == readings:
+        return np.arange(2, 2 + readings)
+    return np.array([i for i, row in enumerate(body.split(b"\n"), start=2) if row.strip()])
+
+
+def _whole_last_number(body: bytes, name: str) -> None:
+    """Refuse a file that ends inside a number of its last column.
+
+    Raises:
+        UnreadableFile: with the last line.
+    """
+    if not body.endswith(b"\n"):
+        cells = [row.rsplit(b",", 1)[-1] for row in body[-10_000:].split(b"\n")[1:]]
+        refuse_cut_number(cells, name, line_of(body, len(body)) + 1)
 
 
 def _refuse_other_lengths(rows: list[bytes], columns: int, name: str) -> None:
@@ -127,11 +163,11 @@ def _refuse_other_lengths(rows: list[bytes], columns: int, name: str) -> None:
             )
 
 
-def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
-    label = columns["profile"]
-    if not np.isfinite(label).all():
-        raise UnreadableFile(f"{name}: line {int(np.flatnonzero(~np.isfinite(label))[0]) + 2} has no profile number")
-    row = _rows(label, name)
+def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) -> Recording:
+    for key in ("profile", "point", "counter"):
+        if key in columns:
+            _refuse_fractions(columns[key], key, lines, name)
+    row = np.asarray(columns["profile"] - columns["profile"].min(), dtype=np.intp)
     profiles = int(row.max()) + 1
     point = _points(columns.get("point"), row, name)
     shape = (profiles, int(point.max()) + 1)
@@ -152,7 +188,7 @@ def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
         values[row[::-1]] = columns[key][::-1]  # the first reading of a profile counts
         off = np.flatnonzero(columns[key] != values[row])
         if off.size:
-            raise UnreadableFile(f"{name}: {key} changes within a profile (line {int(off[0]) + 2}); need one a profile")
+            raise UnreadableFile(f"{name}: {key} changes within a profile (line {lines[off[0]]}); need one a profile")
         there = np.flatnonzero(np.isfinite(values))
         # profiles without any reading have no row: they lie between their neighbours
         return np.asarray(np.interp(np.arange(profiles), there, values[there]))
@@ -171,11 +207,21 @@ def _recording(columns: dict[str, Array], name: str, sha256: str) -> Recording:
     )
 
 
-def _rows(label: Array, name: str) -> NDArray[np.intp]:
-    """Row of every reading from its profile number; a number that is left out is a profile without readings."""
-    if (label != np.floor(label)).any() or np.abs(label).max() > MOST_NUMBER:
-        raise UnreadableFile(f"{name}: found a profile number that is no whole number; check column 'profile'")
-    return np.asarray(label - label.min(), dtype=np.intp)
+def _refuse_fractions(values: Array, key: str, lines: Lines, name: str) -> None:
+    """Refuse readings without a profile, point or counter number, or with one that counts nothing.
+
+    Raises:
+        UnreadableFile: with the line.
+    """
+    lowest, highest = LIMITS[key]
+    wrong = np.flatnonzero(~((values == np.floor(values)) & (values >= lowest) & (values <= highest)))
+    if wrong.size:
+        found = values[wrong[0]]
+        shown = f"no {key} number" if np.isnan(found) else f"{key} number {found:.12g}"
+        raise UnreadableFile(
+            f"{name}: line {lines[wrong[0]]} has {shown}, need a whole number from {lowest} to {highest}; check column "
+            f"{key!r}"
+        )
 
 
 def _points(point: Array | None, row: NDArray[np.intp], name: str) -> NDArray[np.intp]:
@@ -186,8 +232,6 @@ def _points(point: Array | None, row: NDArray[np.intp], name: str) -> NDArray[np
         column = np.empty(row.size, dtype=np.intp)
         column[order] = np.arange(row.size) - first
         return column
-    if not np.isfinite(point).all() or (point != np.floor(point)).any() or point.min() < 0 or point.max() > MOST_NUMBER:
-        raise UnreadableFile(f"{name}: found a point number that is no whole number from 0 on; check column 'point'")
     column = point.astype(np.intp) - (1 if point.min() >= 1 else 0)
     cell = row * (int(column.max()) + 1) + column
     if np.unique(cell).size != cell.size:

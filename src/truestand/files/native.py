@@ -6,6 +6,7 @@ float64. Dimension scales ``profile`` and ``point`` and the ``units`` attributes
 
 import hashlib
 import json
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +31,11 @@ VERSION = 1
 STEPS = (0.004, 0.001, 0.002, 0.005, 0.0005, 0.01, 0.00025, 0.0001)
 """mm: range steps that sensors count in, tried in turn."""
 FILL = -32768
+MOST_OFFSET = 2.0**53
+"""mm: any offset of counts is less, as float64 skips whole numbers beyond."""
 MOST_READINGS = 2**31
+MOST_PRESSED = 1032
+"""How far deflate presses at best (lzf: 88): what promises more holds nothing."""
 COLUMNS = {"y": "1", "time": "s", "angle": "rad", "encoder": "1", "counter": "1"}
 """Columns with one value a profile, and their units."""
 
@@ -77,30 +82,40 @@ def read_native(path: Path, sha256: str) -> Recording:
             return _recording(file, path.name, sha256)
     except TruestandError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as wrong:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as wrong:
         raise UnreadableFile(f"{path.name}: the HDF5 file is damaged or cut off ({wrong}); import it again") from wrong
 
 
 def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
     if file.attrs.get("format") != LAYOUT:
         raise UnreadableFile(f"{name}: an HDF5 file, but no truestand scan; give a scan written by `truestand import`")
-    version = int(file.attrs["version"])
-    if version > VERSION:
-        raise UnreadableFile(f"{name}: found version {version}, this truestand reads up to {VERSION}; update it")
-    shape = file["z"].shape
-    if len(shape) != 2 or file["x"].shape != shape or not 0 < shape[0] * shape[1] < MOST_READINGS:
-        raise UnreadableFile(f"{name}: found x {file['x'].shape} and z {shape}, need two equal matrices of readings")
+    version = file.attrs["version"]
+    if not isinstance(version, np.integer) or version > VERSION:
+        raise UnreadableFile(f"{name}: found version {version!r}, this truestand reads up to {VERSION}; update it")
+    x, z = _dataset(file, "x", name), _dataset(file, "z", name)
+    if len(z.shape) != 2 or x.shape != z.shape or not 0 < z.shape[0] * z.shape[1] < MOST_READINGS:
+        raise UnreadableFile(f"{name}: found x {x.shape} and z {z.shape}, need two equal matrices of readings")
     stand = file.attrs.get("stand")
-    columns: dict[str, Any] = {key: _read(file[key], name) for key in COLUMNS if key in file}
+    columns: dict[str, Any] = {key: _read_column(file, key, z.shape[:1], name) for key in COLUMNS if key in file}
     return Recording(
-        _read_matrix(file["x"], name),
-        _read_matrix(file["z"], name),
+        _read_matrix(x, name),
+        _read_matrix(z, name),
         FORMAT,
         sha256,
-        intensity=_read_matrix(file["intensity"], name) if "intensity" in file else None,
+        intensity=_read_intensity(file, z.shape, name) if "intensity" in file else None,
         stand=None if stand is None else stand_from_recipe(json.loads(stand)),
         **columns,
     )
+
+
+def _dataset(file: "h5py.File", key: str, name: str) -> "h5py.Dataset":
+    """A dataset of numbers; nothing is read yet."""
+    import h5py
+
+    dataset = file[key]
+    if not isinstance(dataset, h5py.Dataset) or dataset.shape is None or dataset.dtype.kind not in "iuf":
+        raise UnreadableFile(f"{name}: {key} holds no numbers; the file was edited: import it again")
+    return dataset
 
 
 def _write_scales(file: "h5py.File", profiles: int, points: int) -> None:
@@ -173,13 +188,49 @@ def _values(counts: NDArray[Any], step: float, offset: float) -> Array:
 def _read_matrix(dataset: "h5py.Dataset", name: str) -> Array:
     raw = _read(dataset, name)
     if "scale_factor" not in dataset.attrs:
-        return np.asarray(raw, dtype=np.float64)
-    values = _values(raw, float(dataset.attrs["scale_factor"]), float(dataset.attrs["add_offset"]))
+        return _finite(np.asarray(raw, dtype=np.float64), dataset, name)
+    step, offset = dataset.attrs["scale_factor"], dataset.attrs["add_offset"]
+    known = all(isinstance(number, np.floating) for number in (step, offset))
+    if not known or step not in (*STEPS, 1.0) or not abs(offset) < MOST_OFFSET:
+        raise UnreadableFile(
+            f"{name}: {dataset.name} has scale_factor {step!r} and add_offset {offset!r}, which truestand never "
+            "writes; the file was edited: import it again"
+        )
+    values = _values(raw, float(step), float(offset))
     values[raw == FILL] = np.nan
     return values
 
 
+def _read_intensity(file: "h5py.File", shape: tuple[int, ...], name: str) -> Array:
+    return _read_matrix(_shaped(_dataset(file, "intensity", name), shape, name), name)
+
+
+def _read_column(file: "h5py.File", key: str, shape: tuple[int, ...], name: str) -> NDArray[Any]:
+    dataset = _shaped(_dataset(file, key, name), shape, name)
+    if key == "counter" and not np.can_cast(dataset.dtype, np.int64):
+        raise UnreadableFile(f"{name}: {dataset.name} holds {dataset.dtype}, need whole numbers; import it again")
+    values = _read(dataset, name)
+    if np.isnan(values).any():
+        raise UnreadableFile(f"{name}: {dataset.name} lacks a number, need one a profile; import it again")
+    return values.astype(np.int64) if key == "counter" else _finite(values.astype(np.float64), dataset, name)
+
+
+def _shaped(dataset: "h5py.Dataset", shape: tuple[int, ...], name: str) -> "h5py.Dataset":
+    if dataset.shape != shape:
+        raise UnreadableFile(f"{name}: {dataset.name} has shape {dataset.shape}, need {shape}; import it again")
+    return dataset
+
+
+def _finite(values: Array, dataset: "h5py.Dataset", name: str) -> Array:
+    if np.isinf(values).any():
+        raise UnreadableFile(f"{name}: {dataset.name} holds an infinite number, need finite ones; import it again")
+    return values
+
+
 def _read(dataset: "h5py.Dataset", name: str) -> NDArray[Any]:
+    promised = max(dataset.size, prod(dataset.chunks or ())) * dataset.dtype.itemsize
+    if promised > MOST_PRESSED * dataset.id.get_storage_size():
+        raise UnreadableFile(f"{name}: {dataset.name} promises {dataset.shape} numbers and is cut off; import it again")
     values: NDArray[Any] = dataset[()]
     if _hash(values) != dataset.attrs["sha256"]:
         raise UnreadableFile(f"{name}: {dataset.name} fails its hash: the file was damaged or edited; import it again")

@@ -9,7 +9,18 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.text import Dialect, check_text, dialect_of, normal, refuse_infinite, refuse_nul, refuse_words
+from truestand.files.text import (
+    ENOUGH_CELLS,
+    Dialect,
+    check_text,
+    dialect_of,
+    normal,
+    number,
+    refuse_cut_number,
+    refuse_infinite,
+    refuse_nul,
+    refuse_words,
+)
 
 Array = NDArray[np.float64]
 
@@ -19,8 +30,12 @@ _PLY_TYPES = {
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _PLY_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
-_HEADER_END = re.compile(rb"end_header[ \t]*\r?\n")
+_PLY_START = re.compile(rb"\s*ply[ \t]*(\r\n|\n|\r)")
+_HEADER_END = re.compile(rb"[\r\n]end_header[ \t]*\r?\n")
+_HEADER_END_MAC = re.compile(rb"\rend_header[ \t]*\r")
+"""Where the first line ends so: a binary body may start with a line feed."""
 _WORDS = re.compile(rb"[A-Za-z_]{2,}|^[\s\"]*[xX]\b")
+_COUNT = re.compile(r"[0-9]{1,18}")
 LONGEST_HEADER = 65_536
 
 
@@ -32,18 +47,18 @@ def read_points(path: Path | str) -> Array:
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        data = path.read_bytes().removeprefix(BYTE_ORDER_MARK)
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong}); check the path") from wrong
-    if data.startswith(b"ply"):
-        vertices = read_ply(path)
+    if _PLY_START.match(data):
+        vertices = _vertices(data, path.name)
         missing = [axis for axis in "xyz" if axis not in vertices]
         if missing:
             raise UnreadableFile(f"{path.name}: the PLY's vertices have no {missing[0]}; need x, y and z")
-        points = np.column_stack([vertices[axis].astype(np.float64) for axis in "xyz"])
-        refuse_infinite(points, path.name, 1)
+        points = np.column_stack([_as_float(vertices[axis]) for axis in "xyz"])
+        _refuse_infinite_vertex(points, path.name)
         return points
-    return _text_points(data.removeprefix(BYTE_ORDER_MARK), path.name)
+    return _text_points(data, path.name)
 
 
 def read_ply(path: Path | str) -> dict[str, NDArray[Any]]:
@@ -53,51 +68,95 @@ def read_ply(path: Path | str) -> dict[str, NDArray[Any]]:
         UnreadableFile: no PLY, no vertices, a list among their properties, or cut off.
     """
     path = Path(path)
-    data = path.read_bytes()
-    end = _HEADER_END.search(data, 0, LONGEST_HEADER)
-    if not data.startswith(b"ply") or end is None:
-        raise UnreadableFile(f"{path.name}: the PLY's header is missing or cut off")
-    order, count, kind = _ply_layout(data[: end.start()].decode("latin-1"), path.name)
+    return _vertices(path.read_bytes().removeprefix(BYTE_ORDER_MARK), path.name)
+
+
+def _vertices(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+    start = _PLY_START.match(data)
+    pattern = _HEADER_END_MAC if start and start[1] == b"\r" else _HEADER_END
+    end = pattern.search(data, 0, LONGEST_HEADER)
+    if start is None or end is None:
+        raise UnreadableFile(f"{name}: the PLY's header is missing or cut off; copy the file again")
+    order, count, kind = _ply_layout(re.split(rb"[\r\n]+", data[: end.start()]), name)
     if not order:
-        return _ascii_vertices(data[end.end() :], count, kind, path.name)
+        first_line = 1 + len(data[: end.end()].splitlines())
+        return _ascii_vertices(data[end.end() :], count, kind, name, first_line)
     if len(data) - end.end() < count * kind.itemsize:
-        raise UnreadableFile(f"{path.name}: the PLY promises {count} vertices and is cut off before; copy it again")
+        raise UnreadableFile(f"{name}: the PLY promises {count} vertices and is cut off before; copy it again")
     vertices = np.frombuffer(data, dtype=kind, count=count, offset=end.end())
-    return {name: vertices[name] for name in kind.names or ()}
+    return {field: vertices[field] for field in kind.names or ()}
 
 
-def _ply_layout(head: str, name: str) -> tuple[str, int, "np.dtype[Any]"]:
+def _as_float(values: NDArray[Any]) -> Array:
+    """float64; a signalling NaN is a NaN, and no warning."""
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
+def _refuse_infinite_vertex(points: Array, name: str) -> None:
+    wrong = np.flatnonzero(np.isinf(points).any(axis=1))
+    if wrong.size:
+        raise UnreadableFile(f"{name}: found a number too large in vertex {wrong[0] + 1}; need finite numbers")
+
+
+def _ply_layout(head: list[bytes], name: str) -> tuple[str, int, "np.dtype[Any]"]:
     """Byte order, count and record of the vertices, which must be the first element."""
     order, count, element = None, None, ""
     fields: list[tuple[str, str]] = []
-    for words in (line.split() for line in head.splitlines()):
+    for words in ([word.decode("latin-1") for word in line.split()] for line in head):
         match words:
-            case ["format", found, _] if found in _PLY_ORDERS:
+            case ["format", found, _] if found in _PLY_ORDERS and order is None:
                 order = _PLY_ORDERS[found]
-            case ["element", "vertex", number] if number.isdecimal() and not element:
+            case ["format", *_]:
+                raise UnreadableFile(f"{name}: found {' '.join(words)!r}, need one known format; export the PLY again")
+            case ["element", "vertex", number] if _COUNT.fullmatch(number) and not element:
                 element, count = "vertex", int(number)
             case ["element", *_]:
                 element = element and "other"
                 if not element:
                     raise UnreadableFile(f"{name}: the PLY's first element is not its vertices; export points only")
             case ["property", kind, field] if element == "vertex" and kind in _PLY_TYPES:
-                fields.append((field, (order or "") + _PLY_TYPES[kind]))
+                fields.append((field, _PLY_TYPES[kind]))
             case ["property", *_] if element == "vertex":
                 raise UnreadableFile(f"{name}: found {' '.join(words)!r} among the PLY's vertices, need plain numbers")
     if order is None or count is None or not fields or len({f for f, _ in fields}) < len(fields):
         raise UnreadableFile(f"{name}: the PLY's header names no format or no vertices; export it again")
-    return order, count, np.dtype(fields)
+    return order, count, np.dtype([(field, order + kind) for field, kind in fields])
 
 
-def _ascii_vertices(body: bytes, count: int, kind: "np.dtype[Any]", name: str) -> dict[str, NDArray[Any]]:
+def _ascii_vertices(
+    body: bytes, count: int, kind: "np.dtype[Any]", name: str, first_line: int
+) -> dict[str, NDArray[Any]]:
+    refuse_nul(body, name, first_line)
+    body = re.sub(rb"\r\n?", b"\n", body).replace(b"\t", b" ")
     rows = body.split(b"\n", count)[:count] if count <= len(body) else []
     if len(rows) < count or (count and not rows[-1].strip()):
         raise UnreadableFile(f"{name}: the PLY promises {count} vertices and is cut off before; copy it again")
     names = kind.names or ()
-    values = _numbers(rows, Dialect(b" ", b"."), name, 1) if rows else np.empty((0, len(names)))
+    values = _numbers(rows, Dialect(b" ", b"."), name, first_line) if rows else np.empty((0, len(names)))
     if values.shape[1] != len(names):
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a vertex, need {len(names)}")
-    return {field: values[:, i].astype(kind[field]) for i, field in enumerate(names)}
+    if rows and len(body.rstrip(b" ")) == len(b"\n".join(rows).rstrip(b" ")):
+        _whole_last_number(rows, b" ", name, first_line + count - 1)
+    return {field: _as_kind(values[:, i], kind[field], field, name, first_line) for i, field in enumerate(names)}
+
+
+def _as_kind(values: Array, kind: "np.dtype[Any]", field: str, name: str, first_line: int) -> NDArray[Any]:
+    """Numbers of a property as the header declares it.
+
+    Raises:
+        UnreadableFile: a number that the property can't hold, with the line.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        cast = values.astype(kind)
+        held = np.isfinite(cast) | np.isnan(values) if kind.kind == "f" else cast == values
+    if not held.all():
+        row = int(np.flatnonzero(~held)[0])
+        raise UnreadableFile(
+            f"{name}: found {values[row]:.12g} in line {first_line + row}, which property {field!r} ({kind.name}) "
+            "can't hold; export it again"
+        )
+    return cast
 
 
 def _text_points(data: bytes, name: str) -> Array:
@@ -112,25 +171,40 @@ def _text_points(data: bytes, name: str) -> Array:
         kept.pop()
     if not kept:
         raise UnreadableFile(f"{name}: the file is empty; need points, x y z a line, in mm")
-    promised = int(kept[0]) if kept[0].strip().isdigit() else None
+    promised = int(kept[0]) if _COUNT.fullmatch(kept[0].strip().decode("latin-1")) else None
     if promised is not None:
         kept, first = kept[1:], first + 1
         if len(kept) != promised:
             raise UnreadableFile(f"{name}: promises {promised} points and holds {len(kept)}; copy it again")
     if not kept:
         raise UnreadableFile(f"{name}: holds no points; need x y z a line, in mm")
-    check_text(b"\n" * first + b"\n".join(kept), name)
-    values = _numbers(kept, dialect_of(b"\n".join(kept[:50]), name), name, first + 1)
+    dialect = dialect_of(b"\n".join(kept[:50]), name)
+    values = _numbers(kept, dialect, name, first + 1)
     if values.shape[1] < 3:
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
+    if not data.endswith(b"\n"):
+        _whole_last_number(kept, dialect.separator, name, first + len(kept))
     return values[:, :3]
 
 
 def _is_heading(row: bytes) -> bool:
     """An empty line, a comment, or a line of column names."""
     row = row.strip()
-    words = _WORDS.search(row) is not None and not re.match(rb"[-+]?(nan|inf)", row, re.IGNORECASE)
-    return not row or row.startswith((b"#", b"//")) or words
+    if not row or row.startswith((b"#", b"//")):
+        return True
+    cells = [cell for cell in re.split(rb"[\s;,]+", row) if cell]
+    mostly_numbers = 2 * sum(number(cell) is not None for cell in cells) > len(cells)
+    return _WORDS.search(row) is not None and not mostly_numbers
+
+
+def _whole_last_number(rows: list[bytes], separator: bytes, name: str, line: int) -> None:
+    """Refuse a file without a line end that ends inside a number of its last column.
+
+    Raises:
+        UnreadableFile: with the last line.
+    """
+    cells = [row.rstrip(separator + b" ").rsplit(separator, 1)[-1] for row in rows[-2 * ENOUGH_CELLS :]]
+    refuse_cut_number([cell.replace(b",", b".") for cell in cells], name, line)
 
 
 def _numbers(rows: list[bytes], dialect: Dialect, name: str, first_line: int) -> Array:
@@ -139,7 +213,9 @@ def _numbers(rows: list[bytes], dialect: Dialect, name: str, first_line: int) ->
     Raises:
         UnreadableFile: words, too large numbers, or rows of different lengths, with the line.
     """
-    text = normal(b"\n".join(rows), dialect)
+    text = b"\n".join(rows)
+    check_text(b"\n" * (first_line - 1) + text, name)
+    text = normal(text, dialect, name, first_line)
     plain = [row.rstrip(b", ") for row in text.split(b"\n")]
     wide = plain[0].count(b",")
     for i, row in enumerate(plain):
@@ -149,7 +225,8 @@ def _numbers(rows: list[bytes], dialect: Dialect, name: str, first_line: int) ->
                 "the lines before; copy the file again or export it without gaps"
             )
     try:
-        values = np.array(b",".join(plain).split(b","), dtype="S").astype(np.float64).reshape(len(plain), wide + 1)
+        cells = b",".join(plain).split(b",")
+        values = np.fromiter(map(float, cells), np.float64, len(cells)).reshape(len(plain), wide + 1)
     except ValueError:
         refuse_words(plain, name, first_line)
         raise UnreadableFile(f"{name}: found no numbers; need x y z a line, in mm") from None

@@ -208,6 +208,8 @@ def _toml(path: Path | str) -> dict[str, Any]:
         raise BadRecipe(f"{path}: no UTF-8 text at byte {wrong.start}; save it as UTF-8") from wrong
     except tomllib.TOMLDecodeError as wrong:
         raise BadRecipe(f"{path}: no valid TOML: {wrong}") from wrong
+    except (ValueError, RecursionError) as wrong:  # numbers of thousands of digits, tables a thousand deep
+        raise BadRecipe(f"{path}: no valid TOML: {wrong}; `truestand init` writes a recipe to start from") from wrong
 
 
 def _told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:

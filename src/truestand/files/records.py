@@ -6,12 +6,14 @@ keeps its meaning (docs/decisions/0003).
 
 import json
 import math
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truestand._version import __version__
 from truestand.core.calibration import (
@@ -30,11 +32,19 @@ from truestand.core.frames import Pose
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.core.verify import Verification
 from truestand.files.atomic import write_json_atomic
+from truestand.files.checking import refuse_other_types
 from truestand.files.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
 
 FORMAT = "truestand.calibration"
 VERSION = 1
+LONGEST_WHOLE = 300
+"""Digits of a whole number that float64 still holds."""
+LEAST_UPRIGHT = 1e-3
+"""Cosine of a shaft's tilt."""
+LONGEST_MOVE = 1e9
+"""mm: no stand is larger."""
 Record = dict[str, Any]
+Array = NDArray[np.float64]
 
 
 def calibration_record(calibration: Calibration, created: str) -> Record:
@@ -144,8 +154,10 @@ def read_calibration(path: Path | str) -> Calibration:
     if not isinstance(version, int) or version > VERSION:
         raise UnreadableFile(f"{path}: found version {version!r}, this truestand reads up to {VERSION}; update it")
     try:
-        return _calibration(record)
-    except (KeyError, TypeError, ValueError, AttributeError, StopIteration) as wrong:
+        calibration = _calibration(record)
+        refuse_other_types(calibration, Calibration, "calibration")
+        return calibration
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as wrong:
         raise UnreadableFile(f"{path}: the calibration record is incomplete or malformed ({wrong!r})") from wrong
 
 
@@ -156,14 +168,42 @@ def read_json(path: Path) -> Record:
         UnreadableFile: missing, no JSON, or no object.
     """
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8-sig")
+        record = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_refuse)
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong})") from wrong
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as wrong:
+    except _NoNumber as wrong:
+        place = re.search(rf"[:,\[]\s*{re.escape(wrong.found)}(?=\s*[,\]}}])", text)
+        line = text.count("\n", 0, place.end() if place else 0) + 1
+        raise UnreadableFile(
+            f"{path}: found {wrong.found[:40]} in line {line}, need finite numbers; give a record written by truestand"
+        ) from wrong
+    except (ValueError, RecursionError) as wrong:
         raise UnreadableFile(f"{path}: no JSON ({wrong})") from wrong
     if not isinstance(record, dict):
         raise UnreadableFile(f"{path}: found JSON that is no object; give a record written by truestand")
     return record
+
+
+class _NoNumber(Exception):
+    """What JSON's grammar or Python's parser lets pass as a number, and is none."""
+
+    def __init__(self, found: str) -> None:
+        super().__init__(found)
+        self.found = found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _refuse(text)
+
+
+def _whole(text: str) -> int:
+    return int(text) if len(text) <= LONGEST_WHOLE else _refuse(text)
+
+
+def _refuse(text: str) -> NoReturn:
+    raise _NoNumber(text)
 
 
 def _calibration(record: Record) -> Calibration:
@@ -174,7 +214,7 @@ def _calibration(record: Record) -> Calibration:
     return Calibration(
         method="paper" if record.get("method") == "paper" else "stand",
         table_from_sensor=_pose(sensor["table_from_sensor"], "table_from_sensor"),
-        shaft_from_rotor=_pose(shaft["shaft_from_rotor"], "shaft_from_rotor"),
+        shaft_from_rotor=_upright(_pose(shaft["shaft_from_rotor"], "shaft_from_rotor")),
         stand=stand,
         angle_source=source,
         angle_zero=table.get("angle_zero") or ("index" if source in ("angle", "encoder") else "home"),
@@ -187,7 +227,7 @@ def _calibration(record: Record) -> Calibration:
             for h in record.get("harmonics", [])
         ),
         static_profiles=tuple(
-            StaticProfile(s["surface"], np.array(s["height_mm"]), np.array(s["deviation_um"]) / 1000.0)
+            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / 1000.0)
             for s in record.get("static_profiles", [])
         ),
         uncertainty={k: _uncertainty(u) for k, u in (record.get("uncertainty") or {}).items()},
@@ -216,11 +256,26 @@ def _pose(matrix: Any, name: str) -> Pose:
     array = np.asarray(matrix, dtype=np.float64)
     if array.shape != (4, 4) or not np.isfinite(array).all():
         raise ValueError(f"{name}: found shape {array.shape}, need a finite 4x4 matrix")
+    if np.abs(array).max() > LONGEST_MOVE:
+        raise ValueError(f"{name}: found {np.abs(array).max():.3g}, need mm of a stand")
     pose = Pose.from_matrix(array)
     drift = np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max()
-    if drift > 1e-6 or np.linalg.det(pose.rotation) < 0 or not np.allclose(array[3], [0, 0, 0, 1]):
+    if not drift <= 1e-6 or np.linalg.det(pose.rotation) < 0 or not np.allclose(array[3], [0, 0, 0, 1]):
         raise ValueError(f"{name}: found no proper rotation (|R Rt - 1| = {drift:.2g}), need a rigid transform")
     return pose
+
+
+def _upright(pose: Pose) -> Pose:
+    """A shaft's pose, whose eccentricity and tilt are those of an axis that crosses the plane Z = 0."""
+    if abs(pose.rotation[2, 2]) < LEAST_UPRIGHT:
+        raise ValueError("shaft_from_rotor: found a shaft that lies across the table's axis, need one along it")
+    return pose
+
+
+def _static_profile(surface: str, height: Array, deviation: Array) -> StaticProfile:
+    if height.ndim != 1 or deviation.shape != height.shape:
+        raise ValueError(f"static_profiles: found {height.shape} heights and {deviation.shape} deviations, need pairs")
+    return StaticProfile(surface, height, deviation)
 
 
 def _stand_of(table: Mapping[str, Any], sensor: Mapping[str, Any]) -> Stand:
@@ -300,8 +355,15 @@ def _lines(u: Uncertainty) -> list[Record]:
     ]
 
 
-def _matrix(rows: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    return np.array(rows, dtype=np.float64) if rows else np.zeros((0, 0))
+def _matrix(rows: Any) -> Array:
+    matrix = _array(rows or np.zeros((0, 0)))
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"covariance: found shape {matrix.shape}, need a square matrix")
+    return matrix
+
+
+def _array(values: Any) -> Array:
+    return np.array(values, dtype=np.float64)
 
 
 def _degrees(angle: float | None) -> float | None:

@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 _NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
 
 
+ENOUGH_CELLS = 20
+"""Numbers that tell how many decimals a file is written with."""
+
+
 @dataclass(frozen=True, slots=True)
 class Dialect:
     """How a number file is written."""
@@ -49,8 +53,19 @@ def dialect_of(sample: bytes, name: str) -> Dialect:
     return Dialect(b",", b".")
 
 
-def normal(block: bytes, dialect: Dialect) -> bytes:
-    """The block with decimal points and one comma between values; the same object where it already is so."""
+def normal(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
+    """The block with decimal points and one comma between values; the same object where it already is so.
+
+    Raises:
+        UnreadableFile: a decimal mark that is not the dialect's, with the line.
+    """
+    if dialect.separator != b",":
+        other = b"." if dialect.decimal == b"," else b","
+        if other in block:
+            raise UnreadableFile(
+                f"{name}: found {other.decode()!r} in line {first_line + line_of(block, block.find(other)) - 1}, need "
+                f"{dialect.decimal.decode()!r} as decimal mark as in the first lines; export it again"
+            )
     if dialect.decimal == b",":
         block = block.replace(b",", b".")
     if dialect.separator in (b";", b"\t"):
@@ -80,17 +95,18 @@ def check_text(data: bytes, name: str) -> None:
 
 def line_of(data: bytes, position: int) -> int:
     """Line number, from 1, of a byte."""
-    return data.count(b"\n", 0, position) + 1
+    return max(data.count(b"\n", 0, position), data.count(b"\r", 0, position)) + 1
 
 
-def refuse_nul(data: bytes, name: str) -> None:
+def refuse_nul(data: bytes, name: str, first_line: int = 1) -> None:
     """Refuse bytes that no text holds.
 
     Raises:
-        UnreadableFile: NUL bytes.
+        UnreadableFile: NUL bytes, with the line.
     """
-    if b"\0" in data:
-        raise UnreadableFile(f"{name}: found NUL bytes, need text; the file is damaged or of another kind")
+    if (wrong := data.find(b"\0")) >= 0:
+        line = first_line + line_of(data, wrong) - 1
+        raise UnreadableFile(f"{name}: found NUL bytes in line {line}, need text; the file is damaged or no text")
 
 
 def refuse_infinite(values: Array, name: str, first_line: int) -> None:
@@ -114,10 +130,32 @@ def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:
     """
     for i, row in enumerate(rows):
         for cell in row.split(b",") if row.strip() else ():
-            try:
-                float(cell)
-            except ValueError:
+            if number(cell) is None:
                 shown = cell[:20].decode("latin-1")
                 raise UnreadableFile(
                     f"{name}: found {shown!r} in line {first_line + i}, need numbers; see docs/formats.md"
-                ) from None
+                )
+
+
+def number(cell: bytes) -> float | None:
+    """A cell's number; None where it is none. Python would read 1_0 as ten."""
+    try:
+        return None if b"_" in cell else float(cell)
+    except ValueError:
+        return None
+
+
+def refuse_cut_number(cells: list[bytes], name: str, line: int) -> None:
+    """Refuse a file that ends inside a number, which shows where its numbers have a fixed count of decimals.
+
+    ``cells`` end with the file's last number and hold some that are written like it; ``line`` is its line.
+
+    Raises:
+        UnreadableFile: with the line.
+    """
+    decimals = [len(cell.strip().partition(b".")[2]) for cell in cells if b"n" not in cell.lower()]
+    if len(decimals) > ENOUGH_CELLS and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
+        raise UnreadableFile(
+            f"{name}: the last number ({cells[-1].strip().decode('latin-1')}, line {line}) has fewer digits than the "
+            "others and no line end: the file is cut off; export it again"
+        )

@@ -8,6 +8,7 @@ the first and the last cell of each line, because Y is one number a profile.
 import tempfile
 import warnings
 from collections.abc import Callable
+from math import isinf
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,23 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.lines import BYTE_ORDER_MARK, Lines
-from truestand.files.text import Dialect, dialect_of, normal, refuse_infinite, refuse_words
+from truestand.files.text import (
+    ENOUGH_CELLS,
+    Dialect,
+    dialect_of,
+    normal,
+    number,
+    refuse_cut_number,
+    refuse_infinite,
+    refuse_words,
+)
 
 Array = NDArray[np.float64]
 
 FORMAT = "xyz blocks"
 SAMPLE = 20_000
+MOST_FILLED = 100
+"""Cells for each that is written, beyond which a line's length is taken for damage: short lines are filled up."""
 
 
 def is_xyz_blocks(head: bytes) -> bool:
@@ -45,7 +57,7 @@ def read_xyz_blocks(path: Path, head: bytes) -> Recording:
         if x is None or z is None or x.shape != z.shape:
             x, z = (_careful(lines, b, dialect, name) for b in (blocks[0], blocks[2]))
             x, z = _same_shape(x, z, lines, blocks, name)
-        _whole_last_number(lines, dialect, name)
+        _whole_last_number(lines, blocks[2], dialect, name)
         return Recording(x, z, FORMAT, lines.sha256, y=_profile_values(lines, blocks[1], dialect, name))
 
 
@@ -79,52 +91,65 @@ def _blocks(lines: Lines, name: str) -> tuple[range, range, range]:
             f"{name}: found {len(x)} profiles in block X and {len(z)} in block Z (the file ends in line {last}); "
             "it is cut off: export it again"
         )
+    if len(y) != len(x):
+        raise UnreadableFile(
+            f"{name}: found {len(y)} profiles in block Y (lines {y.start + 1} to {y.stop}), need {len(x)} as in block "
+            "X; the file is damaged: export it again"
+        )
     return x, y, z
 
 
 def _matrix(path: Path, lines: Lines, block: range, dialect: Dialect) -> Array | None:
     """One block's numbers (profiles, points) as they stand; None where the careful way has to be taken."""
-    plain = dialect.decimal == b"." and dialect.separator != b" " and lines.end == b"\n" and not lines.marked
+    plain = dialect.decimal == b"." and dialect.separator != b" " and lines.plain
     if not plain or any(lines.blank(i) for i in (block.start, block.stop - 1)):
         return None
     try:
-        return _load(path, dialect.separator, path.name, block)
+        values = _load(path, dialect.separator, block)
     except ValueError:  # lines of different length, or no numbers: the careful way says which
         return None
+    refuse_infinite(values, path.name, block.start + 1)
+    return values
 
 
-def _load(path: Path, separator: bytes, name: str, block: range | None = None) -> Array:
-    skip, rows = (block.start, len(block)) if block is not None else (0, None)
+def _load(path: Path, separator: bytes, block: range) -> Array:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
             values = np.loadtxt(
-                str(path), delimiter=separator.decode(), skiprows=skip, max_rows=rows, ndmin=2, comments=None,
-                encoding="latin-1",
+                str(path), delimiter=separator.decode(), skiprows=block.start, max_rows=len(block), ndmin=2,
+                comments=None, encoding="latin-1",
             )  # fmt: skip
         except UserWarning as wrong:
             raise ValueError(str(wrong)) from wrong
-    if block is not None and values.shape[0] != len(block):
+    if values.shape[0] != len(block):
         raise ValueError("lines were left out")
-    refuse_infinite(values, name, skip + 1)
     return values
 
 
 def _careful(lines: Lines, block: range, dialect: Dialect, name: str) -> Array:
     """Gaps written out as nan, short lines filled up, every line checked."""
-    rows = normal(lines.text(block), dialect).split(b"\n")
+    rows = normal(lines.text(block), dialect, name, block.start + 1).split(b"\n")
     if all(row.endswith(b",") or not row.strip() for row in rows):
         rows = [row[:-1] for row in rows]
-    longest = max(row.count(b",") + 1 for row in rows)
+    cells = [row.count(b",") + 1 for row in rows]
+    longest = max(cells)
+    if longest * len(rows) > MOST_FILLED * max(sum(cells), MOST_FILLED**2):
+        raise UnreadableFile(
+            f"{name}: found {longest} values in line {block.start + cells.index(longest) + 1} and fewer than a "
+            f"{MOST_FILLED}th of it in most others, need lines of like length; export it again"
+        )
     filled = [_written_out(row, longest) for row in rows]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "block.csv"
         file.write_bytes(b"\n".join(filled))
         try:
-            return _load(file, b",", name, range(len(block)))
+            values = _load(file, b",", range(len(block)))
         except ValueError as wrong:
             refuse_words(filled, name, block.start + 1)
             raise UnreadableFile(f"{name}: lines {block.start + 1} to {block.stop}: {wrong}") from wrong
+    refuse_infinite(values, name, block.start + 1)
+    return values
 
 
 def _written_out(row: bytes, cells: int) -> bytes:
@@ -176,31 +201,27 @@ def _profile_values(lines: Lines, block: range, dialect: Dialect, name: str) -> 
     """Y, one number a profile; None where a line's first and last cell differ, or a line has none."""
     values = np.full(len(block), np.nan)
     for i, line in enumerate(block):
-        row = normal(lines[line].strip(), dialect).strip(b",")
-        first, last = row.split(b",", 1)[0], row.rsplit(b",", 1)[-1]
-        try:
-            if first and float(first) == float(last):
-                values[i] = float(first)
-            else:
-                return None
-        except ValueError as wrong:
-            raise UnreadableFile(f"{name}: found no number in line {line + 1} (block Y); need numbers") from wrong
-    return values if np.isfinite(values).all() else None
+        row = normal(lines[line].strip(), dialect, name, line + 1).strip(b",")
+        first, last = number(row.split(b",", 1)[0] or b"nan"), number(row.rsplit(b",", 1)[-1] or b"nan")
+        if first is None or last is None:
+            raise UnreadableFile(f"{name}: found no number in line {line + 1} (block Y); need numbers")
+        if isinf(first) or isinf(last):
+            refuse_infinite(np.array([[first, last]]), name, line + 1)
+        if first != last:
+            return None
+        values[i] = first
+    return values
 
 
-def _whole_last_number(lines: Lines, dialect: Dialect, name: str) -> None:
-    """A file that ends inside a number is cut off, where its numbers have a fixed count of decimals.
+def _whole_last_number(lines: Lines, block: range, dialect: Dialect, name: str) -> None:
+    """Refuse a file that ends inside a number of its last block.
 
     Raises:
         UnreadableFile: with the last line.
     """
-    last = lines[len(lines) - 1]
-    if lines.ended or last.endswith(dialect.separator):
+    first = max(block.start, block.stop - ENOUGH_CELLS)
+    tail = lines.text(range(first, block.stop))[-2000:]
+    if lines.ended or tail.endswith(dialect.separator):
         return
-    tail = normal(last[-2000:], dialect).split(b",")
-    decimals = [len(cell.partition(b".")[2]) for cell in tail[1:] if b"n" not in cell.lower()]
-    if len(decimals) > 20 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
-        raise UnreadableFile(
-            f"{name}: the last number ({tail[-1].decode('latin-1')}) has fewer digits than the others and no line "
-            "end: the file is cut off; export it again"
-        )
+    cells = normal(tail, dialect, name, first + 1).replace(b"\n", b",").split(b",")[1:]
+    refuse_cut_number([cell for cell in cells if cell.strip()], name, block.stop)
