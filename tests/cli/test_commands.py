@@ -109,6 +109,33 @@ def test_a_minimal_record_of_somebody_else_is_accepted(bench, tmp_path):
     assert (tmp_path / "full.ply").read_bytes() == (tmp_path / "minimal.ply").read_bytes()
 
 
+def test_calibrate_takes_several_clampings(bench, tmp_path):
+    """The shaft is not turned in the second scan: the commands and the record are what counts here."""
+    common = ("--artefact", bench / "shaft.toml")
+    assert run("simulate", bench / "stand.toml", *common, "-o", tmp_path / "k2.h5", "--seed", 3).returncode == 0
+    both = (bench / "k1.h5", tmp_path / "k2.h5")
+    done = run("calibrate", *both, *common, "--clamped-at-deg", "0,100", "-o", tmp_path / "c.json", "--json")
+    assert done.returncode in (0, 3), done.stderr
+    record = json.loads(done.stdout)
+    Draft202012Validator(json.loads(run("schema", "calibration").stdout)).validate(record)
+    assert record["positions"]["clamped_deg"] == pytest.approx([0.0, 100.0])
+    assert len(record["positions"]["scans"]) == 2
+    again = run("roll", bench / "k1.h5", "--calibration", tmp_path / "c.json", "-o", tmp_path / "c.ply")
+    assert again.returncode in (0, 3), again.stderr
+
+
+@pytest.mark.parametrize(
+    "angles", [(), ("--clamped-at-deg", "0"), ("--clamped-at-deg", "0,x"), ("--clamped-at-deg", "0,nan")]
+)
+def test_several_scans_without_their_angles_are_wrong_use(bench, tmp_path, angles):
+    both = (bench / "k1.h5", bench / "k1.h5")
+    done = run("calibrate", *both, "--artefact", bench / "shaft.toml", *angles, "-o", tmp_path / "c.json")
+    assert done.returncode == 2
+    assert "--clamped-at-deg" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "c.json").exists()
+
+
 def test_compare_tells_every_way_with_its_error(bench, tmp_path):
     common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json")
     done = run("compare", bench / "k1.h5", *common, "-o", tmp_path / "c.json", "--json")

@@ -31,7 +31,7 @@ class Method(StrEnum):
 
 
 def calibrate(
-    scans: Annotated[list[Path], typer.Argument(metavar="SCAN", help="A scan of the artefact.")],
+    scans: Annotated[list[Path], typer.Argument(metavar="SCAN...", help="A scan of the artefact, or several.")],
     artefact: ArtefactOption,
     stand: StandOption = None,
     method: Annotated[Method, typer.Option(help="The exact model, or the published procedure.")] = Method.STAND,
@@ -44,30 +44,44 @@ def calibrate(
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
     ] = None,
+    clamped_at_deg: Annotated[
+        str | None,
+        typer.Option(
+            metavar="0,180,...",
+            help="Several scans: the angle at which the shaft was clamped for each, counter-clockwise from above.",
+        ),
+    ] = None,
     start_angle_deg: StartAngleOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Find where the sensor stands and how the shaft runs, from a scan of the reference shaft.
 
+    Several scans, the shaft clamped again at another angle for each, tell the laser plane from the coaxiality of the
+    steps and the table's bearing from the shaft's form; the shaft's pose is that of the last.
+
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibrate import calibrate as find
-    from truestand.core.errors import BadRecipe
+    from truestand.core.positions import calibrate_positions
     from truestand.files.read import read_scan
     from truestand.files.recipes import read_shaft, read_stand
     from truestand.files.records import read_json, write_calibration
 
-    if len(scans) != 1:
-        raise BadRecipe(f"found {len(scans)} scans, need one: calibrating from several set-ups is not there yet")
+    clamped = _clamped(scans, clamped_at_deg, method)
     shaft = read_shaft(artefact)
     described = None if stand is None else read_stand(stand)
     known = None if truth is None else read_json(truth)
-    with working(f"Reading {scans[0].name}", quiet):
-        scan = read_scan(scans[0], described, radians_or_none(start_angle_deg))
+    seen = []
+    for path in scans:
+        with working(f"Reading {path.name}", quiet):
+            seen.append(read_scan(path, described, radians_or_none(start_angle_deg)))
+    scan = seen[-1]
     with working("Calibrating", quiet):
-        calibration = replace(find(scan, shaft, method.value), created=now())
+        several = len(seen) > 1
+        found = calibrate_positions(tuple(seen), clamped, shaft) if several else find(scan, shaft, method.value)
+    calibration = replace(found, created=now())
     record = write_calibration(output, calibration)
     if report is not None:
         with working("Writing the report", quiet):
@@ -80,6 +94,28 @@ def calibrate(
         print_table(summary_table(calibration, truth=known))
         typer.echo(output if report is None else f"{output}\n{report}")
     tell_doubts(calibration, quiet)
+
+
+def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
+    """The clamping angles in rad, one a scan; none for a single scan."""
+    from math import isfinite, radians
+
+    from truestand.core.errors import BadRecipe
+
+    if len(scans) == 1 and stated is None:
+        return ()
+    if len(scans) > 1 and method is Method.PAPER:
+        raise BadRecipe(f"found {len(scans)} scans, the published method knows one; leave out --method paper")
+    if len(scans) == 1 or stated is None:
+        found = "one scan and --clamped-at-deg" if len(scans) == 1 else f"{len(scans)} scans and no clamping angles"
+        raise BadRecipe(f"found {found}, need an angle for each of several scans: k1.h5 k2.h5 --clamped-at-deg 0,180")
+    try:
+        angles = tuple(radians(float(part)) for part in stated.split(","))
+    except ValueError:
+        raise BadRecipe(f"found --clamped-at-deg {stated!r}, need numbers like 0,180") from None
+    if not all(isfinite(a) for a in angles):
+        raise BadRecipe(f"found --clamped-at-deg {stated!r}, need finite numbers like 0,180")
+    return angles
 
 
 def write_report(

@@ -121,6 +121,44 @@ class PaperFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class StepAxis:
+    """A further step's axis against the base's: x, y (mm) at ``height``, slopes, in C; ``U`` (k = 2) of x and y."""
+
+    surface: str
+    x: float
+    y: float
+    slope_x: float
+    slope_y: float
+    height: float
+    U: float
+
+
+@dataclass(frozen=True, slots=True)
+class Separated:
+    """A harmonic that several clampings told apart: amplitude cos(upr psi - phase), with U (k = 2) of the amplitude."""
+
+    harmonic: Harmonic
+    U: float
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """What several scans with the shaft clamped again at known angles tell apart."""
+
+    clamped: tuple[float, ...]
+    """rad, ccw from above, one a scan."""
+    scans: tuple[str, ...]
+    """SHA-256 of each."""
+    axes: tuple[StepAxis, ...]
+    form: tuple[Separated, ...]
+    """The shaft's own, in C of the last scan."""
+    bearing: tuple[Separated, ...]
+    """The table's, as it would look as form (at psi = -theta); once per turn can't be told from eccentricity."""
+    inseparable: tuple[int, ...]
+    """Harmonics that these angles can't tell apart: they stand in ``form``."""
+
+
+@dataclass(frozen=True, slots=True)
 class Calibration:
     """What the stand is like today."""
 
@@ -150,6 +188,7 @@ class Calibration:
     """Why the calibration is untrusted; empty where it is valid."""
     scan: ScanSummary | None = None
     paper: PaperFigures | None = None
+    positions: Positions | None = None
     software: str = ""
     created: str | None = None
     """ISO time, put on when the record is written."""

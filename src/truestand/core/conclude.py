@@ -32,9 +32,20 @@ IDENTIFIABLE = 0.5
 RESIDUAL_PROFILES = 300
 
 
-def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
-    """The calibration record's content from the exact model's fit."""
-    posterior = weigh(fit.solution, fit.priors, plane_told(scan, artefact, fit))
+def conclude(
+    scan: Scan,
+    artefact: Artefact,
+    fit: Refined,
+    coaxiality: float | None = None,
+    further: dict[str, Array] | None = None,
+) -> Calibration:
+    """The calibration record's content from the exact model's fit.
+
+    ``coaxiality``: what is left open on the steps' axes (mm, k = 2) where more than the certificate is known of them.
+    ``further``: covariance (p, p) of the unknowns from other sources, by name.
+    """
+    posterior = weigh(fit.solution, fit.priors, plane_told(scan, artefact, fit, coaxiality))
+    posterior = replace(posterior, parts=posterior.parts | (further or {}))
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
     static = static_profiles(artefact, fit)
@@ -67,7 +78,7 @@ def conclude(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
     return reasons_of(calibration, fit)
 
 
-def plane_told(scan: Scan, artefact: Artefact, fit: Refined) -> bool:
+def plane_told(scan: Scan, artefact: Artefact, fit: Refined, coaxiality: float | None = None) -> bool:
     """Whether the shaft can tell the laser plane: two diameters, and an eccentricity that outweighs their coaxiality.
 
     u(d) = u(c) / (e |1/R2 - 1/R1|), against the mounting's own u (docs/theory.md, *What the data can tell*). What else
@@ -75,7 +86,8 @@ def plane_told(scan: Scan, artefact: Artefact, fit: Refined) -> bool:
     """
     cylinders = [artefact.cylinders[b.cylinder] for b in fit.segments.bands]
     bend = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
-    coaxiality = max((c.coaxiality_U or UNSTATED_COAXIALITY_U for c in cylinders[1:]), default=0.0)
+    if coaxiality is None:
+        coaxiality = max((c.coaxiality_U or UNSTATED_COAXIALITY_U for c in cylinders[1:]), default=0.0)
     eccentricity = float(hypot(fit.solution.parameters[4], fit.solution.parameters[5]))
     return len(cylinders) > 1 and coaxiality < eccentricity * bend * scan.stand.sensor.plane_offset_U
 

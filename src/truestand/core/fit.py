@@ -63,6 +63,8 @@ class Solution:
     """(n,) 1/mm2: how much each cell counts."""
     information: Array
     """(p, p): normal matrix, priors included."""
+    pull: Array
+    """(p,): gradient of the data's cost; zero but for what the priors hold against."""
     scatter: Array
     """(p, p): spread of the data's pull, clustered by sector of the surface."""
     sd: float
@@ -81,7 +83,7 @@ def gauss_newton(
     speckle, so a sector, not a cell, is the independent piece of evidence.
     """
     p = start.copy()
-    precision = _precision(priors, model.size)
+    precision = precision_of(priors, model.size)
     converged = False
     steps = 0
     while not converged and steps < MOST_STEPS:
@@ -96,7 +98,8 @@ def gauss_newton(
         if not converged:  # a step too small to matter is not worth another look at all cells
             p = _bettering(model, cells, p, change, residuals, scale, precision)
     scatter = scatter_of(weighted * residuals[:, None], sectors)
-    return Solution(p, residuals, weights, information, scatter, scale.sd, steps, converged)
+    pull = weighted.T @ residuals
+    return Solution(p, residuals, weights, information, pull, scatter, scale.sd, steps, converged)
 
 
 def _bettering(
@@ -166,7 +169,8 @@ def covariance(solution: Solution, priors: tuple[Prior, ...]) -> dict[str, Array
     return parts
 
 
-def _precision(priors: tuple[Prior, ...], size: int) -> Array:
+def precision_of(priors: tuple[Prior, ...], size: int) -> Array:
+    """How tightly the priors hold each unknown (size,), 1/unit2."""
     precision = np.zeros(size)
     for prior in priors:
         precision[list(prior.index)] = prior.tightness

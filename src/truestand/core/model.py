@@ -62,6 +62,9 @@ class Model:
     """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
     static_spans: tuple[tuple[float, float], ...]
     """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
+    axes: tuple[tuple[float, float, float, float], ...] = ()
+    """Offset x, y (mm) and slope x, y of the further cylinders' axes against the base's, as far as they are known; the
+    unknowns count from there. Empty: coaxial."""
     size: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
@@ -243,7 +246,7 @@ def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     """The axis of cylinder ``k`` in R: offset at height 0 and slope."""
     ex, ey, tx, ty = p[4:8]
     if k:
-        cx, cy, gx, gy = p[model.axis_slice(k)]
+        cx, cy, gx, gy = p[model.axis_slice(k)] + (model.axes[k - 1] if model.axes else np.zeros(4))
         # The offset counts at the cylinder's middle, as a certificate states it.
         ex, ey = ex + cx - gx * model.middles[k], ey + cy - gy * model.middles[k]
         tx, ty = tx + gx, ty + gy

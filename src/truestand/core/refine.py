@@ -81,6 +81,13 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     return replace(steady, together=start.together, overlap=repeats_within(start, speed))
 
 
+def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
+    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now."""
+    begun = _Begun(fit.model, fit.segments, artefact, fit.solution.parameters, fit.foreign)
+    again = _steady(scan, _solve(scan, begun, fit.limit))
+    return replace(again, together=fit.together, overlap=fit.overlap)
+
+
 def _steady(scan: Scan, fit: Refined) -> Refined:
     """The fit with drift and table speed held as stated, their doubt considered, where the scan shows no others.
 

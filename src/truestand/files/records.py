@@ -33,6 +33,7 @@ from truestand.core.stand import Sensor, Stand, Table
 from truestand.core.verify import Verification
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
+from truestand.files.positions import positions_record, read_positions
 from truestand.files.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
 
 FORMAT = "truestand.calibration"
@@ -123,6 +124,8 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "phase_error_pi": c.paper.phase_error_pi,
             "arcsine_shift_pi": c.paper.arcsine_shift_pi,
         }
+    if c.positions is not None:
+        record["positions"] = positions_record(c.positions)
     finite: Record = _without_nan(record)
     return finite
 
@@ -239,6 +242,7 @@ def _calibration(record: Record) -> Calibration:
         reasons=_reasons(record),
         scan=_read_scan(record.get("scan")),
         paper=_read_paper(record.get("paper")),
+        positions=read_positions(record.get("positions")),
         software=record.get("software", ""),
         created=record.get("created"),
         valid_until=record.get("valid_until"),
