@@ -62,6 +62,8 @@ class Model:
     """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
     static_spans: tuple[tuple[float, float], ...]
     """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
+    level: int = 0
+    """The cylinder whose static profile has no slope, so that phi rests on it: the longest in view."""
     axes: tuple[tuple[float, float, float, float], ...] = ()
     """Offset x, y (mm) and slope x, y of the further cylinders' axes against the base's, as far as they are known; the
     unknowns count from there. Empty: coaxial."""
@@ -71,9 +73,13 @@ class Model:
         further = 4 * (len(self.radii) - 1)
         object.__setattr__(self, "size", len(GEOMETRY) + further + self._statics + self._forms)
 
+    def static_degrees(self, cylinder: int) -> list[int]:
+        """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
+        return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.level)]
+
     @property
     def _statics(self) -> int:
-        return STATIC_DEGREE - 1 + (STATIC_DEGREE + 1) * (len(self.radii) - 1)
+        return sum(len(self.static_degrees(k)) for k in range(len(self.radii)))
 
     @property
     def _forms(self) -> int:
@@ -85,12 +91,10 @@ class Model:
         return slice(start, start + 4)
 
     def static_slice(self, cylinder: int) -> slice:
-        """Legendre coefficients (mm): degrees 2.. on the base, 0.. on the others (relative step and taper)."""
+        """Legendre coefficients (mm) of the static profile, in the order of ``static_degrees``."""
         start = len(GEOMETRY) + 4 * (len(self.radii) - 1)
-        if cylinder == 0:
-            return slice(start, start + STATIC_DEGREE - 1)
-        start += STATIC_DEGREE - 1 + (STATIC_DEGREE + 1) * (cylinder - 1)
-        return slice(start, start + STATIC_DEGREE + 1)
+        start += sum(len(self.static_degrees(k)) for k in range(cylinder))
+        return slice(start, start + len(self.static_degrees(cylinder)))
 
     def form_slice(self, cylinder: int) -> slice:
         """Form: cos 2..orders, then sin 2..orders (mm)."""
@@ -107,7 +111,7 @@ class Model:
         low, high = self.static_spans[cylinder]
         s = (self.static_axis[0] * x + self.static_axis[1] * z - low) * (2.0 / (high - low)) - 1.0
         full = legendre.legvander(np.clip(s, -1.1, 1.1), STATIC_DEGREE)
-        return np.asarray(full[:, 2:] if cylinder == 0 else full, dtype=np.float64)
+        return np.asarray(full[:, self.static_degrees(cylinder)], dtype=np.float64)
 
     def residuals(self, parameters: Array, readings: Readings) -> Array:
         """Distance (n,) mm of each reading from the modelled surface along T's X, positive outwards.

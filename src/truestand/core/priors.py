@@ -22,6 +22,9 @@ LOOSE = "form and static profile"
 STATIC_U = 0.1
 """mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
 of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
+SMOOTH = 10.0
+"""mm over which a sensor's range error may bend that much; over a share of it, degree n only by that share's nth
+power."""
 
 
 def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
@@ -45,11 +48,11 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
             priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
         own, forms = model.static_slice(k), model.form_slice(k)
-        shape = tuple(range(own.start, own.stop))
-        if k:  # the step to the base, which the drawing may have wrong
-            priors.append(Prior(LOOSE, shape[:1], 1.0))
-            shape = shape[1:]
-        priors.append(Prior(LOOSE, shape, STATIC_U / 2))
+        low, high = model.static_spans[k]
+        for i, degree in enumerate(model.static_degrees(k), own.start):
+            # A step to the base may be wrong in the drawing.
+            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
+            priors.append(Prior(LOOSE, (i,), u))
         if forms.stop > forms.start:
             priors.append(Prior(LOOSE, tuple(range(forms.start, forms.stop)), 1.0))
     return tuple(priors)

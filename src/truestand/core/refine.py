@@ -188,6 +188,7 @@ def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStan
         orders=start.orders if start.foreign.any() else max(start.orders, CLEAN_ORDERS),
         static_axis=axis,
         static_spans=tuple(spans),
+        level=int(np.argmax([b.high - b.low for b in segments.bands])),
     )
 
 
