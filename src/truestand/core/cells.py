@@ -91,6 +91,8 @@ class Cells:
     """Readings on the artefact's surfaces: within ``reach`` of the predicted surface or rejected from it."""
     rejected: int
     """Of these, the ones with no weight."""
+    bend: float
+    """Mean weight over mean slope of the readings' pull: what rejecting wild ones costs in scatter."""
 
 
 def reduce(
@@ -116,20 +118,23 @@ def reduce(
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
+    mass = slack = 0.0
     predicted = _predicted(scan, model, parameters, grid)
     trusted = _trusted(scan, model, parameters, grid, foreign)
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
         with np.errstate(invalid="ignore"):
             ratio = block.deviation * (1.0 / limit)
-        weight = np.square(np.maximum(1.0 - ratio * ratio, 0.0))
-        weight[~near] = 0.0
+        left = np.maximum(1.0 - ratio * ratio, 0.0)
+        left[~near] = 0.0
         if trusted is not None:
             own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
             near |= ~own & (np.abs(block.deviation) < FOREIGN_REACH)
-            weight[~own] = 0.0
+            left[~own] = 0.0
+        weight = left * left
         points += int(np.count_nonzero(near))
         kept += int(np.count_nonzero(weight))
+        mass, slack = mass + float(weight.sum()), slack + float(left.sum())
         span = block.cells
         size = span.stop - span.start
         deviation = np.where(near, block.deviation, 0.0)
@@ -139,7 +144,8 @@ def reduce(
         sums[2, span] += np.bincount(block.index, weighted * deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
-    return _means(scan, model, parameters, grid, predicted, sums, points, points - kept)
+    bend = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
+    return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), bend)
 
 
 def _trusted(
@@ -215,8 +221,22 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
         )
 
 
+def _sag(predicted: Array, group: int) -> Array:
+    """By how much the mean of u over a group of profiles differs from u at their mean angle (groups, B), mm."""
+    steps = np.diff(predicted, axis=0)
+    bend = np.gradient(steps, axis=0) if len(steps) > 1 else np.zeros_like(steps)
+    return np.asarray(bend * (1.0 - 1.0 / group**2) / 24.0)
+
+
 def _means(
-    scan: Scan, model: Model, p: Array, grid: Grid, predicted: Array, sums: Array, points: int, rejected: int
+    scan: Scan,
+    model: Model,
+    p: Array,
+    grid: Grid,
+    predicted: Array,
+    sums: Array,
+    counts: tuple[int, int],
+    bend: float,
 ) -> Cells:
     bins = grid.centres.size
     cell = sums.reshape(5, grid.groups, bins + 1)[:, :, :bins]
@@ -230,7 +250,7 @@ def _means(
     time = np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5])
     phi, radial = float(p[0]), float(p[1])
     side = facing(phi)
-    across = surface + deviation - radial
+    across = surface + deviation - _sag(predicted, grid.group)[group, bin_] - radial
     up = grid.centres[bin_] + offset - model.height
     readings = Readings(
         side * cos(phi) * across + sin(phi) * up,
@@ -240,4 +260,4 @@ def _means(
         grid.cylinder[bin_],
     )
     spread = np.sqrt(np.maximum(square - deviation * deviation, 0.0))
-    return Cells(readings, weight, spread, group, bin_, points, rejected)
+    return Cells(readings, weight, spread, group, bin_, *counts, bend)

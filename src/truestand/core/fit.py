@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from truestand.core.cells import Cells
 from truestand.core.model import GEOMETRY, Model
+from truestand.core.serial import shared_scatter, strands_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -66,7 +67,7 @@ class Solution:
     pull: Array
     """(p,): gradient of the data's cost; zero but for what the priors hold against."""
     scatter: Array
-    """(p, p): spread of the data's pull, clustered by sector of the surface."""
+    """(p, p): spread of the data's pull, clustered by sector of the surface, with the sectors' common noise."""
     sd: float
     """mm: residual standard deviation of a reading of full weight, as far as cells tell."""
     steps: int
@@ -98,6 +99,10 @@ def gauss_newton(
         if not converged:  # a step too small to matter is not worth another look at all cells
             p = _bettering(model, cells, p, change, residuals, scale, precision)
     scatter = scatter_of(weighted * residuals[:, None], sectors)
+    count = len(model.radii)
+    strands = strands_of(residuals, jacobian, weights, sectors // count, cells.bin)
+    shared = shared_scatter(strands, model.orders)
+    scatter = (scatter if shared is None else shared) * _bend(scale, residuals, cells.weight) ** 2 * cells.bend**2
     pull = weighted.T @ residuals
     return Solution(p, residuals, weights, information, pull, scatter, scale.sd, steps, converged)
 
@@ -151,6 +156,13 @@ class _Scale:
         ratio = residuals * np.sqrt(counts) / (TUKEY * self.sd)
         left = np.maximum(1.0 - ratio * ratio, 0.0)
         return self.share * TUKEY**2 / 3.0 * float(np.sum(1.0 - left * left * left)) + float(precision @ (p * p))
+
+
+def _bend(scale: "_Scale", residuals: Array, counts: Array) -> float:
+    """How much more the estimate scatters than its weights say, as Tukey's pull bends back: mean weight over slope."""
+    left = np.maximum(1.0 - np.square(residuals * np.sqrt(counts) / (TUKEY * scale.sd)), 0.0)
+    weight, slope = float(counts @ (left * left)), float(counts @ (5.0 * left * left - 4.0 * left))
+    return weight / max(slope, 0.5 * weight)
 
 
 def covariance(solution: Solution, priors: tuple[Prior, ...]) -> dict[str, Array]:
