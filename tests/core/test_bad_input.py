@@ -72,6 +72,13 @@ def test_a_table_angle_that_can_not_be_right_is_doubted(name):
     assert any("record" in r and "angle" in r for r in found.reasons)
 
 
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_more_wild_readings_than_shaft_are_doubted(share):
+    found, _ = calibrated(stand(optics={"outliers": share}))
+    assert found.status == "untrusted"
+    assert any("readings rejected" in r for r in found.reasons)
+
+
 def test_more_than_half_from_a_reflection_is_refused_or_doubted():
     try:
         assert calibrated(stand(optics={"reflection": 0.5}))[0].status == "untrusted"

@@ -12,6 +12,7 @@ from truestand.core.refine import Refined
 from truestand.core.scan import Scan
 from truestand.core.segment import LEAST_SHARE, SURE
 from truestand.core.stand import Sensor
+from truestand.core.strays import stray_share
 
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
@@ -41,7 +42,7 @@ def checks_of(
     budget: dict[str, Uncertainty],
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first."""
-    share = residuals.rejected / max(residuals.points, 1)
+    share = max(residuals.rejected / max(residuals.points, 1), stray_share(scan, fit))
     drift = abs(float(fit.solution.parameters[8]))
     found = [
         Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
