@@ -5,8 +5,10 @@ import pytest
 
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose, rotor_from_table
+from truestand.core.scan import interpret
 from truestand.core.surface import roll
-from truth import STANDS, scan_of, simulated
+from truestand.sim import FormWave, simulate
+from truth import STANDS, Named, scan_of, shaft, simulated
 
 
 def truth_as_calibration(name: str) -> Calibration:
@@ -55,3 +57,35 @@ def test_a_trace_is_radius_over_angle_at_one_height():
     assert (np.diff(angle) >= 0).all()
     assert radius.size == 4000
     assert np.abs(radius - 12.5).max() < 0.1
+
+
+def perfect_wheel(eccentricity):
+    """Radius (n,) and polar angle of a noise-free scan of a perfect 30-lobed wheel, rolled up with the true poses."""
+    named = Named(
+        running={"eccentricity": eccentricity},
+        workpiece={"form": (FormWave("base", 30, 0.05),)},
+        optics={"noise": 0.0, "step_x": 0.0, "step_z": 0.0},
+        acquisition={"profiles": 4000, "columns": ("angle",)},
+    )
+    made = simulate(named.stand(), named.simulation(), shaft(), 0)
+    poses = (Pose.from_matrix(m) for m in (made.truth.table_from_sensor, made.truth.shaft_from_rotor))
+    known = Calibration("stand", *poses, named.stand(), "angle", "index")
+    surface = roll(interpret(made.recording, named.stand()), known)
+    with np.errstate(invalid="ignore"):
+        on = (np.abs(surface.radius - 12.5) < 0.2) & (surface.z < -1.0) & (surface.z > -15.0)
+    return surface.radius[on], surface.angle[on]
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 0.8789, 3.0])
+def test_a_perfect_wheel_stays_perfect(eccentricity):
+    """0.001 um of roundness and 0.01 um of cumulative pitch are promised; the published compensation leaves 1.75 mm."""
+    radius, psi = perfect_wheel(eccentricity)
+    assert np.ptp(radius - 12.5 - 0.05 * np.cos(30 * psi)) < 1e-6
+    tooth = np.floor((psi + np.pi) / (2 * np.pi / 30)).astype(int) % 30
+    pitch = []
+    for k in range(30):
+        own = psi[tooth == k]
+        design = np.column_stack([np.ones(own.size), np.cos(30 * own), np.sin(30 * own)])
+        _, c, s = np.linalg.lstsq(design, radius[tooth == k], rcond=None)[0]
+        pitch.append(12.5 * np.arctan2(s, c) / 30)
+    assert np.ptp(pitch) < 1e-5

@@ -89,9 +89,11 @@ def calibrate(
     if as_json:
         print_json(record)
     elif not quiet:
-        from truestand.report.terminal import summary_table
+        from truestand.report.terminal import positions_table, summary_table
 
         print_table(summary_table(calibration, truth=known))
+        if calibration.positions is not None:
+            print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
     tell_doubts(calibration, quiet)
 

@@ -157,7 +157,8 @@ def _form(c: Calibration) -> str:
     if not c.harmonics:
         return ""
     bars = _figure(figures.form_bars(c), "Form of the artefact's surfaces, fitted together with the geometry.")
-    return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c)
+    apart = "" if c.positions is None else "<h2>What the clampings tell apart</h2>" + tables.positions(c.positions)
+    return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c) + apart
 
 
 def _budget(c: Calibration, rows: list[Any]) -> str:

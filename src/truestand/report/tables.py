@@ -2,7 +2,7 @@
 
 from html import escape
 
-from truestand.core.calibration import Calibration
+from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
 from truestand.report.numbers import number, places, with_u
 from truestand.report.quantities import Quantity
@@ -74,21 +74,52 @@ def harmonics(calibration: Calibration) -> str:
 
 
 def budget(calibration: Calibration, rows: list[Quantity]) -> str:
-    """The uncertainty budget: every contribution of every quantity, k = 2."""
+    """The uncertainty budget: every input of every quantity with its value, distribution and sensitivity, k = 2."""
     parts = []
     names = {q.key: f"{q.name} ({q.unit})" for q in rows}
+    head = '<th>input</th><th class="n">its u</th><th>distribution</th><th class="n">sensitivity</th>'
     for key, uncertainty in calibration.uncertainty.items():
         shown = [c for c in uncertainty.contributions if c.U >= 0.01 * uncertainty.U]
         lines = "".join(
-            f'<tr><td>{escape(c.name)}</td><td class="n">{c.U:.2g}</td>'
-            f'<td><span class="bar" style="width:{12 * c.U / max(uncertainty.U, 1e-12):.2f}rem"></span></td></tr>'
+            f'<tr><td>{escape(c.name)}</td><td class="n">{_short(c.value)}</td><td>{escape(c.distribution)}</td>'
+            f'<td class="n">{_short(c.sensitivity)}</td><td class="n">{c.U:.2g}</td>'
+            f'<td><span class="bar" style="width:{8 * c.U / max(uncertainty.U, 1e-12):.2f}rem"></span></td></tr>'
             for c in shown
         )
         name = names.get(key, "Radial position of the sensor (mm)")
+        trials = "" if uncertainty.monte_carlo is None else f", Monte Carlo {uncertainty.monte_carlo:.2g}"
         parts.append(
-            f'<tr><th>{name}</th><th class="n">{uncertainty.U:.2g}</th><th>U, k = {uncertainty.k:g}</th></tr>{lines}'
+            f'<tr><th colspan="4">{name}</th><th class="n">{uncertainty.U:.2g}</th>'
+            f"<th>U, k = {uncertainty.k:g}{trials}</th></tr>{lines}"
         )
-    return f"<table><tbody>{''.join(parts)}</tbody></table>"
+    head += '<th class="n">U</th><th></th>'
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(parts)}</tbody></table>"
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None else f"{value:.2g}"
+
+
+def positions(found: Positions) -> str:
+    """What several clampings told apart: the steps' axes, the bearing's harmonics and the shaft's own."""
+    angles = ", ".join(f"{degrees(a):g}" for a in found.clamped)
+    body = "".join(
+        f"<tr><td>axis of {escape(a.surface)} against the base, at {a.height:.1f} mm</td>"
+        f'<td class="n">{um(a.x):.2f}, {um(a.y):.2f}</td><td class="n">{um(a.U):.2f}</td></tr>'
+        for a in found.axes
+    )
+    for s in (*found.bearing, *found.form):
+        if s.harmonic.amplitude >= LEAST_AMPLITUDE:
+            turn = f"{um(s.harmonic.amplitude):.2f} at {degrees(s.harmonic.phase):.1f}°"
+            body += (
+                f'<tr><td>{escape(s.harmonic.surface)}, {s.harmonic.upr} UPR</td><td class="n">{turn}</td>'
+                f'<td class="n">{um(s.U):.2f}</td></tr>'
+            )
+    left = ", ".join(map(str, found.inseparable))
+    note = f"<p>Not told apart by these angles: {left} UPR; they stand as the shaft's.</p>" if left else ""
+    head = '<th>what</th><th class="n">µm</th><th class="n">U (k = 2), µm</th>'
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<p>Shaft clamped at {angles}° for the scans, in this order.</p>{table}{note}"
 
 
 def checks(calibration: Calibration) -> str:

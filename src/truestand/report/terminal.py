@@ -1,10 +1,11 @@
 """The result as a table for the terminal."""
 
 from collections.abc import Mapping
+from math import hypot
 from typing import TYPE_CHECKING, Any
 
-from truestand.core.calibration import Calibration
-from truestand.core.units import um
+from truestand.core.calibration import Calibration, Positions
+from truestand.core.units import degrees, um
 from truestand.report.numbers import number, places, with_u
 from truestand.report.quantities import quantities
 
@@ -43,4 +44,22 @@ def summary_table(
     for c in ([paper or calibration] if both else []) + ([calibration] if calibration.method == "stand" else []):
         cells.append("" if c.residuals is None else f"± {number(um(c.residuals.p90), 1)}")
     table.add_row(*cells)
+    return table
+
+
+def positions_table(positions: Positions) -> "Table":
+    """What several clampings told apart: the steps' axes and the table's bearing."""
+    from rich.table import Table
+
+    angles = ", ".join(f"{degrees(a):g}" for a in positions.clamped)
+    table = Table(title=f"Told apart by clampings at {angles} deg", title_justify="left")
+    for heading in ("what", "um", "U (k = 2), um"):
+        table.add_column(heading, justify="left" if heading == "what" else "right")
+    for a in positions.axes:
+        size = hypot(a.x, a.y)
+        table.add_row(f"axis of {a.surface} off the base's, at {a.height:.1f} mm", f"{um(size):.2f}", f"{um(a.U):.2f}")
+    for s in positions.bearing:
+        table.add_row(f"table bearing, {s.harmonic.upr} a turn", f"{um(s.harmonic.amplitude):.2f}", f"{um(s.U):.2f}")
+    if positions.inseparable:
+        table.add_row(f"not told apart: {', '.join(map(str, positions.inseparable))} a turn", "", "")
     return table
