@@ -1,11 +1,13 @@
 """Random stands and random shafts: how often is the calibration right, and does it say so whenever it isn't?
 
 Run with the development environment: python bench/random_stands.py [--stands 1000] [--shafts 1000] [--first-seed 0]
+[--range-error-um 25] [--coaxiality-um 10]
 """
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from math import degrees, radians
 from typing import Any
 
@@ -26,6 +28,7 @@ from truestand.sim import (
     Acquisition,
     FormWave,
     Keyway,
+    Misalignment,
     Mounting,
     Optics,
     Running,
@@ -124,8 +127,19 @@ def _stand(rng: np.random.Generator) -> Stand:
     return Stand(Table(2 * np.pi * 200 / PER_TURN, direction), (sensor,))
 
 
-def try_stand(seed: int) -> Outcome:
-    stand, simulation, shaft = random_stand(np.random.default_rng(seed))
+def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0) -> Outcome:
+    """A random stand; mm of smooth range error (one sine over the range), and by which the bearing's axis is off."""
+    rng = np.random.default_rng(seed)
+    stand, simulation, shaft = random_stand(rng)
+    if range_error:
+        bent = replace(simulation.optics, nonlinearity=range_error, nonlinearity_phase=float(rng.uniform(0, 6.28)))
+        simulation = replace(simulation, optics=bent)
+    if coaxiality:
+        off = coaxiality * np.exp(1j * rng.uniform(0, 6.28))
+        axis = Misalignment("bearing", float(off.real), float(off.imag))
+        simulation = replace(simulation, workpiece=replace(simulation.workpiece, misalignments=(axis,)))
+        base, bearing = shaft.cylinders
+        shaft = replace(shaft, cylinders=(base, replace(bearing, coaxiality_U=coaxiality)))
     return _tried(seed, stand, simulation, shaft)
 
 
@@ -208,10 +222,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--stands", type=int, default=1000)
     parser.add_argument("--shafts", type=int, default=1000)
+    parser.add_argument("--range-error-um", type=float, default=0.0)
+    parser.add_argument("--coaxiality-um", type=float, default=0.0)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args()
-    study(try_stand, range(a.first_seed, a.first_seed + a.stands), "random stands", a.workers)
+    what = partial(try_stand, range_error=a.range_error_um / 1000, coaxiality=a.coaxiality_um / 1000)
+    study(what, range(a.first_seed, a.first_seed + a.stands), "random stands", a.workers)
     study(try_shaft, range(a.first_seed, a.first_seed + a.shafts), "random shafts", a.workers)
 
 
