@@ -1,7 +1,7 @@
 """Random stands and random shafts: how often is the calibration right, and does it say so whenever it isn't?
 
 Run with the development environment: python bench/random_stands.py [--stands 1000] [--shafts 1000] [--first-seed 0]
-[--range-error-um 25] [--coaxiality-um 10]
+[--range-error-um 25] [--coaxiality-um 10] [--wrong-step-um 45]
 """
 
 import argparse
@@ -32,6 +32,7 @@ from truestand.sim import (
     Mounting,
     Optics,
     Running,
+    Simulated,
     Simulation,
     Truth,
     Workpiece,
@@ -127,8 +128,9 @@ def _stand(rng: np.random.Generator) -> Stand:
     return Stand(Table(2 * np.pi * 200 / PER_TURN, direction), (sensor,))
 
 
-def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0) -> Outcome:
-    """A random stand; mm of smooth range error (one sine over the range), and by which the bearing's axis is off."""
+def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0, wrong_step: float = 0.0) -> Outcome:
+    """A random stand; mm of smooth range error (one sine over the range), by which the bearing's axis is off, and by
+    which its radius is not as drawn."""
     rng = np.random.default_rng(seed)
     stand, simulation, shaft = random_stand(rng)
     if range_error:
@@ -140,6 +142,11 @@ def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0) -> O
         simulation = replace(simulation, workpiece=replace(simulation.workpiece, misalignments=(axis,)))
         base, bearing = shaft.cylinders
         shaft = replace(shaft, cylinders=(base, replace(bearing, coaxiality_U=coaxiality)))
+    if wrong_step:
+        base, bearing = shaft.cylinders
+        drawn = replace(bearing, diameter=bearing.diameter + 2 * wrong_step * float(rng.choice([-1, 1])))
+        made = simulate(stand, simulation, shaft, seed)
+        return _judged(seed, made, interpret(made.recording, stand), replace(shaft, cylinders=(base, drawn)))
     return _tried(seed, stand, simulation, shaft)
 
 
@@ -150,7 +157,11 @@ def try_shaft(seed: int) -> Outcome:
 
 def _tried(seed: int, stand: Stand, simulation: Simulation, shaft: Artefact) -> Outcome:
     made = simulate(stand, simulation, shaft, seed)
-    scan = interpret(made.recording, stand)
+    return _judged(seed, made, interpret(made.recording, stand), shaft)
+
+
+def _judged(seed: int, made: Simulated, scan: Scan, shaft: Artefact) -> Outcome:
+    simulation = made.truth.simulation
     try:
         found = calibrate(scan, shaft)
     except TruestandError as refused:
@@ -224,12 +235,18 @@ def main() -> None:
     parser.add_argument("--shafts", type=int, default=1000)
     parser.add_argument("--range-error-um", type=float, default=0.0)
     parser.add_argument("--coaxiality-um", type=float, default=0.0)
+    parser.add_argument("--wrong-step-um", type=float, default=0.0)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args()
-    what = partial(try_stand, range_error=a.range_error_um / 1000, coaxiality=a.coaxiality_um / 1000)
-    study(what, range(a.first_seed, a.first_seed + a.stands), "random stands", a.workers)
-    study(try_shaft, range(a.first_seed, a.first_seed + a.shafts), "random shafts", a.workers)
+    um = 1e-3
+    what = partial(
+        try_stand, range_error=um * a.range_error_um, coaxiality=um * a.coaxiality_um, wrong_step=um * a.wrong_step_um
+    )
+    if a.stands:
+        study(what, range(a.first_seed, a.first_seed + a.stands), "random stands", a.workers)
+    if a.shafts:
+        study(try_shaft, range(a.first_seed, a.first_seed + a.shafts), "random shafts", a.workers)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,23 @@
 """Scans that are not clean: the demands of the table *Bad input* of docs/validation.md, each on the paper's stand."""
 
-from math import pi
+from dataclasses import replace
+from math import degrees, pi
 
 import numpy as np
 import pytest
 
+from random_stands import try_stand
 from truestand.core.calibrate import calibrate
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.paper import calibrate_paper
+from truestand.core.refine import refine
 from truestand.core.robust import robust_wave
+from truestand.core.rough import rough_stand
 from truestand.core.scan import Recording, interpret, profile_number
+from truestand.core.segment import segment
 from truestand.sim import Keyway, Patch, simulate
-from truth import Named, shaft
+from truth import Named, scan_of, shaft, truth_of
 
 ANGLE = {"profiles": 4000, "columns": ("angle",)}
 
@@ -131,3 +137,23 @@ def test_whole_profiles_lost_are_no_trouble():
     made.recording.z[1000:1200] = np.nan
     found = calibrate(interpret(made.recording, named.stand()), shaft())
     assert abs(1000 * found.eccentricity - 878.9) < 1.0
+
+
+def test_half_a_millimetre_of_the_wrong_step_does_not_turn_the_line():
+    """Plain least squares on such a base line is off by degrees; 0.01 are allowed (docs/validation.md)."""
+    scan, true = scan_of("plane off and tilted"), truth_of("plane off and tilted")["sensor"]["phi_deg"]
+    segments = segment(scan, shaft())
+    base, bearing = segments.bands
+    wrong = replace(segments, bands=(replace(base, high=0.5), bearing))
+    published = calibrate_paper(scan, shaft(), wrong)
+    exact = refine(scan, wrong, shaft(), rough_stand(scan, wrong, shaft()))
+    assert abs(degrees(published.phi) - true) < 0.01
+    assert abs(degrees(exact.solution.parameters[0]) - true) < 0.001
+
+
+@pytest.mark.parametrize(("wrong_step", "flagged"), [(0.0, False), (0.045, True)])
+def test_a_wrong_step_is_flagged_and_a_right_one_is_not(wrong_step, flagged):
+    """20 um and the sensor's linearity of 20 um are allowed, the certificate's 1.4 um with them."""
+    for seed in range(3):
+        said = try_stand(seed, wrong_step=wrong_step).status
+        assert ("step from base to bearing" in said) == flagged

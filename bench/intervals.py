@@ -4,7 +4,7 @@ Noise: the same stand scanned again and again with another noise; the part of U 
 hold 95 % of the errors. Budget: coaxiality, radii and linearity drawn from what certificate and data sheet say of them;
 the whole U must hold at least 95 %.
 
-Run with the development environment: python bench/coverage.py [--scans 1000] [--budgets 300] [--first-seed 0]
+Run with the development environment: python bench/intervals.py [--scans 1000] [--budgets 300] [--first-seed 0]
 """
 
 import argparse
