@@ -102,6 +102,7 @@ def type_b(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPro
     base = artefact.cylinders[fit.segments.bands[0].cylinder]
     # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
     slope = sqrt(2.0) / (band.high - band.low)
+    lever = abs((band.low + band.high) / 2 - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U
     height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
     bearing = {"eccentricity_um": 1000.0}
@@ -110,7 +111,8 @@ def type_b(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPro
     return (
         Input("diameter of the artefact", (base.diameter_U or 0.0) / 2, "normal", {"radial_position_mm": 0.5}),
         Input(LINEARITY, linearity_of(sensor, static) / 2, "normal",
-              {"phi_deg": degrees(slope), "radial_position_mm": 1.0, "eccentricity_um": eccentricity * slope}),
+              {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
+               "eccentricity_um": eccentricity * slope}),
         Input("scale of the sensor" + (" (assumed)" if sensor.scale_U is None else ""), scale / 2, "normal",
               {"eccentricity_um": eccentricity}),
         Input("height zero: the shoulder", height / 2, "rectangular",
