@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from truestand.core.calibration import Calibration
     from truestand.core.errors import TruestandError
     from truestand.core.frames import Pose
+    from truestand.core.positions import calibrate_positions
     from truestand.core.scan import Recording, Scan, interpret
     from truestand.core.stand import Sensor, Stand, Table
     from truestand.core.surface import Surface, roll
+    from truestand.core.transfer import Transfer, transfer
     from truestand.core.verify import Verification, verify
     from truestand.files.clouds import write_cloud
     from truestand.files.read import read_scan
@@ -40,15 +42,18 @@ _HOME = {
     "Stand": "core.stand",
     "Surface": "core.surface",
     "Table": "core.stand",
+    "Transfer": "core.transfer",
     "TruestandError": "core.errors",
     "Verification": "core.verify",
     "calibrate": "core.calibrate",
+    "calibrate_positions": "core.positions",
     "interpret": "core.scan",
     "read_calibration": "files.records",
     "read_scan": "files.read",
     "read_shaft": "files.recipes",
     "read_stand": "files.recipes",
     "roll": "core.surface",
+    "transfer": "core.transfer",
     "verify": "core.verify",
     "write_calibration": "files.records",
     "write_cloud": "files.clouds",
@@ -66,16 +71,19 @@ __all__ = [
     "Stand",
     "Surface",
     "Table",
+    "Transfer",
     "TruestandError",
     "Verification",
     "__version__",
     "calibrate",
+    "calibrate_positions",
     "interpret",
     "read_calibration",
     "read_scan",
     "read_shaft",
     "read_stand",
     "roll",
+    "transfer",
     "verify",
     "write_calibration",
     "write_cloud",

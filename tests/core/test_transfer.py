@@ -118,7 +118,7 @@ def test_a_centred_shaft_shows_no_direction():
     ("changes", "what"),
     [
         ({"mounting": {"standoff": 95.02}}, "sensor moved radially"),
-        ({"mounting": {"plane_offset": 0.30}}, "against the index"),
+        ({"mounting": {"plane_offset": 0.27}}, "against the index"),
         ({"running": {"eccentricity": 0.9}}, "eccentrically"),
         ({"running": {"eccentricity_direction": 0.01}}, "against the index"),
     ],
