@@ -12,6 +12,7 @@ from truestand.core.errors import BadRecipe
 from truestand.core.frames import sensor_parameters
 from truestand.core.positions import calibrate_positions
 from truestand.core.scan import interpret
+from truestand.core.verify import verify
 from truestand.sim import FormWave, Misalignment, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
 
@@ -106,3 +107,25 @@ def test_a_sensor_that_moved_between_the_scans_is_not_trusted():
 def test_angles_that_tell_nothing_are_refused(clamped):
     with pytest.raises(BadRecipe, match="clamping angles"):
         calibrate_positions((scan(0), scan(180)), clamped, artefact())
+
+
+@pytest.mark.parametrize("clamped", [(0.0, -100.0), (0.0, 60.0)])
+def test_wrong_angles_are_noticed(clamped):
+    """Turned by 100 degrees and stated otherwise: the scans no longer read one laser plane."""
+    wrong = calibrate_positions((scan(0), scan(100)), tuple(map(radians, clamped)), artefact())
+    assert any("clamping angle is not as stated" in r for r in wrong.reasons)
+
+
+def test_the_same_scan_twice_and_scans_of_two_stands_are_refused():
+    named = replace(scan(0), sha256="a")
+    with pytest.raises(BadRecipe, match="the same scan twice"):
+        calibrate_positions((named, replace(scan(180), sha256="a")), (0.0, radians(180)), artefact())
+    homed = replace(scan(180), angle_source="index")
+    with pytest.raises(BadRecipe, match="one zero for all"):
+        calibrate_positions((scan(0), homed), (0.0, radians(180)), artefact())
+
+
+def test_a_shaft_known_from_clampings_verifies_with_its_axes():
+    """Without them its 20 um of coaxiality would count as a move of the laser plane."""
+    now = verify(scan(180, 95.0), found(0, 180), artefact())
+    assert now.verdict == "holds", now.reasons

@@ -118,9 +118,9 @@ def test_a_centred_shaft_shows_no_direction():
     ("changes", "what"),
     [
         ({"mounting": {"standoff": 95.02}}, "sensor moved radially"),
-        ({"mounting": {"plane_offset": 0.27}}, "against the index"),
+        ({"mounting": {"plane_offset": 0.27}}, "against the table's zero"),
         ({"running": {"eccentricity": 0.9}}, "eccentrically"),
-        ({"running": {"eccentricity_direction": 0.01}}, "against the index"),
+        ({"running": {"eccentricity_direction": 0.01}}, "against the table's zero"),
     ],
 )
 def test_what_moved_since_the_calibration_is_flagged(changes, what):

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StandOption
+from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
 
 if TYPE_CHECKING:
     from truestand.core.artefact import Cylinder
     from truestand.core.calibration import Calibration
     from truestand.core.form import Form
     from truestand.core.sections import Section
+    from truestand.core.transfer import Transfer
 
 
 class FeatureName(StrEnum):
@@ -67,6 +68,7 @@ def form(
         float | None, typer.Option(help="Scan, circle: height of the section in C; default: the cylinder's middle.")
     ] = None,
     stand: StandOption = None,
+    start_angle_deg: StartAngleOption = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FORM.json", help="Write the record.")
     ] = None,
@@ -85,14 +87,18 @@ def form(
     from truestand.files.points import read_points
     from truestand.files.read import sha256_of
 
-    if calibration is None and (surface, height_mm, stand) != (None, None, None):
-        raise BadRecipe("--surface, --height-mm and --stand are for scans; pass --calibration CALIBRATION.json too")
+    if calibration is None and any(given is not None for given in (surface, height_mm, stand, start_angle_deg)):
+        raise BadRecipe(
+            "--surface, --height-mm, --stand and --start-angle-deg are for scans; "
+            "pass --calibration CALIBRATION.json too"
+        )
     run_out, known = None, None
     with working(f"Reading {points.name}", quiet):
         if calibration is None:
             cloud = read_points(points)
         else:
-            cells, known = _scanned(points, calibration, stand, feature, surface, height_mm)
+            tied = _transferred(points, calibration, stand, feature, start_angle_deg)
+            cells, known = _section(tied, feature, surface, height_mm), tied.calibration
             cloud, run_out = cells.points, cells.run_out
     with working("Associating", quiet):
         found = evaluate(cloud, feature.value, reference.value, filter_upr)
@@ -104,19 +110,18 @@ def form(
     elif not quiet:
         _print(found, run_out)
     if known is not None:
-        from truestand.cli.calibrate import tell_doubts
+        from truestand.cli.calibrate import tell_doubts, tell_witness
 
+        tell_witness(tied, quiet)
         tell_doubts(known, quiet)
 
 
-def _scanned(
-    path: Path, calibration: Path, stand: Path | None, feature: FeatureName, surface: str | None, height: float | None
-) -> "tuple[Section, Calibration]":
-    """Cells of one cylinder of the artefact in a scan, and the calibration with its doubts about that scan."""
+def _transferred(
+    path: Path, calibration: Path, stand: Path | None, feature: FeatureName, start_angle_deg: float | None
+) -> "Transfer":
+    """The scan, and the calibration as it applies to it."""
     from truestand.core.errors import BadRecipe
     from truestand.core.scan import interpret
-    from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
-    from truestand.core.surface import roll
     from truestand.core.transfer import transfer
     from truestand.files.read import read_recording
     from truestand.files.recipes import read_stand
@@ -127,14 +132,21 @@ def _scanned(
     known = read_calibration(calibration)
     recording = read_recording(path)
     described = None if stand is None else read_stand(stand)
-    scan = interpret(recording, described or recording.stand or known.stand)
-    tied = transfer(scan, known)
-    rolled, doubted = roll(tied.scan, tied.calibration), tied.calibration
-    cylinder, low, high = _stretch(known, surface)
+    scan = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    return transfer(scan, known, start_angle_deg is not None)
+
+
+def _section(tied: "Transfer", feature: FeatureName, surface: str | None, height: float | None) -> "Section":
+    """Cells of one cylinder of the artefact in a scan."""
+    from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
+    from truestand.core.surface import roll
+
+    rolled = roll(tied.scan, tied.calibration)
+    cylinder, low, high = _stretch(tied.calibration, surface)
     if feature is FeatureName.CYLINDER:
-        return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS), doubted
+        return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)
     middle = (low + high) / 2 if height is None else height
-    return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS), doubted
+    return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS)
 
 
 def _stretch(known: "Calibration", name: str | None) -> "tuple[Cylinder, float, float]":

@@ -24,6 +24,10 @@ ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existin
 
 def radians_or_none(degrees: float | None) -> float | None:
     """An optional angle at the border, degrees in, rad out."""
-    from math import radians
+    from math import isfinite, radians
 
+    from truestand.core.errors import BadRecipe
+
+    if degrees is not None and not isfinite(degrees):
+        raise BadRecipe(f"found --start-angle-deg {degrees}, need a finite number of degrees")
     return None if degrees is None else radians(degrees)

@@ -54,7 +54,7 @@ def verify(
         recording = read_recording(scan)
         seen = interpret(recording, described or recording.stand or old.stand, radians_or_none(start_angle_deg))
     with working("Verifying", quiet):
-        verification = hold(seen, old, shaft, mm_from_um(limit_um))
+        verification = hold(seen, old, shaft, mm_from_um(limit_um), start_angle_deg is not None)
     record = verification_record(verification, now(), sha256_of(calibration))
     if output is not None:
         write_json_atomic(output, record)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
-from truestand.core.conclude import conclude
+from truestand.core.conclude import angle_zero, conclude
 from truestand.core.errors import BadRecipe, NotEnoughData
-from truestand.core.fit import Solution, covariance, precision_of, solve
+from truestand.core.fit import PLANE, Solution, covariance, precision_of, solve
 from truestand.core.height import with_height
 from truestand.core.priors import COAXIALITY, MOUNTING
 from truestand.core.refine import Refined, refine, refine_again
@@ -32,6 +32,8 @@ LEAST_TURN = 0.17
 """rad (10 degrees) between two clampings, below which nothing comes apart."""
 APART = 0.2
 """Singular value per scan from which a harmonic of the shaft can be told from the bearing's."""
+MOST_DIFFERENT = 0.005
+"""mm beyond U: a bearing that also tilts may show so much otherwise on another step."""
 MOST_MOVED = 0.01
 """mm by which the sensor may have moved from one scan to the next."""
 SHARED = (MOUNTING, COAXIALITY)
@@ -39,6 +41,8 @@ SHARED = (MOUNTING, COAXIALITY)
 CLAMPED = "clamping angles (assumed)"
 CLAMPED_U = radians(0.5)
 """rad, k = 2: how well the shaft is clamped at a stated angle."""
+ROUNDS = 3
+"""Fits with known axes until a scan has let go of what it bent to coaxial ones."""
 MOST_ROUNDS, SETTLED = 6, 2e-5
 """mm: axes that move no more stay."""
 K = 2.0
@@ -54,19 +58,43 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
         NotEnoughData: a scan that can't be calibrated, or scans that show different cylinders.
     """
     _demand_turns(scans, clamped)
+    _demand_one_stand(scans)
     fits = tuple(_fit(scan, artefact) for scan in scans)
     _demand_same_cylinders(fits, artefact)
     fits, joint = told_apart(scans, fits, clamped, artefact)
     doubt = {CLAMPED: _angles_doubt(fits, joint, clamped)}
     found = conclude(scans[-1], artefact, joint, _coaxiality_left(joint), doubt)
-    form, bearing, inseparable = _form_and_bearing(fits, clamped, artefact)
+    form, bearing, inseparable, differ = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
-    still = _sensor_stood_still(fits)
+    checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(differ))
     reasons = [*found.reasons, *_reasons_of_others(scans, fits, artefact)]
-    if not still.ok:
-        reasons.append(f"{still.name}: {still.value:.3g} (limit {still.limit:.3g}); {still.advice}")
-    return replace(found, positions=positions, checks=(*found.checks, still), reasons=tuple(reasons))
+    reasons += [f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok]
+    return replace(found, positions=positions, checks=(*found.checks, *checks), reasons=tuple(reasons))
+
+
+def calibrate_on_axes(scan: Scan, artefact: Artefact, axes: tuple[StepAxis, ...]) -> Calibration:
+    """The calibration from one scan of a shaft whose steps' axes are known from several clampings.
+
+    Raises:
+        NotEnoughData: the scan can't be calibrated.
+    """
+    known = {a.surface: a for a in axes}
+    cylinders = tuple(
+        replace(c, coaxiality_U=known[c.name].U) if c.name in known else c for c in artefact.cylinders
+    )  # fmt: skip
+    artefact = replace(artefact, cylinders=cylinders)
+    fit = _fit(scan, artefact)
+    here = []
+    for k, band in list(enumerate(fit.segments.bands))[1:]:
+        a = known.get(cylinders[band.cylinder].name)
+        lever = 0.0 if a is None else fit.model.middles[k] - a.height
+        offset = (0.0, 0.0) if a is None else (a.x + a.slope_x * lever, a.y + a.slope_y * lever)
+        here.append((*offset, *((0.0, 0.0) if a is None else (a.slope_x, a.slope_y))))
+    fit = replace(fit, model=replace(fit.model, axes=tuple(here)))
+    for _ in range(ROUNDS):
+        fit = refine_again(scan, artefact, fit)
+    return conclude(scan, artefact, fit)
 
 
 def _angles_doubt(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[float, ...]) -> Array:
@@ -104,11 +132,31 @@ def _demand_turns(scans: tuple[Scan, ...], clamped: tuple[float, ...]) -> None:
         )
 
 
+def _demand_one_stand(scans: tuple[Scan, ...]) -> None:
+    """Scans of one stand, each another one, whose table angles count from one zero."""
+    sha256 = [s.sha256 for s in scans if s.sha256]
+    if len(set(sha256)) < len(sha256):
+        raise BadRecipe("found the same scan twice, need one scan for each clamping")
+    zeros = {angle_zero(s) for s in scans}
+    if len(zeros) > 1:
+        raise BadRecipe(
+            f"found scans whose table angles count from {' and '.join(sorted(zeros))}, need one zero for all: record "
+            "the angle in each, or home the table before each"
+        )
+    if len({(s.stand.table.direction, s.stand.sensor.mirrored) for s in scans}) > 1:
+        raise BadRecipe(
+            "found scans of stands with another direction or mirrored sensor, need one stand; check --stand"
+        )
+
+
 def _demand_same_cylinders(fits: tuple[Refined, ...], artefact: Artefact) -> None:
     seen = [tuple(artefact.cylinders[b.cylinder].name for b in f.segments.bands) for f in fits]
     if len(set(seen)) > 1:
-        listed = "; ".join(", ".join(names) for names in seen)
-        raise NotEnoughData(f"the scans show different cylinders ({listed}), need the same ones in each")
+        listed = "; ".join(f"scan {i}: {', '.join(names)}" for i, names in enumerate(seen, 1))
+        raise NotEnoughData(
+            f"the scans show different cylinders ({listed}), need the same ones in each: "
+            "is there a part on the shaft, or the sensor's range cut?"
+        )
 
 
 def told_apart(
@@ -257,15 +305,17 @@ def _step_axes(joint: Refined, artefact: Artefact) -> tuple[StepAxis, ...]:
 
 def _form_and_bearing(
     fits: tuple[Refined, ...], clamped: tuple[float, ...], artefact: Artefact
-) -> tuple[tuple[Separated, ...], tuple[Separated, ...], tuple[int, ...]]:
+) -> tuple[tuple[Separated, ...], tuple[Separated, ...], tuple[int, ...], float]:
     """Harmonics of the shaft and of the table's bearing, and the ones that can't be told apart.
+
+    Last, by how much (mm) the surfaces' readings of the bearing differ beyond their U.
 
     The shaft's turn by n times the clamping angle, the bearing's stay: two complex unknowns for as many complex
     readings as there are scans.
     """
     turns = np.array(clamped) - clamped[-1]
     orders = min(f.model.orders for f in fits)
-    form, bearing, inseparable = [], [], []
+    form, bearing, inseparable, differ = [], [], [], 0.0
     for n in range(2, orders + 1):
         design = np.column_stack([np.exp(-1j * n * turns), np.ones(turns.size)])
         apart = float(np.linalg.svd(design, compute_uv=False)[-1]) > APART * sqrt(turns.size)
@@ -286,7 +336,8 @@ def _form_and_bearing(
             weights = np.array([1.0 / max(U, 1e-9) ** 2 for _, U in table])
             mean = complex(weights @ np.array([v for v, _ in table]) / weights.sum())
             bearing.append(_separated("table bearing", n, mean, 1.0 / sqrt(float(weights.sum()))))
-    return tuple(form), tuple(bearing), tuple(inseparable)
+            differ = max(differ, *(abs(v - mean) - U for v, U in table))
+    return tuple(form), tuple(bearing), tuple(inseparable), differ
 
 
 def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
@@ -300,6 +351,31 @@ def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
 
 def _separated(surface: str, n: int, w: complex, U: float) -> Separated:
     return Separated(Harmonic(surface, n, abs(w), float(-np.angle(w))), U)
+
+
+def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
+    """Whether every scan, now that it knows the steps' axes, reads the laser plane alike over what it sees."""
+    ends = np.array([e for b in fits[-1].segments.bands for e in (b.low, b.high)])
+    look = np.column_stack([np.ones(ends.size), ends])
+    planes = np.array([look @ f.solution.parameters[list(PLANE)] for f in fits])
+    noise = [covariance(f.solution, f.priors)["noise"][np.ix_(PLANE, PLANE)] for f in fits]
+    u = np.sqrt(np.einsum("ij,njk,ik->ni", look, np.array(noise), look).max())
+    spread = float(np.ptp(planes, axis=0).max())
+    limit = MOST_MOVED + 2 * K * float(u)
+    return Check(
+        "laser plane differs between the scans, um", 1000 * spread, 1000 * limit, spread <= limit,
+        "a clamping angle is not as stated (counter-clockwise from above?), or the sensor moved sideways or tilted "
+        "between the scans: check --clamped-at-deg, scan all positions anew",
+    )  # fmt: skip
+
+
+def _bearing_alike(differ: float) -> Check:
+    """Whether all surfaces tell the same error of the table's bearing."""
+    return Check(
+        "surfaces disagree on the table bearing, um", 1000 * differ, 1000 * MOST_DIFFERENT, differ <= MOST_DIFFERENT,
+        "form that doesn't turn with the stated angles shows as bearing error, on each surface another: check "
+        "--clamped-at-deg",
+    )  # fmt: skip
 
 
 def _sensor_stood_still(fits: tuple[Refined, ...]) -> Check:

@@ -39,18 +39,18 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     ``start_stated``: the table angle of the scan's first profile was given by the user. A scan that counts from an
     index keeps its angle; any other takes its zero from the witness band, where one shows.
     """
-    doubts = _configuration_doubts(scan, calibration)
-    untied = _untied(scan, calibration, start_stated)
+    doubts = configuration_doubts(scan, calibration)
+    loose = untied(scan, calibration, start_stated)
     found = witness(scan, calibration)
     if found is None:
-        return Transfer(scan, _doubted(calibration, (*doubts, *untied)))
+        return Transfer(scan, _doubted(calibration, (*doubts, *loose)))
     limit = MOST_ARC / _outside(scan, calibration)
     checks = _moved(found)
-    if angle_zero(scan) == calibration.angle_zero == "index":
-        checks = (*checks, _still_tied(found, limit))
-    elif found.angle_U > limit:
-        doubts = (*doubts, *untied)
-    elif untied or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
+    by_index = angle_zero(scan) == calibration.angle_zero == "index"
+    if by_index or found.angle_U > limit:  # the band only checks what ties the scan already
+        doubts = (*doubts, *loose)
+        checks = checks if loose or calibration.angle_zero == "unknown" else (*checks, _still_tied(found, limit))
+    elif loose or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
         scan = replace(scan, angle=scan.angle + found.angle_shift)
         told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
         calibration = replace(calibration, angle_zero="witness", reasons=told)
@@ -62,7 +62,8 @@ def _doubted(calibration: Calibration, doubts: tuple[str, ...]) -> Calibration:
     return replace(calibration, reasons=(*calibration.reasons, *doubts))
 
 
-def _configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
+def configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
+    """Settings of the scan's stand that can't both be right."""
     doubts = []
     if scan.stand.table.direction != calibration.stand.table.direction:
         doubts.append(
@@ -74,7 +75,7 @@ def _configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ..
     return tuple(doubts)
 
 
-def _untied(scan: Scan, calibration: Calibration, start_stated: bool) -> tuple[str, ...]:
+def untied(scan: Scan, calibration: Calibration, start_stated: bool = False) -> tuple[str, ...]:
     """The reason not to trust the scan's zero of the angle, where neither index, home nor the user gives it.
 
     A calibration whose own zero is unknown carries its reason already.
@@ -115,11 +116,12 @@ def _change(name: str, value: float, advice: str) -> Check:
 
 
 def _still_tied(w: Witness, limit: float) -> Check:
-    """Whether the index still ties the angle: the shaft's axis lies in the direction that the calibration found."""
-    allowed = limit + w.angle_U
+    """Whether index or home still tie the angle: the shaft's axis lies in the direction that the calibration found."""
+    allowed, ok = limit + w.angle_U, abs(w.angle_shift) <= limit + w.angle_U
     return Check(
-        "shaft turned against the index, mrad", 1000 * w.angle_shift, 1000 * allowed, abs(w.angle_shift) <= allowed,
-        "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: calibrate again",
+        "shaft turned against the table's zero, mrad", 1000 * w.angle_shift, 1000 * allowed, ok,
+        "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: home the table and "
+        "scan again, or calibrate again",
     )  # fmt: skip
 
 

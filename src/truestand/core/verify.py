@@ -11,11 +11,11 @@ from truestand.core.artefact import Artefact
 from truestand.core.calibrate import calibrate
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.checks import no_zero
-from truestand.core.conclude import angle_zero
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import facing, sensor_parameters, shaft_parameters
+from truestand.core.positions import calibrate_on_axes
 from truestand.core.scan import Scan
-from truestand.core.transfer import transfer
+from truestand.core.transfer import configuration_doubts, transfer, untied
 from truestand.core.witness import Witness, witness
 
 Array = NDArray[np.float64]
@@ -57,42 +57,44 @@ class Verification:
     """Whether the artefact was calibrated again, or judged by the shaft in view beside a part."""
 
 
-def verify(scan: Scan, old: Calibration, artefact: Artefact, limit: float = LIMIT) -> Verification:
+def verify(
+    scan: Scan, old: Calibration, artefact: Artefact, limit: float = LIMIT, start_stated: bool = False
+) -> Verification:
     """Hold an old calibration against a new scan of the artefact, or of a part beside which the shaft shows.
 
     What both scans share (certificate, mounting prior) cancels: U is the repeatability of both. A change within
     ``limit`` by more than U holds, one beyond it by more than U does not, in between is undecided. A scan that can't be
     calibrated by itself is judged by its witness band: where the sensor stands radially, and how the shaft runs.
+    ``start_stated``: the table angle of the scan's first profile was given by the user.
 
     Raises:
         NotEnoughData: the new scan can't be calibrated and shows no witness band.
     """
-    before = () if old.method == "stand" else (PUBLISHED,)
-    scan, tied = _aligned(scan, old)
-    new, doubts = _calibrated(scan, artefact, tied)
+    before = (*configuration_doubts(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
+    tied = not untied(scan, old, start_stated) and old.angle_zero != "unknown"
+    if not tied:
+        aligned = transfer(scan, old)
+        scan = aligned.scan
+        if aligned.calibration.angle_zero != "witness":
+            before = (*before, *(untied(scan, old) or no_zero("unknown")))
+    new, doubts = _calibrated(scan, artefact, old)
     band = None if new is not None and _shows(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
-        return _judged(_changes_in_band(band, not tied), limit, before, "witness", scan, new)
+        return _judged(_changes_in_band(band, tied), limit, before, "witness", scan, new)
     if new is None:
         raise NotEnoughData(doubts[0])
     before = (*(f"the new scan is untrusted: {d}" for d in doubts), *before)
     return _judged(_changes(old, new, artefact), limit, before, "calibration", scan, new)
 
 
-def _aligned(scan: Scan, old: Calibration) -> tuple[Scan, bool]:
-    """The scan on the old calibration's zero of the angle; True where only the shaft in view can tie the two."""
-    if angle_zero(scan) == old.angle_zero != "unknown":
-        return scan, False
-    return transfer(scan, old).scan, True
-
-
-def _calibrated(scan: Scan, artefact: Artefact, tied: bool) -> tuple[Calibration | None, tuple[str, ...]]:
-    """What the new scan says by itself, and why that is not to be trusted."""
+def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calibration | None, tuple[str, ...]]:
+    """What the new scan says by itself, and why that is not to be trusted; its zero of the angle is judged before."""
     try:
-        new = calibrate(scan, artefact)
+        known = old.positions.axes if old.positions is not None else ()
+        new = calibrate_on_axes(scan, artefact, known) if known else calibrate(scan, artefact)
     except NotEnoughData as few:
         return None, (str(few),)
-    return new, tuple(r for r in new.reasons if not (tied and r in no_zero("unknown")))
+    return new, tuple(r for r in new.reasons if r not in no_zero("unknown"))
 
 
 def _shows(new: Calibration) -> bool:
@@ -111,18 +113,26 @@ def _judged(
     """The worst of the changes; undecided where there are reasons ``before`` any of them."""
     decided = tuple(_decided(*c, limit=limit) for c in changes)
     worst: Verdict = next(v for v in ORDER if v in {c.verdict for c in decided})
-    reasons = tuple(f"{c.name}: {c.advice}" for c in decided if c.verdict != "holds")
+    reasons = tuple(_reason(c) for c in decided if c.verdict != "holds")
     if before:
         worst, reasons = "undecided", before
     return Verification(worst, decided, reasons, new, ScanSummary.of(scan), by)
 
 
+def _reason(c: Change) -> str:
+    if c.verdict == "undecided":
+        found = f"found {1000 * c.value:.2f} um with U {1000 * c.U:.2f} um, limit {1000 * c.limit:.2f} um"
+        return f"{c.name}: {found}: too near to decide, or not known well enough; scan for more turns"
+    return f"{c.name}: {c.advice}"
+
+
 def _changes_in_band(band: Witness, direction: bool) -> list[tuple[str, float, float, str]]:
     """What the shaft in view beside a part says; the ``direction`` counts where it doesn't tie the scan itself."""
-    shaft = hypot(*band.eccentricity_change) if direction else abs(band.eccentricity_size)
+    size = abs(band.eccentricity_size), band.eccentricity_U
+    shaft = (hypot(*band.eccentricity_change), band.change_U) if direction else size
     return [
         ("sensor, radially", abs(band.radial), band.radial_U, SENSOR_MOVED),
-        ("shaft on the table", shaft, band.eccentricity_U, SHAFT_MOVED),
+        ("shaft on the table", *shaft, SHAFT_MOVED),
     ]
 
 

@@ -69,6 +69,8 @@ class Witness:
     eccentricity_size: float
     """By how much it runs more eccentrically, whatever the zero of the angle."""
     eccentricity_U: float
+    change_U: float
+    """Of ``eccentricity_change``, in the direction in which it is known worst."""
 
 
 def witness(scan: Scan, calibration: Calibration) -> Witness | None:
@@ -90,6 +92,8 @@ def witness(scan: Scan, calibration: Calibration) -> Witness | None:
         fit = _fitted(few, calibration, shift, bands)
         if abs(turn) < SETTLED:
             break
+    if abs(fit.move[0]) > REACH:
+        return None  # something else, taken for the shaft
     return _told(fit, shift, calibration, bands)
 
 
@@ -275,6 +279,7 @@ def _told(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band])
         eccentricity_change=(float(moved[0]), float(moved[1])),
         eccentricity_size=more,
         eccentricity_U=K * sqrt(float(along @ doubt @ along)),
+        change_U=K * sqrt(float(np.linalg.eigvalsh(doubt)[-1])),
     )
 
 
