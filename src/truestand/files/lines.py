@@ -39,8 +39,9 @@ class Lines:
                 while at >= 0:
                     ends.append(size + at)
                     at = chunk.find(self.end, at + 1)
-                loose += chunk.count(other)
-                if other == b"\r":  # before a line feed it belongs to the line end
+                if other in chunk:
+                    loose += chunk.count(other)
+                if other == b"\r" and loose:  # before a line feed it belongs to the line end
                     loose -= chunk.count(b"\r\n") + (before + chunk[:1] == b"\r\n")
                 size, before = size + len(chunk), chunk[-1:]
         self._file = path.open("rb")
