@@ -100,8 +100,10 @@ def gauss_newton(
             p = _bettering(model, cells, p, change, residuals, scale, precision)
     scatter = scatter_of(weighted * residuals[:, None], sectors)
     count = len(model.radii)
-    strands = strands_of(residuals, jacobian, weights, sectors // count, cells.bin)
-    shared = shared_scatter(strands, model.orders)
+    shared = None
+    if settled == SETTLED:  # a first look needs no more than a rough scatter
+        strands = strands_of(residuals, jacobian, weights, sectors // count, cells.bin)
+        shared = shared_scatter(strands, model.orders)
     scatter = (scatter if shared is None else shared) * _bend(scale, residuals, cells.weight) ** 2 * cells.bend**2
     pull = weighted.T @ residuals
     return Solution(p, residuals, weights, information, pull, scatter, scale.sd, steps, converged)

@@ -12,7 +12,7 @@ from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
 
-PROFILES = 300
+PROFILES = 120
 REACH = 5.0
 """mm from the surface within which a reading is held against the model."""
 OFTEN = 0.1
