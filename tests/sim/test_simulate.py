@@ -212,3 +212,17 @@ def test_recipes_are_checked():
         simulation_from({"nois_um": 3.0})
     with pytest.raises(BadRecipe, match="outliers"):
         simulation_from({"outliers": 1.5})
+
+
+def test_a_shaft_turned_in_its_clamping_is_a_centred_shaft_turned_by_the_table():
+    """Form, keyway and the step's axis go along; without eccentricity and tilt nothing tells the two apart."""
+    workpiece = Workpiece(
+        form=(FormWave("base", 3, 0.05, 0.4),), keyways=(Keyway("base", 0.5, 3.0, 1.0),),
+        misalignments=(Misalignment("bearing", 0.1, 0.05, 0.001, -0.002),),
+    )  # fmt: skip
+    short = Acquisition(profiles=40)
+    seen = [
+        simulate(stand(), Simulation(running=Running(0.0), workpiece=w, optics=EXACT, acquisition=a), paper_shaft())
+        for w, a in ((replace(workpiece, clamped=np.pi / 2), short), (workpiece, replace(short, start_angle=np.pi / 2)))
+    ]
+    assert np.allclose(*(s.recording.z for s in seen), atol=1e-9, equal_nan=True)

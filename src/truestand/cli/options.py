@@ -22,12 +22,12 @@ QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing 
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing scan or recipe.")]
 
 
-def radians_or_none(degrees: float | None) -> float | None:
+def radians_or_none(degrees: float | None, option: str = "--start-angle-deg") -> float | None:
     """An optional angle at the border, degrees in, rad out."""
     from math import isfinite, radians
 
     from truestand.core.errors import BadRecipe
 
     if degrees is not None and not isfinite(degrees):
-        raise BadRecipe(f"found --start-angle-deg {degrees}, need a finite number of degrees")
+        raise BadRecipe(f"found {option} {degrees}, need a finite number of degrees")
     return None if degrees is None else radians(degrees)

@@ -1,11 +1,12 @@
 """``truestand simulate``: a scan from the virtual stand."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from truestand.cli.options import ForceOption, QuietOption
+from truestand.cli.options import ForceOption, QuietOption, radians_or_none
 
 
 def simulate(
@@ -21,6 +22,9 @@ def simulate(
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same scan.")] = 0,
+    clamped_at_deg: Annotated[
+        float | None, typer.Option(help="By how much the shaft sits turned in its clamping, ccw from above.")
+    ] = None,
     force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -37,6 +41,9 @@ def simulate(
 
     described = read_stand(stand)
     simulation = simulation_from(read_simulation(stand))
+    clamped = radians_or_none(clamped_at_deg, "--clamped-at-deg")
+    if clamped is not None:
+        simulation = replace(simulation, workpiece=replace(simulation.workpiece, clamped=clamped))
     shaft = paper_shaft() if artefact is None else read_shaft(artefact)
     check_output(output, force)
     with working("Scanning on the virtual stand", quiet) as advance:

@@ -98,6 +98,7 @@ class SimulationRecipe(Recipe):
     dirt: tuple[DirtRecipe, ...] = ()
     misalignment: tuple[MisalignmentRecipe, ...] = ()
     diameter: tuple[DiameterRecipe, ...] = ()
+    clamped_deg: float = 0.0
     chamfer_mm: NotNegative = 0.0
     fillet_mm: NotNegative = 0.0
     table_disc_mm: float | None = None
@@ -188,6 +189,7 @@ def _workpiece(r: SimulationRecipe) -> Workpiece:
         chamfer=r.chamfer_mm,
         fillet=r.fillet_mm,
         table_disc=r.table_disc_mm,
+        clamped=radians(r.clamped_deg),
     )
 
 

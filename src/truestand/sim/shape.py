@@ -107,6 +107,7 @@ class Face:
 
 def steps_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Step, ...]:
     """The shaft's steps as they really are."""
+    workpiece = workpiece.turned()
     errors = dict(workpiece.diameter_errors)
     cylinders = artefact.cylinders
     steps = []

@@ -1,7 +1,7 @@
 """What the virtual stand simulates: mm, rad, s. The defaults are the paper's stand without its troubles."""
 
-from dataclasses import dataclass, field
-from math import radians
+from dataclasses import dataclass, field, replace
+from math import cos, radians, sin
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +90,28 @@ class Workpiece:
     """Leg of the 45 degree chamfer on every outer edge at a shoulder."""
     table_disc: float | None = None
     """Height of the table's face, where it comes into view."""
+    clamped: float = 0.0
+    """rad by which the shaft sits turned in its clamping, ccw from above: form, slots, dirt, steps' axes go along."""
+
+    def turned(self) -> "Workpiece":
+        """The same as it stands in C, which has no twist against the table."""
+        if not self.clamped:
+            return self
+        c, s = cos(self.clamped), sin(self.clamped)
+        return replace(
+            self,
+            form=tuple(replace(f, phase=f.phase + f.upr * self.clamped) for f in self.form),
+            keyways=tuple(replace(k, azimuth=k.azimuth + self.clamped) for k in self.keyways),
+            patches=tuple(replace(p, azimuth=p.azimuth + self.clamped) for p in self.patches),
+            misalignments=tuple(
+                Misalignment(
+                    m.surface, c * m.offset_x - s * m.offset_y, s * m.offset_x + c * m.offset_y,
+                    c * m.slope_x - s * m.slope_y, s * m.slope_x + c * m.slope_y,
+                )
+                for m in self.misalignments
+            ),
+            clamped=0.0,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,6 @@ def truth_record(truth: Truth) -> dict[str, Any]:
         },
         "harmonics": [
             {"surface": f.surface, "upr": f.upr, "amplitude_um": 1e3 * f.amplitude, "phase_deg": degrees(f.phase)}
-            for f in s.workpiece.form
+            for f in s.workpiece.turned().form
         ],
     }
