@@ -62,3 +62,19 @@ def test_a_hundred_thousand_trials_take_less_than_ten_seconds():
     start = time.process_time()
     monte_carlo(P, {"noise": np.eye(8) * 1e-8}, (), 100_000)
     assert time.process_time() - start < 10
+
+
+def test_the_eccentricity_has_an_ellipse_even_where_it_has_no_direction():
+    centred = calibrate(scan_of("centred"), shaft())
+    ellipse = centred.eccentricity_ellipse
+    assert centred.eccentricity_direction is None
+    assert centred.eccentricity < ellipse.major < 0.01
+    assert 0 < ellipse.minor <= ellipse.major
+    eccentric = calibrate(scan_of("from above"), shaft())
+    found = eccentric.eccentricity_ellipse
+    along = eccentric.uncertainty["eccentricity_um"].U / 1000
+    across = np.radians(eccentric.uncertainty["eccentricity_direction_deg"].U) * eccentric.eccentricity
+    # An ellipse that leans holds its marginals between its axes; their squares have one sum.
+    assert found.minor <= min(along, across) * 1.01
+    assert found.major >= max(along, across) * 0.99
+    assert hypot(found.major, found.minor) == pytest.approx(hypot(along, across), rel=0.03)

@@ -121,6 +121,15 @@ class PaperFigures:
 
 
 @dataclass(frozen=True, slots=True)
+class Ellipse:
+    """Where the shaft's axis may stand: half axes U (k = 2 along each) in mm, azimuth of the longer one in rad."""
+
+    major: float
+    minor: float
+    direction: float
+
+
+@dataclass(frozen=True, slots=True)
 class StepAxis:
     """A further step's axis against the base's: x, y (mm) at ``height``, slopes, in C; ``U`` (k = 2) of x and y."""
 
@@ -225,6 +234,37 @@ class Calibration:
         """Its azimuth in R, rad; None where the shaft is so well centred that it has none."""
         ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
         return None if "eccentricity_direction_deg" in self.not_identifiable else atan2(ey, ex)
+
+    @property
+    def eccentricity_ellipse(self) -> Ellipse | None:
+        """U of the eccentricity as a vector, which holds near zero too; None where the record has no covariance.
+
+        The fit's covariance, with what else is in the budget added along the eccentricity and across it.
+        """
+        if self.covariance.shape[0] < 6 or "eccentricity_um" not in self.uncertainty:
+            return None
+        ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
+        size = hypot(ex, ey)
+        along = np.array([ex, ey]) / size if size > 0 else np.array([1.0, 0.0])
+        across = np.array([-along[1], along[0]])
+        whole = self.covariance[4:6, 4:6].copy()
+        # What the budget has beyond the fit (bearing, scale, linearity) is known along the vector; across it, the
+        # bearing's part is in the direction's U, which is capped where there is no direction.
+        beyond = (self.uncertainty["eccentricity_um"].U / 2000.0) ** 2 - float(along @ whole @ along)
+        aside = float(np.sum([(c.U / 2 * size * np.pi / 180) ** 2 for c in self._aside()]))
+        whole += max(beyond, 0.0) * np.outer(along, along) + aside * np.outer(across, across)
+        values, vectors = np.linalg.eigh(whole)
+        major = vectors[:, 1]
+        return Ellipse(
+            2 * float(np.sqrt(values[1])), 2 * float(np.sqrt(max(values[0], 0.0))), atan2(major[1], major[0])
+        )
+
+    def _aside(self) -> list[Contribution]:
+        """Lines of the direction's budget that the fit's covariance doesn't hold."""
+        lines = self.uncertainty.get("eccentricity_direction_deg")
+        return (
+            [] if lines is None else [c for c in lines.contributions if c.name.startswith(("table bearing", "zero of"))]
+        )
 
     @property
     def tilt(self) -> float | None:

@@ -28,7 +28,7 @@ from truestand.core.calibration import (
     Uncertainty,
 )
 from truestand.core.errors import UnreadableFile
-from truestand.core.frames import Pose
+from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.core.verify import Verification
 from truestand.files.atomic import write_json_atomic
@@ -81,6 +81,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "shaft_from_rotor": c.shaft_from_rotor.matrix.tolist(),
             "eccentricity_um": 1000.0 * c.eccentricity,
             "eccentricity_direction_deg": _degrees(c.eccentricity_direction),
+            "eccentricity_vector": _vector(c),
             "tilt_mrad": None if c.tilt is None else 1000.0 * c.tilt,
             "tilt_direction_deg": _degrees(c.tilt_direction),
         },
@@ -297,6 +298,22 @@ def _speed_factor(table: Mapping[str, Any], stand: Stand) -> float:
         return float(table["speed_factor"])
     step, speed, rate = table.get("rad_per_profile"), stand.table.speed, stand.sensor.profile_rate
     return float(step) * rate / speed if step and speed and rate else 1.0
+
+
+def _vector(c: Calibration) -> Record:
+    """The eccentricity as a vector in R with its ellipse: what holds where it is too small to have a direction."""
+    x, y, _, _ = shaft_parameters(c.shaft_from_rotor)
+    ellipse = c.eccentricity_ellipse
+    known = (
+        {}
+        if ellipse is None
+        else {
+            "U_major_um": 1000.0 * ellipse.major,
+            "U_minor_um": 1000.0 * ellipse.minor,
+            "major_direction_deg": math.degrees(ellipse.direction),
+        }
+    )
+    return {"x_um": 1000.0 * x, "y_um": 1000.0 * y, **known}
 
 
 def _scan(s: ScanSummary) -> Record:
