@@ -248,7 +248,7 @@ def test_bad_scans_end_with_one_helpful_line_and_no_output(bench, tmp_path):
     [
         (("calibrate", "k1.csv", "--artefact", "shaft.toml"), "--stand"),
         (("calibrate", "k1.h5", "--artefact", "nowhere.toml"), "nowhere.toml"),
-        (("calibrate", "k1.h5", "k1.h5", "--artefact", "shaft.toml"), "need one"),
+        (("calibrate", "k1.h5", "k1.h5", "--artefact", "shaft.toml"), "--clamped-at-deg"),
         (("roll", "k1.h5", "--calibration", "truth.json", "-o", "c.ply"), "truestand.calibration"),
         (("roll", "k1.h5", "--calibration", "calibration.json", "-o", "c.foo"), ".ply"),
         (("import", "k1.csv", "-o", "k1.h5"), "--force"),
