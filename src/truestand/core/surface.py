@@ -30,6 +30,9 @@ class Surface:
     x: Array
     y: Array
     z: Array
+    scan: Scan | None = None
+    """The scan that was rolled up, and the calibration that did it: what an inspection takes its doubt from."""
+    calibration: Calibration | None = None
 
     @property
     def angle(self) -> Array:
@@ -71,8 +74,11 @@ def roll(scan: Scan, calibration: Calibration) -> Surface:
     """
     angle = table_angle(scan, calibration)
     if calibration.method == "paper":
-        return _published(scan, calibration, angle)
-    return _affine(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
+        out = _published(scan, calibration, angle)
+    else:
+        out = _affine(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
+    out.flags.writeable = False
+    return Surface(out[0], out[1], out[2], scan, calibration)
 
 
 def table_angle(scan: Scan, calibration: Calibration) -> Array:
@@ -82,7 +88,7 @@ def table_angle(scan: Scan, calibration: Calibration) -> Array:
     return scan.angle
 
 
-def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Surface:
+def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
     gain_x, gain_z, shift = _chains(table_from_sensor, shaft_from_rotor, angle)
     out = np.empty((3, *scan.x.shape))
     room = np.empty((BLOCK, scan.x.shape[1]))
@@ -96,12 +102,7 @@ def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: 
             np.multiply(z, gain_z[rows, i, None], out=part)
             part += shift[rows, i, None]
             target += part
-    return _surface(out)
-
-
-def _surface(out: Array) -> Surface:
-    out.flags.writeable = False
-    return Surface(out[0], out[1], out[2])
+    return out
 
 
 def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tuple[Array, Array, Array]:
@@ -117,7 +118,7 @@ def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tu
     return gains[:, :, 0], gains[:, :, 2], shift
 
 
-def _published(scan: Scan, calibration: Calibration, angle: Array) -> Surface:
+def _published(scan: Scan, calibration: Calibration, angle: Array) -> Array:
     """Steps 5, 8 and 9 of the paper on any scan: radial less the compensation wave, then rolled up."""
     ex, ey, _, _ = shaft_parameters(calibration.shaft_from_rotor)
     pose = calibration.table_from_sensor
@@ -131,4 +132,4 @@ def _published(scan: Scan, calibration: Calibration, angle: Array) -> Surface:
         out[0, rows] = radial * c[rows, None]
         out[1, rows] = -radial * s[rows, None]
         out[2, rows] = pose.rotation[2, 0] * x + pose.rotation[2, 2] * z + pose.translation[2]
-    return _surface(out)
+    return out

@@ -120,7 +120,7 @@ def read_stand(path: Path | str) -> Stand:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _told_of(path, _stand, checked(StandRecipe, _toml(path), str(path)))
+    return told_of(path, _stand, checked(StandRecipe, read_toml(path), str(path)))
 
 
 def read_shaft(path: Path | str) -> Artefact:
@@ -129,12 +129,12 @@ def read_shaft(path: Path | str) -> Artefact:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return _told_of(path, _artefact, checked(ShaftRecipe, _toml(path), str(path)))
+    return told_of(path, _artefact, checked(ShaftRecipe, read_toml(path), str(path)))
 
 
 def read_simulation(path: Path | str) -> dict[str, Any]:
     """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
-    return checked(StandRecipe, _toml(path), str(path)).simulation
+    return checked(StandRecipe, read_toml(path), str(path)).simulation
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
@@ -199,7 +199,12 @@ def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
     return paths
 
 
-def _toml(path: Path | str) -> dict[str, Any]:
+def read_toml(path: Path | str) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     try:
         return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
     except OSError as wrong:
@@ -212,7 +217,7 @@ def _toml(path: Path | str) -> dict[str, Any]:
         raise BadRecipe(f"{path}: no valid TOML: {wrong}; `truestand init` writes a recipe to start from") from wrong
 
 
-def _told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
+def told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
     """What a recipe makes; an error names its file."""
     try:
         return make(recipe)

@@ -1,0 +1,105 @@
+"""What an inspection is: characteristics with their uncertainty and verdict, defects, and what could not be seen."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Contribution
+
+Array = NDArray[np.float64]
+Flank = Literal["left", "right"]
+Status = Literal["measured", "partial", "not_measurable"]
+Verdict = Literal["conforms", "does_not_conform", "undecided"]
+Kind = Literal["gear", "turned", "cad"]
+
+MEASURED, PARTIAL = 0.9, 0.3
+"""Coverage from which a characteristic is measured, and from which it is at least partial."""
+
+
+@dataclass(frozen=True, slots=True)
+class Characteristic:
+    """One line of the report. ``value``, ``U`` (k = 2) and ``limits`` are mm; None = not seen, no limit."""
+
+    name: str
+    value: float | None
+    U: float | None
+    flank: Flank | None = None
+    """Left: the flank of a tooth at the larger polar angle."""
+    tooth: int | None = None
+    """From 1; None: the whole gear."""
+    section: str | None = None
+    """Of a turned part."""
+    size: bool = False
+    """A size is reported in mm with two limits, a deviation in um with one."""
+    limits: tuple[float | None, float | None] | None = None
+    """Lower and upper limit."""
+    grade: int | None = None
+    """The best class of the standard that the value keeps."""
+    coverage: float = 1.0
+    status: Status = "measured"
+    verdict: Verdict | None = None
+    """None where there is no limit."""
+    capable: bool = True
+    """Whether U is small enough, against the limits, that conformance can be shown at all."""
+    standard: str | None = None
+    budget: tuple[Contribution, ...] = ()
+    """Lines of U, largest first, in mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """Something on a tooth that its neighbours don't have; lengths mm, depth positive into the material."""
+
+    tooth: int | None
+    flank: Flank | None
+    roll_length: float | None
+    height: float | None
+    depth: float | None
+    extent: float | None
+    kind: str
+    """dent | bump | chipped tip | chipped end | burr | missing tooth."""
+    score: float
+    second_score: float | None = None
+    """IsolationForest, 0..1, where scikit-learn is installed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inspection:
+    """What was found on one part."""
+
+    kind: Kind
+    name: str
+    characteristics: tuple[Characteristic, ...]
+    defects: tuple[Defect, ...] = ()
+    reasons: tuple[str, ...] = ()
+    """Why nothing may be decided; empty where the calibration, the angle and the datum may carry a verdict."""
+    remarks: tuple[str, ...] = ()
+    """What the reader should know: coarse sampling, a flank that was hidden, where the angle comes from."""
+    settings: dict[str, str] = field(default_factory=dict)
+    """How it was evaluated: ranges, filters, datum, decision rule, each as it is printed."""
+    defect_depth: float | None = None
+    """mm: the part's limit for defects; None: they don't decide."""
+    deviation: Array | None = None
+    """(N, M) mm: normal deviation of each reading, positive outwards; NaN = not seen, or no surface of the part."""
+    evidence: Any = None
+    """What the report draws: ``gear.evidence.GearEvidence``, ``parts.turned.TurnedEvidence``, ``parts.cad.CadEvidence``."""
+    published: dict[str, float] = field(default_factory=dict)
+    """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
+    created: str | None = None
+    software: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Does not conform if any line fails; else undecided if any line with limits is, or nothing may be decided."""
+        found = {c.verdict for c in self.characteristics if c.verdict is not None}
+        deep = self.defect_depth is not None and any((d.depth or 0.0) > self.defect_depth for d in self.defects)
+        if not self.reasons and ("does_not_conform" in found or deep):
+            return "does_not_conform"
+        return "undecided" if self.reasons or not found or "undecided" in found else "conforms"
+
+
+def status_of(coverage: float) -> Status:
+    """What a coverage of 0..1 allows to say."""
+    return "measured" if coverage >= MEASURED else "partial" if coverage >= PARTIAL else "not_measurable"

@@ -1,0 +1,1 @@
+"""What is true of gears and nothing else: geometry, flanks, deviations, tolerances, defects."""
