@@ -1,0 +1,111 @@
+"""Flank points reduced to cells of roll length times height, one grid a tooth and flank: what everything is read from.
+
+A cell's value is the mean of the points about its median: strays have no vote. Its median of *all* points is kept
+beside it, because trimming would hide a deep dent.
+"""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.gear.flanks import END_MARGIN, GATE, Flanks
+from truestand.gear.geometry import Involute
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+HEIGHT_CELL = 0.5
+"""mm."""
+CLIP = 3.5
+"""Robust standard deviations about a cell's median that have a vote."""
+LEAST_SPREAD = 1e-4
+"""mm: the scatter within cells is not taken for less."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Cells (2 flanks, teeth, roll lengths, heights)."""
+
+    delta: Array
+    """mm, NaN where no point fell."""
+    median: Array
+    """mm, of all points."""
+    roll: Array
+    """Mean roll length of a cell's points; its centre where there is none."""
+    height: Array
+    """Mean height of a cell's points; its centre where there is none."""
+    count: Array
+    """Points."""
+    rolls: Array
+    """(roll lengths,) mm, cell centres."""
+    heights: Array
+    """(heights,) mm in C, cell centres."""
+    scatter: float
+    """Robust standard deviation of a point within its cell, mm."""
+
+    @property
+    def seen(self) -> Bools:
+        """Cells that hold a point."""
+        return np.asarray(self.count > 0)
+
+
+def grid_of(flanks: Flanks, nominal: Involute) -> Grid:
+    """The cells of all flanks, the shape (2, teeth, roll lengths, heights)."""
+    g = nominal.gear
+    low, high = g.face_from + END_MARGIN, g.face_to - END_MARGIN
+    rolls = ceil(nominal.control_length / g.evaluation.resolution)
+    heights = max(1, ceil((high - low) / HEIGHT_CELL))
+    shape = (2, g.teeth, rolls, heights)
+    i = _place(flanks.roll, nominal.control_roll, nominal.tip_roll, rolls)
+    j = _place(flanks.height, low, high, heights)
+    cell = (flanks.which.astype(np.int64) * rolls + i) * heights + j
+    cells = int(np.prod(shape))
+    median, count = medians(cell, flanks.delta, cells)
+    off = flanks.delta - median[cell]
+    scatter = max(1.4826 * float(np.median(np.abs(off))) if off.size else 0.0, LEAST_SPREAD)
+    voting = np.abs(off) < CLIP * scatter
+    votes = np.bincount(cell[voting], minlength=cells)
+
+    def mean(values: Array) -> Array:
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.bincount(cell[voting], values[voting], minlength=cells) / votes)
+
+    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), centres_of(low, high, heights)
+    roll, height = mean(flanks.roll).reshape(shape), mean(flanks.height).reshape(shape)
+    return Grid(
+        mean(flanks.delta).reshape(shape),
+        median.reshape(shape),
+        np.where(np.isnan(roll), centres[0][:, None], roll),
+        np.where(np.isnan(height), centres[1], height),
+        count.reshape(shape).astype(np.float64),
+        *centres,
+        scatter,
+    )
+
+
+def medians(cell: NDArray[np.int64], delta: Array, cells: int) -> tuple[Array, NDArray[np.int64]]:
+    """Median (cells,) of the values in each cell, NaN where there is none, and how many there are.
+
+    One sort of one key: the cell before the point, the value behind it; deltas lie within the gate.
+    """
+    span = 16 * GATE
+    key = np.sort(cell + np.clip(delta / span + 0.5, 0.0, 0.999999))
+    count = np.bincount(cell, minlength=cells)
+    end = np.cumsum(count)
+    first = end - count
+    found = np.full(cells, np.nan)
+    some = count > 0
+    low, high = first[some] + (count[some] - 1) // 2, first[some] + count[some] // 2
+    found[some] = ((key[low] + key[high]) / 2 - np.flatnonzero(some) - 0.5) * span
+    return found, count
+
+
+def centres_of(low: float, high: float, cells: int) -> Array:
+    """Centres (cells,) of equal cells from low to high."""
+    return np.asarray(low + (np.arange(cells) + 0.5) * (high - low) / cells)
+
+
+def _place(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
+    return np.clip(((values - low) / (high - low) * cells).astype(np.int64), 0, cells - 1)
