@@ -177,6 +177,8 @@ class Calibration:
     stand: Stand
     angle_source: AngleSource
     angle_zero: AngleZero
+    angle_U: float | None = None
+    """rad, k = 2: how well the zero of the angle is known where a witness band told it (``transfer``)."""
     speed_factor: float = 1.0
     """Estimated over stated table speed; 1 with an angle of the scan's own."""
     rad_per_profile: float | None = None

@@ -84,7 +84,7 @@ class Inspection:
     deviation: Array | None = None
     """(N, M) mm: normal deviation of each reading, positive outwards; NaN = not seen, or no surface of the part."""
     evidence: Any = None
-    """What the report draws: ``gear.evidence.GearEvidence``, ``parts.turned.TurnedEvidence``, ``parts.cad.CadEvidence``."""
+    """What the report draws: ``GearEvidence``, ``TurnedEvidence`` or ``CadEvidence``."""
     published: dict[str, float] = field(default_factory=dict)
     """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
     created: str | None = None

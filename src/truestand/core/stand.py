@@ -19,6 +19,8 @@ class Table:
     direction: Direction = "ccw"
     start: Literal["home", "unknown"] = "home"
     """Whether every scan starts at the same table position."""
+    angle_U: float | None = None
+    """rad, expanded (k = 2): error of the angle that repeats once a turn."""
 
     @property
     def sign(self) -> float:
@@ -47,6 +49,8 @@ class Sensor:
     """mm: how well the laser plane was mounted through the rotation axis."""
     plane_tilt_U: float = radians(1.0)
     """rad: how well the laser plane was mounted parallel to the rotation axis."""
+    incidence_U: float | None = None
+    """mm: by how much it reads steep surfaces differently, e.g. after a correction learnt on a master gear."""
 
 
 @dataclass(frozen=True, slots=True)

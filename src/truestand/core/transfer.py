@@ -53,7 +53,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     elif loose or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
         scan = replace(scan, angle=scan.angle + found.angle_shift)
         told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
-        calibration = replace(calibration, angle_zero="witness", reasons=told)
+        calibration = replace(calibration, angle_zero="witness", angle_U=found.angle_U, reasons=told)
     failed = (f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok)
     return Transfer(scan, _doubted(calibration, (*doubts, *failed)), found, checks)
 

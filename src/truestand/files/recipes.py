@@ -28,6 +28,7 @@ class TableRecipe(Recipe):
     speed_rad_per_s: Positive | None = None
     direction: Literal["ccw", "cw"] = "ccw"
     start: Literal["home", "unknown"] = "home"
+    angle_U_arcsec: Positive | None = None
 
 
 class SensorRecipe(Recipe):
@@ -43,6 +44,7 @@ class SensorRecipe(Recipe):
     scale_U_ppm: Positive | None = None
     plane_offset_U_mm: Positive = 1.0
     plane_tilt_U_deg: Positive = 1.0
+    incidence_U_um: Positive | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> "SensorRecipe":
@@ -150,7 +152,12 @@ def shaft_from_recipe(recipe: Mapping[str, Any]) -> Artefact:
 def stand_recipe(stand: Stand) -> dict[str, Any]:
     """The stand with the keys of stand.toml; what was left open is left out."""
     recipe = StandRecipe(
-        table=TableRecipe(speed_rad_per_s=stand.table.speed, direction=stand.table.direction, start=stand.table.start),
+        table=TableRecipe(
+            speed_rad_per_s=stand.table.speed,
+            direction=stand.table.direction,
+            start=stand.table.start,
+            angle_U_arcsec=None if stand.table.angle_U is None else 3600 * degrees(stand.table.angle_U),
+        ),
         sensor=[_sensor_recipe(s) for s in stand.sensors],
         scan=ScanRecipe(y=stand.y, counts_per_turn=stand.counts_per_turn),
     )
@@ -228,7 +235,12 @@ def told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
 def _stand(recipe: StandRecipe) -> Stand:
     t = recipe.table
     return Stand(
-        Table(t.speed_rad_per_s, t.direction, t.start),
+        Table(
+            t.speed_rad_per_s,
+            t.direction,
+            t.start,
+            None if t.angle_U_arcsec is None else radians(t.angle_U_arcsec / 3600),
+        ),
         tuple(_sensor(s) for s in recipe.sensor),
         recipe.scan.y,
         recipe.scan.counts_per_turn,
@@ -247,6 +259,7 @@ def _sensor(s: SensorRecipe) -> Sensor:
         scale_U=None if s.scale_U_ppm is None else s.scale_U_ppm / 1e6,
         plane_offset_U=s.plane_offset_U_mm,
         plane_tilt_U=radians(s.plane_tilt_U_deg),
+        incidence_U=None if s.incidence_U_um is None else s.incidence_U_um / 1000.0,
     )
 
 
@@ -262,6 +275,7 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         scale_U_ppm=None if s.scale_U is None else s.scale_U * 1e6,
         plane_offset_U_mm=s.plane_offset_U,
         plane_tilt_U_deg=degrees(s.plane_tilt_U),
+        incidence_U_um=None if s.incidence_U is None else s.incidence_U * 1000.0,
     )
 
 

@@ -5,7 +5,7 @@ Each flank is a smooth surface of its own, a quadratic in roll length and height
 none: a dent is a defect and no pitch. All of it is linear in the cells once the weights stand, extremes aside.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, sin
 
 import numpy as np
@@ -73,6 +73,8 @@ class Measures:
     """f_pi: of each tooth against the one before it."""
     runout: Array
     """(teeth,) radial place of the ball in the space after each tooth."""
+    runout_per_delta: float
+    """By how much the ball moves outward when one flank of its space grows by 1."""
     residual: Array
     """(2 teeth, cells): what the smooth flanks and the shared shape leave."""
 
@@ -107,23 +109,52 @@ def evaluate(delta: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> M
     residual = values - shared - np.einsum("fci,fi->fc", weighed.basis, c)
     smooth = weighed.shape[:2]
     profile, helix = _traces(values, c, weighed, grid, nominal)
-    alpha = _lines(profile, weighed.rolls, nominal.profile_range, _slope_length(nominal, along_profile=True))
-    beta = _lines(helix, np.broadcast_to(grid.heights, helix.shape), nominal.helix_range, _slope_length(nominal, along_profile=False))
+    alpha, beta = _trace_lines(profile, helix, weighed, grid, nominal)
     middle = _shared_at(shared, weighed, grid, nominal.measuring_roll)
     position = (c[:, 0] + middle).reshape(smooth)
     ball = _ball_roll(nominal)
     where = _reduced_roll(ball, nominal)
     at_ball = (c[:, 0] + c[:, 1] * where + c[:, 3] * where**2 + _shared_at(shared, weighed, grid, ball)).reshape(smooth)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
-    touching = 2 * sin(nominal.ball_angle(nominal.ball_diameter))
-    half = nominal.control_length / 2
+    touching = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
+    sides = {
+        "position": c[:, 0] + middle, "at_ball": at_ball.reshape(-1), "f_Halpha": alpha[0], "f_falpha": alpha[1],
+        "F_alpha": alpha[2], "C_alpha": -c[:, 3] ,
+        "f_Hbeta": beta[0], "f_fbeta": beta[1], "F_beta": beta[2], "C_beta": -c[:, 5],
+    }  # fmt: skip
     return Measures(
-        position, at_ball, profile.reshape(*smooth, -1), helix.reshape(*smooth, -1),
-        *(v.reshape(smooth) for v in alpha), (-c[:, 3]).reshape(smooth) * (half / _half_roll(nominal)) ** 2,
-        *(v.reshape(smooth) for v in beta), (-c[:, 5]).reshape(smooth),
-        index, index - np.roll(index, 1, axis=1), (at_ball[0] + np.roll(at_ball[1], -1)) / touching,
-        np.where(weighed.weight > 0, residual, np.nan),
-    )  # fmt: skip
+        **{name: values.reshape(smooth) for name, values in sides.items()},
+        profile=profile.reshape(*smooth, -1),
+        helix=helix.reshape(*smooth, -1),
+        index=index,
+        pitch=index - np.roll(index, 1, axis=1),
+        runout=(at_ball[0] + np.roll(at_ball[1], -1)) * touching,
+        runout_per_delta=touching,
+        residual=np.where(weighed.weight > 0, residual, np.nan),
+    )
+
+
+def trace_figures(
+    m: Measures, profile: Array, helix: Array, weighed: Weighed, grid: Grid, nominal: Involute
+) -> Measures:
+    """The same measures with other traces (2, teeth, n)."""
+    profiles, helices = profile.reshape(-1, profile.shape[-1]), helix.reshape(-1, helix.shape[-1])
+    alpha, beta = _trace_lines(profiles, helices, weighed, grid, nominal)
+    smooth = weighed.shape[:2]
+    (a, b, c), (d, e, f) = ([v.reshape(smooth) for v in lines] for lines in (alpha, beta))
+    return replace(m, profile=profile, helix=helix, f_Halpha=a, f_falpha=b, F_alpha=c, f_Hbeta=d, f_fbeta=e, F_beta=f)
+
+
+Lines = tuple[Array, Array, Array]
+
+
+def _trace_lines(profile: Array, helix: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Lines, Lines]:
+    """Slope, form and total (flanks,) of profile and helix traces (flanks, n)."""
+    heights = np.broadcast_to(grid.heights, helix.shape)
+    return (
+        _lines(profile, weighed.rolls, nominal.profile_range, _slope_length(nominal, along_profile=True)),
+        _lines(helix, heights, nominal.helix_range, _slope_length(nominal, along_profile=False)),
+    )
 
 
 def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
@@ -219,8 +250,9 @@ def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
 
 
 def _traces(values: Array, c: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Array, Array]:
-    """Profile traces (flanks, roll lengths) at the middle of the face and helix traces (flanks, heights) on the measuring
-    circle: means across, each freed of how the flank runs the other way."""
+    """Profile traces (flanks, roll lengths) at the middle of the face, helix traces (flanks, heights) on the measuring
+    circle: means across, each freed of how the flank runs the other way.
+    """
     shape = (weighed.weight.shape[0], *weighed.shape[2:])
     w = weighed.weight.reshape(shape)
     el, h = weighed.basis[:, :, 1].reshape(shape), weighed.basis[:, :, 2].reshape(shape)
@@ -234,7 +266,7 @@ def _traces(values: Array, c: Array, weighed: Weighed, grid: Grid, nominal: Invo
     return profile, helix
 
 
-def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) -> tuple[Array, Array, Array]:
+def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) -> Lines:
     """Slope over ``length``, form and total deviation (flanks,) of traces inside the limits; NaN where too short."""
     low, high = limits
     inside = np.isfinite(trace) & (at >= low) & (at <= high)
@@ -278,4 +310,3 @@ def _shared_at(shared: Array, weighed: Weighed, grid: Grid, roll: float) -> Arra
     on = (weighed.weight.reshape(-1, *weighed.shape[2:]) > 0) & near[:, None]
     sums = (shared.reshape(on.shape) * on).sum(axis=(1, 2))
     return np.asarray(sums / np.maximum(on.sum(axis=(1, 2)), 1))
-

@@ -64,7 +64,7 @@ class Flanks:
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """Points of the toothed zone, (n,): polar angle (rad) freed of the helix, radius and height (mm), and where from."""
+    """Points of the toothed zone, (n,): polar angle (rad) freed of the helix, radius and height (mm), reading."""
 
     angle: Array
     radius: Array

@@ -7,8 +7,8 @@ External gears, transverse section. Left flank = the flank of a tooth at the lar
 (ISO 21771; DIN 3960). delta is a deviation along the base tangent in the transverse section, positive outwards.
 """
 
-from dataclasses import dataclass
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import acos, ceil, cos, pi, sin, sqrt, tan
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from truestand.gear.drawing import Gear
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 SIGMA = np.array([1.0, -1.0])
 """Of the left and the right flank, in the order of every array with flanks."""
@@ -167,7 +168,7 @@ class Involute:
         alpha = np.arccos(cosine)
         return np.asarray(self.base_half_angle - (np.sqrt(1.0 - cosine * cosine) / cosine - alpha))
 
-    def flank_angle(self, tooth: Array, flank: Array, roll: Array, height: Array, turned: float) -> Array:
+    def flank_angle(self, tooth: Ints, flank: Ints, roll: Array, height: Array, turned: float) -> Array:
         """Polar angle (rad, C) of the nominal flank; ``tooth`` from 0, ``flank`` 0 left and 1 right, ``turned``: angle
         of the first tooth's centre at the middle of the face."""
         side = SIGMA[flank]
@@ -229,4 +230,3 @@ def _control_roll(g: Gear, base: float, transverse: float, reference: float) -> 
 def pitch_span(gear: Gear) -> int:
     """k of F_pk: how many pitches it spans, an eighth of the teeth by default (ISO 1328-1)."""
     return gear.evaluation.pitch_span or max(2, ceil(gear.teeth / 8))
-

@@ -1,12 +1,12 @@
 """Flank tolerances of ISO 1328-1, editions 2013 and 1995, rounded as the standard says. mm in, mm out.
 
-2013: formulas of the class 5 with a step of sqrt(2), from the gear's own values. 1995: the same step, from the geometric
-means of ranges. Totals come from unrounded parts; rounding is last.
+2013: formulas of the class 5 with a step of sqrt(2), from the gear's own values. 1995: the same step, from the
+geometric means of ranges. Totals come from unrounded parts; rounding is last.
 """
 
 from bisect import bisect_right
 from collections.abc import Callable
-from math import degrees, hypot, sqrt
+from math import cos, degrees, hypot, sqrt
 
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear, Standard
@@ -50,15 +50,13 @@ def has_tolerance(name: str) -> bool:
 
 
 def _size(gear: Gear, standard: Standard) -> tuple[float, float, float]:
-    from math import cos
-
     d, m, b = gear.teeth * gear.module / cos(gear.helix_angle), gear.module, gear.face_width
     most_d, most_b = (15000, 1200) if standard == "ISO 1328-1:2013" else (10000, 1000)
     inside = 5 <= d <= most_d and 0.5 <= m <= 70 and 4 <= b <= most_b and gear.teeth >= 5
     if not inside or abs(degrees(gear.helix_angle)) > 45:
         raise BadRecipe(
-            f"{standard} covers 5 teeth and more, d 5..{most_d}, module 0.5..70, width 4..{most_b} mm and helix angles up "
-            f"to 45 degrees; found z {gear.teeth}, d {d:.1f}, module {m:g}, width {b:g}, helix "
+            f"{standard} covers 5 teeth and more, d 5..{most_d}, module 0.5..70, width 4..{most_b} mm and helix angles "
+            f"up to 45 degrees; found z {gear.teeth}, d {d:.1f}, module {m:g}, width {b:g}, helix "
             f"{degrees(gear.helix_angle):.1f}; leave accuracy_class out to measure without limits"
         )
     if standard == "ISO 1328-1:1995":
@@ -115,6 +113,7 @@ _CLASS_5: dict[Standard, dict[str, Formula]] = {
     "ISO 1328-1:1995": {
         "f_p": lambda d, m, b: 0.3 * (m + 0.4 * sqrt(d)) + 4,
         "F_p": lambda d, m, b: 0.3 * m + 1.25 * sqrt(d) + 7,
+        "F_r": lambda d, m, b: 0.24 * m + sqrt(d) + 5.6,
         "F_alpha": lambda d, m, b: 3.2 * sqrt(m) + 0.22 * sqrt(d) + 0.7,
         "F_beta": lambda d, m, b: 0.1 * sqrt(d) + 0.63 * sqrt(b) + 4.2,
         "f_falpha": lambda d, m, b: 2.5 * sqrt(m) + 0.17 * sqrt(d) + 0.5,

@@ -1,0 +1,271 @@
+"""What the calibration and the stand leave open, as fields over the flanks: by how much each input shifts delta.
+
+A field is found by moving the input by its U (k = 2) and sending the points of the nominal flanks through the chain
+
+    p_C = shaft_from_rotor . Rz(-theta) . table_from_sensor . (x, 0, z)
+
+once more. What each figure makes of it is found by evaluating the cells with the field added: no formula of
+sensitivities to get wrong (those of the theory page are tests).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.core.calibration import Calibration, Contribution
+from truestand.core.checks import UNSTATED_LINEARITY, linearity_of
+from truestand.core.datum import Datum
+from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+from truestand.core.scan import Scan
+from truestand.gear.evaluate import Measures, Weighed, evaluate
+from truestand.gear.figures import Figures, figures_of
+from truestand.gear.geometry import SIGMA, Involute
+from truestand.gear.grid import Grid
+
+Array = NDArray[np.float64]
+Field = Callable[[Array], Array]
+"""delta of the cells from moves (n, 3) of their points in C."""
+
+INCIDENCE_U = 0.02
+"""mm, k = 2: by how much a laser sensor reads steep surfaces differently, where the stand's recipe doesn't say; 10 to
+40 um are usual between 60 and 84 degrees."""
+ENCODER_U = 5e-5
+"""rad, k = 2: once-per-turn error of an angle that is measured (10 arc seconds), where the recipe doesn't say."""
+STEADY_U = 1e-4
+"""rad, k = 2: the same of an angle that is taken from a steady speed, where the recipe doesn't say."""
+SMOOTH_PERIOD = 50.0
+"""mm of range over which a sensor's range error swings once, where its range isn't known."""
+ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
+"""The calibration's unknowns in the order in which their doubt is told; each with what moves along with it."""
+NAMES = (
+    "lateral offset of the laser plane", "skew of the laser line",
+    "angle and radial zero of the sensor", "angle and radial zero of the sensor",
+    *("axis of the shaft",) * 4,
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Influence:
+    """One input of the budget. ``field``: delta (2, teeth, roll lengths, heights) mm at the input's U (k = 2)."""
+
+    name: str
+    field: Array
+    u: float | None = None
+    """Standard uncertainty of the input itself (mm, rad, K or relative)."""
+    distribution: str = "normal"
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """The cells of the nominal flanks as the stand sees them; (n, 3) or (n,)."""
+
+    point: Array
+    """In C."""
+    sensor: Array
+    """In S."""
+    theta: Array
+    """Table angle at which the laser plane meets it."""
+    gradient: Array
+    """Of delta over the point's place in C."""
+
+
+def influences_of(
+    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float
+) -> tuple[Influence, ...]:
+    """Every input of the budget but noise."""
+    rays = _rays(calibration, grid, nominal, datum, turned)
+    shape = grid.delta.shape
+
+    def field(moved: Array) -> Array:
+        return np.asarray((rays.gradient * moved).sum(axis=1).reshape(shape))
+
+    found = [*_of_calibration(calibration, rays, field), *_of_sensor(scan, calibration, rays, field)]
+    found += _of_table(scan, calibration, rays, field)
+    found += _of_datum(datum, rays, field)
+    radial = rays.point * np.array([1.0, 1.0, 0.0])
+    found.append(Influence("temperature of the part (assumed)", field(radial * EXPANSION * TEMPERATURE_U),
+                           TEMPERATURE_U / 2, "rectangular"))  # fmt: skip
+    return tuple(found)
+
+
+def expanded(
+    influences: tuple[Influence, ...], m: Measures, weighed: Weighed, grid: Grid, nominal: Involute
+) -> dict[str, Figures]:
+    """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined."""
+    base = figures_of(m, nominal)
+    filled = np.nan_to_num(grid.delta)
+    joined: dict[str, Figures] = {}
+    for i in influences:
+        ways = [figures_of(evaluate(filled + s * i.field, weighed, grid, nominal), nominal) for s in (1.0, -1.0)]
+        own = joined.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
+        for n, value in base.items():
+            moved = np.fmax(np.abs(ways[0][n] - value), np.abs(ways[1][n] - value))
+            own[n] = np.hypot(own[n], moved)
+    return joined
+
+
+def lines_of(
+    joined: dict[str, Figures], influences: tuple[Influence, ...], name: str, at: tuple[int, ...]
+) -> tuple[Contribution, ...]:
+    """The budget of one figure, largest line first; lines below a thousandth of the largest are left out."""
+    inputs = {i.name: i for i in influences}
+    lines = []
+    for source, figures in joined.items():
+        U = float(figures[name][at])
+        known = inputs.get(source)
+        lines.append(Contribution(source, U, None if known is None else known.u,
+                                  "normal" if known is None else known.distribution))  # fmt: skip
+    lines = sorted((c for c in lines if np.isfinite(c.U)), key=lambda c: -c.U)
+    return tuple(c for c in lines if c.U > 1e-3 * lines[0].U)
+
+
+def _rays(calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float) -> Rays:
+    side, tooth, _, _ = np.indices(grid.delta.shape).reshape(4, -1)
+    roll, height = grid.roll.reshape(-1), grid.height.reshape(-1)
+    radius = nominal.radius(roll)
+    psi = nominal.flank_angle(tooth, side, roll, height, turned)
+    c, s = np.cos(psi), np.sin(psi)
+    in_datum = np.stack([radius * c, radius * s, height], axis=1)
+    back = datum.pose.inverse
+    point = back(in_datum)
+    gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ back.rotation.T
+    in_rotor = calibration.shaft_from_rotor.inverse(point)
+    _, _, _, tilt, offset = sensor_parameters(calibration.table_from_sensor)
+    rho = np.hypot(in_rotor[:, 0], in_rotor[:, 1])
+    theta = np.arcsin((offset + in_rotor[:, 2] * np.tan(tilt)) / rho) - np.arctan2(in_rotor[:, 1], in_rotor[:, 0])
+    in_table = _turned(in_rotor, theta)
+    return Rays(point, calibration.table_from_sensor.inverse(in_table), theta, gradient)
+
+
+def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array) -> Array:
+    """Of delta over x, y, z of the datum's frame: sigma rb dtheta + sin alpha dr - sigma rb twist dz."""
+    rb = nominal.base_radius
+    sine = np.sqrt(np.maximum(1.0 - (rb / radius) ** 2, 0.0))
+    around = side * rb / radius
+    return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
+
+
+def _turned(points: Array, angle: Array) -> Array:
+    """Points (n, 3) turned by Rz(angle)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1], points[:, 2]], axis=1)
+
+
+def _chain(parameters: Array, height: float, sensor: Array, theta: Array) -> Array:
+    """p_C (n, 3) of readings by the calibration's eight unknowns (phi, radial, d, alpha, ex, ey, tx, ty)."""
+    phi, radial, offset, tilt, *shaft = (float(v) for v in parameters)
+    in_table = table_from_sensor(phi, radial, height, tilt, offset)(sensor)
+    return np.asarray(shaft_from_rotor(*shaft)(_turned(in_table, -theta)))
+
+
+def _parameters(calibration: Calibration) -> tuple[Array, float]:
+    phi, radial, height, tilt, offset = sensor_parameters(calibration.table_from_sensor)
+    return np.array([phi, radial, offset, tilt, *shaft_parameters(calibration.shaft_from_rotor)]), height
+
+
+def _of_calibration(calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+    """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
+    covariance = calibration.covariance
+    if covariance.shape[0] < len(ORDER):
+        return []
+    order = np.array(ORDER)
+    factor = _cholesky(covariance[np.ix_(order, order)])
+    parameters, height = _parameters(calibration)
+    here = _chain(parameters, height, rays.sensor, rays.theta)
+    found = []
+    for name, column in zip(NAMES, factor.T, strict=True):
+        step = np.zeros(len(ORDER))
+        step[order] = 2 * column
+        moved = _chain(parameters + step, height, rays.sensor, rays.theta) - here
+        found.append(Influence(name, field(moved), float(np.abs(column).max())))
+    return found
+
+
+def _cholesky(covariance: Array) -> Array:
+    """Lower factor of a covariance whose unknowns have very different units."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(scale, scale) + 1e-12 * np.eye(len(scale))
+    return np.asarray(scale[:, None] * np.linalg.cholesky(correlation))
+
+
+def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+    """Range errors along the ray, and what steep incidence does."""
+    sensor = scan.stand.sensor
+    pose = calibration.table_from_sensor
+    way = rays.sensor / np.maximum(rays.sensor[:, 2:], 1e-9)  # one unit of range along the ray
+    way = _turned(way @ pose.rotation.T, -rays.theta) @ calibration.shaft_from_rotor.rotation.T
+    z = rays.sensor[:, 2]
+    linearity = max(linearity_of(sensor, calibration.static_profiles), 0.0) or UNSTATED_LINEARITY
+    period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
+    bend = linearity * tau / period * (z - z.mean())
+    scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U
+    stated = "" if sensor.incidence_U is not None else " (assumed)"
+    incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
+    steep = _steepness(rays, way)
+    normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
+    return [
+        Influence("linearity of the sensor", field(way * linearity), linearity / 2),
+        Influence("linearity of the sensor", field(way * bend[:, None]), linearity / 2),
+        Influence("scale of the sensor", field(way * (scale * (z - _shaft_range(calibration, z)))[:, None]), scale / 2),
+        Influence(f"incidence on the flanks{stated}", field(normal * incidence), incidence / 2),
+        Influence(f"incidence on the flanks{stated}", field(normal * (incidence * steep)[:, None]), incidence / 2),
+    ]
+
+
+def _steepness(rays: Rays, way: Array) -> Array:
+    """-0.5..0.5 over the flank: how steeply it is seen, in the middle 0."""
+    normal = rays.gradient / np.linalg.norm(rays.gradient, axis=1, keepdims=True)
+    incidence = np.arccos(np.clip(np.abs((normal * way).sum(axis=1)) / np.linalg.norm(way, axis=1), 0.0, 1.0))
+    low, high = np.quantile(incidence, [0.02, 0.98])
+    return np.asarray(np.clip((incidence - low) / max(high - low, 1e-6), 0.0, 1.0) - 0.5)
+
+
+def _shaft_range(calibration: Calibration, z: Array) -> float:
+    """Range at which the base of the shaft was seen: there the sensor's zero is tied to a diameter."""
+    if calibration.artefact is None:
+        return float(z.mean())
+    across = calibration.table_from_sensor.rotation[0]
+    gap = calibration.table_from_sensor.translation[0] - calibration.artefact.base.radius
+    return float(gap / max(-across[2], 1e-3))
+
+
+def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+    """The table's bearing and its angle: zero, and errors that repeat every turn."""
+    parameters, height = _parameters(calibration)
+    here = _chain(parameters, height, rays.sensor, rays.theta)
+
+    def at(angle: Array | float) -> Array:
+        return field(_chain(parameters, height, rays.sensor, rays.theta + angle) - here)
+
+    measured = scan.angle_source in ("angle", "encoder")
+    own = scan.stand.table.angle_U
+    U = own if own is not None else ENCODER_U if measured else STEADY_U
+    name = "angle, once per turn" if measured else "angle, once per turn: speed of the table"
+    name += "" if own is not None else " (assumed)"
+    zero = ANGLE_U if calibration.angle_U is None else calibration.angle_U
+    shift = np.eye(3) * BEARING_U
+    return [
+        Influence("table bearing (assumed)", field(np.broadcast_to(shift[0], rays.point.shape)), BEARING_U / 2),
+        Influence("table bearing (assumed)", field(np.broadcast_to(shift[1], rays.point.shape)), BEARING_U / 2),
+        Influence("zero of the table angle", at(zero), zero / 2, "rectangular"),
+        Influence(name, at(U * np.cos(rays.theta)), U / 2),
+        Influence(name, at(U * np.sin(rays.theta)), U / 2),
+    ]
+
+
+def _of_datum(datum: Datum, rays: Rays, field: Field) -> list[Influence]:
+    """Where the part's own axis may stand, sideways and leaning."""
+    found = []
+    for line in datum.contributions:
+        for axis in np.eye(3)[:2]:
+            found.append(Influence(line.name, field(np.broadcast_to(axis * line.U, rays.point.shape)), line.U / 2))
+    if datum.U_slope:
+        lever = (rays.point[:, 2:] - datum.height) * datum.U_slope
+        found += [
+            Influence("slope of the datum axis", field(axis * lever), datum.U_slope / 2) for axis in np.eye(3)[:2]
+        ]
+    return found
