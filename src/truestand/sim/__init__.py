@@ -4,7 +4,9 @@ A ray caster in the lab's frame. It shares no code with the estimator that it te
 artefacts are common (checked by import-linter).
 """
 
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors
 from truestand.sim.paper import paper_shaft, paper_simulation, paper_stand
+from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
 from truestand.sim.recipe import simulation_from
 from truestand.sim.simulate import Simulated, simulate
 from truestand.sim.simulation import (
@@ -23,7 +25,11 @@ from truestand.sim.truth import Truth, truth_record
 
 __all__ = [
     "Acquisition",
+    "Chip",
+    "Dent",
+    "FlankErrors",
     "FormWave",
+    "GearErrors",
     "Keyway",
     "Misalignment",
     "Mounting",
@@ -33,6 +39,10 @@ __all__ = [
     "Simulated",
     "Simulation",
     "Truth",
+    "VirtualCad",
+    "VirtualGear",
+    "VirtualPart",
+    "VirtualTurned",
     "Workpiece",
     "paper_shaft",
     "paper_simulation",

@@ -10,6 +10,8 @@ from truestand.sim.shape import Face, Step
 Array = NDArray[np.float64]
 
 NEWTON_STEPS = 4
+NOTHING, STEP, FACE, MESH = range(4)
+"""What a ray may meet."""
 NEAR = 1.0
 """mm: beyond a step's drawing, within which its surface (chamfer, form) is solved."""
 
@@ -24,11 +26,15 @@ class Rays:
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """First hits: distance along the ray (B, M), inf where there is none, and polar angle and height there."""
+    """First hits, (B, M) each: distance along the ray, inf where there is none; polar angle and height there."""
 
     distance: Array
     psi: Array
     height: Array
+    surface: NDArray[np.int8]
+    """NOTHING, STEP, FACE or MESH."""
+    triangle: NDArray[np.int32]
+    """Of the mesh, where one is met."""
 
 
 def rays_in_shaft(origin: Array, directions: Array, angle: Array, shaft_from_rotor: Array) -> Rays:
@@ -57,7 +63,9 @@ def rays_in_shaft(origin: Array, directions: Array, angle: Array, shaft_from_rot
 def first_hits(rays: Rays, steps: tuple[Step, ...], faces: tuple[Face, ...]) -> Hits:
     """The first surface that each ray meets."""
     shape = rays.direction.shape[1:]
-    hits = Hits(np.full(shape, np.inf), np.zeros(shape), np.zeros(shape))
+    hits = Hits(
+        np.full(shape, np.inf), np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int8), np.zeros(shape, np.int32)
+    )
     for step in steps:
         _meet_step(rays, step, hits)
     for face in faces:
@@ -90,7 +98,7 @@ def _meet_step(rays: Rays, step: Step, hits: Hits) -> None:
     s, psi, height = _solved(step, s, (px, py, qx, qy), (a, b, c), (h0, h1))
     first = (height >= step.bottom) & (height <= step.top) & (s < hits.distance[row, column])
     at = row[first], column[first]
-    hits.distance[at], hits.psi[at], hits.height[at] = s[first], psi[first], height[first]
+    hits.distance[at], hits.psi[at], hits.height[at], hits.surface[at] = s[first], psi[first], height[first], STEP
 
 
 def _solved(
@@ -126,7 +134,7 @@ def _meet_face(rays: Rays, face: Face, hits: Hits) -> None:
         met &= (s > 0) & (radius >= face.inner) & (radius <= face.outer) & (s < hits.distance)
     hits.distance[met] = s[met]
     hits.psi[met] = np.arctan2(y[met], x[met])
-    hits.height[met] = face.height
+    hits.height[met], hits.surface[met] = face.height, FACE
 
 
 def hidden(points: Array, eye: Array, steps: tuple[Step, ...]) -> NDArray[np.bool_]:

@@ -12,7 +12,8 @@ from truestand.core.artefact import Artefact
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.sim.cast import Hits, Rays, first_hits, hidden, rays_in_shaft
-from truestand.sim.shape import Step, faces_of, steps_of
+from truestand.sim.cast_mesh import hidden_by, meet_body
+from truestand.sim.parts import Scene, VirtualPart, scene_of
 from truestand.sim.simulation import Simulation
 from truestand.sim.trouble import (
     Speckle,
@@ -45,13 +46,17 @@ def simulate(
     artefact: Artefact,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    part: VirtualPart | None = None,
 ) -> Simulated:
-    """Scan ``artefact`` on the virtual stand; the same seed gives the same scan.
+    """Scan ``artefact``, with ``part`` on it, on the virtual stand; the same seed gives the same scan.
 
     ``progress`` is called with (profiles done, profiles in all).
+
+    Raises:
+        BadRecipe: a part that can't be, or not on this shaft.
     """
     rng = default_rng(seed)
-    truth, counter, time = _truth(stand, simulation, artefact, rng)
+    truth, counter, time = _truth(stand, simulation, artefact, part, rng)
     x, z = _cast(truth, artefact, rng, progress)
     lose_patches(z, simulation.optics, rng)
     x[np.isnan(z)] = np.nan
@@ -59,7 +64,7 @@ def simulate(
 
 
 def _truth(
-    stand: Stand, simulation: Simulation, artefact: Artefact, rng: Generator
+    stand: Stand, simulation: Simulation, artefact: Artefact, part: VirtualPart | None, rng: Generator
 ) -> tuple[Truth, NDArray[np.int64], Array]:
     angle, counter, time, step = table_angles(stand, simulation.acquisition, rng)
     back = rotor_from_shaft(simulation.running, simulation.mounting.azimuth)
@@ -67,7 +72,7 @@ def _truth(
     shaft_from_rotor[:3, :3] = back[:3, :3].T
     shaft_from_rotor[:3, 3] = -back[:3, :3].T @ back[:3, 3]
     pose = sensor_pose(simulation.mounting, artefact)
-    return Truth(stand, simulation, pose, shaft_from_rotor, step, angle), counter, time
+    return Truth(stand, simulation, pose, shaft_from_rotor, step, angle, artefact, part), counter, time
 
 
 def _cast(
@@ -81,15 +86,17 @@ def _cast(
     slopes = np.linspace(-tan(optics.fan / 2), tan(optics.fan / 2), points)
     pose = truth.table_from_sensor
     directions = pose[:3, 0, None] * slopes + pose[:3, 2, None]  # one unit of range along each ray
-    steps, faces = steps_of(artefact, truth.simulation.workpiece), faces_of(artefact, truth.simulation.workpiece)
+    scene = scene_of(artefact, truth.simulation.workpiece, truth.part)
     speckle = Speckle(optics, rng)
     shoulder = artefact.base.top
     x, z = np.empty((truth.angle.size, points)), np.empty((truth.angle.size, points))
     for first in range(0, truth.angle.size, BLOCK):
         rows = slice(first, min(first + BLOCK, truth.angle.size))
         rays = rays_in_shaft(pose[:3, 3], directions, truth.angle[rows], truth.shaft_from_rotor)
-        hits = first_hits(rays, steps, faces)
-        true = _visible(hits, rays, truth, truth.angle[rows], steps)
+        hits = first_hits(rays, scene.steps, scene.faces)
+        if scene.body is not None:
+            meet_body(rays, scene.body, hits)
+        true = _visible(hits, rays, truth, truth.angle[rows], scene)
         seen = (
             true + range_error(true, optics, limits) + noise(true.shape, optics, rng) + speckle(hits.psi, hits.height)
         )
@@ -103,7 +110,7 @@ def _cast(
     return x, z
 
 
-def _visible(hits: Hits, rays: Rays, truth: Truth, angle: Array, steps: tuple[Step, ...]) -> Array:
+def _visible(hits: Hits, rays: Rays, truth: Truth, angle: Array, scene: Scene) -> Array:
     """Range of the hits, NaN where there is none or the camera does not see it."""
     distance = np.where(np.isfinite(hits.distance), hits.distance, np.nan)
     triangulation = truth.simulation.optics.triangulation
@@ -113,7 +120,10 @@ def _visible(hits: Hits, rays: Rays, truth: Truth, angle: Array, steps: tuple[St
     sideways = truth.simulation.mounting.standoff * tan(triangulation)
     eye = rays_in_shaft(pose[:3, 3] + sideways * pose[:3, 1], np.zeros((3, 1)), angle, truth.shaft_from_rotor).origin
     points = rays.origin + distance * rays.direction
-    return np.where(hidden(points, eye, steps), np.nan, distance)
+    unseen = hidden(points, eye, scene.steps)
+    if scene.body is not None:
+        unseen |= hidden_by(points, eye, hits, scene.body)
+    return np.where(unseen, np.nan, distance)
 
 
 def _recording(truth: Truth, x: Array, z: Array, counter: NDArray[np.int64], time: Array) -> Recording:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
+from truestand.sim.parts import VirtualPart
 from truestand.sim.simulation import Mounting, Running, Simulation
 
 Array = NDArray[np.float64]
@@ -34,6 +35,9 @@ class Truth:
     rad_per_profile: float
     angle: Array
     """(N,) rad: the true table angle of every profile that is in the scan."""
+    artefact: Artefact
+    part: VirtualPart | None = None
+    """What sat on the shaft."""
 
 
 def sensor_pose(mounting: Mounting, artefact: Artefact) -> Array:
