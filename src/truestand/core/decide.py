@@ -1,6 +1,6 @@
 """The decision rule of ISO 14253-1: both answers must be shown beyond a guard band; between: undecided.
 
-Edition 2017 sets the guard band to 1.65 u, which leaves 5 % of risk on one side (u = U / 2); the older practice takes U.
+Edition 2017 sets the guard band to 1.65 u, which leaves 5 % of risk on one side (u = U / 2); older practice takes U.
 """
 
 from dataclasses import replace

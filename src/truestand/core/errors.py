@@ -23,3 +23,7 @@ class NotEnoughData(TruestandError):
 
 class MissingExtra(TruestandError):
     """A feature whose optional dependency isn't installed."""
+
+
+class WrongDrawing(TruestandError):
+    """A part that is not the one its recipe describes; the message says what was seen."""

@@ -10,7 +10,7 @@ sensitivities to get wrong (those of the theory page are tests).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import tau
+from math import hypot, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,8 @@ SMOOTH_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
 ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
 """The calibration's unknowns in the order in which their doubt is told; each with what moves along with it."""
+FLANK_ONLY = "incidence"
+"""What steep flanks do, and tip and root don't."""
 NAMES = (
     "lateral offset of the laser plane", "skew of the laser line",
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
@@ -83,6 +85,28 @@ def influences_of(
     def field(moved: Array) -> Array:
         return np.asarray((rays.gradient * moved).sum(axis=1).reshape(shape))
 
+    return _all(scan, calibration, rays, field, datum)
+
+
+def radial_lines(
+    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float
+) -> tuple[Contribution, ...]:
+    """The budget (U, k = 2, mm) of a diameter of the part: by how much each input moves its surface out, all round."""
+    rays = _rays(calibration, grid, nominal, datum, turned)
+    outward = rays.point * np.array([1.0, 1.0, 0.0])
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+
+    def field(moved: Array) -> Array:
+        return np.asarray(np.mean((outward * moved).sum(axis=1)))
+
+    lines: dict[str, Contribution] = {}
+    for i in _all(scan, calibration, rays, field, datum):
+        before = lines[i.name].U if i.name in lines else 0.0
+        lines[i.name] = Contribution(i.name, hypot(before, 2 * float(i.field)), i.u, i.distribution)
+    return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
+
+
+def _all(scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum) -> tuple[Influence, ...]:
     found = [*_of_calibration(calibration, rays, field), *_of_sensor(scan, calibration, rays, field)]
     found += _of_table(scan, calibration, rays, field)
     found += _of_datum(datum, rays, field)
@@ -199,7 +223,8 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -
     way = rays.sensor / np.maximum(rays.sensor[:, 2:], 1e-9)  # one unit of range along the ray
     way = _turned(way @ pose.rotation.T, -rays.theta) @ calibration.shaft_from_rotor.rotation.T
     z = rays.sensor[:, 2]
-    linearity = max(linearity_of(sensor, calibration.static_profiles), 0.0) or UNSTATED_LINEARITY
+    static = calibration.static_profiles
+    linearity = (linearity_of(sensor, static) if static else sensor.linearity_U) or UNSTATED_LINEARITY
     period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
     bend = linearity * tau / period * (z - z.mean())
     scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U

@@ -157,6 +157,16 @@ def _trace_lines(profile: Array, helix: Array, weighed: Weighed, grid: Grid, nom
     )
 
 
+def residuals(delta: Array, weighed: Weighed) -> Array:
+    """What flanks and shared shape leave of the cells (2, teeth, roll lengths, heights), without weight or not."""
+    flanks, cells = weighed.weight.shape
+    values = np.where(weighed.weight > 0, delta.reshape(flanks, cells), 0.0)
+    shared = _shared(values, weighed)
+    c = np.einsum("fic,fc->fi", weighed.solver, values - shared)
+    rest = delta.reshape(flanks, cells) - shared - np.einsum("fci,fi->fc", weighed.basis, c)
+    return np.asarray(rest.reshape(delta.shape))
+
+
 def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
     """f_p, F_p, F_pk, f_u (2,) of tooth positions (..., 2, teeth); NaN where no two neighbours were seen."""
     single = index - np.roll(index, 1, axis=-1)

@@ -183,11 +183,11 @@ def _numbered(p: Located, nominal: Involute, turned: float) -> tuple[float, Arra
     for _ in range(2):
         which, delta = assigned(p, nominal, turned)
         offsets = _positions(which, delta, nominal)
-        left, right = offsets[:teeth], offsets[teeth:]
-        sides = [s for s in (np.nanmean(left) if np.isfinite(left).any() else np.nan,
-                             -np.nanmean(right) if np.isfinite(right).any() else np.nan) if np.isfinite(s)]  # fmt: skip
-        if np.isfinite(left).any() and np.isfinite(right).any():
-            turned += float(np.mean(sides)) / nominal.base_radius
+        left, right = (
+            float(np.nanmean(o)) if np.isfinite(o).any() else np.nan for o in (offsets[:teeth], offsets[teeth:])
+        )
+        if np.isfinite(left) and np.isfinite(right):  # one side alone can't tell place from thickness
+            turned += (left - right) / 2 / nominal.base_radius
     turned = (turned + AT_ZERO) % pitch - AT_ZERO
     which, delta = assigned(p, nominal, turned)
     return turned, _positions(which, delta, nominal)

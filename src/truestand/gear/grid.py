@@ -51,12 +51,12 @@ class Grid:
         return np.asarray(self.count > 0)
 
 
-def grid_of(flanks: Flanks, nominal: Involute) -> Grid:
-    """The cells of all flanks, the shape (2, teeth, roll lengths, heights)."""
+def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL) -> Grid:
+    """The cells of all flanks, (2, teeth, roll lengths, heights), ``height_cell`` mm high."""
     g = nominal.gear
     low, high = g.face_from + END_MARGIN, g.face_to - END_MARGIN
     rolls = ceil(nominal.control_length / g.evaluation.resolution)
-    heights = max(1, ceil((high - low) / HEIGHT_CELL))
+    heights = max(1, ceil((high - low) / height_cell))
     shape = (2, g.teeth, rolls, heights)
     i = _place(flanks.roll, nominal.control_roll, nominal.tip_roll, rolls)
     j = _place(flanks.height, low, high, heights)
@@ -85,13 +85,14 @@ def grid_of(flanks: Flanks, nominal: Involute) -> Grid:
     )
 
 
-def medians(cell: NDArray[np.int64], delta: Array, cells: int) -> tuple[Array, NDArray[np.int64]]:
+def medians(
+    cell: NDArray[np.int64], values: Array, cells: int, span: float = 16 * GATE
+) -> tuple[Array, NDArray[np.int64]]:
     """Median (cells,) of the values in each cell, NaN where there is none, and how many there are.
 
-    One sort of one key: the cell before the point, the value behind it; deltas lie within the gate.
+    One sort of one key: the cell before the point, the value behind it; values lie within half a ``span`` of 0.
     """
-    span = 16 * GATE
-    key = np.sort(cell + np.clip(delta / span + 0.5, 0.0, 0.999999))
+    key = np.sort(cell + np.clip(values / span + 0.5, 0.0, 0.999999))
     count = np.bincount(cell, minlength=cells)
     end = np.cumsum(count)
     first = end - count

@@ -1,0 +1,245 @@
+"""Defects: what one tooth has and its neighbours don't.
+
+On the flanks: each cell against the median tooth, freed of the tooth's own smooth shape, through matched filters of
+three sizes; what stands out of the noise of all flanks is a dent or a bump. Cells at the border of what was seen are
+left out: edges make false alarms. On whole teeth: the folded map tells missing teeth, broken corners and burrs.
+"""
+
+from importlib.util import find_spec
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.inspection import Defect, Flank
+from truestand.gear.coverage import Coverage
+from truestand.gear.evaluate import residuals, weigh
+from truestand.gear.evidence import DefectMap, FoldedMap
+from truestand.gear.flanks import Flanks
+from truestand.gear.fold import tip_places
+from truestand.gear.geometry import FLANKS, Involute
+from truestand.gear.grid import Grid, grid_of
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+HEIGHT_CELL = 0.25
+"""mm: finer than for the figures."""
+SIZES = (0.15, 0.3, 0.6)
+"""mm: standard deviations of the matched filters."""
+SIGNIFICANT = 7.0
+"""Robust standard deviations of the filtered residual over all flanks."""
+LEAST_DEPTH = 0.002
+"""mm."""
+BORDER = 2
+"""Cells at the border of what was seen that tell nothing."""
+SEEN_NEAR = 0.3
+"""Share of the cells about a place that must have been seen."""
+TOOTH_DEPTH = 0.1
+"""mm of radius by which a tooth's tip must differ from the median tooth's."""
+GONE = 0.6
+"""Share of the tooth's height that must be missing for the tooth to be missing."""
+LEAST_CELLS = 2
+PATCH = 2
+"""Cells about the middle of the patches that the isolation forest looks at."""
+PATCHES = 20_000
+
+
+def find_defects(
+    flanks: Flanks, folded: FoldedMap, coverage: Coverage, nominal: Involute
+) -> tuple[tuple[Defect, ...], DefectMap | None]:
+    """Defects, deepest doubt last, and the map that they were found on (None where no flank was seen)."""
+    whole = _whole_teeth(folded, nominal)
+    gone = {d.tooth for d in whole if d.kind == "missing tooth"}
+    if not coverage.position.any():
+        return whole, None
+    grid = grid_of(flanks, nominal, HEIGHT_CELL)
+    weighed = weigh(grid, nominal)
+    residual = residuals(grid.median, weighed)
+    score = _scores(residual, grid)
+    found_map = DefectMap(residual, score, grid.rolls, grid.heights)
+    found = [d for d in _on_flanks(found_map, grid) if d.tooth not in gone and not _at_chip(d, whole, nominal)]
+    found = _scored_again(found, found_map)
+    return tuple(sorted((*whole, *found), key=lambda d: -d.score)), found_map
+
+
+def _scores(residual: Array, grid: Grid) -> Array:
+    """The filtered residual in robust standard deviations, signed, of the size that stands out most; NaN at borders."""
+    from scipy.ndimage import gaussian_filter1d
+
+    count = np.where(np.isfinite(residual), grid.count, 0.0)
+    values = np.where(count > 0, residual, 0.0)
+    steps = grid.rolls[1] - grid.rolls[0], grid.heights[1] - grid.heights[0]
+    inner = _inner(count > 0)
+    best = np.zeros(residual.shape)
+    for size in SIZES:
+
+        def smooth(a: Array, narrower: float = 1.0, size: float = size) -> Array:
+            for axis, step in zip((2, 3), steps, strict=True):
+                a = gaussian_filter1d(a, size / step / narrower, axis=axis, mode="constant", truncate=3.0)
+            return a
+
+        weight = smooth(count)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            height = smooth(count * values) / weight
+            spread = np.sqrt(smooth(count, sqrt(2.0))) / weight  # of a mean weighted by g: sqrt(sum g^2 n) / sum g n
+            ratio = height / spread
+        ratio[~inner | (weight <= 0)] = np.nan
+        for side in range(2):
+            scatter = 1.4826 * float(np.nanmedian(np.abs(ratio[side]))) if np.isfinite(ratio[side]).any() else np.inf
+            scaled = np.nan_to_num(ratio[side] / max(scatter, 1e-300))
+            best[side] = np.where(np.abs(scaled) > np.abs(best[side]), scaled, best[side])
+    return np.where(inner, best, np.nan)
+
+
+def _inner(seen: Bools) -> Bools:
+    """Cells well inside what was seen; stripes between profiles are inside."""
+    from scipy.ndimage import binary_closing, binary_erosion
+
+    closed = np.zeros_like(seen)
+    for side in range(seen.shape[0]):
+        for tooth in range(seen.shape[1]):
+            whole = np.pad(seen[side, tooth], 2 * BORDER + 1)
+            whole = binary_closing(whole, np.ones((2 * BORDER + 1, 3), dtype=bool))
+            whole = binary_erosion(whole, np.ones((3, 3), dtype=bool), BORDER)
+            cut = slice(2 * BORDER + 1, -2 * BORDER - 1)
+            closed[side, tooth] = whole[cut, cut]
+    return closed
+
+
+def _on_flanks(m: DefectMap, grid: Grid) -> list[Defect]:
+    from scipy.ndimage import label
+
+    found = []
+    for side in range(2):
+        for tooth in range(m.score.shape[1]):
+            score = np.nan_to_num(m.score[side, tooth])
+            for sign, kind in ((-1.0, "dent"), (1.0, "bump")):
+                blobs, number = label(sign * score > SIGNIFICANT, np.ones((3, 3)))
+                found += [
+                    d for n in range(1, number + 1)
+                    if (d := _defect(m, grid, (side, tooth), blobs == n, sign, kind)) is not None
+                ]  # fmt: skip
+    return found
+
+
+def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: float, kind: str) -> Defect | None:
+    """The defect of one stretch of cells that stand out, told by its peak."""
+    score = np.where(blob, sign * np.nan_to_num(m.score[at]), 0.0)
+    i, j = (int(k) for k in np.unravel_index(int(np.argmax(score)), score.shape))
+    near = slice(max(i - 2, 0), i + 3), slice(max(j - 2, 0), j + 3)
+    heights = np.where(blob[near], sign * m.residual[at][near], np.nan)
+    if not np.isfinite(heights).any():
+        return None
+    depth = float(np.nanquantile(heights, 0.9))
+    if depth < LEAST_DEPTH:
+        return None
+    cell = (grid.rolls[1] - grid.rolls[0]) * (grid.heights[1] - grid.heights[0])
+    deep = blob & (sign * np.nan_to_num(m.residual[at]) > depth / 2)
+    share = np.isfinite(m.residual[at])[blob].mean()  # stripes between profiles count as what is beside them
+    flank: Flank = FLANKS[at[0]]  # type: ignore[assignment]
+    return Defect(
+        at[1] + 1, flank, float(grid.rolls[i]), float(grid.heights[j]), -sign * depth,
+        2 * sqrt(max(int(deep.sum()), 1) / max(float(share), 0.2) * cell / pi), kind, float(score.max()),
+    )  # fmt: skip
+
+
+def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
+    """Missing teeth, broken corners, burrs: the tip's land of each tooth against the median tooth's."""
+    tip = folded.radius[:, tip_places(folded, nominal)]
+    usual = np.nanmedian(tip, axis=(0, 1)) if np.isfinite(tip).any() else np.full(tip.shape[2], np.nan)
+    drop = usual - np.nanmedian(np.where(np.isfinite(tip), tip, np.nan), axis=1) if tip.size else np.zeros((0, 0))
+    height = (nominal.gear.tip_diameter - nominal.gear.root_diameter) / 2
+    found = []
+    for tooth, row in enumerate(drop):
+        seen = np.isfinite(row)
+        if seen.any() and np.median(row[seen]) > GONE * height:
+            found.append(_tooth(folded, tooth, seen, row, "missing tooth"))
+            continue
+        for sign, kind in ((1.0, "chipped tip"), (-1.0, "burr")):
+            for run in _runs(sign * np.nan_to_num(row) > TOOTH_DEPTH):
+                at_end = (run[0] and not run[-1]) or (run[-1] and not run[0])
+                name = "chipped end" if at_end and kind == "chipped tip" else kind
+                found.append(_tooth(folded, tooth, run, row, name))
+    return tuple(found)
+
+
+def _runs(on: Bools) -> list[Bools]:
+    from scipy.ndimage import label
+
+    marked, number = label(on)
+    return [marked == n for n in range(1, number + 1) if int((marked == n).sum()) >= LEAST_CELLS]
+
+
+def _tooth(folded: FoldedMap, tooth: int, run: Bools, drop: Array, kind: str) -> Defect:
+    depth = float(np.nanmax(drop[run]) if kind != "burr" else np.nanmin(drop[run]))
+    cell = folded.heights[1] - folded.heights[0] if folded.heights.size > 1 else 1.0
+    extent = float(run.sum() * cell)
+    return Defect(
+        tooth + 1,
+        None,
+        None,
+        float(folded.heights[run].mean()),
+        depth,
+        extent,
+        kind,
+        abs(depth) / TOOTH_DEPTH * SIGNIFICANT,
+    )
+
+
+def _at_chip(d: Defect, whole: tuple[Defect, ...], nominal: Involute) -> bool:
+    """Whether a finding on a flank is but the edge of a broken corner that is told already."""
+    return any(
+        w.tooth == d.tooth
+        and w.height is not None and d.height is not None and w.extent is not None and d.roll_length is not None
+        and abs(w.height - d.height) < w.extent / 2 + 1.0
+        and d.roll_length > nominal.control_roll + 0.3 * nominal.control_length
+        for w in whole
+    )  # fmt: skip
+
+
+def _scored_again(found: list[Defect], m: DefectMap) -> list[Defect]:
+    """The same with the isolation forest's word beside it: share of all patches that look less strange."""
+    if not found or find_spec("sklearn") is None:
+        return found
+    from dataclasses import replace
+
+    from sklearn.ensemble import IsolationForest
+
+    windows = _windows(m.residual)
+    usable = np.isfinite(m.score).reshape(-1)
+    rng = np.random.default_rng(0)
+    some = rng.choice(np.flatnonzero(usable), min(PATCHES, int(usable.sum())), replace=False)
+    forest = IsolationForest(n_estimators=100, random_state=0).fit(windows(some))
+    usual = np.sort(-forest.score_samples(windows(some)))
+    shape = m.residual.shape
+    places = [_index(d, m, shape) for d in found]
+    strange = -forest.score_samples(windows(np.array(places)))
+    return [
+        replace(d, second_score=float(np.searchsorted(usual, s) / usual.size))
+        for d, s in zip(found, strange, strict=True)
+    ]
+
+
+def _index(d: Defect, m: DefectMap, shape: tuple[int, ...]) -> int:
+    assert d.tooth is not None and d.roll_length is not None and d.height is not None
+    side = FLANKS.index(d.flank or "left")
+    place = (
+        side,
+        d.tooth - 1,
+        int(np.argmin(np.abs(m.rolls - d.roll_length))),
+        int(np.argmin(np.abs(m.heights - d.height))),
+    )
+    return int(np.ravel_multi_index(place, shape))
+
+
+def _windows(residual: Array):  # type: ignore[no-untyped-def]
+    """Patches (n, 25) of residuals about cells given by their flat index; what was not seen is 0."""
+    padded = np.pad(np.nan_to_num(residual), ((0, 0), (0, 0), (PATCH, PATCH), (PATCH, PATCH)))
+
+    def at(cells: NDArray[np.intp]) -> Array:
+        side, tooth, i, j = np.unravel_index(cells, residual.shape)
+        size = 2 * PATCH + 1
+        return np.stack([padded[side, tooth, i + a, j + b] for a in range(size) for b in range(size)], axis=1)
+
+    return at

@@ -1,0 +1,102 @@
+"""All teeth cut open and laid side by side: tip and root, and what is wrong with a tooth as a whole.
+
+The folded map is the median radius over place within the pitch and height, one map a tooth. It needs no flank, so it
+also shows teeth that aren't there, corners that broke off, and burrs.
+"""
+
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Contribution
+from truestand.core.frames import Pose
+from truestand.core.surface import Surface
+from truestand.gear.evidence import FoldedMap
+from truestand.gear.flanks import BLOCK, END_MARGIN, located
+from truestand.gear.geometry import Involute
+from truestand.gear.grid import centres_of, medians
+
+Array = NDArray[np.float64]
+
+PLACES = 48
+HEIGHT_CELL = 1.0
+"""mm."""
+THIN = 4
+"""Every so many points of a profile make the map."""
+REACH = 1.0
+"""mm beyond tip and root that are looked at."""
+TIP_PLACE = 0.6
+"""Share of the tip's land about its middle that tells the tip diameter."""
+ROOT_PLACE = 0.46
+"""Share of the pitch from the tooth's centre beyond which the root is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """A tip or root diameter, mm."""
+
+    name: str
+    diameter: float
+    U: float
+    coverage: float
+    budget: tuple[Contribution, ...]
+
+
+def fold(surface: Surface, nominal: Involute, datum: Pose, turned: float) -> FoldedMap:
+    """The folded map of every tooth."""
+    g = nominal.gear
+    low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
+    bottom, top = g.face_from + END_MARGIN, g.face_to - END_MARGIN
+    rows = max(1, round((top - bottom) / HEIGHT_CELL))
+    cells, radii = [], []
+    for first in range(0, surface.x.shape[0], BLOCK):
+        block = slice(first, min(first + BLOCK, surface.x.shape[0]))
+        p = located(surface, nominal, datum, block, low, high, THIN)
+        turns = (p.angle - turned) / g.pitch
+        tooth = np.rint(turns)
+        place = np.clip(((turns - tooth + 0.5) * PLACES).astype(np.int64), 0, PLACES - 1)
+        row = np.clip(((p.height - bottom) / (top - bottom) * rows).astype(np.int64), 0, rows - 1)
+        cells.append(((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row)
+        radii.append(p.radius)
+    middle, span = (low + high) / 2, 1.01 * (high - low)
+    radius, _ = medians(np.concatenate(cells), np.concatenate(radii) - middle, g.teeth * PLACES * rows, span)
+    return FoldedMap(
+        (radius + middle).reshape(g.teeth, PLACES, rows), centres_of(-0.5, 0.5, PLACES), centres_of(bottom, top, rows)
+    )
+
+
+def tip_places(folded: FoldedMap, nominal: Involute) -> NDArray[np.bool_]:
+    """Places that lie on the tip's land."""
+    half = float(nominal.half_angle(np.asarray(nominal.gear.tip_diameter / 2))) / nominal.gear.pitch
+    return np.asarray(np.abs(folded.places) <= max(TIP_PLACE * half, 0.6 / PLACES))
+
+
+def tip_and_root(folded: FoldedMap, nominal: Involute, radial: tuple[Contribution, ...]) -> tuple[Ends, ...]:
+    """Tip and root diameter: twice the mean over the teeth of each tooth's median radius.
+
+    ``radial``: lines of U (k = 2, mm) of a diameter of the part.
+    """
+    tip, root = tip_places(folded, nominal), np.abs(folded.places) >= ROOT_PLACE
+    return tuple(_end(name, folded.radius[:, places], radial) for name, places in (("d_a", tip), ("d_f", root)))
+
+
+def _end(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Ends:
+    by_tooth = radius.reshape(radius.shape[0], -1)
+    seen = np.isfinite(by_tooth).mean(axis=1) > 0.2
+    medians_ = np.array([np.nanmedian(r) for r in by_tooth[seen]])
+    if not medians_.size:
+        return Ends(name, np.nan, np.nan, 0.0, ())
+    u = float(medians_.std()) / np.sqrt(medians_.size)
+    lines = tuple(sorted((*radial, Contribution("scatter of the teeth", 4 * u, u)), key=lambda c: -c.U))
+    return Ends(
+        name, 2 * float(np.median(medians_) if medians_.size < 3 else _trimmed(medians_)),
+        hypot(*(c.U for c in lines)), float(seen.mean()), lines,
+    )  # fmt: skip
+
+
+def _trimmed(values: Array) -> float:
+    """Mean without what is far off the median: chipped and missing teeth are no diameter."""
+    off = np.abs(values - np.median(values))
+    return float(values[off <= max(4 * 1.4826 * float(np.median(off)), 0.02)].mean())

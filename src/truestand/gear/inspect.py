@@ -1,0 +1,182 @@
+"""The inspection of a gear, from the rolled-up scan to characteristics with their uncertainty and verdict."""
+
+from dataclasses import dataclass, replace
+from math import cos, degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration
+from truestand.core.datum import Datum, datum_of
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
+from truestand.core.inspection import Inspection
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, roll
+from truestand.gear.angle import steadied
+from truestand.gear.budget import expanded, influences_of, radial_lines
+from truestand.gear.characteristics import Told, characteristics_of, settings_of
+from truestand.gear.coverage import FINE, Coverage, coverage_of, profiles_for, step_on_flank
+from truestand.gear.defects import find_defects
+from truestand.gear.drawing import Gear
+from truestand.gear.evaluate import Measures, Weighed, evaluate, pitch_extremes, weigh
+from truestand.gear.evidence import GearEvidence
+from truestand.gear.figures import corrected, figures_of, noise_of
+from truestand.gear.flanks import Flanks, find_flanks
+from truestand.gear.fold import fold, tip_and_root
+from truestand.gear.geometry import FLANKS, Involute, involute, pitch_span
+from truestand.gear.grid import Grid, grid_of
+from truestand.gear.match import check_drawing
+
+Array = NDArray[np.float64]
+
+PUBLISHED_THIN = 8
+"""Every so many points of a profile go through the published compensation, for comparison."""
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """The flanks as they were read."""
+
+    flanks: Flanks
+    grid: Grid
+    weighed: Weighed
+    measures: Measures
+
+
+def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
+    """Pitch, run-out, thickness, profile, helix and defects of a rolled-up gear.
+
+    Raises:
+        NotEnoughData: nothing of the toothing is in view.
+        WrongDrawing: what was seen is another gear than the drawing's.
+        BadRecipe: the surface doesn't say from which scan and calibration it comes.
+    """
+    scan, calibration = origin_of(surface)
+    nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
+    flanks = find_flanks(surface, nominal, datum.pose)
+    check_drawing(surface, nominal, datum.pose, flanks)
+    steady = steadied(flanks, scan, calibration, nominal)
+    if steady is not None:
+        scan, calibration, uneven = steady
+        surface = roll(scan, calibration)
+        flanks = find_flanks(surface, nominal, datum.pose)
+    read = read_flanks(flanks, nominal)
+    coverage = coverage_of(read.grid, nominal, scan.step)
+    folded = fold(surface, nominal, datum.pose, flanks.turned)
+    told = _told(read, scan, calibration, nominal, datum, coverage)
+    radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
+    published = _published(scan, calibration, nominal)
+    defects, defect_map = find_defects(flanks, folded, coverage, nominal)
+    evidence = GearEvidence(
+        nominal, flanks.turned, read.grid, read.measures, read.weighed.rolls.reshape(2, gear.teeth, -1), coverage,
+        folded, defect_map, published,
+    )  # fmt: skip
+    return Inspection(
+        kind="gear",
+        name=gear.name,
+        characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
+        defects=defects,
+        reasons=_reasons(calibration),
+        remarks=(*_remarks(coverage, scan, calibration, nominal), *_of_angle(scan, None if steady is None else uneven)),
+        settings=settings_of(nominal, datum, scan),
+        defect_depth=gear.defect_depth,
+        deviation=_deviation(flanks, surface, nominal),
+        evidence=evidence,
+        published=_published_figures(published, nominal),
+    )
+
+
+def origin_of(surface: Surface) -> tuple[Scan, Calibration]:
+    """The scan that was rolled up and the calibration that did it.
+
+    Raises:
+        BadRecipe: the surface carries none.
+    """
+    if surface.scan is None or surface.calibration is None:
+        raise BadRecipe("found a surface without its scan and calibration, need one that `roll` made")
+    return surface.scan, surface.calibration
+
+
+def read_flanks(flanks: Flanks, nominal: Involute) -> Read:
+    """Cells, weights and measures of flank points."""
+    grid = grid_of(flanks, nominal)
+    weighed = weigh(grid, nominal)
+    return Read(flanks, grid, weighed, evaluate(grid.delta, weighed, grid, nominal))
+
+
+def _told(
+    read: Read, scan: Scan, calibration: Calibration, nominal: Involute, datum: Datum, coverage: Coverage
+) -> Told:
+    """The figures, freed of what noise lifts them by, with every line of their doubt."""
+    lift, noise = noise_of(read.measures, read.weighed, read.grid, nominal)
+    base = figures_of(read.measures, nominal)
+    influences = influences_of(scan, calibration, read.grid, nominal, datum, read.flanks.turned)
+    joined = expanded(influences, read.measures, read.weighed, read.grid, nominal)
+    return Told(corrected(base, lift), joined | {"noise": noise}, influences, coverage)
+
+
+def _deviation(flanks: Flanks, surface: Surface, nominal: Involute) -> Array:
+    deviation = np.full(surface.x.size, np.nan)
+    deviation[flanks.index] = flanks.delta * cos(nominal.base_helix)
+    return deviation.reshape(surface.x.shape)
+
+
+def _published(scan: Scan, calibration: Calibration, nominal: Involute) -> Array | None:
+    """Tooth positions F_i (2, teeth) as the published compensation would have them; None where it finds no teeth."""
+    few = replace(scan, x=scan.x[:, ::PUBLISHED_THIN], z=scan.z[:, ::PUBLISHED_THIN], intensity=None)
+    surface = roll(few, replace(calibration, method="paper"))
+    flanks = find_flanks(surface, nominal, Pose(np.eye(3), np.zeros(3)))
+    return read_flanks(flanks, nominal).measures.index
+
+
+def _published_figures(index: Array | None, nominal: Involute) -> dict[str, float]:
+    if index is None:
+        return {}
+    found = pitch_extremes(index, pitch_span(nominal.gear))
+    return {
+        f"{name} {flank}": float(values[side])
+        for name, values in found.items()
+        for side, flank in enumerate(FLANKS)
+        if np.isfinite(values[side])
+    }
+
+
+def _reasons(calibration: Calibration) -> tuple[str, ...]:
+    if calibration.method == "paper":
+        return (*calibration.reasons, "the calibration is of the published method, which moves no axis: calibrate with "
+                "--method stand",)  # fmt: skip
+    return calibration.reasons
+
+
+def _remarks(coverage: Coverage, scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[str, ...]:
+    found = []
+    for side, flank in enumerate(FLANKS):
+        if not coverage.position[side].any():
+            found.append(
+                f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the "
+                "sensor or the gear turned over, or with a second sensor"
+            )
+    coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
+    if coarse > 4 * FINE:
+        enough = profiles_for(nominal, max(nominal.control_roll, 3.0))
+        found.append(
+            f"coarse near the root: one profile a {coarse:.1f} mm of roll length at its lower end; {enough} profiles a "
+            f"turn would make it {FINE:g} mm from 3 mm up"
+        )
+    if calibration.covariance.shape[0] < 8:
+        found.append("the calibration record carries no covariance: it is taken as exact, and U leaves its part out")
+    if abs(degrees(nominal.gear.helix_angle)) > 0 and scan.revolutions < 1:
+        found.append("less than a turn: teeth at the ends of the scan are seen in part")
+    return tuple(found)
+
+
+def _of_angle(scan: Scan, uneven: float | None) -> tuple[str, ...]:
+    if scan.angle_source in ("angle", "encoder"):
+        return ()
+    what = "the angle comes from a steady speed"
+    if uneven is not None:
+        what += f"; {scan.revolutions:.2f} turns freed it of {1000 * uneven:.1f} um (rms) that don't repeat every turn"
+    elif scan.revolutions < 2:
+        what += "; two turns and more would tell it from uneven turning"
+    return (f"{what}; what repeats every turn looks like pitch and stands in U: an encoder would settle it",)
