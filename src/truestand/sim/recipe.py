@@ -120,6 +120,10 @@ class SimulationRecipe(ShapeRecipe):
     step_z_um: NotNegative = 4.0
     step_x_um: NotNegative = 1.0
     triangulation_deg: float = 0.0
+    incidence_noise: bool = False
+    incidence_bias_um: float = 0.0
+    most_incidence_deg: Annotated[float, Field(gt=0, le=90)] = 88.0
+    mixed_pixels: Share = 0.0
     outliers: Share = 0.0
     ghosts: Share = 0.0
     reflection: Share = 0.0
@@ -216,6 +220,10 @@ def _optics(r: SimulationRecipe) -> Optics:
         step_z=r.step_z_um / 1e3,
         step_x=r.step_x_um / 1e3,
         triangulation=radians(r.triangulation_deg),
+        incidence_noise=r.incidence_noise,
+        incidence_bias=r.incidence_bias_um / 1e3,
+        most_incidence=radians(r.most_incidence_deg),
+        mixed_pixels=r.mixed_pixels,
         outliers=r.outliers,
         ghosts=r.ghosts,
         reflection=r.reflection,
