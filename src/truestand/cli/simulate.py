@@ -18,6 +18,9 @@ def simulate(
     artefact: Annotated[
         Path | None, typer.Option("--artefact", metavar="SHAFT.toml", help="The shaft; default: the paper's.")
     ] = None,
+    part: Annotated[
+        Path | None, typer.Option("--part", metavar="PART.toml", help="What sits on the shaft: a gear or another part.")
+    ] = None,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
     ] = None,
@@ -28,15 +31,16 @@ def simulate(
     force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Scan a shaft on the virtual stand.
+    """Scan a shaft, or a part on it, on the virtual stand.
 
-    Example: truestand simulate stand.toml --artefact shaft.toml -o k1.csv --truth truth.json --seed 1
+    Example: truestand simulate stand.toml --artefact shaft.toml --part gear.toml -o gear.csv --truth truth.json
     """
     from truestand.cli.talk import working
     from truestand.files.atomic import write_json_atomic
+    from truestand.files.parts import read_part, read_part_simulation
     from truestand.files.recipes import read_shaft, read_simulation, read_stand
     from truestand.files.write_scan import check_output, write_recording
-    from truestand.sim import paper_shaft, simulation_from, truth_record
+    from truestand.sim import paper_shaft, simulation_from, truth_record, virtual_part_from
     from truestand.sim import simulate as scan_virtually
 
     described = read_stand(stand)
@@ -45,9 +49,12 @@ def simulate(
     if clamped is not None:
         simulation = replace(simulation, workpiece=replace(simulation.workpiece, clamped=clamped))
     shaft = paper_shaft() if artefact is None else read_shaft(artefact)
+    mounted = None
+    if part is not None:
+        mounted = virtual_part_from(read_part(part), read_part_simulation(part), f"{part}: [simulation]")
     check_output(output, force)
     with working("Scanning on the virtual stand", quiet) as advance:
-        simulated = scan_virtually(described, simulation, shaft, seed, advance)
+        simulated = scan_virtually(described, simulation, shaft, seed, advance, mounted)
     with working(f"Writing {output.name}", quiet):
         write_recording(simulated.recording, output, described, force=force)
         if truth is not None:

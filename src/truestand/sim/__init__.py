@@ -6,6 +6,7 @@ artefacts are common (checked by import-linter).
 
 from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors
 from truestand.sim.paper import paper_shaft, paper_simulation, paper_stand
+from truestand.sim.part_recipe import virtual_part_from
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
 from truestand.sim.recipe import simulation_from
 from truestand.sim.simulate import Simulated, simulate
@@ -50,4 +51,5 @@ __all__ = [
     "simulate",
     "simulation_from",
     "truth_record",
+    "virtual_part_from",
 ]

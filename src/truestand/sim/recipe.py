@@ -1,6 +1,7 @@
 """``[simulation]`` of stand.toml: mm, um, degrees outside; unknown keys refused with the nearest right one."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import radians
 from typing import Annotated, Any, Literal
 
@@ -79,7 +80,18 @@ class DiameterRecipe(Recipe):
     error_um: float
 
 
-class SimulationRecipe(Recipe):
+class ShapeRecipe(Recipe):
+    """What shafts and turned parts may have beyond their drawing."""
+
+    form: tuple[FormRecipe, ...] = ()
+    keyway: tuple[KeywayRecipe, ...] = ()
+    flat: tuple[FlatRecipe, ...] = ()
+    dirt: tuple[DirtRecipe, ...] = ()
+    misalignment: tuple[MisalignmentRecipe, ...] = ()
+    diameter: tuple[DiameterRecipe, ...] = ()
+
+
+class SimulationRecipe(ShapeRecipe):
     """``[simulation]`` as a whole."""
 
     phi_deg: float = -41.802
@@ -92,12 +104,6 @@ class SimulationRecipe(Recipe):
     eccentricity_direction_deg: float = 0.0
     tilt_mrad: float = 0.0
     tilt_direction_deg: float = 0.0
-    form: tuple[FormRecipe, ...] = ()
-    keyway: tuple[KeywayRecipe, ...] = ()
-    flat: tuple[FlatRecipe, ...] = ()
-    dirt: tuple[DirtRecipe, ...] = ()
-    misalignment: tuple[MisalignmentRecipe, ...] = ()
-    diameter: tuple[DiameterRecipe, ...] = ()
     clamped_deg: float = 0.0
     chamfer_mm: NotNegative = 0.0
     fillet_mm: NotNegative = 0.0
@@ -114,6 +120,10 @@ class SimulationRecipe(Recipe):
     step_z_um: NotNegative = 4.0
     step_x_um: NotNegative = 1.0
     triangulation_deg: float = 0.0
+    incidence_noise: bool = False
+    incidence_bias_um: float = 0.0
+    most_incidence_deg: Annotated[float, Field(gt=0, le=90)] = 88.0
+    mixed_pixels: Share = 0.0
     outliers: Share = 0.0
     ghosts: Share = 0.0
     reflection: Share = 0.0
@@ -154,7 +164,13 @@ def _simulation(r: SimulationRecipe) -> Simulation:
             r.tilt_mrad / 1e3,
             radians(r.tilt_direction_deg),
         ),
-        workpiece=_workpiece(r),
+        workpiece=replace(
+            workpiece_of(r),
+            chamfer=r.chamfer_mm,
+            fillet=r.fillet_mm,
+            table_disc=r.table_disc_mm,
+            clamped=radians(r.clamped_deg),
+        ),
         optics=_optics(r),
         acquisition=Acquisition(
             profiles=r.profiles,
@@ -169,7 +185,8 @@ def _simulation(r: SimulationRecipe) -> Simulation:
     )
 
 
-def _workpiece(r: SimulationRecipe) -> Workpiece:
+def workpiece_of(r: ShapeRecipe) -> Workpiece:
+    """Form, slots, flats, dirt, diameters and axes of a shaft or turned part."""
     return Workpiece(
         form=tuple(FormWave(f.surface, f.upr, f.amplitude_um / 1e3, radians(f.phase_deg)) for f in r.form),
         keyways=tuple(
@@ -186,10 +203,6 @@ def _workpiece(r: SimulationRecipe) -> Workpiece:
             *(Patch(f.surface, radians(f.azimuth_deg), f.share) for f in r.flat),
             *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / 1e3) for d in r.dirt),
         ),
-        chamfer=r.chamfer_mm,
-        fillet=r.fillet_mm,
-        table_disc=r.table_disc_mm,
-        clamped=radians(r.clamped_deg),
     )
 
 
@@ -207,6 +220,10 @@ def _optics(r: SimulationRecipe) -> Optics:
         step_z=r.step_z_um / 1e3,
         step_x=r.step_x_um / 1e3,
         triangulation=radians(r.triangulation_deg),
+        incidence_noise=r.incidence_noise,
+        incidence_bias=r.incidence_bias_um / 1e3,
+        most_incidence=radians(r.most_incidence_deg),
+        mixed_pixels=r.mixed_pixels,
         outliers=r.outliers,
         ghosts=r.ghosts,
         reflection=r.reflection,

@@ -13,6 +13,7 @@ from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.sim.cast import Hits, Rays, first_hits, hidden, rays_in_shaft
 from truestand.sim.cast_mesh import hidden_by, meet_body
+from truestand.sim.incidence import cosines, grazing, mixed
 from truestand.sim.parts import Scene, VirtualPart, scene_of
 from truestand.sim.simulation import Simulation
 from truestand.sim.trouble import (
@@ -93,13 +94,14 @@ def _cast(
     for first in range(0, truth.angle.size, BLOCK):
         rows = slice(first, min(first + BLOCK, truth.angle.size))
         rays = rays_in_shaft(pose[:3, 3], directions, truth.angle[rows], truth.shaft_from_rotor)
-        hits = first_hits(rays, scene.steps, scene.faces)
-        if scene.body is not None:
-            meet_body(rays, scene.body, hits)
+        hits = _hits(rays, scene)
         true = _visible(hits, rays, truth, truth.angle[rows], scene)
-        seen = (
-            true + range_error(true, optics, limits) + noise(true.shape, optics, rng) + speckle(hits.psi, hits.height)
-        )
+        added: Array | float = 0.0
+        if truth.part is not None or optics.incidence_noise or optics.incidence_bias:
+            true, added = grazing(true, cosines(rays, hits, scene), optics, rng)
+        true = mixed(true, optics.mixed_pixels, rng)
+        seen = true + range_error(true, optics, limits) + noise(true.shape, optics, rng)
+        seen = seen + speckle(hits.psi, hits.height) + added
         seen = false_and_lost(seen, hits.height, optics, limits, shoulder, rng)
         with np.errstate(invalid="ignore"):
             seen[(seen < limits[0]) | (seen > limits[1])] = np.nan
@@ -108,6 +110,14 @@ def _cast(
         if progress is not None:
             progress(rows.stop, truth.angle.size)
     return x, z
+
+
+def _hits(rays: Rays, scene: Scene) -> Hits:
+    """The first hits on shaft and part."""
+    hits = first_hits(rays, scene.steps, scene.faces)
+    if scene.body is not None:
+        meet_body(rays, scene.body, hits)
+    return hits
 
 
 def _visible(hits: Hits, rays: Rays, truth: Truth, angle: Array, scene: Scene) -> Array:

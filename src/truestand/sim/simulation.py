@@ -138,6 +138,14 @@ class Optics:
     """Resolution; 0 = none."""
     triangulation: float = 0.0
     """Angle between laser and camera, sideways; 0 = the camera sees all that the laser meets."""
+    incidence_noise: bool = False
+    """White noise grows with 1 / cos of the incidence (between ray and surface normal), up to twentyfold."""
+    incidence_bias: float = 0.0
+    """mm: the range reads this times (1 / cos(incidence) - 1) more, up to nineteen times."""
+    most_incidence: float = radians(88.0)
+    """Beyond it nothing comes back; looked at where a part is on the shaft."""
+    mixed_pixels: float = 0.0
+    """Share of readings next to an edge that come back from between both surfaces."""
     outliers: float = 0.0
     """Share of readings that are anywhere in the range."""
     ghosts: float = 0.0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
+from truestand.sim.part_truth import part_record
 from truestand.sim.parts import VirtualPart
 from truestand.sim.simulation import Mounting, Running, Simulation
 
@@ -68,7 +69,15 @@ def rotor_from_shaft(running: Running, azimuth: float) -> Array:
 
 
 def truth_record(truth: Truth) -> dict[str, Any]:
-    """truth.json."""
+    """truth.json; ``part`` is there where a part sat on the shaft."""
+    record = _stand_record(truth)
+    if truth.part is not None:
+        record["part"] = part_record(truth.part, truth.artefact, truth.simulation.workpiece)
+    return record
+
+
+def _stand_record(truth: Truth) -> dict[str, Any]:
+    """What calibration.json tells, as it is."""
     s, stand = truth.simulation, truth.stand
     back = np.linalg.inv(truth.shaft_from_rotor)
     ex, ey = back[0, 3], back[1, 3]
