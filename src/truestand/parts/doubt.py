@@ -65,9 +65,9 @@ def bearing_line(factor: float) -> Contribution:
     return line(BEARING, factor * BEARING_U)
 
 
-def zero_line(calibration: Calibration, factor: float) -> Contribution:
-    """From the zero of the table's angle, by which the eccentricity is turned: ``factor`` times the axis's shift."""
-    return line(ZERO, factor * ANGLE_U * calibration.eccentricity, "rectangular")
+def zero_line(radius: float, factor: float) -> Contribution:
+    """From the zero of the table's angle, by which what lies at ``radius`` mm from the rotation axis is turned."""
+    return line(ZERO, factor * ANGLE_U * radius, "rectangular")
 
 
 def artefact_line(calibration: Calibration, factor: float) -> Contribution:

@@ -296,6 +296,6 @@ def _budgets(
             lines += [doubt.linearity_line(calibration, travel), doubt.bearing_line(2.0)]
             lines.append(doubt.scale_line(calibration, float(reading.statistics[i])))
         if name.endswith("runout"):
-            lines += [*axis, doubt.zero_line(calibration, 2.0)]
+            lines += [*axis, doubt.zero_line(calibration.eccentricity, 2.0)]
         budgets.append(doubt.together(lines))
     return budgets
