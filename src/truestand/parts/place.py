@@ -30,8 +30,8 @@ OPEN = 3e-4
 """Share of the best-held motion's hold below which the readings leave one open."""
 SURELY = 4.0
 """Standard errors by which one candidate must be better than another."""
-CAP = 10.0
-"""Robust standard deviations from which a reading is as bad as one that met nothing."""
+CAP, LEAST_CAP = 10.0, 0.02
+"""Robust standard deviations, and mm at least, from which a reading is as bad as one that met nothing."""
 STILL = 1e-7
 """mm: a move that ends the fit."""
 
@@ -112,8 +112,8 @@ def _loss(solid: Solid, rays: Rays, reach: float) -> Array:
 
 def _capped(losses: Array) -> Array:
     """Losses (candidates, n) with everything wild as bad as the rest of it, by the best candidate's own scatter."""
-    scale = max(MAD * float(np.median(losses, axis=1).min()), LEAST_SCALE)
-    return np.asarray(np.minimum(losses, CAP * scale))
+    scale = MAD * float(np.median(losses, axis=1).min())
+    return np.asarray(np.minimum(losses, max(CAP * scale, LEAST_CAP)))
 
 
 def _best(starts: list[Pose], losses: Array) -> tuple[int, list[int]]:
@@ -161,14 +161,24 @@ def _refined(
         if on.size < 20:
             break
         off = met.deviation[on]
-        scale = max(MAD * float(np.median(np.abs(off))), LEAST_SCALE)
-        weight = np.square(np.maximum(1.0 - np.square(off / (TUKEY * scale)), 0.0))
         follow, names = motions(fit, now.points[on], solid.normal[met.triangle[on]], middle)
+        weight = np.square(np.maximum(1.0 - np.square(off / (TUKEY * _scale(follow, off))), 0.0))
         step, left = _step(follow, weight, off, names, now.points[on] - middle)
         pose = _motion(step, middle) @ pose
         if np.abs(step).max() < STILL:
             break
     return pose, left
+
+
+def _scale(follow: Array, off: Array) -> float:
+    """Robust standard deviation (mm) of the readings that tell a motion, of the motion that they tell worst.
+
+    Most readings of a wheel (tips, roots, faces) don't turn with it: by them, every flank would be wild until it fits.
+    """
+    order = np.argsort(np.abs(off))
+    held = np.cumsum(np.square(follow[order]), axis=0)
+    half = [int(np.searchsorted(column, column[-1] / 2)) for column in held.T]
+    return max(MAD * float(np.abs(off[order[np.minimum(half, off.size - 1)]]).max()), LEAST_SCALE)
 
 
 def _step(
