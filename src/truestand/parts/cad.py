@@ -207,7 +207,8 @@ def _compare(job: _Job, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _Com
         met = meet(job.solid, rays.points, rays.ways, job.part.reach)
         deviation[rows].ravel()[seen] = met.deviation
         on = np.flatnonzero(met.triangle >= 0)
-        points = rays.points[on]
+        # By where they belong on the model: by their own place, noise would sort them with the deviation's sign.
+        points = rays.points[on] - met.deviation[on, None] * job.solid.normal[met.triangle[on]]
         flats.append(seen[on] + first * m)
         cells.append(grid.cells(np.arctan2(points[:, 1], points[:, 0]), points[:, 2]))
     deviation.flags.writeable = False

@@ -32,8 +32,9 @@ class Solid:
     """A model ready for rays, in the frame of the datum axis."""
 
     scene: Any
-    corner: Array
-    """(F, 3) mm: one corner of each triangle."""
+    """embreex's fast scene: a ray may slip through between two triangles, one in a hundred thousand."""
+    tight: Any
+    """Its watertight one, which takes twice as long."""
     normal: Array
     """(F, 3) outward units."""
     level: Array
@@ -71,10 +72,11 @@ def solid_of(mesh: Mesh, pose: Array) -> Solid:
     if not whole.any():
         raise NotEnoughData("found a model without surface, need triangles; export the model again")
     corners, normal = corners[whole], across[whole] / twice[whole, None]
-    scene = rtcore_scene.EmbreeScene()
-    TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
+    scenes = [rtcore_scene.EmbreeScene(robust=robust) for robust in (False, True)]
+    for scene in scenes:
+        TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
     level = np.einsum("ij,ij->i", normal, corners[:, 0])
-    return Solid(scene, corners[:, 0], normal, level, corners, twice[whole] / 2)
+    return Solid(scenes[0], scenes[1], normal, level, corners, twice[whole] / 2)
 
 
 def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
@@ -83,7 +85,9 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
     ``points`` (n, 3) mm and ``ways`` (n, 3), units from the sensor to the reading, in the model's frame.
     """
     first = points - reach * ways
-    triangle = _first(solid, first, ways, np.full(len(points), 2 * reach))
+    triangle = _first(solid.scene, first, ways, np.full(len(points), 2 * reach))
+    missed = np.flatnonzero(triangle < 0)
+    triangle[missed] = _first(solid.tight, first[missed], ways[missed], np.full(missed.size, 2 * reach))
     facing = np.einsum("ij,ij->i", solid.normal[triangle], ways)
     away = np.flatnonzero((triangle >= 0) & (facing >= 0))
     for _ in range(TURNED_AWAY):
@@ -94,7 +98,7 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
             np.einsum("ij,ij->i", solid.normal[hit], way), 1e-6
         )
         gone = np.clip(along, 0.0, 2 * reach) + PAST
-        triangle[away] = _first(solid, first[away] + gone[:, None] * way, way, np.maximum(2 * reach - gone, 0.0))
+        triangle[away] = _first(solid.tight, first[away] + gone[:, None] * way, way, np.maximum(2 * reach - gone, 0.0))
         facing[away] = np.einsum("ij,ij->i", solid.normal[triangle[away]], way)
         away = away[(triangle[away] >= 0) & (facing[away] >= 0)]
     triangle[(facing > -LEAST_FACING)] = -1
@@ -103,8 +107,11 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
     return Met(triangle, deviation)
 
 
-def _first(solid: Solid, start: Array, ways: Array, far: Array) -> Ints:
-    found = solid.scene.run(
+def _first(scene: Any, start: Array, ways: Array, far: Array) -> Ints:
+    """The first triangle (n,) along each ray, -1 for none within ``far`` (n,) mm."""
+    if not len(start):
+        return np.zeros(0, dtype=np.intp)
+    found = scene.run(
         start.astype(np.float32), ways.astype(np.float32), dists=far.astype(np.float32), query="INTERSECT"
     )
     return np.asarray(found, dtype=np.intp)
@@ -114,4 +121,4 @@ def clear_view(solid: Solid, eyes: Array, points: Array, near: float) -> NDArray
     """Whether nothing stands between eyes (n, 3) and points (n, 3) of the surface, but for the last ``near`` mm."""
     way = points - eyes
     length = np.linalg.norm(way, axis=1)
-    return np.asarray(_first(solid, eyes, way / length[:, None], length - near) < 0)
+    return np.asarray(_first(solid.tight, eyes, way / length[:, None], length - near) < 0)

@@ -15,11 +15,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-TRUSTED = 4.0
+TRUSTED = 6.0
 """Robust standard deviations from the patch's median within which a reading counts."""
 LEAST_READINGS = 3
 LEAST_SHARE = 0.15
 """Of the usual number of a patch's readings: fewer are strays."""
+HELD = 2.0
+"""Readings' worth of the usual scatter that go into each patch's own."""
 MAD = 1.4826
 SCATTER_FROM = 200_000
 """Readings that tell the scatter."""
@@ -37,6 +39,9 @@ class Patches:
     """Trusted readings."""
     scatter: float
     """mm: standard deviation of one trusted reading about its patch."""
+    noise: Array
+    """(H, A) mm: standard deviation of the means, where a reading's noise is its own; 0 where nothing was seen. Steep
+    surfaces scatter less along their normal: each patch has its own."""
     pick: Ints
     """Position of one trusted reading of each patch among those that were given; -1 = none."""
 
@@ -44,11 +49,6 @@ class Patches:
     def seen(self) -> Mask:
         """Patches that were seen."""
         return np.asarray(np.isfinite(self.mean))
-
-    @property
-    def noise(self) -> Array:
-        """(H, A) mm: standard deviation of the means, where a reading's noise is its own; 0 where nothing was seen."""
-        return np.asarray(np.where(self.seen, self.scatter / np.sqrt(np.maximum(self.count, 1)), 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
     size = grid.heights * grid.angles
     shape = grid.heights, grid.angles
     if not deviation.size:
-        return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.full(shape, -1))
+        return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - _medians(cell, deviation, size, reach)[cell]
     scatter = max(MAD * float(np.median(np.abs(off[:: max(1, off.size // SCATTER_FROM)]))), LEAST_SCATTER)
     kept = np.flatnonzero(np.abs(off) <= TRUSTED * scatter)
@@ -93,10 +93,21 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
     total = np.bincount(cell[kept], deviation[kept], minlength=size)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(count >= least, total / count, np.nan)
+    noise = np.where(np.isfinite(mean), _noise(cell[kept], off[kept], count), 0.0)
     pick = np.full(size, -1)
     pick[cell[kept]] = kept
     pick[~np.isfinite(mean)] = -1
-    return Patches(mean.reshape(shape), count.reshape(shape), scatter, pick.reshape(shape))
+    return Patches(mean.reshape(shape), count.reshape(shape), scatter, noise.reshape(shape), pick.reshape(shape))
+
+
+def _noise(cell: Ints, off: Array, count: Ints) -> Array:
+    """Standard deviation (size,) mm of the means, by each patch's own scatter, held by the usual one where few tell."""
+    total = np.bincount(cell, off, minlength=count.size)
+    squares = np.bincount(cell, off * off, minlength=count.size)
+    within = np.maximum(squares - total**2 / np.maximum(count, 1), 0.0)
+    usual = float(within.sum()) / max(float((count - 1)[count > 0].sum()), 1.0)
+    variance = (within + HELD * usual) / (np.maximum(count - 1, 0) + HELD)
+    return np.asarray(np.sqrt(variance / np.maximum(count, 1)))
 
 
 def _medians(cell: Ints, deviation: Array, size: int, reach: float) -> Array:

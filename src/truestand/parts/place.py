@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 CANDIDATES = 1440
 """Angles tried: a quarter of a degree apart."""
-SEARCHED, COMPARED = 400, 4000
+SEARCHED, COMPARED = 400, 2500
 """Readings that score every angle, and those that compare the best ones."""
 MOST_REFINED = 48
 COARSE_STEPS, STEPS = 6, 15

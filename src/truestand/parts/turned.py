@@ -137,7 +137,7 @@ def _settings(part: Turned, datum: Datum) -> dict[str, str]:
         "filter": f"Gaussian, {part.upr} UPR (ISO 16610-21), along the circumference, for form and run-out",
         "reference": "least squares: circle at each height, cylinder of the section",
         "heights": f"{MARGIN:g} mm from a section's ends left aside; one circle for each {BIN:g} mm or so",
-        "strays": f"farther than {REACH:g} mm from the drawing, or beyond 4 robust standard deviations of their cell",
+        "strays": f"farther than {REACH:g} mm from the drawing, or beyond 6 robust standard deviations of their cell",
         "noise": "its share of ranges is taken off by extrapolation to none (SIMEX); the floor stands beside each form",
         "decision rule": f"{EDITION}, guard band {GUARD_FACTOR:g} u",
     }
