@@ -1,1 +1,348 @@
-"""Comparison with CAD."""
+"""A part compared with its CAD model: how far each reading lies off it, along the ray that saw it.
+
+The calibrated sensor's own rays are cast onto the model, so that what the sensor can't see is not compared, and a
+reading belongs to the surface that it was meant to hit and not to the nearest one.
+"""
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration, Contribution
+from truestand.core.datum import Datum, datum_of
+from truestand.core.decide import EDITION, GUARD_FACTOR, decided
+from truestand.core.denoise import cleared
+from truestand.core.errors import NotEnoughData
+from truestand.core.frames import Pose
+from truestand.core.influence import moves
+from truestand.core.inspection import Characteristic, Inspection, status_of
+from truestand.core.rays import sensor_origins
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, table_angle
+from truestand.parts import doubt
+from truestand.parts.cast import Solid, meet, solid_of
+from truestand.parts.drawings import Cad
+from truestand.parts.patches import Grid, Patches, patches_of
+from truestand.parts.place import Placing, Rays, motions, place, told
+from truestand.parts.view import coverage_of
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+BLOCK = 256
+"""Profiles cast at once."""
+THINNED = 40_000
+"""Readings that place the model."""
+MARKED = 120_000
+"""Readings that tell what was seen."""
+ANGLES, HEIGHT = 720, 0.5
+"""Patches: how many around, and mm high."""
+MOST_HEIGHTS = 400
+ENOUGH = 12
+"""Readings a patch on average, where there are so many."""
+STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
+INCIDENCE = "incidence on steep surfaces (assumed)"
+INCIDENCE_U = 0.005
+"""mm, k = 2, of range at 60 degrees: the laser's spot grows and shifts with the tangent of the incidence."""
+STEEP = 3.0**0.5
+"""Tangent of these 60 degrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class CadEvidence:
+    """What the report draws: a map of deviations over polar angle (A,) rad and height (H,) mm about the datum axis."""
+
+    angle: Array
+    height: Array
+    deviation: Array
+    """(H, A) mm, normal, positive outwards; NaN = nothing of the model seen there."""
+    count: Ints
+    """(H, A) trusted readings."""
+    noise: float
+    """mm: standard deviation of one reading."""
+    shaft_from_model: Array
+    """(4, 4): where the model was found to stand in C."""
+    turned: float
+    """rad: against the recipe's pose."""
+    alike: tuple[float, ...]
+    """rad: other angles that fit as well."""
+    visible: float
+    """Share of the model's surface that the sensor could see."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """What is compared with what."""
+
+    part: Cad
+    surface: Surface
+    scan: Scan
+    angle: Array
+    """(N,) rad."""
+    calibration: Calibration
+    datum: Datum
+    solid: Solid
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """Readings on the model: where they stand in the scan (n,), their deviations (n,) mm and cells (n,)."""
+
+    flat: Ints
+    deviation: Array
+    cell: Ints
+
+
+def inspect_cad(surface: Surface, part: Cad) -> Inspection:
+    """Deviations of the part from its model, after the fit that the recipe allows, with U (k = 2) and verdict.
+
+    The pose of the recipe places the model about the datum axis. Statistics are told on patches of the surface, less
+    noise's share (``core.denoise``); coverage is the share of the visible surface that has readings.
+
+    Raises:
+        NotEnoughData: a surface without its scan and calibration, or a model without surface.
+        BadRecipe: a datum that the shaft doesn't have.
+    """
+    if surface.scan is None or surface.calibration is None:
+        raise NotEnoughData("found a surface without its scan and calibration; make it with roll(scan, calibration)")
+    calibration, scan = surface.calibration, surface.scan
+    datum = datum_of(calibration, part.datum, part.bore_clearance)
+    solid = solid_of(part.mesh, part.pose)
+    job = _Job(part, surface, scan, table_angle(scan, calibration), calibration, datum, solid)
+    placing = place(solid, _thinned(job, THINNED, datum.pose), part.fit, part.reach)
+    model_from_shaft = placing.pose @ datum.pose
+    grid = _grid(job)
+    deviation, compared = _compare(job, model_from_shaft, grid)
+    patches = patches_of(grid, compared.cell, compared.deviation, part.reach)
+    marked = _on_model(job, model_from_shaft)
+    coverage, visible = coverage_of(solid, model_from_shaft, scan, calibration, marked)
+    found = _characteristics(job, placing, model_from_shaft, patches, compared, coverage)
+    shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
+    evidence = CadEvidence(
+        grid.angle, grid.height, patches.mean, patches.count, patches.scatter, shaft_from_model, placing.angle,
+        placing.alike, visible,
+    )  # fmt: skip
+    return Inspection(
+        "cad", part.name, found, reasons=calibration.reasons, remarks=_remarks(job, placing, patches, visible),
+        settings=_settings(job, placing), deviation=deviation, evidence=evidence,
+    )  # fmt: skip
+
+
+def _settings(job: _Job, placing: Placing) -> dict[str, str]:
+    return {
+        "datum": f"{job.datum.name}: {job.datum.remark}",
+        "fit": f"{job.part.fit}; turned by {degrees(placing.angle):.4f} deg against the recipe's pose",
+        "deviation": "along the sensor's ray, turned into the normal of the model's triangle; positive outwards",
+        "patches": f"robust means over 360/{ANGLES} deg by {HEIGHT:g} mm (wider where readings are few)",
+        "reach": f"readings farther than {job.part.reach:g} mm from the model along their ray are no part of it",
+        "profile": "twice the largest deviation to either side, of patches",
+        "noise": "its share is taken off by extrapolation to none (SIMEX)",
+        "decision rule": f"{EDITION}, guard band {GUARD_FACTOR:g} u",
+    }
+
+
+def _remarks(job: _Job, placing: Placing, patches: Patches, visible: float) -> tuple[str, ...]:
+    remarks = [
+        f"datum: {job.datum.remark}",
+        f"{visible:.0%} of the model's surface is visible to the sensor; coverage counts that part",
+        f"noise {1000 * patches.scatter:.2g} um a reading",
+        *told(placing, job.part.fit),
+    ]
+    if job.calibration.covariance.size == 0:
+        remarks.append("the calibration carries no covariance: no U can be told, nothing is decided")
+    return tuple(remarks)
+
+
+def _rays(job: _Job, rows: slice | Ints, pose: Pose, columns: slice | Ints) -> tuple[Rays, Ints]:
+    """The readings of some profiles through ``pose``, their ways, and where they stand among these profiles'."""
+    x, y, z = (a[rows][:, columns] for a in (job.surface.x, job.surface.y, job.surface.z))
+    seen = np.flatnonzero(np.isfinite(z))
+    turn = pose.rotation
+    points = np.empty((seen.size, 3))
+    whole = np.stack([x.ravel()[seen], y.ravel()[seen], z.ravel()[seen]], axis=-1)
+    np.dot(whole, turn.T, out=points)
+    points += pose.translation
+    origins = pose(sensor_origins(job.calibration, job.angle[rows]))
+    ways = points - np.repeat(origins, np.isfinite(z).sum(axis=1), axis=0)
+    ways /= np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
+    return Rays(points, ways), seen
+
+
+def _thinned(job: _Job, count: int, pose: Pose) -> Rays:
+    """About ``count`` readings, spread over profiles and points alike."""
+    n, m = job.surface.x.shape
+    share = min(1.0, (count / max(n * m * job.scan.seen, 1.0)) ** 0.5)
+    rows, columns = (np.unique(np.linspace(0, k - 1, max(int(k * share), 2)).astype(np.intp)) for k in (n, m))
+    rays, _ = _rays(job, rows, pose, columns)
+    return rays
+
+
+def _on_model(job: _Job, model_from_shaft: Pose) -> Array:
+    """Readings (n, 3) mm that belong to the model, thinned."""
+    rays = _thinned(job, MARKED, model_from_shaft)
+    met = meet(job.solid, rays.points, rays.ways, job.part.reach)
+    return np.asarray(rays.points[met.triangle >= 0])
+
+
+def _grid(job: _Job) -> Grid:
+    """Patches about the datum axis over the model's height."""
+    heights = job.solid.corners[:, :, 2]
+    low, high = float(heights.min()) - job.part.reach, float(heights.max()) + job.part.reach
+    readings = job.surface.x.size * job.scan.seen
+    rows = int(np.clip(min((high - low) / HEIGHT, MOST_HEIGHTS), 1, None))
+    angles = int(np.clip(min(ANGLES, readings / (ENOUGH * rows)), 36, None))
+    return Grid(low, high, rows, angles)
+
+
+def _compare(job: _Job, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _Compared]:
+    """Deviation (N, M) mm of every reading, NaN off the model, and the readings on it."""
+    n, m = job.surface.x.shape
+    deviation = np.full((n, m), np.nan)
+    flats, cells = [], []
+    for first in range(0, n, BLOCK):
+        rows = slice(first, min(first + BLOCK, n))
+        rays, seen = _rays(job, rows, model_from_shaft, slice(None))
+        met = meet(job.solid, rays.points, rays.ways, job.part.reach)
+        deviation[rows].ravel()[seen] = met.deviation
+        on = np.flatnonzero(met.triangle >= 0)
+        # By where they belong on the model: by their own place, noise would sort them with the deviation's sign.
+        points = rays.points[on] - met.deviation[on, None] * job.solid.normal[met.triangle[on]]
+        flats.append(seen[on] + first * m)
+        cells.append(grid.cells(np.arctan2(points[:, 1], points[:, 0]), points[:, 2]))
+    deviation.flags.writeable = False
+    flat = np.concatenate(flats)
+    return deviation, _Compared(flat, deviation.ravel()[flat], np.concatenate(cells))
+
+
+def _statistics(maps: Array) -> Array:
+    """p95, rms, largest and smallest from the median, largest absolute: (..., 5) mm of maps (..., n)."""
+    middle = np.median(maps, axis=-1)
+    size = np.abs(maps)
+    return np.stack(
+        [
+            np.quantile(size, 0.95, axis=-1), np.sqrt(np.mean(np.square(maps), axis=-1)),
+            maps.max(axis=-1) - middle, middle - maps.min(axis=-1), size.max(axis=-1),
+        ],
+        axis=-1,
+    )  # fmt: skip
+
+
+def _values(statistics: Array, middle: float) -> Array:
+    """The reported characteristics from the statistics, each of which grows with noise from zero."""
+    p95, rms, above, below, largest = statistics
+    return np.array([p95, rms, middle + above, middle - below, 2 * largest])
+
+
+def _characteristics(
+    job: _Job, placing: Placing, model_from_shaft: Pose, patches: Patches, compared: _Compared, coverage: float
+) -> tuple[Characteristic, ...]:
+    at = np.flatnonzero(patches.pick.ravel() >= 0)
+    status = status_of(coverage)
+    if not at.size or status == "not_measurable":
+        return tuple(_line(job, name, None, None, coverage) for name in STATISTICS)
+    maps = patches.mean.ravel()[at]
+    clear = cleared(_statistics, maps, patches.noise.ravel()[at])
+    value = _values(clear.value, float(np.median(maps)))
+    U = _budgets(job, placing, model_from_shaft, compared.flat[patches.pick.ravel()[at]], maps, clear.u)
+    return tuple(
+        _line(job, name, float(value[i]), None if U is None else U[i], coverage) for i, name in enumerate(STATISTICS)
+    )
+
+
+def _line(
+    job: _Job, name: str, value: float | None, budget: tuple[tuple[Contribution, ...], float] | None, coverage: float
+) -> Characteristic:
+    lines, U = budget if budget is not None else ((), None)
+    return decided(
+        Characteristic(
+            name, value, U, limits=_limits(job.part, name), coverage=coverage, status=status_of(coverage),
+            standard="ISO 1101 profile of a surface" if name == "profile" else None, budget=lines,
+        )
+    )  # fmt: skip
+
+
+def _limits(part: Cad, name: str) -> tuple[float | None, float | None] | None:
+    """Limits of the largest and smallest deviation; of the profile, where the drawing's zone lies evenly."""
+    if part.limits is None:
+        return None
+    lower, upper = part.limits
+    even = abs(lower + upper) < 1e-9
+    own: dict[str, tuple[float | None, float | None]] = {"deviation_max": (None, upper), "deviation_min": (lower, None)}
+    return own.get(name) or ((None, 2 * upper) if name == "profile" and even else None)
+
+
+def _budgets(
+    job: _Job, placing: Placing, model_from_shaft: Pose, flat: Ints, maps: Array, noise: Array
+) -> list[tuple[tuple[Contribution, ...], float]] | None:
+    """Lines and U of each characteristic; None where the calibration's own doubt is not known."""
+    row, column = np.divmod(flat, job.scan.x.shape[1])
+    origins = model_from_shaft(sensor_origins(job.calibration, job.angle[row]))
+    points = model_from_shaft(
+        np.stack([a[row, column] for a in (job.surface.x, job.surface.y, job.surface.z)], axis=-1)
+    )
+    ways = points - origins
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    met = meet(job.solid, points, ways, job.part.reach)
+    normal = job.solid.normal[met.triangle]
+    normal = np.where((met.triangle >= 0)[:, None], normal, 0.0)
+    lifts = moves(
+        job.calibration, job.scan.x[row, column], job.scan.z[row, column], job.angle[row],
+        normal @ model_from_shaft.rotation,
+    )  # fmt: skip
+    if lifts is None:
+        return None
+    follow, names = motions(job.part.fit, points, normal, np.median(points, axis=0))
+    held = [] if job.part.fit == "none" else [i for i, name in enumerate(names) if name not in placing.open]
+    lifts = lifts - _taken_up(follow[:, held], lifts)
+    U = doubt.spread_of(_changes(maps, lifts))
+    steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, ways)), 0.95)))
+    radius = np.hypot(points[:, 0], points[:, 1])
+    height = float(np.median(model_from_shaft.inverse(points)[:, 2]))
+    budgets = []
+    for i, name in enumerate(STATISTICS):
+        factor = 2.0 if name == "profile" else 1.0
+        lines = [
+            doubt.line(doubt.CALIBRATION, float(U[i])),
+            doubt.line(doubt.NOISE, factor * doubt.K * float(noise[i])),
+        ]
+        lines.append(doubt.line(INCIDENCE, factor * INCIDENCE_U / STEEP * steep))
+        lines += _further(job, factor, float(radius.max()), float(np.ptp(radius)), height)
+        budgets.append(doubt.together(lines))
+    return budgets
+
+
+def _further(job: _Job, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
+    """What sensor, table and datum add, the part's outside at ``radius`` mm."""
+    calibration, fit = job.calibration, job.part.fit
+    apart = max(abs(radius - doubt.base_radius(calibration)), depth)
+    turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
+    lines = [
+        doubt.linearity_line(calibration, apart, factor),
+        doubt.scale_line(calibration, factor * apart),
+        doubt.artefact_line(calibration, factor / 2),
+        doubt.temperature_line(factor * radius),
+        doubt.bearing_line(factor),
+        doubt.zero_line(turning, factor),
+    ]
+    if fit != "all":  # a free fit takes up where the axis stands
+        lines += [doubt.line(c.name, factor * c.U, c.distribution) for c in job.datum.lines(height)]
+    return lines
+
+
+def _taken_up(follow: Array, lifts: Array) -> Array:
+    """The share of lifts (k, n) that the fit takes up, by least squares of its motions (n, m)."""
+    if not follow.shape[1]:
+        return np.zeros_like(lifts)
+    return np.asarray((follow @ np.linalg.lstsq(follow, lifts.T, rcond=1e-9)[0]).T)
+
+
+def _changes(maps: Array, lifts: Array) -> Array:
+    """How the characteristics change (2, k, 5) with each lift (k, n), either way."""
+    still = _values(_statistics(maps), float(np.median(maps)))
+    moved = [
+        [_values(_statistics(maps + sign * lift), float(np.median(maps + sign * lift))) - still for lift in lifts]
+        for sign in (1.0, -1.0)
+    ]
+    return np.array(moved).reshape(2, len(lifts), len(STATISTICS))

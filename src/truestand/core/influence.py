@@ -1,0 +1,76 @@
+"""How a calibration's doubt reaches the points of a part: its unknowns moved one by one through the rigid chain.
+
+A reading's point in C follows the eight unknowns of the stand's geometry; their covariance, split into independent
+parts of one standard deviation each, moves all points of a part at once. What an inspection then reads off the moved
+points, part by part, is the calibration's line in its budget, correlations included.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration
+from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+
+Array = NDArray[np.float64]
+
+UNKNOWNS = 8
+"""phi, radial position, laser-plane offset and tilt; the shaft's offset x, y and slope x, y."""
+STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
+"""rad and mm: small against any curvature, large against rounding."""
+
+
+def points_of(parameters: Array, height: float, x: Array, z: Array, angle: Array) -> Array:
+    """Points (n, 3) mm in C of readings x, z (n,) mm at table angles (n,) rad, for unknowns (8,) mm and rad.
+
+    ``height`` (mm) places the sensor's origin along the laser plane, which is a convention and no unknown.
+    """
+    p = parameters
+    own = table_from_sensor(p[0], p[1], height, p[3], p[2])
+    table = np.stack([x, np.zeros_like(x), z], axis=-1) @ own.rotation.T + own.translation
+    c, s = np.cos(angle), np.sin(angle)
+    turned = np.stack([c * table[:, 0] + s * table[:, 1], c * table[:, 1] - s * table[:, 0], table[:, 2]], axis=-1)
+    return shaft_from_rotor(*p[4:8])(turned)
+
+
+def unknowns_of(calibration: Calibration) -> tuple[Array, float]:
+    """The calibration's eight unknowns, mm and rad, and the sensor's height by convention, mm."""
+    phi, radial, height, tilt, offset = sensor_parameters(calibration.table_from_sensor)
+    return np.array([phi, radial, offset, tilt, *shaft_parameters(calibration.shaft_from_rotor)]), height
+
+
+def influence(calibration: Calibration, x: Array, z: Array, angle: Array) -> Array:
+    """By how much the points in C of n readings follow each unknown: (8, n, 3), mm per mm or rad."""
+    p, height = unknowns_of(calibration)
+    moved = []
+    for i, step in enumerate(STEPS):
+        change = np.zeros(UNKNOWNS)
+        change[i] = step
+        after, before = (points_of(p + sign * change, height, x, z, angle) for sign in (1.0, -1.0))
+        moved.append((after - before) / (2 * step))
+    return np.stack(moved)
+
+
+def independent_parts(calibration: Calibration) -> Array | None:
+    """The covariance as independent parts (k, 8), each one standard deviation of the unknowns together.
+
+    None where the record carries no covariance of them all.
+    """
+    covariance = calibration.covariance
+    if covariance.shape != (UNKNOWNS, UNKNOWNS):
+        return None
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    parts = (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return np.asarray(parts[values > 1e-12 * values[-1]])
+
+
+def moves(calibration: Calibration, x: Array, z: Array, angle: Array, normal: Array) -> Array | None:
+    """By how much each independent part of the doubt lifts n readings along their ``normal`` (n, 3): (k, n) mm.
+
+    None where the calibration's record carries no covariance.
+    """
+    parts = independent_parts(calibration)
+    if parts is None:
+        return None
+    lifts = np.einsum("pnc,nc->pn", influence(calibration, x, z, angle), normal)
+    return np.asarray(parts @ lifts)

@@ -1,0 +1,86 @@
+"""Lines of a part's budget that come with stand, sensor and calibration, whatever the part is."""
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, LINEARITY, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.core.calibration import Calibration, Contribution
+from truestand.core.priors import SMOOTH
+
+Array = NDArray[np.float64]
+
+CALIBRATION = "calibration"
+DIAMETER = "diameter of the artefact"
+TEMPERATURE = "temperature of the part (assumed)"
+BEARING = "table bearing (assumed)"
+ZERO = "zero of the table angle (assumed)"
+NOISE = "noise"
+K = 2.0
+
+
+def line(name: str, U: float, distribution: str = "normal") -> Contribution:
+    """One line: U (mm, k = 2)."""
+    return Contribution(name, U, U / K, distribution, 1.0)
+
+
+def together(lines: list[Contribution]) -> tuple[tuple[Contribution, ...], float]:
+    """The lines that count, largest first, and U (k = 2) of them all."""
+    counting = tuple(sorted((c for c in lines if c.U > 0), key=lambda c: -c.U))
+    return counting, sqrt(sum(c.U**2 for c in counting))
+
+
+def linearity_between(calibration: Calibration, distance: float) -> float:
+    """By how much (mm, k = 2) the sensor may read two surfaces differently that lie ``distance`` mm apart in range.
+
+    The calibration has taken up what it errs at the shaft's own surface. Its error bends smoothly: over SMOOTH mm by
+    all that the data sheet states (or the scan of the shaft shows), over less by a share of it.
+    """
+    sensor = calibration.stand.sensor
+    shown = [profile.peak_to_valley / 2 for profile in calibration.static_profiles]
+    U = max([sensor.linearity_U or 0.0, *shown])
+    return U * min(1.0, abs(distance) / SMOOTH)
+
+
+def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
+    """The line of that name."""
+    return line(LINEARITY, factor * linearity_between(calibration, distance))
+
+
+def scale_line(calibration: Calibration, distance: float) -> Contribution:
+    """From the sensor's scale over ``distance`` mm."""
+    stated = calibration.stand.sensor.scale_U
+    name = "scale of the sensor" + (" (assumed)" if stated is None else "")
+    return line(name, abs(distance) * (UNSTATED_SCALE_U if stated is None else stated))
+
+
+def temperature_line(length: float) -> Contribution:
+    """From the part's temperature over ``length`` mm."""
+    return line(TEMPERATURE, abs(length) * EXPANSION * TEMPERATURE_U, "rectangular")
+
+
+def bearing_line(factor: float) -> Contribution:
+    """From the table bearing's error of higher order, ``factor`` times its amplitude."""
+    return line(BEARING, factor * BEARING_U)
+
+
+def zero_line(radius: float, factor: float) -> Contribution:
+    """From the zero of the table's angle, by which what lies at ``radius`` mm from the rotation axis is turned."""
+    return line(ZERO, factor * ANGLE_U * radius, "rectangular")
+
+
+def artefact_line(calibration: Calibration, factor: float) -> Contribution:
+    """From the diameter of the artefact's base: ``factor`` times its U."""
+    base = None if calibration.artefact is None else calibration.artefact.base.diameter_U
+    return line(DIAMETER, factor * (base or 0.0))
+
+
+def base_radius(calibration: Calibration) -> float:
+    """Radius (mm) at which the sensor's radial position was told; 0 where the record has no drawing."""
+    return 0.0 if calibration.artefact is None else calibration.artefact.base.radius
+
+
+def spread_of(changes: Array) -> Array:
+    """U (k = 2) of statistics (s,) from how they change (2, k, s) with each independent part of a doubt, either way."""
+    return np.asarray(K * np.sqrt(np.square(np.abs(changes).max(axis=0)).sum(axis=0)))

@@ -1,0 +1,301 @@
+"""A turned part inspected: diameter, roundness, cylindricity and run-out of its sections about the datum axis."""
+
+from dataclasses import dataclass, replace
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration, Contribution
+from truestand.core.datum import Datum, datum_of
+from truestand.core.decide import EDITION, GUARD_FACTOR, decided
+from truestand.core.denoise import cleared, from_noise
+from truestand.core.errors import NotEnoughData
+from truestand.core.influence import moves
+from truestand.core.inspection import PARTIAL, Characteristic, Inspection, Status, status_of
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, table_angle
+from truestand.parts import doubt
+from truestand.parts.drawings import Section, Turned
+from truestand.parts.patches import Grid, Patches, patches_of
+from truestand.parts.roundness import STATISTICS, Reading, Rings, read_rings
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Ints = NDArray[np.intp]
+
+REACH = 1.0
+"""mm: a surface farther than this from its drawing is another one, or a stray."""
+MARGIN = 0.3
+"""mm from a section's ends: chamfers, fillets, burrs."""
+PER_WAVE = 20
+"""Cells a wave at the filter's cut-off: their width takes 0.4 % of its amplitude."""
+LEAST_ANGLES = 36
+BIN = 1.0
+"""mm of height that one circle is told from."""
+ENOUGH = 12
+"""Readings a cell on average, where there are so many."""
+BLOCK = 256
+"""Profiles worked on at once."""
+FORM = (
+    ("roundness", "roundness_limit", "ISO 12181 RONt (LSCI)"),
+    ("cylindricity", "cylindricity_limit", "ISO 12180 CYLt (LSCY)"),
+    ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
+    ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
+)
+SIZE = "ISO 14405-1 GG (least squares)"
+
+
+@dataclass(frozen=True, slots=True)
+class SectionEvidence:
+    """What the report draws of one section; None where too little was seen."""
+
+    name: str
+    radius: float
+    """mm, nominal."""
+    angle: Array
+    """(A,) rad about the datum axis."""
+    height: Array
+    """(H,) mm along the datum axis."""
+    travel: Array
+    """(H, A) mm: filtered r - R about the datum axis; NaN = not seen."""
+    form: Array
+    """(H, A) mm: filtered deviation from each height's own least-squares circle."""
+    centres: Array
+    """(H, 2) mm: of these circles, from the datum axis."""
+    noise: float
+    """mm: standard deviation of one reading."""
+    floor: float
+    """mm: roundness that the noise alone would read; it is taken off."""
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedEvidence:
+    """What the report draws of a turned part."""
+
+    sections: tuple[SectionEvidence, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """The part, where it was scanned, and its points about the datum axis."""
+
+    part: Turned
+    scan: Scan
+    angle: Array
+    """(N,) rad."""
+    calibration: Calibration
+    datum: Datum
+
+
+@dataclass(frozen=True, slots=True)
+class _Readings:
+    """The readings of one section: where they stand in the scan, r - R (n,) mm and their cells."""
+
+    flat: Ints
+    deviation: Array
+    cell: Ints
+
+
+def inspect_turned(surface: Surface, part: Turned) -> Inspection:
+    """Each section's diameter, roundness, cylindricity, circular and total run-out, with U (k = 2) and verdict.
+
+    All about the datum axis. Where too little was seen there is no number; a circumference that isn't closed makes form
+    and run-out partial at best. Noise's share of the ranges is taken off (``core.denoise``).
+
+    Raises:
+        NotEnoughData: a surface without its scan and calibration.
+        BadRecipe: a datum that the shaft doesn't have.
+    """
+    if surface.scan is None or surface.calibration is None:
+        raise NotEnoughData("found a surface without its scan and calibration; make it with roll(scan, calibration)")
+    calibration = surface.calibration
+    datum = datum_of(calibration, part.datum, part.bore_clearance)
+    job = _Job(part, surface.scan, table_angle(surface.scan, calibration), calibration, datum)
+    deviation = np.full(surface.x.shape, np.nan)
+    found: list[Characteristic] = []
+    drawn, remarks = [], [f"datum: {datum.remark}"]
+    for section in part.sections:
+        grid, readings = _readings(surface, job, section)
+        deviation.ravel()[readings.flat] = readings.deviation
+        lines, shown, remark = _section(job, section, grid, readings)
+        found += lines
+        drawn += shown
+        remarks += remark
+    deviation.flags.writeable = False
+    if calibration.covariance.size == 0:
+        remarks.append("the calibration carries no covariance: no U can be told, nothing is decided")
+    return Inspection(
+        "turned", part.name, tuple(found), reasons=calibration.reasons, remarks=tuple(remarks),
+        settings=_settings(part, datum), deviation=deviation, evidence=TurnedEvidence(tuple(drawn)),
+    )  # fmt: skip
+
+
+def _settings(part: Turned, datum: Datum) -> dict[str, str]:
+    return {
+        "datum": f"{datum.name}: {datum.remark}",
+        "filter": f"Gaussian, {part.upr} UPR (ISO 16610-21), along the circumference, for form and run-out",
+        "reference": "least squares: circle at each height, cylinder of the section",
+        "heights": f"{MARGIN:g} mm from a section's ends left aside; one circle for each {BIN:g} mm or so",
+        "strays": f"farther than {REACH:g} mm from the drawing, or beyond 6 robust standard deviations of their cell",
+        "noise": "its share of ranges is taken off by extrapolation to none (SIMEX); the floor stands beside each form",
+        "decision rule": f"{EDITION}, guard band {GUARD_FACTOR:g} u",
+    }
+
+
+def _readings(surface: Surface, job: _Job, section: Section) -> tuple[Grid, _Readings]:
+    """The section's grid, and its readings within the drawing's reach, about the datum axis."""
+    margin = min(MARGIN, 0.15 * (section.top - section.bottom))
+    low, high = section.bottom + margin, section.top - margin
+    pose, width = job.datum.pose, surface.x.shape[1]
+    flats, psis, heights, offs = [], [], [], []
+    for first in range(0, job.scan.profiles, BLOCK):
+        rows = slice(first, first + BLOCK)
+        z = surface.z[rows]
+        near = np.flatnonzero((z > low - REACH) & (z < high + REACH))  # NaN compares false
+        points = pose(np.stack([a[rows].ravel()[near] for a in (surface.x, surface.y, surface.z)], axis=-1))
+        off = np.hypot(points[:, 0], points[:, 1]) - section.diameter / 2
+        own = np.flatnonzero((np.abs(off) < REACH) & (points[:, 2] > low) & (points[:, 2] < high))
+        flats.append(near[own] + first * width)
+        psis.append(np.arctan2(points[own, 1], points[own, 0]))
+        heights.append(points[own, 2])
+        offs.append(off[own])
+    off = np.concatenate(offs)
+    grid = _grid(job, low, high, off.size)
+    return grid, _Readings(
+        np.concatenate(flats), off, grid.cells(np.concatenate(psis), np.concatenate(heights))
+    )  # fmt: skip
+
+
+def _grid(job: _Job, low: float, high: float, readings: int) -> Grid:
+    """Cells as fine as the filter needs, as far as the readings fill them."""
+    a_turn = job.scan.profiles / max(job.scan.revolutions, 1.0)
+    angles = int(np.clip(min(PER_WAVE * job.part.upr, a_turn / 2), LEAST_ANGLES, None))
+    heights = int(np.clip(min((high - low) / BIN, readings / (ENOUGH * angles)), 1, None))
+    return Grid(low, high, heights, angles)
+
+
+def _section(
+    job: _Job, section: Section, grid: Grid, readings: _Readings
+) -> tuple[list[Characteristic], list[SectionEvidence], list[str]]:
+    """One section's characteristics, what is drawn of it and what is to be said."""
+    patches = patches_of(grid, readings.cell, readings.deviation, REACH)
+    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(job.part.upr))
+    if not rings.used.any() or rings.coverage < PARTIAL:
+        missing = [
+            _characteristic(section, how, None, None, rings.coverage, "not_measurable") for how in _drawn(section)
+        ]
+        remark = (
+            f"section {section.name!r}: {rings.coverage:.0%} seen of a surface of {section.diameter:g} mm from "
+            f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
+        )
+        return missing, [], [remark]
+    used = np.where(patches.seen & rings.used[:, None], patches.mean, np.nan)
+    reading = read_rings(rings, used)
+
+    def read(maps: Array) -> Array:
+        return read_rings(rings, maps).statistics
+
+    clear = cleared(read, used, patches.noise)
+    clear = replace(clear, value=np.append(reading.statistics[0], clear.value[1:]))  # a mean has no bias
+    whole = status_of(rings.coverage)
+    closed = whole if bool(rings.closed.all()) else "partial"
+    noise = np.maximum(clear.u, 0.0) * _rougher(patches, rings, reading, used)
+    U = _budgets(job, section, rings, _moved(job, readings, patches, rings, used), reading, noise)
+    lines = [
+        _characteristic(section, how, float(clear.value[i]), U[i], rings.coverage, closed if i else whole)
+        for i, how in enumerate(_drawn(section))
+    ]
+    evidence = SectionEvidence(
+        section.name, rings.radius, grid.angle, grid.height, reading.travel, reading.form, reading.centres,
+        patches.scatter, float(from_noise(read, used, patches.noise)[1]),
+    )  # fmt: skip
+    said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
+    remarks = [f"{said}{1000 * evidence.floor:.2g} um (taken off)"]
+    if closed == "partial":
+        remarks.append(f"section {section.name!r}: the circumference is not closed at every height")
+    return lines, [evidence], remarks
+
+
+Drawn = tuple[str, tuple[float | None, float | None] | None, str]
+
+
+def _drawn(section: Section) -> tuple[Drawn, ...]:
+    """Names, limits (mm) and standards in the order of ``STATISTICS``."""
+    form = tuple(
+        (name, None if (limit := getattr(section, key)) is None else (None, float(limit)), standard)
+        for name, key, standard in FORM
+    )
+    return (("d", section.diameter_limits, SIZE), *form)
+
+
+def _characteristic(
+    section: Section,
+    how: Drawn,
+    value: float | None,
+    budget: tuple[tuple[Contribution, ...], float] | None,
+    coverage: float,
+    status: Status,
+) -> Characteristic:
+    name, limits, standard = how
+    lines, U = budget if budget is not None else ((), None)
+    return decided(
+        Characteristic(
+            name, value, U, section=section.name, size=name == "d", limits=limits, coverage=coverage,
+            status=status, standard=standard, budget=lines,
+        )
+    )  # fmt: skip
+
+
+def _rougher(patches: Patches, rings: Rings, reading: Reading, used: Array) -> float:
+    """By how much neighbouring cells differ more than their readings' own noise explains: speckle, drift, fine form."""
+    own = float(np.sqrt(np.nanmean(np.square(patches.noise[patches.seen]))))
+    step = np.diff(np.where(rings.used[:, None], used, np.nan), axis=1)
+    return max(1.0, float(np.sqrt(np.nanmedian(np.square(step)) / 0.4549 / 2)) / max(own, 1e-12))
+
+
+def _moved(job: _Job, readings: _Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
+    """How the statistics change (2, k, 5) with each independent part of the calibration's doubt; None: not known."""
+    at = np.flatnonzero(patches.pick.ravel() >= 0)
+    flat = readings.flat[patches.pick.ravel()[at]]
+    row, column = np.divmod(flat, job.scan.x.shape[1])
+    psi = np.broadcast_to(rings.angle, patches.mean.shape).ravel()[at]
+    outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ job.datum.pose.rotation
+    lifts = moves(job.calibration, job.scan.x[row, column], job.scan.z[row, column], job.angle[row], outward)
+    if lifts is None:
+        return None
+    maps = np.zeros((len(lifts), used.size))
+    maps[:, at] = lifts
+    maps = maps.reshape(-1, *used.shape)
+    still = read_rings(rings, used).statistics
+    return np.stack([read_rings(rings, used + sign * maps).statistics - still for sign in (1.0, -1.0)])
+
+
+def _budgets(
+    job: _Job, section: Section, rings: Rings, moved: Array | None, reading: Reading, noise: Array
+) -> list[tuple[tuple[Contribution, ...], float] | None]:
+    """Lines and U of each statistic; None where the calibration's own doubt is not known."""
+    if moved is None:
+        return [None] * len(STATISTICS)
+    calibration = job.calibration
+    U = doubt.spread_of(moved)
+    apart = rings.radius - doubt.base_radius(calibration)
+    middle = (section.bottom + section.top) / 2
+    offset = max(hypot(*reading.centres[rings.used].mean(axis=0)), 0.0)
+    travel = 2 * (calibration.eccentricity + offset)
+    axis = [replace(c, U=2 * c.U) for c in job.datum.lines(middle)]  # an axis aside by c shows as 2 c
+    budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
+    for i, name in enumerate(STATISTICS):
+        lines = [doubt.line(doubt.CALIBRATION, float(U[i])), doubt.line(doubt.NOISE, doubt.K * float(noise[i]))]
+        if name == "d":
+            lines += [
+                doubt.linearity_line(calibration, apart, 2.0), doubt.scale_line(calibration, 2 * apart),
+                doubt.temperature_line(section.diameter), doubt.artefact_line(calibration, 1.0),
+            ]  # fmt: skip
+        else:
+            lines += [doubt.linearity_line(calibration, travel), doubt.bearing_line(2.0)]
+            lines.append(doubt.scale_line(calibration, float(reading.statistics[i])))
+        if name.endswith("runout"):
+            lines += [*axis, doubt.zero_line(calibration.eccentricity, 2.0)]
+        budgets.append(doubt.together(lines))
+    return budgets
