@@ -85,6 +85,8 @@ class Inspection:
     """(N, M) mm: normal deviation of each reading, positive outwards; NaN = not seen, or no surface of the part."""
     evidence: Any = None
     """What the report draws: ``GearEvidence``, ``TurnedEvidence`` or ``CadEvidence``."""
+    identity: dict[str, str] = field(default_factory=dict)
+    """Serial number, order, operator, as the recipe has them."""
     published: dict[str, float] = field(default_factory=dict)
     """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
     created: str | None = None

@@ -127,6 +127,12 @@ def read_part(path: Path | str) -> Part:
     raise NotImplementedError
 
 
+def read_identity(path: Path | str) -> dict[str, str]:
+    """What tells this part from others of its kind: serial, order, operator, where the recipe has them."""
+    table = read_toml(path)
+    return {k: str(table[k]) for k in ("serial", "order", "operator") if table.get(k) is not None}
+
+
 def read_part_simulation(path: Path | str) -> dict[str, Any]:
     """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none."""
     found = read_toml(path).get("simulation", {})

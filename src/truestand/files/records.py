@@ -60,7 +60,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         "created": created,
         "valid_until": c.valid_until,
         "software": f"truestand {__version__}",
-        "scan": None if c.scan is None else _scan(c.scan),
+        "scan": None if c.scan is None else scan_record(c.scan),
         "stand": stand_recipe(c.stand),
         "artefact": None if c.artefact is None else shaft_recipe(c.artefact),
         "table": {
@@ -127,7 +127,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         }
     if c.positions is not None:
         record["positions"] = positions_record(c.positions)
-    finite: Record = _without_nan(record)
+    finite: Record = without_nan(record)
     return finite
 
 
@@ -316,7 +316,8 @@ def _vector(c: Calibration) -> Record:
     return {"x_um": 1000.0 * x, "y_um": 1000.0 * y, **known}
 
 
-def _scan(s: ScanSummary) -> Record:
+def scan_record(s: ScanSummary) -> Record:
+    """Which scan a record rests on."""
     return {
         "sha256": s.sha256,
         "profiles": s.profiles,
@@ -391,12 +392,12 @@ def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
     """The record with null where a number is not known: never NaN or infinity in a record."""
     if isinstance(value, dict):
-        return {k: _without_nan(v) for k, v in value.items()}
+        return {k: without_nan(v) for k, v in value.items()}
     if isinstance(value, list):
-        return [_without_nan(v) for v in value]
+        return [without_nan(v) for v in value]
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
@@ -413,7 +414,7 @@ def verification_record(verification: Verification, created: str, calibration_sh
         "created": created,
         "software": f"truestand {__version__}",
         "calibration": {"sha256": calibration_sha256},
-        "scan": _scan(v.scan),
+        "scan": scan_record(v.scan),
         "by": v.by,
         "changes": [
             {
@@ -427,5 +428,5 @@ def verification_record(verification: Verification, created: str, calibration_sh
             for c in v.changes
         ],
     }
-    finite: Record = _without_nan(record)
+    finite: Record = without_nan(record)
     return finite

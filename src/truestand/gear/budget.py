@@ -19,7 +19,8 @@ from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, 
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.checks import UNSTATED_LINEARITY, linearity_of
 from truestand.core.datum import Datum
-from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+from truestand.core.influence import points_of, unknowns_of
+from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
 from truestand.gear.evaluate import Measures, Weighed, evaluate
 from truestand.gear.figures import Figures, figures_of
@@ -67,8 +68,9 @@ class Rays:
 
     point: Array
     """In C."""
-    sensor: Array
-    """In S."""
+    x: Array
+    z: Array
+    """What the sensor reads of them."""
     theta: Array
     """Table angle at which the laser plane meets it."""
     gradient: Array
@@ -157,12 +159,9 @@ def _rays(calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum,
     back = datum.pose.inverse
     point = back(in_datum)
     gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ back.rotation.T
-    in_rotor = calibration.shaft_from_rotor.inverse(point)
-    _, _, _, tilt, offset = sensor_parameters(calibration.table_from_sensor)
-    rho = np.hypot(in_rotor[:, 0], in_rotor[:, 1])
-    theta = np.arcsin((offset + in_rotor[:, 2] * np.tan(tilt)) / rho) - np.arctan2(in_rotor[:, 1], in_rotor[:, 0])
-    in_table = _turned(in_rotor, theta)
-    return Rays(point, calibration.table_from_sensor.inverse(in_table), theta, gradient)
+    theta = seen_at(calibration, point)
+    x, z = readings_of(calibration, point, theta)
+    return Rays(point, x, z, theta, gradient)
 
 
 def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array) -> Array:
@@ -173,24 +172,6 @@ def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array)
     return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
 
 
-def _turned(points: Array, angle: Array) -> Array:
-    """Points (n, 3) turned by Rz(angle)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1], points[:, 2]], axis=1)
-
-
-def _chain(parameters: Array, height: float, sensor: Array, theta: Array) -> Array:
-    """p_C (n, 3) of readings by the calibration's eight unknowns (phi, radial, d, alpha, ex, ey, tx, ty)."""
-    phi, radial, offset, tilt, *shaft = (float(v) for v in parameters)
-    in_table = table_from_sensor(phi, radial, height, tilt, offset)(sensor)
-    return np.asarray(shaft_from_rotor(*shaft)(_turned(in_table, -theta)))
-
-
-def _parameters(calibration: Calibration) -> tuple[Array, float]:
-    phi, radial, height, tilt, offset = sensor_parameters(calibration.table_from_sensor)
-    return np.array([phi, radial, offset, tilt, *shaft_parameters(calibration.shaft_from_rotor)]), height
-
-
 def _of_calibration(calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
     """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
     covariance = calibration.covariance
@@ -198,13 +179,13 @@ def _of_calibration(calibration: Calibration, rays: Rays, field: Field) -> list[
         return []
     order = np.array(ORDER)
     factor = _cholesky(covariance[np.ix_(order, order)])
-    parameters, height = _parameters(calibration)
-    here = _chain(parameters, height, rays.sensor, rays.theta)
+    parameters, height = unknowns_of(calibration)
+    here = points_of(parameters, height, rays.x, rays.z, rays.theta)
     found = []
     for name, column in zip(NAMES, factor.T, strict=True):
         step = np.zeros(len(ORDER))
         step[order] = 2 * column
-        moved = _chain(parameters + step, height, rays.sensor, rays.theta) - here
+        moved = points_of(parameters + step, height, rays.x, rays.z, rays.theta) - here
         found.append(Influence(name, field(moved), float(np.abs(column).max())))
     return found
 
@@ -219,10 +200,8 @@ def _cholesky(covariance: Array) -> Array:
 def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
     """Range errors along the ray, and what steep incidence does."""
     sensor = scan.stand.sensor
-    pose = calibration.table_from_sensor
-    way = rays.sensor / np.maximum(rays.sensor[:, 2:], 1e-9)  # one unit of range along the ray
-    way = _turned(way @ pose.rotation.T, -rays.theta) @ calibration.shaft_from_rotor.rotation.T
-    z = rays.sensor[:, 2]
+    way = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # one unit of range along the ray
+    z = rays.z
     static = calibration.static_profiles
     linearity = (linearity_of(sensor, static) if static else sensor.linearity_U) or UNSTATED_LINEARITY
     period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
@@ -260,11 +239,11 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
 
 def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn."""
-    parameters, height = _parameters(calibration)
-    here = _chain(parameters, height, rays.sensor, rays.theta)
+    parameters, height = unknowns_of(calibration)
+    here = points_of(parameters, height, rays.x, rays.z, rays.theta)
 
     def at(angle: Array | float) -> Array:
-        return field(_chain(parameters, height, rays.sensor, rays.theta + angle) - here)
+        return field(points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - here)
 
     measured = scan.angle_source in ("angle", "encoder")
     own = scan.stand.table.angle_U

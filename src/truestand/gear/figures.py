@@ -50,24 +50,26 @@ def _mean(values: Array) -> Array:
 
 
 def noise_of(m: Measures, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Figures, Figures]:
-    """By how much noise alone lifts each figure, and its expanded uncertainty from noise (k = 2).
-
-    The largest of many values reads too much even where all are zero. How much is found by adding the noise once more.
-    """
+    """What each figure reads with the noise once more on it, and its expanded uncertainty from noise (k = 2)."""
     drawn = [figures_of(d, nominal) for d in _draws(m, weighed, grid, nominal)]
     base = figures_of(m, nominal)
-    lift, U = {}, {}
+    more, U = {}, {}
     for name, value in base.items():
         stack = np.stack([d[name] for d in drawn])
-        lifted = name.removesuffix(MEAN) in NEVER_NEGATIVE
-        lift[name] = np.maximum(stack.mean(axis=0) - value, 0.0) if lifted else np.zeros_like(value)
+        more[name] = np.maximum(stack.mean(axis=0), value)
         U[name] = 2 * stack.std(axis=0)
-    return lift, U
+    return more, U
 
 
-def corrected(base: Figures, lift: Figures) -> Figures:
-    """The figures without what noise lifts them by."""
-    return {n: np.maximum(v - lift[n], 0.0) if n.removesuffix(MEAN) in NEVER_NEGATIVE else v for n, v in base.items()}
+def corrected(base: Figures, noisier: Figures) -> Figures:
+    """The figures without what noise lifts them by: the largest of many values reads too much even where all are zero.
+
+    The square of a figure is extrapolated to no noise (as ``core.denoise`` does, Cook and Stefanski 1994).
+    """
+    return {
+        n: np.sqrt(np.maximum(2 * v * v - noisier[n] ** 2, 0.0)) if n.removesuffix(MEAN) in NEVER_NEGATIVE else v
+        for n, v in base.items()
+    }
 
 
 def position_u(m: Measures, weighed: Weighed) -> Array:

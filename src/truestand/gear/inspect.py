@@ -109,11 +109,11 @@ def _told(
     read: Read, scan: Scan, calibration: Calibration, nominal: Involute, datum: Datum, coverage: Coverage
 ) -> Told:
     """The figures, freed of what noise lifts them by, with every line of their doubt."""
-    lift, noise = noise_of(read.measures, read.weighed, read.grid, nominal)
+    noisier, noise = noise_of(read.measures, read.weighed, read.grid, nominal)
     base = figures_of(read.measures, nominal)
     influences = influences_of(scan, calibration, read.grid, nominal, datum, read.flanks.turned)
     joined = expanded(influences, read.measures, read.weighed, read.grid, nominal)
-    return Told(corrected(base, lift), joined | {"noise": noise}, influences, coverage)
+    return Told(corrected(base, noisier), joined | {"noise": noise}, influences, coverage)
 
 
 def _deviation(flanks: Flanks, surface: Surface, nominal: Involute) -> Array:

@@ -5,6 +5,7 @@ from math import hypot
 from typing import TYPE_CHECKING, Any
 
 from truestand.core.calibration import Calibration, Positions
+from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
 from truestand.report.numbers import number, places, with_u
 from truestand.report.quantities import quantities
@@ -63,3 +64,62 @@ def positions_table(positions: Positions) -> "Table":
     if positions.inseparable:
         table.add_row(f"not told apart: {', '.join(map(str, positions.inseparable))} a turn", "", "")
     return table
+
+
+def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = None) -> "Table":
+    """The whole part's characteristics with U, limit, class and verdict; what was not measurable says so."""
+    from rich.table import Table
+
+    told = _true_values(truth)
+    table = Table(title=f"{inspection.name}: {inspection.verdict.replace('_', ' ')}", title_justify="left")
+    for heading in ("characteristic", "flank", "value ± U (k = 2)", "limit", "class", "verdict"):
+        table.add_column(heading, justify="right" if heading in ("value ± U (k = 2)", "limit", "class") else "left")
+    if told:
+        table.add_column("truth", justify="right")
+    for c in inspection.characteristics:
+        if c.tooth is None:
+            true = told.get((c.name, c.flank))
+            cells = [] if not told else ["" if true is None else f"{true:.2f}"]
+            table.add_row(*_row(c), *cells)
+    for d in inspection.defects:
+        where = "" if d.roll_length is None else f"roll length {d.roll_length:.1f} mm, "
+        where += "" if d.height is None else f"height {d.height:.1f} mm"
+        depth = "" if d.depth is None else f"{um(d.depth):.0f} um deep"
+        table.add_row(f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, "", "", where, *([""] if told else []))
+    return table
+
+
+def _row(c: Characteristic) -> tuple[str, ...]:
+    unit, scale = ("mm", 1.0) if c.size else ("um", 1000.0)
+    value = "not measurable"
+    if c.value is not None:
+        U = None if c.U is None else scale * c.U
+        decimals = min(places(U), 2) if not c.size else places(U)
+        value = number(scale * c.value, decimals) + ("" if U is None else f" ± {number(U, decimals)}") + f" {unit}"
+    verdict = "" if c.verdict is None else c.verdict.replace("_", " ") + ("" if c.capable else " (U too large)")
+    label = c.name if c.section is None else f"{c.name}, {c.section}"
+    status = "" if c.status != "partial" else " (partial)"
+    return label, c.flank or "", value + status, _limits(c, scale), "" if c.grade is None else str(c.grade), verdict
+
+
+def _limits(c: Characteristic, scale: float) -> str:
+    if c.limits is None:
+        return ""
+    low, high = (None if v is None else scale * v for v in c.limits)
+    if low is None or high is None:
+        return f"{(high if low is None else low) or 0.0:g}"
+    return f"± {high:g}" if low == -high else f"{low:g} .. {high:g}"
+
+
+def _true_values(truth: Mapping[str, Any] | None) -> dict[tuple[str, str | None], float]:
+    """By name and flank, um, what a virtual gear's truth tells of the same characteristics."""
+    part = (truth or {}).get("part") or {}
+    found: dict[tuple[str, str | None], float] = {}
+    for flank in ("left", "right"):
+        for name in ("F_p", "f_p"):
+            value = part.get(f"{name}_{flank}_um")
+            if value is not None:
+                found[name, flank] = float(value)
+    if part.get("F_r_um") is not None:
+        found["F_r", None] = float(part["F_r_um"])
+    return found

@@ -1,0 +1,100 @@
+"""``truestand inspect``: a part's scan to characteristics, defects and a verdict."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+
+if TYPE_CHECKING:
+    from truestand.core.inspection import Inspection
+
+EXIT_CODES = {"conforms": 0, "does_not_conform": 1, "undecided": 3}
+
+
+def inspect(
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of the part on the calibrated stand.")],
+    calibration: Annotated[Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The stand today.")],
+    part: Annotated[Path, typer.Option("--part", metavar="PART.toml", help="The part: gear, turned or CAD model.")],
+    stand: StandOption = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="INSPECTION.json", help="The record to write.")
+    ] = Path("inspection.json"),
+    report: Annotated[
+        Path | None, typer.Option("--report", metavar="REPORT.html", help="Write the report, one HTML file.")
+    ] = None,
+    cloud: Annotated[
+        Path | None,
+        typer.Option("--cloud", metavar="CLOUD", help="Write the cloud with its deviations: .ply, .xyz, .npz."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
+    ] = None,
+    start_angle_deg: StartAngleOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Check a part's geometry against its drawing: 0 conforms, 1 does not, 3 undecided or untrusted.
+
+    Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml -o inspection.json --report r.html
+    """
+    from truestand.cli.talk import hint, now, print_json, print_table, working
+    from truestand.core.calibration import ScanSummary
+    from truestand.core.scan import interpret
+    from truestand.core.surface import roll
+    from truestand.core.transfer import transfer
+    from truestand.files.atomic import write_json_atomic, write_text_atomic
+    from truestand.files.clouds import check_suffix, write_cloud
+    from truestand.files.inspection_record import inspection_record
+    from truestand.files.parts import read_identity, read_part
+    from truestand.files.read import read_recording, sha256_of
+    from truestand.files.recipes import read_stand
+    from truestand.files.records import read_calibration, read_json
+    from truestand.parts.inspect import inspect as judge
+    from truestand.report.terminal import inspection_table
+
+    if cloud is not None:
+        check_suffix(cloud)
+    drawn, known = read_part(part), read_calibration(calibration)
+    described = None if stand is None else read_stand(stand)
+    true = None if truth is None else read_json(truth)
+    with working(f"Reading {scan.name}", quiet):
+        recording = read_recording(scan)
+        seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    with working("Inspecting", quiet):
+        tied = transfer(seen, known, start_angle_deg is not None)
+        surface = roll(tied.scan, tied.calibration)
+        inspection = replace(judge(surface, drawn), created=now(), identity=read_identity(part))
+    record = inspection_record(
+        inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), inspection.created or now()
+    )
+    write_json_atomic(output, record)
+    if cloud is not None and inspection.deviation is not None:
+        with working(f"Writing {cloud.name}", quiet):
+            write_cloud(cloud, surface.x, surface.y, surface.z, 1000.0 * inspection.deviation)
+    if report is not None:
+        from truestand.report.inspection import inspection_report
+
+        with working("Writing the report", quiet):
+            write_text_atomic(report, inspection_report(inspection, tied.calibration, true))
+    if as_json:
+        print_json(record)
+    elif not quiet:
+        print_table(inspection_table(inspection, true))
+        for path in (output, cloud, report):
+            if path is not None:
+                typer.echo(path)
+    tell(inspection, quiet)
+    for remark in inspection.remarks:
+        hint(f"truestand: {remark}", quiet)
+    raise typer.Exit(EXIT_CODES[inspection.verdict])
+
+
+def tell(inspection: "Inspection", quiet: bool) -> None:
+    """Say why nothing could be decided."""
+    from truestand.cli.talk import hint
+
+    for reason in inspection.reasons:
+        hint(f"truestand: untrusted: {reason}", quiet)

@@ -1,0 +1,93 @@
+"""inspection.json (CONTRACT.md): an inspection with its keys and units. mm inside, um for deviations outside."""
+
+from typing import Any
+
+from truestand._version import __version__
+from truestand.core.calibration import Calibration, ScanSummary
+from truestand.core.inspection import Characteristic, Defect, Inspection
+from truestand.files.records import scan_record, without_nan
+
+Record = dict[str, Any]
+
+FORMAT, VERSION = "truestand.inspection", 1
+UM = 1000.0
+
+
+def inspection_record(
+    inspection: Inspection, calibration: Calibration, scan: ScanSummary, calibration_sha256: str, created: str
+) -> Record:
+    """The record; ``created`` is an ISO time."""
+    i = inspection
+    record: Record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "verdict": i.verdict,
+        "reasons": list(i.reasons),
+        "remarks": list(i.remarks),
+        "part": {"kind": i.kind, "name": i.name, **i.identity},
+        "characteristics": [_characteristic(c) for c in i.characteristics],
+        "defects": [_defect(d) for d in i.defects],
+        "defect_limit_um": None if i.defect_depth is None else UM * i.defect_depth,
+        "settings": dict(i.settings),
+        "published": [_published(name, value) for name, value in i.published.items()],
+        "calibration": {"sha256": calibration_sha256, "status": calibration.status, "created": calibration.created},
+        "scan": scan_record(scan),
+        "software": f"truestand {__version__}",
+        "created": created,
+    }
+    finite: Record = without_nan(record)
+    return finite
+
+
+def _characteristic(c: Characteristic) -> Record:
+    line: Record = {"name": c.name, "flank": c.flank, "tooth": c.tooth}
+    if c.section is not None:
+        line["section"] = c.section
+    if c.size:
+        line |= {"value_mm": c.value, "U_mm": c.U, "limits_mm": None if c.limits is None else list(c.limits)}
+    else:
+        line |= {
+            "value_um": None if c.value is None else UM * c.value,
+            "U_um": None if c.U is None else UM * c.U,
+            "limit_um": None if c.limits is None else _limit(c.limits),
+        }
+        if c.limits is not None and c.limits[0] is not None and c.limits[0] != -(c.limits[1] or 0.0):
+            line["limits_um"] = [None if v is None else UM * v for v in c.limits]
+    line |= {
+        "grade": c.grade,
+        "coverage": c.coverage,
+        "status": c.status,
+        "verdict": c.verdict,
+        "capable": c.capable,
+        "standard": c.standard,
+    }
+    if c.tooth is None:
+        scale = 1.0 if c.size else UM
+        unit = "U_mm" if c.size else "U_um"
+        line["contributions"] = [{"name": b.name, unit: scale * b.U} for b in c.budget]
+    return line
+
+
+def _limit(limits: tuple[float | None, float | None]) -> float | None:
+    """The one limit of a deviation: the upper one, and the lower where it is the same below zero."""
+    low, high = limits
+    return UM * high if high is not None else None if low is None else UM * low
+
+
+def _defect(d: Defect) -> Record:
+    return {
+        "tooth": d.tooth,
+        "flank": d.flank,
+        "roll_length_mm": d.roll_length,
+        "height_mm": d.height,
+        "depth_um": None if d.depth is None else UM * d.depth,
+        "extent_mm": d.extent,
+        "kind": d.kind,
+        "score": d.score,
+        "second_score": d.second_score,
+    }
+
+
+def _published(name: str, value: float) -> Record:
+    plain, _, flank = name.partition(" ")
+    return {"name": plain, "flank": flank or None, "value_um": UM * value}
