@@ -110,8 +110,22 @@ def test_every_setting_of_the_virtual_stand_is_explained():
     tables = ("form", "keyway", "flat", "dirt", "misalignment", "diameter")
     for key in SimulationRecipe.model_fields:
         assert (f"[[simulation.{key}]]" if key in tables else f"`{key}`") in text, key
-    (example,) = code(page, "toml")
+    example, _ = code(page, "toml")
     assert simulation_from(tomllib.loads(example)["simulation"]).workpiece.form[0].upr == 3
+
+
+def test_every_error_of_a_virtual_gear_is_explained():
+    from truestand.gear.drawing import Gear
+    from truestand.sim import virtual_part_from
+    from truestand.sim.part_recipe import CadPlaceRecipe, GearErrorsRecipe
+
+    page = ROOT / "docs" / "build-your-stand.md"
+    text = page.read_text(encoding="utf-8")
+    for key in (*GearErrorsRecipe.model_fields, *CadPlaceRecipe.model_fields):
+        assert (f"[[simulation.{key}]]" if key in ("dent", "chip") else f"`{key}`") in text, key
+    _, example = code(page, "toml")
+    made = virtual_part_from(Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0), tomllib.loads(example)["simulation"])
+    assert made.errors.dents[0].depth == 0.04
 
 
 def test_every_key_of_the_recipes_is_explained():
