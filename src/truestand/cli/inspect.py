@@ -1,8 +1,8 @@
 """``truestand inspect``: a part's scan to characteristics, defects and a verdict."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,6 +10,7 @@ from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAng
 
 if TYPE_CHECKING:
     from truestand.core.inspection import Inspection
+    from truestand.core.surface import Surface
 
 EXIT_CODES = {"conforms": 0, "does_not_conform": 1, "undecided": 3}
 
@@ -38,15 +39,14 @@ def inspect(
 ) -> None:
     """Check a part's geometry against its drawing: 0 conforms, 1 does not, 3 undecided or untrusted.
 
-    Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml -o inspection.json --report r.html
+    Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
-    from truestand.cli.talk import hint, now, print_json, print_table, working
+    from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.scan import interpret
     from truestand.core.surface import roll
     from truestand.core.transfer import transfer
-    from truestand.files.atomic import write_json_atomic, write_text_atomic
-    from truestand.files.clouds import check_suffix, write_cloud
+    from truestand.files.clouds import check_suffix
     from truestand.files.inspection_record import inspection_record
     from truestand.files.parts import read_identity, read_part
     from truestand.files.read import read_recording, sha256_of
@@ -63,38 +63,58 @@ def inspect(
     with working(f"Reading {scan.name}", quiet):
         recording = read_recording(scan)
         seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    created = now()
     with working("Inspecting", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
         surface = roll(tied.scan, tied.calibration)
-        inspection = replace(judge(surface, drawn), created=now(), identity=read_identity(part))
-    record = inspection_record(
-        inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), inspection.created or now()
-    )
-    write_json_atomic(output, record)
-    if cloud is not None and inspection.deviation is not None:
-        with working(f"Writing {cloud.name}", quiet):
-            write_cloud(cloud, surface.x, surface.y, surface.z, 1000.0 * inspection.deviation)
-    if report is not None:
-        from truestand.report.inspection import inspection_report
-
-        with working("Writing the report", quiet):
-            write_text_atomic(report, inspection_report(inspection, tied.calibration, true))
+        inspection = replace(judge(surface, drawn), created=created, identity=read_identity(part))
+    record = inspection_record(inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), created)
+    with working("Writing", quiet):
+        write(Written(output, cloud, report), record, inspection, surface, true)
     if as_json:
         print_json(record)
     elif not quiet:
         print_table(inspection_table(inspection, true))
-        for path in (output, cloud, report):
-            if path is not None:
-                typer.echo(path)
+        typer.echo("\n".join(str(path) for path in (output, cloud, report) if path is not None))
     tell(inspection, quiet)
-    for remark in inspection.remarks:
-        hint(f"truestand: {remark}", quiet)
     raise typer.Exit(EXIT_CODES[inspection.verdict])
 
 
+@dataclass(frozen=True)
+class Written:
+    """Where the results go; None = not asked for."""
+
+    record: Path
+    cloud: Path | None = None
+    report: Path | None = None
+
+
+def write(
+    to: Written,
+    record: dict[str, Any],
+    inspection: "Inspection",
+    surface: "Surface",
+    truth: dict[str, Any] | None = None,
+) -> None:
+    """Record, cloud with deviations, report."""
+    from truestand.files.atomic import write_json_atomic, write_text_atomic
+    from truestand.files.clouds import write_cloud
+
+    write_json_atomic(to.record, record)
+    if to.cloud is not None and inspection.deviation is not None:
+        write_cloud(to.cloud, surface.x, surface.y, surface.z, 1000.0 * inspection.deviation)
+    if to.report is not None:
+        from truestand.report.inspection import inspection_report
+
+        calibration = surface.calibration
+        write_text_atomic(to.report, inspection_report(inspection, calibration, truth))
+
+
 def tell(inspection: "Inspection", quiet: bool) -> None:
-    """Say why nothing could be decided."""
+    """Say why nothing could be decided, and what the reader should know."""
     from truestand.cli.talk import hint
 
+    for remark in inspection.remarks:
+        hint(f"truestand: {remark}", quiet)
     for reason in inspection.reasons:
         hint(f"truestand: untrusted: {reason}", quiet)

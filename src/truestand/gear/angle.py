@@ -80,7 +80,8 @@ def _freed(flanks: Flanks, nominal: Involute) -> Array:
     size = 2 * nominal.gear.teeth * bins
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(at, flanks.delta, minlength=size) / np.bincount(at, minlength=size)
-    own = np.nanmean(mean.reshape(-1, bins), axis=1) if np.isfinite(mean).any() else np.zeros(2 * nominal.gear.teeth)
+    shape = mean.reshape(-1, bins)
+    own = np.nan_to_num(shape).sum(axis=1) / np.maximum(np.isfinite(shape).sum(axis=1), 1)
     return np.asarray(flanks.delta - mean[at] + own[flanks.which])
 
 

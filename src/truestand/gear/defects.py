@@ -147,8 +147,7 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: fl
 def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
     """Missing teeth, broken corners, burrs: the tip's land of each tooth against the median tooth's."""
     tip = folded.radius[:, tip_places(folded, nominal)]
-    usual = np.nanmedian(tip, axis=(0, 1)) if np.isfinite(tip).any() else np.full(tip.shape[2], np.nan)
-    drop = usual - np.nanmedian(np.where(np.isfinite(tip), tip, np.nan), axis=1) if tip.size else np.zeros((0, 0))
+    drop = _median(tip.reshape(-1, tip.shape[2]), 0) - _median(tip, 1)
     height = (nominal.gear.tip_diameter - nominal.gear.root_diameter) / 2
     found = []
     for tooth, row in enumerate(drop):
@@ -162,6 +161,15 @@ def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
                 name = "chipped end" if at_end and kind == "chipped tip" else kind
                 found.append(_tooth(folded, tooth, run, row, name))
     return tuple(found)
+
+
+def _median(values: Array, axis: int) -> Array:
+    """Median along an axis, NaN aside; NaN where there is nothing else."""
+    ordered = np.sort(values, axis=axis)  # NaN last
+    number = np.isfinite(ordered).sum(axis=axis, keepdims=True)
+    low, high = np.maximum(number - 1, 0) // 2, number // 2
+    found = [np.take_along_axis(ordered, np.minimum(i, ordered.shape[axis] - 1), axis) for i in (low, high)]
+    return np.asarray(np.where(number > 0, (found[0] + found[1]) / 2, np.nan).squeeze(axis))
 
 
 def _runs(on: Bools) -> list[Bools]:

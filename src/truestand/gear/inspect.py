@@ -151,8 +151,13 @@ def _reasons(calibration: Calibration) -> tuple[str, ...]:
 
 def _remarks(coverage: Coverage, scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[str, ...]:
     found = []
+    if not coverage.position.any():
+        found.append(
+            "hardly any of the flanks was seen near the middle of the face: check face_from_mm, the sensor's height "
+            "and its fan"
+        )
     for side, flank in enumerate(FLANKS):
-        if not coverage.position[side].any():
+        if not coverage.position[side].any() and coverage.position.any():
             found.append(
                 f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the "
                 "sensor or the gear turned over, or with a second sensor"
