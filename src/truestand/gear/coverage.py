@@ -20,8 +20,8 @@ NEAR = 0.15
 """Share of control length and face about the middle of the measuring circle that must be seen for a position."""
 SOME = 0.2
 """Share of a row or column of cells that makes a point of a trace."""
-STRAY = 0.15
-"""Share of the usual number of points below which a cell's points are strays."""
+STRAY = 0.05
+"""Share of the flank's usual number of points below which a cell's points are strays."""
 FINE = 0.25
 """mm of roll length that a step of the table should not exceed at the root."""
 
@@ -69,9 +69,9 @@ def profiles_for(nominal: Involute, roll: float, fine: float = FINE) -> int:
 
 def _solid(grid: Grid) -> Bools:
     """Cells that hold more than strays."""
-    some = grid.count[grid.count > 0]
-    usual = float(np.median(some)) if some.size else 0.0
-    return np.asarray(grid.count > STRAY * usual)
+    flanks = grid.count.reshape(*grid.count.shape[:2], -1)
+    usual = np.array([[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks])
+    return np.asarray(grid.count > STRAY * usual[:, :, None, None])
 
 
 def _between_profiles(seen: Bools, grid: Grid, nominal: Involute, step: float) -> Bools:

@@ -72,7 +72,7 @@ class Gear:
     name: str = "gear"
     evaluation: Evaluation = field(default_factory=Evaluation)
     modification: Modification = field(default_factory=Modification)
-    limits: dict[str, tuple[float | None, float | None]] = field(default_factory=dict)
+    limits: dict[str, tuple[float | None, float | None]] = field(default_factory=dict, hash=False)
     """Limits of sizes (s, W_k, M_d, d_a, d_f), mm."""
     defect_depth: float | None = None
     """Limit for defects; None: they don't decide."""

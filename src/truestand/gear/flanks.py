@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.surface import Surface
+from truestand.core.rays import sensor_origins
+from truestand.core.surface import Surface, table_angle
 from truestand.gear.geometry import Involute
 
 Array = NDArray[np.float64]
@@ -36,8 +37,10 @@ NEAR_MEASURING = 0.5
 """Modules of radius about the measuring circle in which the flanks are found."""
 MODE_BIN = 0.05
 """mm."""
-FEW_POINTS, FEW = 10, 0.1
-"""Points, and share of the usual number, below which a flank was not seen: strays only."""
+LEAST_FACING = 0.035
+"""Cosine of the steepest incidence (88 degrees) at which a reading is taken for one of the flank."""
+FEW_POINTS, TOGETHER = 10, 0.4
+"""Points that must lie together, and their share of all within reach: strays are everywhere."""
 EXPLAINED = 0.05
 """Modules of delta about the toothing found, within which a point speaks for the drawing."""
 AT_ZERO = 0.0044
@@ -101,25 +104,57 @@ def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
         NotEnoughData: nothing of the toothing is in view.
     """
     turned, offsets = settle(surface, nominal, datum)
+    eyes = _eyes(surface, datum)
     low, high = float(nominal.radius(np.asarray(nominal.control_roll))), nominal.gear.tip_diameter / 2 - TIP_MARGIN
     parts = []
     for first in range(0, surface.x.shape[0], BLOCK):
         rows = slice(first, min(first + BLOCK, surface.x.shape[0]))
         points = located(surface, nominal, datum, rows, low, high)
-        parts.append(_on_flanks(points, nominal, turned, offsets, surface.x.shape[1]))
+        parts.append(_on_flanks(points, nominal, turned, offsets, eyes, surface.x.shape[1]))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
     return Flanks(joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], turned)
 
 
 def _on_flanks(
-    p: Located, nominal: Involute, turned: float, offsets: Array, points: int
+    p: Located, nominal: Involute, turned: float, offsets: Array, eyes: Array | None, points: int
 ) -> tuple[Array, Array, Array, Ints, Ints, NDArray[np.int64]]:
     which, delta = assigned(p, nominal, turned)
     roll = np.sqrt(np.maximum(p.radius**2 - nominal.base_radius**2, 0.0))
     delta = delta - nominal.modification(roll, p.height)
     on = np.abs(delta - offsets[which]) < GATE  # NaN offsets: a flank that nobody saw
-    profile = (p.index[on] // points).astype(np.int32)
+    profile = (p.index // points).astype(np.int32)
+    if eyes is not None:
+        on[on] = _facing(_taken(p, on), which[on], eyes[profile[on]], nominal) > LEAST_FACING
+    profile = profile[on]
     return delta[on], roll[on], p.height[on], which[on].astype(np.int32), profile, p.index[on]
+
+
+def _taken(p: Located, on: NDArray[np.bool_]) -> Located:
+    return Located(p.angle[on], p.radius[on], p.height[on], p.index[on])
+
+
+def _eyes(surface: Surface, datum: Pose) -> Array | None:
+    """Where the sensor stands, seen from the part, at each profile (N, 3) mm; None where that isn't known."""
+    if surface.scan is None or surface.calibration is None or surface.calibration.method == "paper":
+        return None
+    return datum(sensor_origins(surface.calibration, table_angle(surface.scan, surface.calibration)))
+
+
+def _facing(p: Located, which: NDArray[np.intp], eyes: Array, nominal: Involute) -> Array:
+    """Cosine of the angle (n,) between each point's nominal flank normal and its ray; below 0 it looks away.
+
+    The normal goes with (sin alpha, sigma cos alpha, -sigma rb twist) in radius, angle and height.
+    """
+    angle = p.angle + (p.height - nominal.middle) * nominal.twist
+    c, s = np.cos(angle), np.sin(angle)
+    way = eyes - np.stack([p.radius * c, p.radius * s, p.height], axis=1)
+    side = np.where(which < nominal.gear.teeth, 1.0, -1.0)
+    cosine = np.minimum(nominal.base_radius / p.radius, 1.0)
+    helical = nominal.base_radius * nominal.twist
+    out = np.sqrt(1.0 - cosine * cosine) * (way[:, 0] * c + way[:, 1] * s)
+    around = side * (cosine * (way[:, 1] * c - way[:, 0] * s) - helical * way[:, 2])
+    length = np.sqrt(np.einsum("ij,ij->i", way, way) * (1.0 + helical * helical))
+    return np.asarray((out + around) / length)
 
 
 def assigned(p: Located, nominal: Involute, turned: float) -> tuple[NDArray[np.intp], Array]:
@@ -208,8 +243,8 @@ def _positions(which: NDArray[np.intp], delta: Array, nominal: Involute) -> Arra
     kept = near & (np.abs(delta - mode[which]) < 3 * MODE_BIN)
     number = np.bincount(which[kept], minlength=flanks)
     mean = np.bincount(which[kept], delta[kept], minlength=flanks) / np.maximum(number, 1)
-    usual = float(np.median(number[number > 0])) if (number > 0).any() else 0.0
-    return np.where(number > max(FEW_POINTS, FEW * usual), mean, np.nan)
+    near_all = np.bincount(which[near], minlength=flanks)
+    return np.where((number > FEW_POINTS) & (number > TOGETHER * near_all), mean, np.nan)
 
 
 def explained(surface: Surface, nominal: Involute, datum: Pose, turned: float, offsets: Array) -> float:

@@ -71,8 +71,8 @@ def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flan
     g = nominal.gear
     turned, offsets = settle(surface, nominal, datum)
     share = explained(surface, nominal, datum, turned, offsets)
-    sides = np.nanmean(offsets.reshape(2, -1), axis=1) if np.isfinite(offsets).any() else np.zeros(2)
-    thick = float(sides.sum()) if np.isfinite(sides).all() else 0.0
+    sides = [o[np.isfinite(o)] for o in offsets.reshape(2, -1)]
+    thick = sum(float(s.mean()) for s in sides) if all(s.size for s in sides) else 0.0
     if share >= FITS and abs(thick) < MOST_THICKNESS * g.module and _slopes(flanks, nominal) < MOST_SLOPE:
         return
     try:

@@ -1,0 +1,134 @@
+"""What error does what: the sensitivities of ../shared/GEAR.md on rolled-up scans, and U against them."""
+
+from dataclasses import replace
+from math import cos, radians
+
+import numpy as np
+import pytest
+
+from gears import SPUR, calibrated, scan_of, simulation, true_calibration
+from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+from truestand.core.influence import unknowns_of
+from truestand.core.surface import roll
+from truestand.gear.inspect import inspect_gear
+from truestand.sim import GearErrors
+
+UM = 1e-3
+PERFECT = GearErrors(phase=radians(3.0))
+QUIET = simulation(noise=0.0, step_x=0.0, step_z=0.0)
+ALPHA = radians(20.0)
+
+
+def figures(radial=0.0, offset=0.0, tilt=0.0, shaft=(0.0, 0.0)):
+    """Mean figures (mm) of a perfect gear, the true calibration off by as much."""
+    c = true_calibration()
+    phi, u, height, alpha, d = sensor_parameters(c.table_from_sensor)
+    ex, ey, tx, ty = shaft_parameters(c.shaft_from_rotor)
+    moved = replace(
+        c,
+        table_from_sensor=table_from_sensor(phi, u + radial, height, alpha + tilt, d + offset),
+        shaft_from_rotor=shaft_from_rotor(ex + shaft[0], ey + shaft[1], tx, ty),
+    )
+    found = inspect_gear(roll(scan_of(SPUR, PERFECT, QUIET), moved), SPUR)
+    return {(c.name, c.flank): c.value for c in found.characteristics if c.tooth is None}
+
+
+def test_nothing_off_reads_nothing():
+    found = figures()
+    for name in ("F_p", "f_p", "f_Halpha", "f_Hbeta"):
+        assert abs(found[name, "left"]) < 0.1 * UM
+
+
+def test_radial_zero():
+    found = figures(radial=10 * UM)
+    for flank in ("left", "right"):
+        assert found["f_Halpha", flank] == pytest.approx(3.6 * UM, abs=0.2 * UM)
+    assert found["s", None] - np.pi == pytest.approx(7 * UM, abs=0.4 * UM)
+
+
+def test_lateral_offset_tilts_the_flanks_against_each_other():
+    """The plane at y = d sees the part d / r farther round: +-d cos(alpha_y) along the flanks, more at the root."""
+    found = figures(offset=50 * UM)
+    assert found["f_Halpha", "left"] == pytest.approx(-found["f_Halpha", "right"], abs=0.1 * UM)
+    assert abs(found["f_Halpha", "left"]) == pytest.approx(6.4 * UM, abs=0.3 * UM)
+
+
+def test_line_skew_tilts_the_helices_against_each_other():
+    found = figures(tilt=1e-3)
+    assert found["f_Hbeta", "left"] == pytest.approx(-found["f_Hbeta", "right"], abs=0.1 * UM)
+    assert abs(found["f_Hbeta", "left"]) == pytest.approx(18.8 * UM, abs=0.5 * UM)
+
+
+def test_a_residual_eccentricity_is_pitch_and_runout():
+    found = figures(shaft=(10 * UM, 0.0))
+    for flank in ("left", "right"):
+        assert found["F_p", flank] == pytest.approx(20 * UM / cos(ALPHA), rel=0.03)
+    assert found["F_r", None] == pytest.approx(20 * UM, rel=0.03)
+
+
+def test_U_covers_calibrations_drawn_from_their_own_doubt():
+    """Monte Carlo: calibrations drawn from the covariance, each used on the same scan. U (k = 2) of the lines that the
+    calibration makes must cover about 95 % of what comes out.
+    """
+    c = true_calibration()
+    parameters, height = unknowns_of(c)
+    scale = np.sqrt(np.diag(c.covariance))
+    root = np.linalg.cholesky(c.covariance / np.outer(scale, scale) + 1e-12 * np.eye(8)) * scale[:, None]
+    rng = np.random.default_rng(4)
+    scan = scan_of(SPUR, PERFECT, QUIET)
+    few = replace(scan, x=scan.x[:, ::8], z=scan.z[:, ::8])
+    names = [("f_Halpha", "left"), ("f_Hbeta", "left"), ("s", None), ("W_k", None)]
+    stated = {
+        (line.name, line.flank): np.sqrt(sum(b.U**2 for b in line.budget if b.name in FROM_CALIBRATION))
+        for line in inspect_gear(roll(few, c), SPUR).characteristics
+        if line.tooth is None
+    }
+    off = {name: [] for name in names}
+    for _ in range(40):
+        phi, u, d, alpha, *shaft = parameters + root @ rng.standard_normal(8)
+        drawn = replace(
+            c, table_from_sensor=table_from_sensor(phi, u, height, alpha, d), shaft_from_rotor=shaft_from_rotor(*shaft)
+        )
+        found = inspect_gear(roll(few, drawn), SPUR)
+        for name in names:
+            nominal = {"s": np.pi, "W_k": 15.432923}.get(name[0], 0.0)
+            value = next(x.value for x in found.characteristics if (x.name, x.flank, x.tooth) == (*name, None))
+            off[name].append(value - nominal)
+    for name in names:
+        ratio = np.std(off[name]) / (stated[name] / 2)
+        assert 0.7 < ratio < 1.35, (name, ratio)  # 40 draws tell a standard deviation to 11 %
+
+
+FROM_CALIBRATION = (
+    "lateral offset of the laser plane", "skew of the laser line", "angle and radial zero of the sensor",
+    "axis of the shaft",
+)  # fmt: skip
+
+
+def test_what_the_sensor_may_err_on_steep_flanks_comes_from_the_recipe():
+    scan = scan_of(SPUR, PERFECT, QUIET)
+    sensor = replace(scan.stand.sensor, incidence_U=0.001)
+    better = replace(scan, stand=replace(scan.stand, sensors=(sensor,)))
+    found = [inspect_gear(roll(s, true_calibration()), SPUR) for s in (scan, better)]
+    U = [next(c.U for c in f.characteristics if c.name == "s") for f in found]
+    assert U[1] < U[0] / 3
+
+
+def test_the_datum_s_doubt_is_in_pitch():
+    """A seat whose axis is known to c adds up to 2 c / cos(alpha) to F_p (GEOMETRY.md)."""
+    scan = scan_of(SPUR, PERFECT, QUIET)
+    surface = roll(scan, replace(true_calibration(), covariance=np.zeros((0, 0))))
+    on_base, on_seat = (inspect_gear(surface, replace(SPUR, datum=d, bore_clearance=b))
+                        for d, b in (("base", 0.0), ("base", 0.020)))  # fmt: skip
+    lines = [next(c for c in f.characteristics if c.name == "F_p") for f in (on_base, on_seat)]
+    clearance = next(b.U for b in lines[1].budget if b.name == "bore clearance")
+    u = 0.010 / np.sqrt(3)  # rectangular within half the clearance
+    assert clearance == pytest.approx(2 * 2 * u / cos(ALPHA) * np.sqrt(2), rel=0.05)
+    assert lines[1].U > lines[0].U
+
+
+def test_a_record_without_covariance_says_so():
+    bare = replace(calibrated(), covariance=np.zeros((0, 0)), table_from_sensor=Pose.from_matrix(
+        calibrated().table_from_sensor.matrix))  # fmt: skip
+    found = inspect_gear(roll(scan_of(), bare), SPUR)
+    assert any("no covariance" in r for r in found.remarks)
