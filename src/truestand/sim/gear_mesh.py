@@ -20,7 +20,8 @@ ROW = 0.5
 SHARP = 1e-4
 """mm: height over which the end of a chip is steep."""
 DENT_CELLS = 8
-"""Rows over the radius of a dent."""
+"""Rows over the radius of a dent, at most one in 0.1 mm."""
+DENT_DIGITS = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,8 @@ def _rows(real: RealGear) -> Array:
     low, high = real.gear.face_from, real.gear.face_to
     heights = [np.linspace(low, high, max(2, round((high - low) / ROW) + 1))]
     for d in real.dents:
-        heights.append(d.height + d.radius * np.linspace(-1, 1, 2 * DENT_CELLS + 1))
+        even = d.height + d.radius * np.linspace(-1, 1, 2 * DENT_CELLS + 1)
+        heights.append(np.round(even, DENT_DIGITS))  # so that rows of many dents fall together
     for c in real.errors.chips:
         heights.append(np.array([c.bottom, c.bottom + SHARP, c.top - SHARP, c.top]))
     merged = np.unique(np.round(np.concatenate(heights), 6))
