@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from step import step_box
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.meshes import read_mesh
 from truestand.files.parts import read_part
-from step import step_box
 
 SIZE, AT = (1.5, 2.0, 4.0), (1.0, 2.0, 3.0)
 
