@@ -73,7 +73,9 @@ def test_a_pose_that_is_wrong_is_seen():
     _, mesh, scan, known = wheel()
     found = inspect_cad(roll(scan, known), Cad(mesh, pose=turned(TURNED + radians(0.05)), fit="none"))
     assert values(found)["deviation_max"] == pytest.approx(radians(0.05) * 24 * cos(radians(20)), rel=0.02)
-    assert values(found)["profile"] == pytest.approx(2 * values(found)["deviation_max"], rel=0.05)
+    ends = abs(values(found)["deviation_min"]), values(found)["deviation_max"]
+    assert values(found)["profile"] == pytest.approx(2 * max(ends), rel=0.01)
+    assert values(found)["deviation_p95"] < 1.03 * ends[1]  # beyond lie edges, which another surface's ray met
 
 
 @cache
@@ -158,7 +160,7 @@ def test_wild_readings_are_kept_but_do_not_count():
 
 def test_a_round_part_leaves_its_angle_open():
     known = calibration()
-    mesh = extruded(circle(12.5), -30.0, 0.0)
+    mesh = extruded(circle(12.5), 15.0, 45.0)
     scan = scanned(mesh, known, None, profiles=300, points=160)
     found = inspect_cad(roll(scan, known), Cad(mesh, fit="angle"))
     assert any("leave open: angle" in r for r in found.remarks)
@@ -186,15 +188,15 @@ def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
 
 
 def test_the_calibrations_line_is_what_drawn_calibrations_do():
-    """An exact part deviates by the calibration's error alone; 40 draws tell its mean square to a fifth."""
+    """An exact part deviates by the calibration's error alone; 20 draws tell its mean square to a quarter."""
     own, mesh, _, known = wheel()
-    scan = scanned(mesh, known, own.sharpen, TURNED, profiles=200, points=120)
+    scan = scanned(mesh, known, own.sharpen, TURNED, profiles=300, points=160)
     part = Cad(mesh, pose=turned(TURNED), fit="none")
     expected = lines(inspect_cad(roll(scan, known), part), "deviation_rms")["calibration"] / 2
     rng = np.random.default_rng(5)
     parts, (p, height) = independent_parts(known), unknowns_of(known)
     drawn = []
-    for _ in range(40):
+    for _ in range(20):
         q = p + rng.standard_normal(len(parts)) @ parts
         off = replace(
             known, table_from_sensor=table_from_sensor(q[0], q[1], height, q[3], q[2]),
