@@ -56,7 +56,7 @@ def test_an_exact_involute_deviates_by_nothing():
     assert lost < 0.005  # rays that graze
     assert found.verdict == "conforms"
     assert {c.status for c in found.characteristics} == {"measured"}
-    assert all(abs(v) < 0.3 * UM for v in values(found).values())
+    assert all(abs(v) < 0.5 * UM for v in values(found).values())  # the largest sagitta is 0.25 um
 
 
 @pytest.mark.parametrize("fit", ["angle", "angle_and_height", "all"])
@@ -170,12 +170,12 @@ def test_a_round_part_leaves_its_angle_open():
 
 def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
     _, mesh, scan, known = wheel()
-    rows = slice(0, 420)
+    rows = slice(0, 368)
     half = replace(scan, x=scan.x[rows], z=scan.z[rows], angle=scan.angle[rows])
     part = Cad(mesh, pose=turned(TURNED), fit="none", limits=(-0.05, 0.05))
     found = inspect_cad(roll(half, known), part)
     assert {c.status for c in found.characteristics} == {"partial"}
-    assert found.characteristics[0].coverage == pytest.approx(420 / 800, abs=0.06)
+    assert found.characteristics[0].coverage == pytest.approx(368 / 700, abs=0.06)
     assert found.verdict == "undecided"
     blind = replace(scan, x=scan.x * np.nan, z=scan.z * np.nan)
     nothing = inspect_cad(roll(blind, known), part)
@@ -211,8 +211,8 @@ def test_the_fit_takes_up_what_it_may_move():
     assert held["all"]["calibration"] < held["angle"]["calibration"] < held["none"]["calibration"]
     assert held["angle"]["zero of the table angle (assumed)"] < held["none"]["zero of the table angle (assumed)"]
     _, mesh, scan, known = wheel()
-    for fit, counts in (("angle", True), ("all", False)):
-        loose = inspect_cad(roll(scan, known), Cad(mesh, fit=fit, bore_clearance=0.01))
+    for fit, counts in (("none", True), ("all", False)):
+        loose = inspect_cad(roll(scan, known), Cad(mesh, pose=turned(TURNED), fit=fit, bore_clearance=0.01))
         assert ("bore clearance" in lines(loose, "deviation_max")) is counts
 
 
@@ -239,3 +239,19 @@ def test_a_surface_without_its_scan_and_a_model_without_surface_are_refused():
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
     with pytest.raises(NotEnoughData, match="without surface"):
         inspect_cad(roll(scan, known), Cad(flat))
+
+
+def test_what_lies_beside_the_model_is_no_part_of_it():
+    """The shaft under the wheel comes along in the scan; it has no deviation and does not count."""
+    own, mesh, _, known = wheel()
+    shaft = extruded(circle(12.5, 400), -60.0, own.bottom)
+    both = Mesh(np.vstack([mesh.vertices, shaft.vertices]), np.vstack([mesh.faces, shaft.faces + len(mesh.vertices)]))
+    scan = scanned(both, known, None, TURNED, profiles=300, points=160, fan=0.8)
+    surface = roll(scan, known)
+    with np.errstate(invalid="ignore"):
+        below = surface.z < own.bottom - 1.0
+    assert below.sum() > 1000
+    found = inspect_cad(surface, Cad(mesh, fit="angle"))
+    assert np.isnan(found.deviation[below]).all()
+    assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=1e-4)
+    assert values(found)["deviation_rms"] < 0.05 * UM
