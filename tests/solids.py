@@ -1,6 +1,6 @@
 """Exact surfaces seen by an exact stand: an involute spur wheel and a cylinder, scanned without the virtual stand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from math import cos, pi, radians, sin, sqrt, tan, tau
 
@@ -13,10 +13,10 @@ from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import Scan
 from truestand.core.stand import Sensor, Stand, Table
-from truestand.core.surface import Surface, roll
 from truestand.parts.drawings import Mesh
 
-U_NOTHING = 1e-9
+DOUBT = [1e-6, 3e-4, 2e-3, 3e-5, 3e-4, 3e-4, 1e-5, 1e-5]
+"""Standard uncertainties of the stand's unknowns, rad and mm."""
 SHAFT = Artefact(
     (Cylinder("base", 25.0, -60.0, 0.0, 0.002), Cylinder("bearing", 13.94, 0.0, 35.0, 0.002, coaxiality_U=0.002))
 )
@@ -28,7 +28,7 @@ def calibration(covariance=None, **changes):
     sensor = table_from_sensor(radians(-41.802), 83.0, -50.0, radians(0.3), 0.25)
     return Calibration(
         "stand", sensor, shaft_from_rotor(0.6, -0.64, 1e-3, 5e-4), stand, "angle", "index", artefact=SHAFT,
-        covariance=np.diag(np.square([1e-6, 3e-4, 2e-3, 3e-5, 3e-4, 3e-4, 1e-5, 1e-5])) if covariance is None else covariance,
+        covariance=np.diag(np.square(DOUBT)) if covariance is None else covariance,
         **changes,
     )  # fmt: skip
 
@@ -54,8 +54,8 @@ class Wheel:
         at = np.arccos(np.minimum(self.base / np.maximum(radius, self.base), 1.0))
         return pi / (2 * self.teeth) + (tan(self.alpha) - self.alpha) - (np.tan(at) - at)
 
-    def outline(self, points=80):
-        """(n, 2) mm, counter-clockwise."""
+    def outline(self, points=80, without=()):
+        """(n, 2) mm, counter-clockwise; the teeth in ``without`` are missing."""
         flank = np.concatenate([[self.root], np.linspace(sqrt(self.base), sqrt(self.tip), points) ** 2])
         pitch, tip, foot = tau / self.teeth, float(self.half(self.tip)), float(self.half(self.root))
         one = [
@@ -66,7 +66,9 @@ class Wheel:
         radius = np.concatenate([np.broadcast_to(r, np.shape(a)) for r, a in one])
         angle = np.concatenate([a for _, a in one])
         turns = np.arange(self.teeth)[:, None] * pitch
-        r, a = np.broadcast_to(radius, (self.teeth, radius.size)).ravel(), (turns + angle).ravel()
+        r, a = np.tile(radius, (self.teeth, 1)), turns + angle
+        r[list(without)] = self.root
+        r, a = r.ravel(), a.ravel()
         return np.column_stack([r * np.cos(a), r * np.sin(a)])
 
     def sharpen(self, origins, ways, s):
@@ -104,12 +106,12 @@ def extruded(outline, bottom, top):
 
 def circle(radius, sections=3000):
     a = np.arange(sections) * tau / sections
-    # The polygon's edges lie as much outside as its corners... its mean radius is the circle's.
+    # Half of the polygon lies outside: its mean radius is the circle's.
     radius = radius / (1.0 - (pi / sections) ** 2 / 3.0)
     return radius * np.column_stack([np.cos(a), np.sin(a)])
 
 
-def scanned(mesh, known, sharpen=None, turned=0.0, shift=(0.0, 0.0, 0.0), profiles=800, points=320, fan=0.42):
+def scanned(mesh, known, sharpen=None, turned=0.0, shift=(0.0, 0.0, 0.0), profiles=700, points=240, fan=0.42):
     """A scan of the part (mesh, sharpened to the exact surface) that stands turned and shifted in C."""
     angle = np.arange(profiles) * tau / profiles
     slopes = np.linspace(-tan(fan / 2), tan(fan / 2), points)
@@ -136,7 +138,7 @@ def scanned(mesh, known, sharpen=None, turned=0.0, shift=(0.0, 0.0, 0.0), profil
 
 @cache
 def wheel():
-    """The wheel, its mesh, and a scan of 256,000 readings of the exact wheel, turned by 0.7 degrees."""
+    """The wheel, its mesh, and a scan of 168,000 rays of the exact wheel, turned by 0.7 degrees."""
     known, own = calibration(), Wheel()
     mesh = extruded(own.outline(), own.bottom, own.top)
     return own, mesh, scanned(mesh, known, own.sharpen, radians(0.7)), known
@@ -144,12 +146,6 @@ def wheel():
 
 def noisy(scan, sd, seed=0):
     """The scan with noise along its rays."""
-    from dataclasses import replace
-
     rng = np.random.default_rng(seed)
     factor = 1.0 + rng.normal(0.0, sd, scan.z.shape) / np.hypot(scan.x, scan.z)
     return replace(scan, x=scan.x * factor, z=scan.z * factor)
-
-
-def surface_of(scan, known) -> Surface:
-    return roll(scan, known)

@@ -1,14 +1,17 @@
 """gear.toml and its kin (CONTRACT.md): what a part's drawing says. mm, um and degrees outside, mm and rad inside."""
 
 from collections.abc import Mapping
-from math import radians
+from math import cos, radians, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from truestand.core.errors import BadRecipe
 from truestand.files.checking import Recipe, checked
+from truestand.files.meshes import read_mesh
 from truestand.files.recipes import Positive, read_toml, told_of
 from truestand.gear.drawing import Evaluation, Gear, Modification
 from truestand.parts.drawings import Cad, Section, Turned
@@ -109,12 +112,40 @@ class TurnedRecipe(PartRecipe):
     upr: Annotated[int, Field(ge=2)] = 50
 
 
+class PoseRecipe(Recipe):
+    """``[pose]`` of a CAD model: turned about X, then Y, then Z of the datum axis's frame, then moved."""
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    z_mm: float = 0.0
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class CadRecipe(PartRecipe):
+    """The recipe of a part with a CAD model as a whole."""
+
+    file: str
+    """Beside the recipe, or a full path."""
+    unit: Literal["mm", "inch"] = "mm"
+    pose: PoseRecipe = PoseRecipe()
+    fit: Literal["none", "angle", "angle_and_height", "all"] = "angle"
+    limits_um: Limits | None = None
+    reach_mm: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "CadRecipe":
+        if self.limits_um is not None and not self.limits_um[0] < self.limits_um[1]:
+            raise ValueError(f"limits_um: found {list(self.limits_um)}, need [lower, upper]")
+        return self
+
+
 def read_part(path: Path | str) -> Part:
     """The part of a gear.toml, of a turned part's recipe or of a CAD comparison's.
 
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
         UnreadableFile: a CAD model that can't be read.
+        MissingExtra: a STEP model without its extra.
     """
     table = read_toml(path)
     kind = table.get("kind")
@@ -124,7 +155,8 @@ def read_part(path: Path | str) -> Part:
         return told_of(path, _gear, checked(GearRecipe, table, str(path)))
     if kind == "turned":
         return told_of(path, _turned, checked(TurnedRecipe, table, str(path)))
-    raise NotImplementedError
+    folder = Path(path).parent
+    return told_of(path, lambda r: _cad(r, folder), checked(CadRecipe, table, str(path)))
 
 
 def read_identity(path: Path | str) -> dict[str, str]:
@@ -179,3 +211,28 @@ def _section(s: SectionRecipe) -> Section:
         s.name, s.from_mm, s.to_mm, s.diameter_mm, s.limits_mm,
         *(None if v is None else v / UM for v in (s.roundness_um, s.cylindricity_um, s.runout_um, s.total_runout_um)),
     )  # fmt: skip
+
+
+def _cad(r: CadRecipe, folder: Path) -> Cad:
+    return Cad(
+        mesh=read_mesh(folder / r.file, r.unit),
+        name=r.name or Path(r.file).stem,
+        pose=_pose(r.pose),
+        fit=r.fit,
+        limits=None if r.limits_um is None else (r.limits_um[0] / UM, r.limits_um[1] / UM),
+        reach=r.reach_mm,
+        datum=r.datum,
+        bore_clearance=r.bore_clearance_mm,
+    )
+
+
+def _pose(r: PoseRecipe) -> NDArray[np.float64]:
+    """(4, 4), mm."""
+    (a, b, c) = ((cos(radians(v)), sin(radians(v))) for v in r.rotation_deg)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a[0], -a[1]], [0.0, a[1], a[0]]])
+    about_y = np.array([[b[0], 0.0, b[1]], [0.0, 1.0, 0.0], [-b[1], 0.0, b[0]]])
+    about_z = np.array([[c[0], -c[1], 0.0], [c[1], c[0], 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = about_z @ about_y @ about_x
+    pose[:3, 3] = r.x_mm, r.y_mm, r.z_mm
+    return pose

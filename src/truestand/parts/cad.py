@@ -5,7 +5,7 @@ reading belongs to the surface that it was meant to hit and not to the nearest o
 """
 
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, sqrt, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +37,14 @@ THINNED = 40_000
 """Readings that place the model."""
 MARKED = 120_000
 """Readings that tell what was seen."""
-ANGLES, HEIGHT = 720, 0.5
-"""Patches: how many around, and mm high."""
-MOST_HEIGHTS = 400
-ENOUGH = 12
-"""Readings a patch on average, where there are so many."""
+PATCH = 0.5
+"""mm: edge of a patch, in height, radius, and around at the model's outside."""
+ENOUGH = 16
+"""Readings a patch on average; where there are fewer, patches are larger."""
+MORE = 0.01
+"""mm beyond the model that the grid covers: readings are sorted by where they belong on it."""
+MOST_PATCHES = 3_000_000
+"""Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
 INCIDENCE = "incidence on steep surfaces (assumed)"
 INCIDENCE_U = 0.005
@@ -57,9 +60,12 @@ class CadEvidence:
     angle: Array
     height: Array
     deviation: Array
-    """(H, A) mm, normal, positive outwards; NaN = nothing of the model seen there."""
+    """(H, A) mm, normal, positive outwards: of the patches at that angle and height, whatever their radius, the one
+    that deviates most; NaN = nothing of the model seen there."""
     count: Ints
     """(H, A) trusted readings."""
+    patch: float
+    """mm: edge of a patch."""
     noise: float
     """mm: standard deviation of one reading."""
     shaft_from_model: Array
@@ -121,21 +127,21 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     found = _characteristics(job, placing, model_from_shaft, patches, compared, coverage)
     shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
     evidence = CadEvidence(
-        grid.angle, grid.height, patches.mean, patches.count, patches.scatter, shaft_from_model, placing.angle,
-        placing.alike, visible,
+        grid.angle, grid.height, _most(patches), patches.count.sum(axis=2), _edge(grid), patches.scatter,
+        shaft_from_model, placing.angle, placing.alike, visible,
     )  # fmt: skip
     return Inspection(
         "cad", part.name, found, reasons=calibration.reasons, remarks=_remarks(job, placing, patches, visible),
-        settings=_settings(job, placing), deviation=deviation, evidence=evidence,
+        settings=_settings(job, placing, grid), deviation=deviation, evidence=evidence,
     )  # fmt: skip
 
 
-def _settings(job: _Job, placing: Placing) -> dict[str, str]:
+def _settings(job: _Job, placing: Placing, grid: Grid) -> dict[str, str]:
     return {
         "datum": f"{job.datum.name}: {job.datum.remark}",
         "fit": f"{job.part.fit}; turned by {degrees(placing.angle):.4f} deg against the recipe's pose",
         "deviation": "along the sensor's ray, turned into the normal of the model's triangle; positive outwards",
-        "patches": f"robust means over 360/{ANGLES} deg by {HEIGHT:g} mm (wider where readings are few)",
+        "patches": f"robust means over cells of {_edge(grid):.2g} mm in height, radius and around",
         "reach": f"readings farther than {job.part.reach:g} mm from the model along their ray are no part of it",
         "profile": "twice the largest deviation to either side, of patches",
         "noise": "its share is taken off by extrapolation to none (SIMEX)",
@@ -187,13 +193,25 @@ def _on_model(job: _Job, model_from_shaft: Pose) -> Array:
 
 
 def _grid(job: _Job) -> Grid:
-    """Patches about the datum axis over the model's height."""
-    heights = job.solid.corners[:, :, 2]
-    low, high = float(heights.min()) - job.part.reach, float(heights.max()) + job.part.reach
-    readings = job.surface.x.size * job.scan.seen
-    rows = int(np.clip(min((high - low) / HEIGHT, MOST_HEIGHTS), 1, None))
-    angles = int(np.clip(min(ANGLES, readings / (ENOUGH * rows)), 36, None))
-    return Grid(low, high, rows, angles)
+    """Patches about the datum axis over the model and what lies within its reach."""
+    corners = job.solid.corners
+    low, high = float(corners[:, :, 2].min()) - MORE, float(corners[:, :, 2].max()) + MORE
+    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max()) + MORE
+    area = float(job.solid.area.sum()) / 2  # some half of it is seen
+    readings = max(job.surface.x.size * job.scan.seen, 1.0)
+    edge = max(PATCH, sqrt(ENOUGH * area / readings), (tau * outer * outer * (high - low) / MOST_PATCHES) ** (1 / 3))
+    heights, angles, radii = (max(1, round(extent / edge)) for extent in (high - low, tau * outer, outer))
+    return Grid(low, high, heights, angles, radii, outer)
+
+
+def _edge(grid: Grid) -> float:
+    return (grid.high - grid.low) / grid.heights
+
+
+def _most(patches: Patches) -> Array:
+    """(H, A) mm: along the radius, the patch that deviates most."""
+    size = np.where(patches.seen, np.abs(patches.mean), -1.0)
+    return np.asarray(np.take_along_axis(patches.mean, size.argmax(axis=2)[:, :, None], axis=2)[:, :, 0])
 
 
 def _compare(job: _Job, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _Compared]:
@@ -210,7 +228,8 @@ def _compare(job: _Job, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _Com
         # By where they belong on the model: by their own place, noise would sort them with the deviation's sign.
         points = rays.points[on] - met.deviation[on, None] * job.solid.normal[met.triangle[on]]
         flats.append(seen[on] + first * m)
-        cells.append(grid.cells(np.arctan2(points[:, 1], points[:, 0]), points[:, 2]))
+        psi, radius = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
+        cells.append(grid.cells(psi, points[:, 2], radius))
     deviation.flags.writeable = False
     flat = np.concatenate(flats)
     return deviation, _Compared(flat, deviation.ravel()[flat], np.concatenate(cells))

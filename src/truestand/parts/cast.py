@@ -43,6 +43,9 @@ class Solid:
     """(F, 3, 3) mm."""
     area: Array
     """(F,) mm^2."""
+    low: Array
+    """(3,) mm: the box around the model."""
+    high: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,17 +79,22 @@ def solid_of(mesh: Mesh, pose: Array) -> Solid:
     for scene in scenes:
         TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
     level = np.einsum("ij,ij->i", normal, corners[:, 0])
-    return Solid(scenes[0], scenes[1], normal, level, corners, twice[whole] / 2)
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    return Solid(scenes[0], scenes[1], normal, level, corners, twice[whole] / 2, low, high)
 
 
-def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
+def meet(solid: Solid, points: Array, ways: Array, reach: float, tight: bool = True) -> Met:
     """The triangle that each reading's ray meets first within ``reach`` mm of it, and how far it lies from its plane.
 
-    ``points`` (n, 3) mm and ``ways`` (n, 3), units from the sensor to the reading, in the model's frame.
+    ``points`` (n, 3) mm and ``ways`` (n, 3), units from the sensor to the reading, in the model's frame. ``tight``:
+    rays that met nothing are cast again, watertight.
     """
+    near = ((points > solid.low - reach) & (points < solid.high + reach)).all(axis=1)
+    if not near.all():  # the shaft, the table: far from the model
+        return _spread(near, meet(solid, points[near], ways[near], reach, tight))
     first = points - reach * ways
     triangle = _first(solid.scene, first, ways, np.full(len(points), 2 * reach))
-    missed = np.flatnonzero(triangle < 0)
+    missed = np.flatnonzero(triangle < 0) if tight else np.zeros(0, dtype=np.intp)
     triangle[missed] = _first(solid.tight, first[missed], ways[missed], np.full(missed.size, 2 * reach))
     facing = np.einsum("ij,ij->i", solid.normal[triangle], ways)
     away = np.flatnonzero((triangle >= 0) & (facing >= 0))
@@ -98,12 +106,19 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float) -> Met:
             np.einsum("ij,ij->i", solid.normal[hit], way), 1e-6
         )
         gone = np.clip(along, 0.0, 2 * reach) + PAST
-        triangle[away] = _first(solid.tight, first[away] + gone[:, None] * way, way, np.maximum(2 * reach - gone, 0.0))
+        triangle[away] = _first(solid.scene, first[away] + gone[:, None] * way, way, np.maximum(2 * reach - gone, 0.0))
         facing[away] = np.einsum("ij,ij->i", solid.normal[triangle[away]], way)
         away = away[(triangle[away] >= 0) & (facing[away] >= 0)]
     triangle[(facing > -LEAST_FACING)] = -1
     deviation = np.einsum("ij,ij->i", solid.normal[triangle], points) - solid.level[triangle]
     deviation[triangle < 0] = np.nan
+    return Met(triangle, deviation)
+
+
+def _spread(near: NDArray[np.bool_], met: Met) -> Met:
+    """What some readings met, among all."""
+    triangle, deviation = np.full(near.size, -1, dtype=np.intp), np.full(near.size, np.nan)
+    triangle[near], deviation[near] = met.triangle, met.deviation
     return Met(triangle, deviation)
 
 

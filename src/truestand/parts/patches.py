@@ -6,7 +6,7 @@ trusted only doesn't count here.
 """
 
 from dataclasses import dataclass
-from math import pi, tau
+from math import pi, prod, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,13 @@ HELD = 2.0
 MAD = 1.4826
 SCATTER_FROM = 200_000
 """Readings that tell the scatter."""
-LEAST_SCATTER = 1e-7
-"""mm: readings without noise differ by rounding."""
+LEAST_SCATTER = 5e-4
+"""mm: no sensor reads better; below it, readings differ by where in the cell they lie."""
 
 
 @dataclass(frozen=True, slots=True)
 class Patches:
-    """Means over cells, (H, A): heights from below, polar angles from -pi."""
+    """Means over a grid's cells, (H, A) or (H, A, R): heights from below, polar angles from -pi, radii from within."""
 
     mean: Array
     """mm; NaN = not seen."""
@@ -40,7 +40,7 @@ class Patches:
     scatter: float
     """mm: standard deviation of one trusted reading about its patch."""
     noise: Array
-    """(H, A) mm: standard deviation of the means, where a reading's noise is its own; 0 where nothing was seen. Steep
+    """mm: standard deviation of the means, where a reading's noise is its own; 0 where nothing was seen. Steep
     surfaces scatter less along their normal: each patch has its own."""
     pick: Ints
     """Position of one trusted reading of each patch among those that were given; -1 = none."""
@@ -53,12 +53,20 @@ class Patches:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Cells of equal angle about the axis and equal height from ``low`` to ``high`` mm."""
+    """Cells of equal angle about the axis and equal height from ``low`` to ``high`` mm, and of equal radius up to
+    ``outer`` mm where ``radii`` is given: a face square to the axis lies at one height."""
 
     low: float
     high: float
     heights: int
     angles: int
+    radii: int | None = None
+    outer: float = 1.0
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of arrays over the cells."""
+        return (self.heights, self.angles) if self.radii is None else (self.heights, self.angles, self.radii)
 
     @property
     def height(self) -> Array:
@@ -70,19 +78,22 @@ class Grid:
         """Middles of the cells (A,) rad."""
         return np.asarray(-pi + (np.arange(self.angles) + 0.5) * tau / self.angles)
 
-    def cells(self, psi: Array, height: Array) -> Ints:
+    def cells(self, psi: Array, height: Array, radius: Array | None = None) -> Ints:
         """In which cell (n,) each reading lies; heights are within the grid."""
         column = ((psi + pi) * (self.angles / tau)).astype(np.intp)
         row = ((height - self.low) * (self.heights / (self.high - self.low))).astype(np.intp)
         np.clip(column, 0, self.angles - 1, out=column)
         np.clip(row, 0, self.heights - 1, out=row)
-        return np.asarray(row * self.angles + column)
+        cell = row * self.angles + column
+        if self.radii is None or radius is None:
+            return np.asarray(cell)
+        ring = np.minimum((radius * (self.radii / self.outer)).astype(np.intp), self.radii - 1)
+        return np.asarray(cell * self.radii + ring)
 
 
 def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patches:
     """Robust means over the grid of deviations (n,) mm, all within ``reach``, in their cells (n,)."""
-    size = grid.heights * grid.angles
-    shape = grid.heights, grid.angles
+    shape, size = grid.shape, prod(grid.shape)
     if not deviation.size:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - _medians(cell, deviation, size, reach)[cell]

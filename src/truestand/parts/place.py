@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 CANDIDATES = 1440
 """Angles tried: a quarter of a degree apart."""
+BATCHES = 36
+"""In which they are cast."""
 SEARCHED, COMPARED = 400, 2500
 """Readings that score every angle, and those that compare the best ones."""
 MOST_REFINED = 48
@@ -95,18 +97,23 @@ def _starts(solid: Solid, rays: Rays, reach: float) -> list[float]:
     """The angles at which the readings lie locally best on the model, the best first; the recipe's own among them."""
     rays = rays.some(SEARCHED)
     angles = -pi + np.arange(CANDIDATES) * tau / CANDIDATES
-    scores = np.empty(CANDIDATES)
-    for i, angle in enumerate(angles):
-        scores[i] = _loss(solid, rays.moved(_turn(float(angle))), reach).mean()
+    scores = np.concatenate([_scores(solid, rays, some, reach) for some in np.array_split(angles, BATCHES)])
     valley = (scores <= np.roll(scores, 1)) & (scores < np.roll(scores, -1))
     found = np.flatnonzero(valley)
     order = found[np.argsort(scores[found])][:MOST_REFINED]
     return [0.0, *(float(a) for a in angles[order] if abs(a) > tau / CANDIDATES / 2)]
 
 
+def _scores(solid: Solid, rays: Rays, angles: Array, reach: float) -> Array:
+    """Mean loss (a,) mm at some angles, all cast at once."""
+    turned = [rays.moved(_turn(float(angle))) for angle in angles]
+    together = Rays(np.concatenate([t.points for t in turned]), np.concatenate([t.ways for t in turned]))
+    return np.asarray(_loss(solid, together, reach).reshape(angles.size, -1).mean(axis=1))
+
+
 def _loss(solid: Solid, rays: Rays, reach: float) -> Array:
     """How far (n,) mm each reading lies from the model; ``reach`` where it met nothing."""
-    off = np.abs(meet(solid, rays.points, rays.ways, reach).deviation)
+    off = np.abs(meet(solid, rays.points, rays.ways, reach, tight=False).deviation)
     return np.asarray(np.where(np.isnan(off), reach, np.minimum(off, reach)))
 
 
@@ -156,7 +163,7 @@ def _refined(
     left: tuple[str, ...] = ()
     for _ in range(steps):
         now = rays.moved(pose)
-        met = meet(solid, now.points, now.ways, reach)
+        met = meet(solid, now.points, now.ways, reach, tight=False)
         on = np.flatnonzero(met.triangle >= 0)
         if on.size < 20:
             break

@@ -1,0 +1,268 @@
+"""Turned parts on the virtual stand: what is put in comes out, with honest U and nothing invented."""
+
+from dataclasses import replace
+from functools import cache
+from math import hypot, pi, sqrt
+
+import numpy as np
+import pytest
+
+from truestand.core.calibrate import calibrate
+from truestand.core.calibration import Calibration, Positions, StepAxis
+from truestand.core.errors import NotEnoughData
+from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
+from truestand.core.influence import independent_parts, unknowns_of
+from truestand.core.scan import interpret
+from truestand.core.surface import Surface, roll
+from truestand.core.upr import transmission
+from truestand.parts.drawings import Section, Turned
+from truestand.parts.turned import inspect_turned
+from truestand.sim import FormWave, Keyway, Misalignment, simulate
+from truth import PLANE, TILTED, Named, shaft
+
+NOISE = 0.005
+COVARIANCE = np.diag(np.square([2e-6, 5e-4, 2e-3, 3e-5, 3e-4, 3e-4, 2e-5, 2e-5]))
+BASE, SEAT = Section("base", -14.0, -0.5, 25.0), Section("seat", 8.0, 13.0, 13.94)
+PART = Turned((BASE, SEAT))
+ANGLE = {"profiles": 1000, "columns": ("angle",)}
+OFF = 0.05
+WAVES = (FormWave("base", 2, 0.030, 0.4), FormWave("base", 30, 0.002))
+SHAPES = {
+    "round": {"form": ()},
+    "oval": {"form": WAVES[:1]},
+    "wavy": {"form": WAVES[1:]},
+    "eccentric": {"form": (), "misalignments": (Misalignment("bearing", 0.03, 0.04),)},
+    "leaning": {"form": (), "misalignments": (Misalignment("base", 0.0, 0.0, 2e-3, 0.0),)},
+    "small": {"form": (), "diameter_errors": (("base", -0.010),)},
+    "keyway": {"form": (), "keyways": (Keyway("base", 1.0, 6.0, 2.5, -30.0, 0.0),)},
+}
+
+
+@cache
+def scanned(shape, **changes):
+    """A scan of 1000 profiles a turn by 320 points, and the calibration that is true."""
+    optics = {"noise": NOISE, **{k: changes[k] for k in ("outliers", "dropouts") if k in changes}}
+    acquisition = {**ANGLE, "profiles": changes.get("profiles", 1000)}
+    named = Named(PLANE, TILTED, SHAPES[shape], optics, acquisition)
+    stand = named.stand()
+    stand = replace(stand, sensors=(replace(stand.sensor, profile_rate=50.0, points=320),))
+    made = simulate(stand, named.simulation(), shaft(), changes.get("seed", 3))
+    poses = (Pose.from_matrix(m) for m in (made.truth.table_from_sensor, made.truth.shaft_from_rotor))
+    known = Calibration("stand", *poses, stand, "angle", "index", artefact=shaft(), covariance=COVARIANCE)
+    return interpret(made.recording, stand), known
+
+
+def inspected(shape, part=PART, known=None, **changes):
+    scan, true = scanned(shape, **changes)
+    return inspect_turned(roll(scan, known or true), part)
+
+
+def line(inspection, section, name):
+    return next(c for c in inspection.characteristics if (c.section, c.name) == (section, name))
+
+
+def budget(c):
+    return {b.name: b.U for b in c.budget}
+
+
+def test_a_round_shaft_has_its_diameter_and_no_form():
+    """A hundred thousand readings of 5 um: 0.1 um in d at k = 4; form stays below what noise alone reads as such."""
+    found = inspected("round")
+    floor = found.evidence.sections[0].floor
+    assert 0.001 < floor < 0.003
+    assert line(found, "base", "d").value == pytest.approx(25.0, abs=2e-4)
+    assert line(found, "seat", "d").value == pytest.approx(13.94, abs=4e-4)
+    for name in ("roundness", "cylindricity", "runout", "total_runout"):
+        assert line(found, "base", name).value < floor
+    assert all(c.status == "measured" for c in found.characteristics)
+
+
+def test_an_oval_reads_twice_its_amplitude_as_far_as_the_filter_lets_it_pass():
+    found = inspected("oval", replace(PART, upr=5))
+    expected = 2 * 0.030 * float(transmission(np.array([2]), 5)[0])
+    assert line(found, "base", "roundness").value == pytest.approx(expected, abs=0.001)
+    assert line(found, "base", "runout").value == pytest.approx(expected, abs=0.001)
+
+
+def test_short_waves_pass_or_not_by_the_filter():
+    passed = 2 * 0.002 * float(transmission(np.array([30]), 50)[0])
+    assert line(inspected("wavy"), "base", "roundness").value == pytest.approx(passed, abs=0.0012)
+    assert line(inspected("wavy", replace(PART, upr=15)), "base", "roundness").value < 0.0012
+
+
+def test_runout_is_twice_the_eccentricity_about_the_datum_and_no_form():
+    found = inspected("eccentric")
+    assert line(found, "seat", "runout").value == pytest.approx(2 * OFF, abs=0.002)
+    assert line(found, "seat", "roundness").value < 0.002
+    assert line(found, "base", "runout").value < 0.002
+    x, y = found.evidence.sections[1].centres.mean(axis=0)
+    assert (x, y) == (pytest.approx(0.03, abs=3e-4), pytest.approx(0.04, abs=3e-4))
+
+
+def test_about_its_own_measured_axis_nothing_runs_out():
+    scan, known = scanned("eccentric")
+    axis = StepAxis("bearing", 0.03, 0.04, 0.0, 0.0, 17.5, 0.001)
+    known = replace(known, positions=Positions((0.0, pi), ("", ""), (axis,), (), (), ()))
+    found = inspect_turned(roll(scan, known), replace(PART, datum="seat"))
+    assert line(found, "seat", "runout").value < 0.0015
+    assert line(found, "base", "runout").value == pytest.approx(2 * OFF, abs=0.001)
+    assert "measured" in found.settings["datum"]
+
+
+def test_a_leaning_section_is_a_cylinder_that_runs_out_the_more_the_farther():
+    """The base's axis passes its middle at -30 mm: at -0.8 mm it is 58.4 um aside, at -13.7 mm 32.6."""
+    found = inspected("leaning")
+    assert line(found, "base", "cylindricity").value < 0.002
+    assert line(found, "base", "runout").value == pytest.approx(2 * 2e-3 * (30 - 1.3), abs=0.002)
+    assert line(found, "base", "roundness").value < 0.0015
+
+
+def test_a_small_diameter_is_told_and_decided():
+    limits = (24.992, 25.002)
+    part = Turned((replace(BASE, diameter_limits=limits, runout_limit=0.02),))
+    small, right = inspected("small", part), inspected("round", part)
+    assert line(small, "base", "d").value == pytest.approx(24.990, abs=2e-4)
+    d = line(right, "base", "d")
+    assert (d.limits, d.size) == (limits, True)
+    assert d.verdict == ("conforms" if abs(25.0 - 25.002) > 0.825 * d.U else "undecided")
+    assert line(right, "base", "runout").verdict == "conforms"
+    wide = Turned((replace(BASE, diameter_limits=(24.9, 24.95)),))
+    assert inspected("small", wide).verdict == "does_not_conform"
+
+
+def test_a_fifth_of_wild_readings_moves_nothing():
+    """0.2 um in d, the promise; the lost readings alone cost 0.02."""
+    clean, dirty = inspected("oval"), inspected("oval", outliers=0.2)
+    for section in ("base", "seat"):
+        moved = line(dirty, section, "d").value - line(clean, section, "d").value
+        assert abs(moved) < 2e-4
+    assert line(dirty, "base", "roundness").value == pytest.approx(line(clean, "base", "roundness").value, abs=0.001)
+    kept = np.abs(dirty.deviation[np.isfinite(dirty.deviation)])
+    assert kept.max() > 0.5  # never dropped in the record
+
+
+def test_deviations_stand_at_their_readings_positive_outwards():
+    scan, _ = scanned("small")
+    found = inspected("small")
+    assert found.deviation.shape == scan.x.shape
+    assert not found.deviation.flags.writeable
+    surface = roll(*scanned("small"))
+    with np.errstate(invalid="ignore"):
+        base = (surface.z > -13) & (surface.z < -1)
+    assert np.nanmean(found.deviation[base]) == pytest.approx(-0.005, abs=1e-4)
+    with np.errstate(invalid="ignore"):
+        outside = surface.z < -15
+    assert np.isnan(found.deviation[outside]).all()
+
+
+def test_half_a_circumference_is_partial_and_a_quarter_is_no_number():
+    half = inspected("oval", profiles=500)
+    assert line(half, "base", "roundness").status == "partial"
+    assert line(half, "base", "d").status == "partial"
+    quarter = inspected("oval", profiles=250)
+    for c in quarter.characteristics:
+        assert (c.status, c.value, c.U) == ("not_measurable", None, None)
+    decided = inspect_turned(
+        roll(*scanned("oval", profiles=250)), Turned((replace(BASE, diameter_limits=(24.0, 26.0)),))
+    )
+    assert decided.verdict == "undecided"
+
+
+def test_a_keyway_leaves_the_diameter_and_makes_form_partial():
+    part = Turned((replace(BASE, roundness_limit=0.1, diameter_limits=(24.9, 25.1)),))
+    found = inspected("keyway", part)
+    assert line(found, "base", "d").value == pytest.approx(25.0, abs=3e-4)
+    assert line(found, "base", "d").status == "measured"
+    roundness = line(found, "base", "roundness")
+    assert (roundness.status, roundness.verdict) == ("partial", "undecided")
+    assert roundness.value < 0.003
+
+
+def test_what_is_not_there_is_not_measured():
+    found = inspected("round", Turned((Section("collar", -14.0, -0.5, 30.0), Section("far", 50.0, 60.0, 25.0))))
+    assert {c.status for c in found.characteristics} == {"not_measurable"}
+    assert all(c.value is None for c in found.characteristics)
+    assert any("collar" in r for r in found.remarks)
+    assert np.isnan(found.deviation).all()
+
+
+def test_the_calibrations_line_is_what_drawn_calibrations_do():
+    """40 draws tell a standard deviation to 11 %: within 30 %."""
+    scan, known = scanned("eccentric")
+    rng = np.random.default_rng(5)
+    parts, (p, height) = independent_parts(known), unknowns_of(known)
+    thin = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4])
+    part = Turned((SEAT,))
+    own = {c.name: budget(c).get("calibration", 0.0) for c in inspect_turned(roll(scan, known), part).characteristics}
+    values = {name: [] for name in ("d", "runout")}
+    for _ in range(40):
+        q = p + rng.standard_normal(len(parts)) @ parts
+        drawn = replace(
+            known, table_from_sensor=table_from_sensor(q[0], q[1], height, q[3], q[2]),
+            shaft_from_rotor=shaft_from_rotor(*q[4:8]),
+        )  # fmt: skip
+        found = inspect_turned(roll(thin, drawn), part)
+        for name in values:
+            values[name].append(line(found, "seat", name).value)
+    for name, v in values.items():
+        assert own[name] == pytest.approx(2 * np.std(v), rel=0.3)
+
+
+def test_the_datum_adds_to_run_out_only():
+    sure, loose = inspected("round"), inspected("round", replace(PART, datum="seat", bore_clearance=0.01))
+    assert "bore clearance" not in budget(line(loose, "seat", "roundness"))
+    lines = budget(line(loose, "seat", "runout"))
+    assert lines["bore clearance"] == pytest.approx(2 * 0.01 / sqrt(3))
+    # The certificate's 2 um at the seat's middle (17.5 mm), and what it may lean down to here.
+    assert lines["coaxiality of the datum"] == pytest.approx(2 * 0.002 * hypot(1.0, 7 / 35))
+    assert line(sure, "base", "d").U == line(loose, "base", "d").U
+
+
+def test_linearity_counts_with_the_distance_from_the_shaft():
+    found = inspected("round")
+    assert "linearity of the sensor" not in budget(line(found, "base", "d"))
+    assert budget(line(found, "seat", "d"))["linearity of the sensor"] == pytest.approx(2 * 0.02 * 0.553)
+    assert budget(line(found, "base", "d"))["diameter of the artefact"] == 0.002
+
+
+def test_a_calibration_without_covariance_decides_nothing():
+    scan, known = scanned("round")
+    part = Turned((replace(BASE, diameter_limits=(24.0, 26.0)),))
+    found = inspect_turned(roll(scan, replace(known, covariance=np.zeros((0, 0)))), part)
+    d = line(found, "base", "d")
+    assert (d.U, d.verdict) == (None, "undecided")
+    assert any("covariance" in r for r in found.remarks)
+
+
+def test_an_untrusted_calibration_decides_nothing():
+    scan, known = scanned("round")
+    part = Turned((replace(BASE, diameter_limits=(24.0, 24.5)),))
+    found = inspect_turned(roll(scan, replace(known, reasons=("the sensor moved",))), part)
+    assert found.verdict == "undecided"
+    assert found.reasons == ("the sensor moved",)
+
+
+def test_a_surface_without_its_scan_is_refused():
+    with pytest.raises(NotEnoughData, match="roll"):
+        inspect_turned(Surface(*np.zeros((3, 2, 2))), PART)
+
+
+def test_the_settings_say_how():
+    settings = inspected("round").settings
+    assert "50 UPR" in settings["filter"]
+    assert "ISO 14253-1" in settings["decision rule"]
+    assert "0.3 mm" in settings["heights"]
+
+
+def test_with_a_calibration_of_its_own_every_error_is_within_u():
+    """The whole chain: the shaft calibrates the stand and is then inspected as a part."""
+    scan, _ = scanned("oval")
+    own = calibrate(scan, shaft())
+    found = inspect_turned(roll(scan, own), PART)
+    true = {
+        ("base", "d"): 25.0, ("base", "roundness"): 0.06 * float(transmission(np.array([2]), 50)[0]),
+        ("seat", "d"): 13.94, ("seat", "roundness"): 0.0, ("base", "runout"): 0.06, ("seat", "runout"): 0.0,
+    }  # fmt: skip
+    for (section, name), value in true.items():
+        c = line(found, section, name)
+        assert abs(c.value - value) < c.U
