@@ -10,6 +10,7 @@ from gears import SPUR, calibrated, scan_of, simulation, true_calibration
 from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
 from truestand.core.influence import unknowns_of
 from truestand.core.surface import roll
+from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import GearErrors
 
@@ -39,24 +40,36 @@ def test_nothing_off_reads_nothing():
         assert abs(found[name, "left"]) < 0.1 * UM
 
 
+def slope_of(deviation):
+    """f_Halpha of a deviation over the pressure angle: its line over the evaluation range, on the control length."""
+    nominal = involute(SPUR)
+    roll_length = np.linspace(*nominal.profile_range, 400)
+    alpha = np.arctan(roll_length / nominal.base_radius)
+    return np.polyfit(roll_length, deviation(alpha), 1)[0] * nominal.control_length
+
+
 def test_radial_zero():
+    """delta = dr sin(alpha). GEAR.md: 3.6 um for 10 um from a roll length of 3 mm on; our control length is longer."""
     found = figures(radial=10 * UM)
     for flank in ("left", "right"):
-        assert found["f_Halpha", flank] == pytest.approx(3.6 * UM, abs=0.2 * UM)
-    assert found["s", None] - np.pi == pytest.approx(7 * UM, abs=0.4 * UM)
+        assert found["f_Halpha", flank] == pytest.approx(slope_of(lambda a: 10 * UM * np.sin(a)), abs=0.1 * UM)
+    assert found["s", None] - np.pi == pytest.approx(2 * 10 * UM * np.tan(ALPHA), abs=0.3 * UM)  # 7 um
 
 
 def test_lateral_offset_tilts_the_flanks_against_each_other():
-    """The plane at y = d sees the part d / r farther round: +-d cos(alpha_y) along the flanks, more at the root."""
+    """delta = +-h cos(alpha): 6.5 um for 50 um; what is alike on both sides is second order, h d / r."""
     found = figures(offset=50 * UM)
-    assert found["f_Halpha", "left"] == pytest.approx(-found["f_Halpha", "right"], abs=0.1 * UM)
-    assert abs(found["f_Halpha", "left"]) == pytest.approx(6.4 * UM, abs=0.3 * UM)
+    left, right = found["f_Halpha", "left"], found["f_Halpha", "right"]
+    assert abs(left - right) / 2 == pytest.approx(abs(slope_of(lambda a: 50 * UM * np.cos(a))), abs=0.1 * UM)
+    assert abs(left + right) / 2 < 0.4 * UM
 
 
 def test_line_skew_tilts_the_helices_against_each_other():
+    """+-eps b cos(alpha): 18.8 um for 1 mrad over 20 mm."""
     found = figures(tilt=1e-3)
-    assert found["f_Hbeta", "left"] == pytest.approx(-found["f_Hbeta", "right"], abs=0.1 * UM)
-    assert abs(found["f_Hbeta", "left"]) == pytest.approx(18.8 * UM, abs=0.5 * UM)
+    left, right = found["f_Hbeta", "left"], found["f_Hbeta", "right"]
+    assert abs(left - right) / 2 == pytest.approx(1e-3 * 20 * cos(ALPHA), rel=0.01)
+    assert abs(left + right) / 2 < 0.2 * UM
 
 
 def test_a_residual_eccentricity_is_pitch_and_runout():
@@ -66,7 +79,7 @@ def test_a_residual_eccentricity_is_pitch_and_runout():
     assert found["F_r", None] == pytest.approx(20 * UM, rel=0.03)
 
 
-def test_U_covers_calibrations_drawn_from_their_own_doubt():
+def test_u_covers_calibrations_drawn_from_their_own_doubt():
     """Monte Carlo: calibrations drawn from the covariance, each used on the same scan. U (k = 2) of the lines that the
     calibration makes must cover about 95 % of what comes out.
     """

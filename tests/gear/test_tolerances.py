@@ -42,7 +42,14 @@ def test_the_1995_edition_takes_the_geometric_means_of_its_ranges():
     assert 1000 * tolerance("F_beta", old, 5) == pytest.approx(7.0)  # 0.56 + 2.37 + 4.2 = 7.13
 
 
-@pytest.mark.parametrize("wrong", [{"teeth": 4}, {"face_width": 3.0}, {"helix_angle": 0.9, "tip_diameter": 80.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"teeth": 4, "tip_diameter": 10.0, "root_diameter": 5.0},
+        {"face_width": 3.0},
+        {"helix_angle": 0.9, "tip_diameter": 80.0},
+    ],
+)
 def test_gears_outside_the_standard_are_refused(wrong):
     with pytest.raises(BadRecipe, match="covers"):
         tolerance("f_p", replace(GEAR, **wrong), 7)

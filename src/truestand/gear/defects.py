@@ -84,7 +84,7 @@ def _scores(residual: Array, grid: Grid) -> Array:
             height = smooth(count * values) / weight
             spread = np.sqrt(smooth(count, sqrt(2.0))) / weight  # of a mean weighted by g: sqrt(sum g^2 n) / sum g n
             ratio = height / spread
-        ratio[~inner | (weight <= 0)] = np.nan
+        ratio[~inner | ~np.isfinite(ratio)] = np.nan
         for side in range(2):
             scatter = 1.4826 * float(np.nanmedian(np.abs(ratio[side]))) if np.isfinite(ratio[side]).any() else np.inf
             scaled = np.nan_to_num(ratio[side] / max(scatter, 1e-300))
