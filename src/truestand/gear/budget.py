@@ -36,7 +36,7 @@ INCIDENCE_U = 0.02
 40 um are usual between 60 and 84 degrees."""
 ENCODER_U = 5e-5
 """rad, k = 2: once-per-turn error of an angle that is measured (10 arc seconds), where the recipe doesn't say."""
-STEADY_U = 1e-4
+STEADY_U = 2e-4
 """rad, k = 2: the same of an angle that is taken from a steady speed, where the recipe doesn't say."""
 SMOOTH_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
@@ -87,7 +87,7 @@ def influences_of(
     def field(moved: Array) -> Array:
         return np.asarray((rays.gradient * moved).sum(axis=1).reshape(shape))
 
-    return _all(scan, calibration, rays, field, datum)
+    return _all(scan, calibration, rays, field, datum, nominal.gear.teeth)
 
 
 def radial_lines(
@@ -102,15 +102,17 @@ def radial_lines(
         return np.asarray(np.mean((outward * moved).sum(axis=1)))
 
     lines: dict[str, Contribution] = {}
-    for i in _all(scan, calibration, rays, field, datum):
+    for i in _all(scan, calibration, rays, field, datum, nominal.gear.teeth):
         before = lines[i.name].U if i.name in lines else 0.0
         lines[i.name] = Contribution(i.name, hypot(before, 2 * float(i.field)), i.u, i.distribution)
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
-def _all(scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum) -> tuple[Influence, ...]:
+def _all(
+    scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum, teeth: int
+) -> tuple[Influence, ...]:
     found = [*_of_calibration(calibration, rays, field), *_of_sensor(scan, calibration, rays, field)]
-    found += _of_table(scan, calibration, rays, field)
+    found += _of_table(scan, calibration, rays, field, teeth)
     found += _of_datum(datum, rays, field)
     radial = rays.point * np.array([1.0, 1.0, 0.0])
     found.append(Influence("temperature of the part (assumed)", field(radial * EXPANSION * TEMPERATURE_U),
@@ -237,7 +239,7 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field, teeth: int) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn."""
     parameters, height = unknowns_of(calibration)
     here = points_of(parameters, height, rays.x, rays.z, rays.theta)
@@ -250,14 +252,19 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field) ->
     U = own if own is not None else ENCODER_U if measured else STEADY_U
     name = "angle, once per turn" if measured else "angle, once per turn: speed of the table"
     name += "" if own is not None else " (assumed)"
+    faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
+    waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
     zero = ANGLE_U if calibration.angle_U is None else calibration.angle_U
     shift = np.eye(3) * BEARING_U
     return [
         Influence("table bearing (assumed)", field(np.broadcast_to(shift[0], rays.point.shape)), BEARING_U / 2),
         Influence("table bearing (assumed)", field(np.broadcast_to(shift[1], rays.point.shape)), BEARING_U / 2),
         Influence("zero of the table angle", at(zero), zero / 2, "rectangular"),
-        Influence(name, at(U * np.cos(rays.theta)), U / 2),
-        Influence(name, at(U * np.sin(rays.theta)), U / 2),
+        *(
+            Influence(name, at(U / n * wave(n * rays.theta)), U / n / 2)
+            for n, name in waves
+            for wave in (np.cos, np.sin)
+        ),
     ]
 
 

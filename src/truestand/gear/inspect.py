@@ -66,7 +66,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     folded = fold(surface, nominal, datum.pose, flanks.turned)
     told = _told(read, scan, calibration, nominal, datum, coverage)
     radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
-    published = _published(scan, calibration, nominal)
+    published = _published(scan, calibration, nominal, flanks.turned)
     defects, defect_map = find_defects(flanks, folded, coverage, nominal)
     evidence = GearEvidence(
         nominal, flanks.turned, read.grid, read.measures, read.weighed.rolls.reshape(2, gear.teeth, -1), coverage,
@@ -122,11 +122,11 @@ def _deviation(flanks: Flanks, surface: Surface, nominal: Involute) -> Array:
     return deviation.reshape(surface.x.shape)
 
 
-def _published(scan: Scan, calibration: Calibration, nominal: Involute) -> Array | None:
+def _published(scan: Scan, calibration: Calibration, nominal: Involute, turned: float) -> Array | None:
     """Tooth positions F_i (2, teeth) as the published compensation would have them; None where it finds no teeth."""
     few = replace(scan, x=scan.x[:, ::PUBLISHED_THIN], z=scan.z[:, ::PUBLISHED_THIN], intensity=None)
     surface = roll(few, replace(calibration, method="paper"))
-    flanks = find_flanks(surface, nominal, Pose(np.eye(3), np.zeros(3)))
+    flanks = find_flanks(surface, nominal, Pose(np.eye(3), np.zeros(3)), turned)
     return read_flanks(flanks, nominal).measures.index
 
 
