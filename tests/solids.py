@@ -116,7 +116,9 @@ def scanned(mesh, known, sharpen=None, turned=0.0, shift=(0.0, 0.0, 0.0), profil
     z, x = np.full((profiles, points), np.nan), np.full((profiles, points), np.nan)
     scene = rtcore_scene.EmbreeScene()
     TriangleMesh(scene, mesh.vertices[mesh.faces].astype(np.float32))
-    place = Pose(np.array([[cos(turned), -sin(turned), 0], [sin(turned), cos(turned), 0], [0, 0, 1.0]]), np.array(shift))
+    place = Pose(
+        np.array([[cos(turned), -sin(turned), 0], [sin(turned), cos(turned), 0], [0, 0, 1.0]]), np.array(shift)
+    )
     part_from_shaft = place.inverse
     for row, theta in enumerate(angle):
         turn = Pose(np.array([[cos(theta), sin(theta), 0], [-sin(theta), cos(theta), 0], [0, 0, 1.0]]), np.zeros(3))
