@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, styled
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 
 WIDTH = 10.2
 LEFT, RIGHT, BAND, BAD = "#1f6fb2", "#c8641b", "#e7ecf0", "#a8240b"
-FLANKS = (("left", LEFT, "o"), ("right", RIGHT, "s"))
+FLANKS: tuple[tuple[Flank, str, str], ...] = (("left", LEFT, "o"), ("right", RIGHT, "s"))
 FEW = 40
 """Teeth up to which each has its own mark."""
 WIDEST = 2.5
@@ -101,7 +100,7 @@ def pitch(inspection: Inspection) -> Figure:
     axes = fig.add_subplot(grid[2, :])
     _runout(axes, inspection, m.runout)
     for axes in fig.axes:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=16))
+        tooth_ticks(axes, m.runout.size, 32 if axes is fig.axes[-1] else 16)
         axes.set_xlabel("tooth")
     _same_scale(fig.axes[0], fig.axes[2])
     _same_scale(fig.axes[1], fig.axes[3])
@@ -110,20 +109,14 @@ def pitch(inspection: Inspection) -> Figure:
 
 def _same_scale(first: Axes, second: Axes) -> None:
     """Left and right flanks are read against each other."""
-    low, high = (
-        f(f_)
-        for f, f_ in (
-            (min, (first.get_ylim()[0], second.get_ylim()[0])),
-            (max, (first.get_ylim()[1], second.get_ylim()[1])),
-        )
-    )
-    first.set_ylim(low, high)
-    second.set_ylim(low, high)
+    ends = np.array([first.get_ylim(), second.get_ylim()])
+    for axes in (first, second):
+        axes.set_ylim(ends[:, 0].min(), ends[:, 1].max())
 
 
 def _unseen(axes: Axes, text: str) -> None:
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
-    axes.set_yticks([])
+    axes.tick_params(axis="y", length=0, labelleft=False)
 
 
 def _single_pitches(axes: Axes, inspection: Inspection, pitches: Array, flank: str, colour: str) -> None:
@@ -182,17 +175,16 @@ def _curve(axes: Axes, values: Array, colour: str, line: Characteristic | None, 
     if limit is not None:
         _limits(axes, (middle - limit / 2, middle + limit / 2), drawn_symbol(line.name, True) + f" = {limit:g}")
     at = values.size * 1.045 + 0.6
+    _bracket(axes, at, low, high)
     axes.annotate(
-        "",
-        (at, low),
-        (at, high),
-        arrowprops={"arrowstyle": "|-|,widthA=0.25,widthB=0.25", "lw": 1.0, "color": INK, "shrinkA": 0, "shrinkB": 0},
-    )
-    axes.annotate(
-        f"{drawn_symbol(line.name)}\n{value_text(line)}", (at, middle), xytext=(5, 0), textcoords="offset points",
+        f"{drawn_symbol(line.name)}\n{value_text(line)}", (at, middle), xytext=(6, 0), textcoords="offset points",
         va="center", linespacing=1.4,
     )  # fmt: skip
     axes.set_xlim(0.0, values.size * 1.16 + 1.5)
+
+
+def _bracket(axes: Axes, at: float, low: float, high: float) -> None:
+    axes.plot([at, at], [low, high], color=INK, lw=1.0, marker="_", ms=7, mew=1.0)
 
 
 @styled
@@ -217,10 +209,16 @@ def published(inspection: Inspection) -> Figure:
                 )  # fmt: skip
     axes.set(xlabel="tooth", ylabel="cumulative pitch " + r"$F_\mathrm{i}$" + " (µm)")
     axes.set_xlim(0.5, evidence.measures.index.shape[1] + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=24))
+    tooth_ticks(axes, evidence.measures.index.shape[1], 24)
     axes.yaxis.set_major_formatter(lambda y, _: number(y, 0))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return fig
+
+
+def tooth_ticks(axes: Axes, teeth: int, most: int) -> None:
+    """Numbers on the axis: every tooth where there is room, else round ones; none beyond the last tooth."""
+    step = next(s for s in (1, 2, 5, 10, 20, 50, 100, 200, 500) if teeth <= s * most)
+    axes.set_xticks([1, *range(step, teeth + 1, step)] if step > 2 else range(1, teeth + 1, step))
 
 
 def spread(teeth: Sequence[int], count: int) -> list[int]:

@@ -17,7 +17,7 @@ from truestand.core.inspection import Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import FoldedMap, GearEvidence
 from truestand.report.drawing import DIVERGING, INK, figure, image, robust, styled
-from truestand.report.gear_figures import FLANKS, WIDTH, spread
+from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,10 @@ MOST_TEETH = 24
 A_ROW = 12
 GUTTER = 0.12
 """Share of a small map left free about it."""
-UNSEEN = (0.925, 0.937, 0.949, 1.0)
+UNSEEN, BETWEEN = (0.76, 0.79, 0.82, 1.0), (0.955, 0.955, 0.955, 1.0)
+"""Colours of what was not seen, and of what lies between two profiles that were."""
+LEAST_SCALE = 2.0
+"""um to either side: finer colours would show noise."""
 LABELS = 40
 """Teeth up to which each has its number."""
 
@@ -48,7 +51,8 @@ def topography(inspection: Inspection) -> Figure:
     position = e.measures.position[:, :, None, None]
     relative = um(1) * (e.grid.delta - np.where(np.isfinite(position), position, np.nan))
     teeth = shown_teeth(inspection)
-    limit = robust(relative[:, [t - 1 for t in teeth]], share=0.98)
+    tolerance = limit_of(inspection, "F_alpha") or 0.0
+    limit = max(robust(relative[:, [t - 1 for t in teeth]], share=0.98), tolerance / 4, LEAST_SCALE)
     rows = [teeth[i : i + A_ROW] for i in range(0, len(teeth), A_ROW)]
     fig = figure(WIDTH, 0.5 + 2.05 * len(rows))
     panels = fig.subplots(len(rows), 1, squeeze=False)[:, 0]
@@ -79,8 +83,16 @@ def _small_maps(axes: Axes, relative: Array, teeth: Sequence[int], norm: Normali
 def _coloured(values: Array, norm: Normalize) -> NDArray[np.uint8]:
     """RGBA bytes of a map; grey where nothing was seen."""
     colours = colormaps[DIVERGING](norm(np.nan_to_num(values)))
-    colours[~np.isfinite(values)] = UNSEEN
+    seen = np.isfinite(values)
+    colours[~seen] = UNSEEN
+    colours[_enclosed(seen) & ~seen] = BETWEEN
     return np.asarray(np.rint(255 * colours), dtype=np.uint8)
+
+
+def _enclosed(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with something seen above and below them: the gaps between profiles, not what is hidden."""
+    above = np.logical_or.accumulate(seen[::-1], axis=0)[::-1]
+    return np.asarray(above & np.logical_or.accumulate(seen, axis=0))
 
 
 @styled
@@ -89,25 +101,44 @@ def unrolled(inspection: Inspection) -> Figure:
     e: GearEvidence = inspection.evidence
     assert e.defect_map is not None
     m = e.defect_map
-    limit = max(um(robust(m.residual, share=0.995)), 1.0)
+    limit = _scale_of(inspection, m.residual)
     fig = figure(WIDTH, 4.6)
     panels = fig.subplots(2, 1, sharex=True)
-    drawn = None
     for side, axes in enumerate(panels):
-        teeth, rolls, heights = m.residual[side].shape
-        flat = um(1) * m.residual[side].transpose(1, 0, 2).reshape(rolls, teeth * heights)
         low, high = _ends(m.rolls)
-        drawn = image(axes, flat, (0.5, teeth + 0.5, low, high), (-limit, limit), DIVERGING)
+        teeth = m.residual.shape[1]
+        axes.imshow(
+            _coloured(_side_by_side(m.residual[side]), Normalize(-limit, limit)),
+            extent=(0.5, teeth + 0.5, low, high), origin="lower", aspect="auto", interpolation="nearest",
+        )  # fmt: skip
         _between(axes, teeth)
         axes.set(ylabel="roll length (mm)", title=f"{FLANKS[side][0]} flanks")
-        bottom, top = _ends(m.heights)
-        for number, d in enumerate(inspection.defects, 1):
-            if d.flank == FLANKS[side][0] and d.tooth is not None and d.height is not None:
-                along = d.tooth - 0.5 + (d.height - bottom) / (top - bottom)
-                _mark(axes, along, d.roll_length or low, number)
+        _flank_marks(axes, inspection, FLANKS[side][0])
     panels[-1].set_xlabel("tooth; within each its face, from the lower end to the upper")
-    fig.colorbar(drawn, ax=list(panels), label="µm", pad=0.01, aspect=30)
+    scale = ScalarMappable(Normalize(-limit, limit), DIVERGING)
+    fig.colorbar(scale, ax=list(panels), label="µm", pad=0.01, aspect=30)
     return fig
+
+
+def _side_by_side(maps: Array) -> Array:
+    """(roll lengths, teeth x heights) um of maps (teeth, roll lengths, heights) mm."""
+    return np.asarray(um(1) * maps.transpose(1, 0, 2).reshape(maps.shape[1], -1))
+
+
+def _scale_of(inspection: Inspection, residual: Array) -> float:
+    """um to either side: the noise stays pale, and the shallowest defect found is well coloured."""
+    depths = [um(abs(d.depth)) for d in inspection.defects if d.flank is not None and d.depth is not None]
+    return max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE)
+
+
+def _flank_marks(axes: Axes, inspection: Inspection, flank: str) -> None:
+    """The numbers of the defects on one side."""
+    m = inspection.evidence.defect_map
+    bottom, top = _ends(m.heights)
+    for number, d in enumerate(inspection.defects, 1):
+        if d.flank == flank and d.tooth is not None and d.height is not None:
+            along = d.tooth - 0.5 + (d.height - bottom) / (top - bottom)
+            _mark(axes, along, d.roll_length or float(m.rolls[0]), number)
 
 
 def _ends(centres: Array) -> tuple[float, float]:
@@ -126,9 +157,9 @@ def _between(axes: Axes, teeth: int) -> None:
 
 
 def _mark(axes: Axes, x: float, y: float, number: int) -> None:
-    axes.plot([x], [y], "o", ms=15, mfc="none", mec=INK, mew=1.3)
+    axes.plot([x], [y], "o", ms=19, mfc="none", mec=INK, mew=1.1)
     axes.annotate(
-        str(number), (x, y), xytext=(9, 9), textcoords="offset points", ha="center", va="center", fontsize=8,
+        str(number), (x, y), xytext=(11, 11), textcoords="offset points", ha="center", va="center", fontsize=8,
         fontweight="bold", bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": INK, "lw": 0.8},
     )  # fmt: skip
 
@@ -157,8 +188,10 @@ def whole_teeth(inspection: Inspection) -> Figure:
 
 def against_median(folded: FoldedMap) -> Array:
     """Radius (teeth, places, heights) mm less that of the median tooth; NaN where either was not seen."""
-    masked = np.ma.masked_invalid(folded.radius)
-    return np.asarray((masked - np.ma.median(masked, axis=0)).filled(np.nan))
+    radius = np.sort(folded.radius, axis=0)  # NaN last
+    number = np.isfinite(radius).sum(axis=0)
+    middle = np.take_along_axis(radius, np.maximum(number - 1, 0)[None] // 2, axis=0)
+    return np.asarray(folded.radius - middle)
 
 
 @styled
@@ -166,16 +199,18 @@ def coverage(inspection: Inspection) -> Figure:
     """Share of the heights at which each roll length of each tooth has readings."""
     e: GearEvidence = inspection.evidence
     low, high = _ends(e.grid.rolls)
-    fig = figure(WIDTH, 2.0)
+    fig = figure(WIDTH, 2.3)
     panels = fig.subplots(1, 2, sharey=True)
-    drawn = None
     for side, axes in enumerate(panels):
         share = 100 * e.grid.seen[side].mean(axis=2).T
         teeth = share.shape[1]
-        drawn = image(axes, share, (0.5, teeth + 0.5, low, high), (0.0, 100.0), "Greys")
+        image(axes, share, (0.5, teeth + 0.5, low, high), (0.0, 100.0), "Blues")
         axes.set(xlabel="tooth", title=f"{FLANKS[side][0]} flanks")
+        tooth_ticks(axes, teeth, 12)
         for end in e.nominal.profile_range:
-            axes.axhline(end, color=FLANKS[side][1], lw=1.0, ls=(0, (4, 3)))
+            axes.axhline(end, color=INK, lw=0.9, ls=(0, (4, 3)))
     panels[0].set_ylabel("roll length (mm)")
-    fig.colorbar(drawn, ax=list(panels), label="% of the face with readings", pad=0.01)
+    fig.colorbar(
+        ScalarMappable(Normalize(0, 100), "Blues"), ax=list(panels), label="% of the face with readings", pad=0.01
+    )
     return fig

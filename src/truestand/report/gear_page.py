@@ -58,7 +58,7 @@ def _charts(inspection: Inspection) -> str:
         "deviation. To the right: material in excess. In brackets beneath: limits."
     )
     return (
-        "<h2>Profile</h2>" + framed(trace_charts.profile_chart(inspection), f"Root at the bottom, tip at the top. {how}")
+        "<h2>Profile</h2>" + framed(trace_charts.profile_chart(inspection), f"Root at the bottom, tip above. {how}")
         + "<h2>Helix</h2>" + framed(trace_charts.helix_chart(inspection), f"Lower end of the face at the bottom. {how}")
     )  # fmt: skip
 
@@ -120,7 +120,7 @@ def _defects(inspection: Inspection) -> str:
     if e.defect_map is not None and np.isfinite(e.defect_map.residual).any():
         text += framed(
             gear_maps.unrolled(inspection),
-            "All flanks against the median tooth: what one tooth has and its neighbours don't. Numbers as in the table.",
+            "All flanks against the median tooth: what one tooth has and its neighbours don't. Numbers as above.",
         )
     if e.folded is not None and np.isfinite(e.folded.radius).any():
         text += framed(

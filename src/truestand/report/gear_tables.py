@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.inspection_tables import (
@@ -21,7 +21,7 @@ from truestand.report.numbers import number
 from truestand.report.true_values import Key
 from truestand.report.words import limit_text, symbol, u_text, value_text, verdict_text
 
-FLANKS = ("left", "right")
+FLANKS: tuple[Flank, ...] = ("left", "right")
 GROUPS = (
     ("Pitch", ("f_p", "F_p", "F_pk", "f_u")),
     ("Profile: mean of all teeth", ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")),
@@ -97,7 +97,8 @@ def worst_teeth(inspection: Inspection) -> str:
     columns += '<th class="n">✓ · ? · ✗</th>'
     head = (
         '<tr><th></th><th></th><th class="side" colspan="6">left flanks</th>'
-        f'<th class="side" colspan="6">right flanks</th></tr><tr><th></th><th class="n">limit</th>{columns}{columns}</tr>'
+        '<th class="side" colspan="6">right flanks</th></tr>'
+        f'<tr><th></th><th class="n">limit</th>{columns}{columns}</tr>'
     )
     return table(head, body, "results") if body else ""
 

@@ -16,7 +16,7 @@ from truestand.report.inspection_tables import budgets, decisive, settings, unme
 from truestand.report.numbers import number
 from truestand.report.page import framed, page
 from truestand.report.true_values import Key, true_values
-from truestand.report.words import VERDICTS
+from truestand.report.words import VERDICTS, limit_text
 
 TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
 MEANT: dict[Verdict, str] = {
@@ -45,7 +45,7 @@ GEAR_WORDS = (
 def inspection_report(
     inspection: Inspection, calibration: Calibration | None = None, truth: Mapping[str, Any] | None = None
 ) -> str:
-    """The HTML text. ``calibration``: through which it was scanned; ``truth``: of a simulated part, with key ``part``."""
+    """The HTML text. ``calibration``: through which it was scanned; ``truth``: of a simulation, its key ``part``."""
     values = true_values(inspection, truth) or None
     middle: dict[str, Callable[[Inspection, dict[Key, float] | None], list[str]]] = {
         "gear": gear_parts, "turned": _turned, "cad": _cad,
@@ -102,7 +102,7 @@ def _lines(inspection: Inspection, values: dict[Key, float] | None) -> str:
             section = c.section
             body += f'<tr class="group"><th colspan="11">{escape(section or "")}</th></tr>'
         cells = tables.result_cells(c, values, grade=False)
-        body += f"<tr>{tables.named(c)}{tables.cell(tables.limit_text(c))}{cells}</tr>"
+        body += f"<tr>{tables.named(c)}{tables.cell(limit_text(c))}{cells}</tr>"
     columns = tables.result_headings(values is not None, grade=False)
     return tables.table(f'<tr><th></th><th class="n">limit</th>{columns}</tr>', body, "results")
 
@@ -161,7 +161,7 @@ def _budget(inspection: Inspection) -> str:
     if not largest:
         return ""
     return (
-        "<h2>Uncertainty</h2><p>Where each <i>U</i> (k = 2) comes from, for the line of each kind with the largest one. "
+        "<h2>Uncertainty</h2><p>Where each <i>U</i> (k = 2) comes from, for the line of each kind with the largest. "
         f"Contributions below {100 * tables.LEAST_SHARE:g} % are left out here and stand in the record.</p>"
         + budgets(largest)
     )

@@ -1,4 +1,4 @@
-"""The tables of an inspection that hold for any part: verdicts, budget, settings. Every text from outside is escaped."""
+"""The tables of an inspection that hold for any part: verdicts, budget, settings. Text from outside is escaped."""
 
 from collections.abc import Iterable, Mapping
 from html import escape

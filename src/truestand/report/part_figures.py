@@ -1,9 +1,12 @@
 """The figures of turned parts and of parts compared with their CAD model. Lengths mm inside, um on the axes."""
 
 from math import degrees, floor, log10, tau
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -45,11 +48,11 @@ def _polar(axes: Axes, inspection: Inspection, s: SectionEvidence) -> None:
         )
     closed = np.append(s.angle, s.angle[0])
     for row in s.form:
-        radius = 1.0 + factor * np.append(row, row[0])
-        axes.plot(radius * np.cos(closed), radius * np.sin(closed), color=EXACT, lw=0.5, alpha=0.25, rasterized=True)
+        wave = 1.0 + factor * np.append(row, row[0])
+        axes.plot(wave * np.cos(closed), wave * np.sin(closed), color=EXACT, lw=0.5, alpha=0.25, rasterized=True)
     middle = s.form[len(s.form) // 2]
-    radius = 1.0 + factor * np.append(middle, middle[0])
-    axes.plot(radius * np.cos(closed), radius * np.sin(closed), color=INK, lw=1.2)
+    wave = 1.0 + factor * np.append(middle, middle[0])
+    axes.plot(wave * np.cos(closed), wave * np.sin(closed), color=INK, lw=1.2)
     line = next((c for c in inspection.characteristics if (c.name, c.section) == ("roundness", s.name)), None)
     told = "" if line is None or line.value is None else f"RONt {value_text(line)} µm\n"
     ring = um(REACH / factor)
@@ -78,16 +81,17 @@ def section_maps(inspection: Inspection) -> Figure:
     limit = um(robust(*(s.travel for s in sections), share=0.995))
     fig = figure(WIDTH, 0.3 + 1.35 * len(sections))
     rows = fig.subplots(len(sections), 1, sharex=True, squeeze=False)[:, 0]
-    drawn = None
     for axes, s in zip(rows, sections, strict=True):
-        drawn = _map(axes, s.angle, s.height, s.travel, limit)
+        _map(axes, s.angle, s.height, s.travel, limit)
         axes.set(title=_plain(s.name), ylabel="height (mm)")
     rows[-1].set_xlabel("polar angle about the datum axis (°)")
-    fig.colorbar(drawn, ax=list(rows), label="r − R (µm)", pad=0.01, aspect=30)
+    fig.colorbar(
+        ScalarMappable(Normalize(-limit, limit), DIVERGING), ax=list(rows), label="r − R (µm)", pad=0.01, aspect=30
+    )
     return fig
 
 
-def _map(axes: Axes, angle: Array, height: Array, values: Array, limit: float) -> object:
+def _map(axes: Axes, angle: Array, height: Array, values: Array, limit: float) -> Any:
     first = int(np.argmin(angle))
     ordered = np.roll(values, -first, axis=1)
     half = (height[1] - height[0]) / 2 if height.size > 1 else 0.5
@@ -106,7 +110,7 @@ def cad_map(inspection: Inspection) -> Figure:
     axes = fig.add_subplot()
     drawn = _map(axes, e.angle, e.height, e.deviation, limit)
     axes.set(xlabel="polar angle about the datum axis (°)", ylabel="height (mm)")
-    bar = fig.colorbar(drawn, ax=axes, label="deviation (µm)", pad=0.01)  # type: ignore[arg-type]
+    bar = fig.colorbar(drawn, ax=axes, label="deviation (µm)", pad=0.01)
     for end in limits:
         bar.ax.axhline(end, color=INK, lw=1.6)
     return fig

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.drawing import GREY, INK, PALE, figure, styled
@@ -45,7 +46,7 @@ class _Chart:
     along: str
     teeth: tuple[int, ...]
     """From 0."""
-    lines: dict[tuple[str, str | None, int | None], Characteristic]
+    lines: dict[tuple[str, Flank | None, int], Characteristic]
     tolerance: float | None
     """um, of the total."""
 
@@ -96,16 +97,16 @@ def _drawn(
     fig = figure(WIDTH, 4.9)
     both = fig.subplots(1, 2, sharey=True)
     for side, axes in enumerate(both):
-        _side(axes, chart, side)
+        _side(fig, axes, chart, side)
     _names_beneath(both[0], chart)
     both[0].set_ylabel(along)
     return fig
 
 
-def _side(axes: Axes, chart: _Chart, side: int) -> None:
+def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
     flank, colour, _ = FLANKS[side]
     step, (low, high), (start, stop) = chart.step, chart.limits, chart.ends
-    axes.set_title(f"{flank} flanks", pad=18, color=colour, fontweight="bold")
+    axes.set_title(f"{flank} flanks", pad=20, color=colour, fontweight="bold")
     axes.set_xlim(-0.62 * step, (len(chart.teeth) - 0.38) * step)
     margin = 0.04 * (stop - start)
     axes.set_ylim(start - margin, stop + margin)
@@ -129,7 +130,7 @@ def _side(axes: Axes, chart: _Chart, side: int) -> None:
         )  # fmt: skip
         _trace(axes, chart, side, tooth, middle)
         _figures_beneath(axes, chart, flank, tooth, middle)
-    _scale(axes, step, stop)
+    _scale(fig, axes, step)
 
 
 def _trace(axes: Axes, chart: _Chart, side: int, tooth: int, middle: float) -> None:
@@ -147,7 +148,7 @@ def _trace(axes: Axes, chart: _Chart, side: int, tooth: int, middle: float) -> N
     axes.plot(middle + start + slope * ends, ends, color=INK, lw=0.9, ls=(0, (6, 2)))
 
 
-def _figures_beneath(axes: Axes, chart: _Chart, flank: str, tooth: int, middle: float) -> None:
+def _figures_beneath(axes: Axes, chart: _Chart, flank: Flank, tooth: int, middle: float) -> None:
     for row, name in enumerate(chart.names):
         line = chart.lines.get((name, flank, tooth + 1))
         value = None if line is None or line.value is None else um(line.value)
@@ -169,17 +170,13 @@ def _names_beneath(axes: Axes, chart: _Chart) -> None:
         )  # fmt: skip
 
 
-def _scale(axes: Axes, step: float, top: float) -> None:
-    """A bar that says what a deviation of so many um looks like."""
+def _scale(fig: Figure, axes: Axes, step: float) -> None:
+    """A bar that says what a deviation of so many um looks like, beside the title."""
     length = max((d for d in DIVISIONS if d <= step / 2), default=DIVISIONS[0])
-    right = axes.get_xlim()[1] - 0.06 * step
-    axes.annotate(
-        "", (right - length, 1.0), (right, 1.0), xycoords=("data", "axes fraction"),
-        textcoords=("data", "axes fraction"),
-        arrowprops={"arrowstyle": "|-|,widthA=0.25,widthB=0.25", "lw": 1.0, "color": INK, "shrinkA": 0, "shrinkB": 0},
-        annotation_clip=False,
+    right = axes.get_xlim()[1]
+    raised = axes.get_xaxis_transform() + ScaledTranslation(0.0, 24 / 72, fig.dpi_scale_trans)
+    axes.plot(
+        [right - length, right], [1.0, 1.0], color=INK, lw=1.0, marker="|", ms=6, mew=1.0, transform=raised,
+        clip_on=False,
     )  # fmt: skip
-    axes.annotate(
-        f"{length} µm", (right - length / 2, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 16),
-        textcoords="offset points", ha="center", fontsize=7.5,
-    )  # fmt: skip
+    axes.text(right - length - 0.06 * step, 1.0, f"{length} µm", transform=raised, ha="right", va="center")
