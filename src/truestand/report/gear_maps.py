@@ -18,6 +18,7 @@ from truestand.core.units import um
 from truestand.gear.evidence import FoldedMap, GearEvidence
 from truestand.report.drawing import DIVERGING, INK, figure, image, robust, styled
 from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
+from truestand.report.gear_tables import MOST_DEFECTS
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,9 @@ def shown_teeth(inspection: Inspection) -> list[int]:
     teeth = inspection.evidence.measures.index.shape[1]
     if teeth <= MOST_TEETH:
         return list(range(1, teeth + 1))
-    marked = list(dict.fromkeys(d.tooth for d in inspection.defects if d.tooth is not None))[: MOST_TEETH // 2]
+    marked = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))[
+        : MOST_TEETH // 2
+    ]
     rest = [t for t in range(1, teeth + 1) if t not in marked]
     return sorted([*marked, *spread(rest, MOST_TEETH - len(marked))])
 
@@ -127,7 +130,9 @@ def _side_by_side(maps: Array) -> Array:
 
 def _scale_of(inspection: Inspection, residual: Array) -> float:
     """um to either side: the noise stays pale, and the shallowest defect found is well coloured."""
-    depths = [um(abs(d.depth)) for d in inspection.defects if d.flank is not None and d.depth is not None]
+    depths = [
+        um(abs(d.depth)) for d in inspection.defects[:MOST_DEFECTS] if d.flank is not None and d.depth is not None
+    ]
     return max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE)
 
 
@@ -135,7 +140,7 @@ def _flank_marks(axes: Axes, inspection: Inspection, flank: str) -> None:
     """The numbers of the defects on one side."""
     m = inspection.evidence.defect_map
     bottom, top = _ends(m.heights)
-    for number, d in enumerate(inspection.defects, 1):
+    for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
         if d.flank == flank and d.tooth is not None and d.height is not None:
             along = d.tooth - 0.5 + (d.height - bottom) / (top - bottom)
             _mark(axes, along, d.roll_length or float(m.rolls[0]), number)
@@ -178,7 +183,7 @@ def whole_teeth(inspection: Inspection) -> Figure:
     flat = apart.reshape(teeth * places, heights).T
     drawn = image(axes, flat, (0.5, teeth + 0.5, low, high), (-0.3 * depth, 0.3 * depth), DIVERGING)
     _between(axes, teeth)
-    for number, d in enumerate(inspection.defects, 1):
+    for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
         if d.flank is None and d.tooth is not None and d.height is not None:
             _mark(axes, d.tooth, d.height, number)
     axes.set(xlabel="tooth, its tip above the number", ylabel="height (mm)")

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from truestand.core.inspection import Characteristic, Flank, Inspection
+from truestand.core.inspection import Characteristic, Defect, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.inspection_tables import (
@@ -28,6 +28,8 @@ GROUPS = (
     ("Helix: mean of all teeth", ("F_beta", "f_fbeta", "f_Hbeta", "C_beta")),
 )
 PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
+MOST_DEFECTS = 20
+"""Defects listed openly, and numbered on the maps."""
 PUBLISHED = ("f_p", "F_p", "F_pk", "f_u")
 
 Pair = dict[str | None, Characteristic]
@@ -184,19 +186,27 @@ def published_table(inspection: Inspection) -> str:
 
 
 def defect_table(inspection: Inspection) -> str:
-    """What stands out, numbered as on the maps."""
-    if not inspection.defects:
+    """What stands out, numbered as on the maps; a long list is folded after its first lines."""
+    defects = inspection.defects
+    if not defects:
         return '<p class="nothing">None found.</p>'
-    again = any(d.second_score is not None for d in inspection.defects)
-    body = ""
-    for i, d in enumerate(inspection.defects, 1):
-        body += (
-            f'<tr><td class="n">{i}</td><td>{escape(d.kind)}</td>{cell(NONE if d.tooth is None else str(d.tooth))}'
-            f"<td>{d.flank or 'whole tooth'}</td>{cell(number(d.roll_length, 2))}{cell(number(d.height, 2))}"
-            f"{cell(number(None if d.depth is None else um(d.depth), 1))}{cell(number(d.extent, 2))}"
-            f"{cell(number(d.score, 1))}{cell(number(d.second_score, 3)) if again else ''}</tr>"
-        )
+    again = any(d.second_score is not None for d in defects)
+    rows = [_defect_row(i, d, again) for i, d in enumerate(defects, 1)]
     head = '<tr><th class="n">no.</th><th>kind</th><th class="n">tooth</th><th>flank</th>' + headings(
         ["roll length (mm)", "height (mm)", "depth (µm)", "extent (mm)", "score (σ)", *(["second score"] * again)]
     )
-    return table(f"{head}</tr>", body)
+    text = table(f"{head}</tr>", "".join(rows[:MOST_DEFECTS]), "defects")
+    more = len(rows) - MOST_DEFECTS
+    if more > 0:
+        rest = table(f"{head}</tr>", "".join(rows[MOST_DEFECTS:]), "defects")
+        text += f"<details><summary>{more} more, less striking</summary>{rest}</details>"
+    return text
+
+
+def _defect_row(number_: int, d: Defect, again: bool) -> str:
+    return (
+        f"<tr>{cell(str(number_))}<td>{escape(d.kind)}</td>{cell(NONE if d.tooth is None else str(d.tooth))}"
+        f"<td>{d.flank or 'whole tooth'}</td>{cell(number(d.roll_length, 2))}{cell(number(d.height, 2))}"
+        f"{cell(number(None if d.depth is None else um(d.depth), 1))}{cell(number(d.extent, 2))}"
+        f"{cell(number(d.score, 1))}{cell(number(d.second_score, 3)) if again else ''}</tr>"
+    )

@@ -78,7 +78,7 @@ def _head(inspection: Inspection, calibration: Calibration | None) -> str:
 def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]:
     facts = gear_facts(inspection.evidence) if isinstance(inspection.evidence, GearEvidence) else []
     if "datum" in inspection.settings:
-        facts.append(f"datum {inspection.settings['datum']}")
+        facts.append(f"datum: {inspection.settings['datum']}")
     if calibration is not None:
         facts.append(f"sensor {calibration.stand.sensor.name}")
         facts += [f"calibration {calibration.status}"]

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.report.numbers import number
+from truestand.report.numbers import number, places
 from truestand.report.true_values import Key, true_value
 from truestand.report.words import (
     decimals,
@@ -154,7 +154,7 @@ def _budget(c: Characteristic) -> str:
 
 
 def _two_digits(value: float) -> str:
-    return f"{value:.2g}" if 0.001 <= abs(value) < 100 else number(value, 0 if abs(value) >= 1 else 4)
+    return number(value, places(value))
 
 
 def settings(inspection: Inspection) -> str:

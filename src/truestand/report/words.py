@@ -151,7 +151,7 @@ def verdict_text(c: Characteristic) -> str:
 def verdict_mark(verdict: Verdict) -> str:
     """Mark and word, as HTML."""
     mark, word = VERDICTS[verdict]
-    return f'<span class="v {verdict}"><b>{mark}</b> {word}</span>'
+    return f'<span class="v {verdict}"><b>{mark}</b>\N{NO-BREAK SPACE}{word}</span>'
 
 
 def line_name(c: Characteristic) -> str:
