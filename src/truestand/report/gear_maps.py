@@ -61,12 +61,12 @@ def topography(inspection: Inspection) -> Figure:
     panels = fig.subplots(len(rows), 1, squeeze=False)[:, 0]
     norm = Normalize(-limit, limit)
     for axes, some in zip(panels, rows, strict=True):
-        _small_maps(axes, relative, some, norm)
+        _small_maps(axes, relative, some, norm, len(rows[0]))
     fig.colorbar(ScalarMappable(norm, DIVERGING), ax=list(panels), label="µm", pad=0.01, aspect=30)
     return fig
 
 
-def _small_maps(axes: Axes, relative: Array, teeth: Sequence[int], norm: Normalize) -> None:
+def _small_maps(axes: Axes, relative: Array, teeth: Sequence[int], norm: Normalize, places: int) -> None:
     """Left flanks above, right flanks below; each map roll length upward, height to the right."""
     high = wide = 1.0 + GUTTER
     for row, (flank, _, _) in enumerate(FLANKS):
@@ -78,8 +78,8 @@ def _small_maps(axes: Axes, relative: Array, teeth: Sequence[int], norm: Normali
             )  # fmt: skip
             if row == 0:
                 axes.text(left + 0.5, 2 * high, str(tooth), ha="center", va="bottom")
-        axes.text(-0.1, (1 - row) * high + 0.5, flank, rotation=90, ha="right", va="center")
-    axes.set(xlim=(-0.3, A_ROW * wide), ylim=(-0.02, 2 * high + 0.16))
+        axes.text(-0.01 * places, (1 - row) * high + 0.5, flank, rotation=90, ha="right", va="center")
+    axes.set(xlim=(-0.025 * places, places * wide), ylim=(-0.02, 2 * high + 0.16))
     axes.set_axis_off()
 
 
@@ -104,7 +104,7 @@ def unrolled(inspection: Inspection) -> Figure:
     e: GearEvidence = inspection.evidence
     assert e.defect_map is not None
     m = e.defect_map
-    limit = _scale_of(inspection, m.residual)
+    limit = _scale_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
     fig = figure(WIDTH, 4.6)
     panels = fig.subplots(2, 1, sharex=True)
     for side, axes in enumerate(panels):

@@ -1,6 +1,6 @@
 """What a gear's report shows, in its order: tables, charts, the published method, maps, defects."""
 
-from math import degrees
+from math import degrees, pi
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from truestand.gear.evidence import GearEvidence
 from truestand.report import gear_figures, gear_maps, gear_tables, trace_charts
 from truestand.report.page import framed
 from truestand.report.true_values import Key
+
+JUMP = 0.3
+"""Share of the pitch beyond which a step between neighbouring teeth is no pitch deviation."""
 
 
 def gear_facts(e: GearEvidence) -> list[str]:
@@ -83,10 +86,17 @@ def _published(inspection: Inspection) -> str:
         + framed(
             gear_figures.published(inspection),
             "Cumulative pitch of the same gear from the same scan, about its mean. The curve of this inspection is not "
-            "zero; it is that much smaller.",
+            "zero; it is that much smaller." + _jumps(inspection),
         )
         + gear_tables.published_table(inspection)
     )
+
+
+def _jumps(inspection: Inspection) -> str:
+    """A word on teeth that the published compensation moves so far that they are taken for their neighbours."""
+    pitch = pi * inspection.evidence.nominal.gear.module
+    jumps = max(inspection.published.get(f"f_p {flank}", 0.0) for flank in ("left", "right")) > JUMP * pitch
+    return " Where its curve jumps, teeth have moved so far that they were taken for their neighbours." if jumps else ""
 
 
 def _maps(inspection: Inspection) -> str:

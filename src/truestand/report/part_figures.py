@@ -50,7 +50,8 @@ def _polar(axes: Axes, inspection: Inspection, s: SectionEvidence) -> None:
     for row in s.form:
         wave = 1.0 + factor * np.append(row, row[0])
         axes.plot(wave * np.cos(closed), wave * np.sin(closed), color=EXACT, lw=0.5, alpha=0.25, rasterized=True)
-    middle = s.form[len(s.form) // 2]
+    seen = np.flatnonzero(np.isfinite(s.form).any(axis=1))
+    middle = s.form[seen[seen.size // 2] if seen.size else 0]
     wave = 1.0 + factor * np.append(middle, middle[0])
     axes.plot(wave * np.cos(closed), wave * np.sin(closed), color=INK, lw=1.2)
     line = next((c for c in inspection.characteristics if (c.name, c.section) == ("roundness", s.name)), None)
