@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 from html import escape
-from importlib.resources import files
 from typing import Any
 
-from truestand._version import __version__
 from truestand.core.calibration import Calibration
 from truestand.core.evidence import Evidence
 from truestand.core.units import um
 from truestand.report import figures, tables
 from truestand.report.numbers import number
+from truestand.report.page import framed, page
 from truestand.report.quantities import quantities
 
 WORDS = (
@@ -49,14 +48,8 @@ def calibration_report(
         else "",
         _open_questions(calibration),
     ]
-    style = files("truestand.report").joinpath("style.css").read_text(encoding="utf-8")
-    title = escape(f"Calibration of {_name(calibration)}")
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>{style}</style></head><body>{''.join(parts)}"
-        f"<footer>truestand {__version__}. Lengths in the frame of the shaft; signs as in the record.</footer>"
-        "</body></html>\n"
+    return page(
+        f"Calibration of {_name(calibration)}", parts, "Lengths in the frame of the shaft; signs as in the record."
     )
 
 
@@ -85,16 +78,12 @@ def _head(c: Calibration) -> str:
     )
 
 
-def _figure(svg: str, caption: str) -> str:
-    return f"<figure>{svg}<figcaption>{caption}</figcaption></figure>"
-
-
 def _scan(evidence: Evidence) -> str:
-    left = _figure(
+    left = framed(
         figures.raw_scan(evidence),
         "The scan as it came: each column is one laser line. The waves are the eccentricity, the steps the shaft's.",
     )
-    right = _figure(
+    right = framed(
         figures.projection(evidence),
         "All profiles on top of each other, coloured by the surface that each reading was taken for. The line through "
         "the base gives the angle φ.",
@@ -104,12 +93,12 @@ def _scan(evidence: Evidence) -> str:
 
 def _signal(evidence: Evidence, paper: Calibration | None) -> str:
     text = "<h2>Eccentricity: the once-per-turn wave</h2>"
-    text += _figure(
+    text += framed(
         figures.radial_signal(evidence),
         "The base's radial position as the shaft turns. The nearest Fourier bin has the wrong frequency unless the "
         "scan is a whole number of turns, so its wave runs out of step.",
     )
-    return text + _figure(
+    return text + framed(
         figures.spectrum(evidence, paper),
         "Leakage made visible. A scan of this length has only the marked bins; the true line at 1 per turn falls "
         "between them, so the nearest bin reads too little amplitude and a shifted phase. Least squares at the known "
@@ -120,13 +109,13 @@ def _signal(evidence: Evidence, paper: Calibration | None) -> str:
 def _maps(evidence: Evidence) -> str:
     text = "<h2>Before and after</h2>"
     for m in evidence.maps:
-        text += f"<h3>{escape(m.surface)}</h3>" + _figure(
+        text += f"<h3>{escape(m.surface)}</h3>" + framed(
             figures.flat_maps(m),
             "Deviation from the nominal radius over table turns and height. The top map has a wider colour scale; the "
             "others share one.",
         )
     for r in evidence.rolled:
-        text += _figure(
+        text += framed(
             figures.rolled_up(r),
             f"{escape(r.surface)} rolled up at height {number(r.height, 1)} mm; deviations magnified as stated, "
             "dashed: nominal circle. All turns lie on top of each other only where angle and radius are both right.",
@@ -143,9 +132,9 @@ def _residuals(c: Calibration, evidence: Evidence) -> str:
             f"{number(c.residuals.rejected, 0)} not trusted.</p>"
         )
     for m in evidence.maps:
-        text += _figure(figures.residual_map(m), f"{escape(m.surface)}: residual after form, cell means.")
+        text += framed(figures.residual_map(m), f"{escape(m.surface)}: residual after form, cell means.")
     if c.static_profiles:
-        text += _figure(
+        text += framed(
             figures.static_shapes(c.static_profiles),
             "The static profile: what every profile shows alike. A range error of the sensor looks like this, and so "
             "do sag, taper and a wrong step. It is shown; it is never used as evidence for the laser plane.",
@@ -156,7 +145,7 @@ def _residuals(c: Calibration, evidence: Evidence) -> str:
 def _form(c: Calibration) -> str:
     if not c.harmonics:
         return ""
-    bars = _figure(figures.form_bars(c), "Form of the artefact's surfaces, fitted together with the geometry.")
+    bars = framed(figures.form_bars(c), "Form of the artefact's surfaces, fitted together with the geometry.")
     apart = "" if c.positions is None else "<h2>What the clampings tell apart</h2>" + tables.positions(c.positions)
     return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c) + apart
 

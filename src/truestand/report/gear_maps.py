@@ -1,0 +1,221 @@
+"""The maps of a gear's inspection: every flank small, all flanks unrolled with their defects, teeth folded, coverage.
+
+Dense maps are put together as one image each, so that a page with hundreds of teeth stays light.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from truestand.core.inspection import Inspection
+from truestand.core.units import um
+from truestand.gear.evidence import FoldedMap, GearEvidence
+from truestand.report.drawing import DIVERGING, INK, figure, image, robust, styled
+from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
+from truestand.report.gear_tables import MOST_DEFECTS
+
+Array = NDArray[np.float64]
+
+MOST_TEETH = 24
+"""Teeth whose flanks are shown one by one."""
+A_ROW = 12
+GUTTER = 0.12
+"""Share of a small map left free about it."""
+UNSEEN, BETWEEN = (0.76, 0.79, 0.82, 1.0), (0.955, 0.955, 0.955, 1.0)
+"""Colours of what was not seen, and of what lies between two profiles that were."""
+LEAST_SCALE = 2.0
+"""um to either side: finer colours would show noise."""
+LABELS = 40
+"""Teeth up to which each has its number."""
+
+
+def shown_teeth(inspection: Inspection) -> list[int]:
+    """Teeth (from 1) whose flanks are mapped: all, or a few spread evenly and those with defects."""
+    teeth = inspection.evidence.measures.index.shape[1]
+    if teeth <= MOST_TEETH:
+        return list(range(1, teeth + 1))
+    marked = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))[
+        : MOST_TEETH // 2
+    ]
+    rest = [t for t in range(1, teeth + 1) if t not in marked]
+    return sorted([*marked, *spread(rest, MOST_TEETH - len(marked))])
+
+
+@styled
+def topography(inspection: Inspection) -> Figure:
+    """One small map a tooth and flank: deviation from the nominal flank, less the tooth's position."""
+    e: GearEvidence = inspection.evidence
+    position = e.measures.position[:, :, None, None]
+    relative = um(1) * (e.grid.delta - np.where(np.isfinite(position), position, np.nan))
+    teeth = shown_teeth(inspection)
+    tolerance = limit_of(inspection, "F_alpha") or 0.0
+    limit = max(robust(relative[:, [t - 1 for t in teeth]], share=0.98), tolerance / 4, LEAST_SCALE)
+    rows = [teeth[i : i + A_ROW] for i in range(0, len(teeth), A_ROW)]
+    fig = figure(WIDTH, 0.5 + 2.05 * len(rows))
+    panels = fig.subplots(len(rows), 1, squeeze=False)[:, 0]
+    norm = Normalize(-limit, limit)
+    for axes, some in zip(panels, rows, strict=True):
+        _small_maps(axes, relative, some, norm, len(rows[0]))
+    fig.colorbar(ScalarMappable(norm, DIVERGING), ax=list(panels), label="µm", pad=0.01, aspect=30)
+    return fig
+
+
+def _small_maps(axes: Axes, relative: Array, teeth: Sequence[int], norm: Normalize, places: int) -> None:
+    """Left flanks above, right flanks below; each map roll length upward, height to the right."""
+    high = wide = 1.0 + GUTTER
+    for row, (flank, _, _) in enumerate(FLANKS):
+        for column, tooth in enumerate(teeth):
+            left, bottom = column * wide, (1 - row) * high
+            axes.imshow(
+                _coloured(relative[row, tooth - 1], norm), extent=(left, left + 1, bottom, bottom + 1),
+                origin="lower", aspect="auto", interpolation="nearest",
+            )  # fmt: skip
+            if row == 0:
+                axes.text(left + 0.5, 2 * high, str(tooth), ha="center", va="bottom")
+        axes.text(-0.01 * places, (1 - row) * high + 0.5, flank, rotation=90, ha="right", va="center")
+    axes.set(xlim=(-0.025 * places, places * wide), ylim=(-0.02, 2 * high + 0.16))
+    axes.set_axis_off()
+
+
+def _coloured(values: Array, norm: Normalize) -> NDArray[np.uint8]:
+    """RGBA bytes of a map; grey where nothing was seen."""
+    colours = colormaps[DIVERGING](norm(np.nan_to_num(values)))
+    seen = np.isfinite(values)
+    colours[~seen] = UNSEEN
+    colours[_enclosed(seen) & ~seen] = BETWEEN
+    return np.asarray(np.rint(255 * colours), dtype=np.uint8)
+
+
+def _enclosed(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells with something seen above and below them: the gaps between profiles, not what is hidden."""
+    above = np.logical_or.accumulate(seen[::-1], axis=0)[::-1]
+    return np.asarray(above & np.logical_or.accumulate(seen, axis=0))
+
+
+@styled
+def unrolled(inspection: Inspection) -> Figure:
+    """All flanks side by side against the median tooth, tooth after tooth, with the defects numbered."""
+    e: GearEvidence = inspection.evidence
+    assert e.defect_map is not None
+    m = e.defect_map
+    limit = _scale_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
+    fig = figure(WIDTH, 4.6)
+    panels = fig.subplots(2, 1, sharex=True)
+    for side, axes in enumerate(panels):
+        low, high = _ends(m.rolls)
+        teeth = m.residual.shape[1]
+        axes.imshow(
+            _coloured(_side_by_side(m.residual[side]), Normalize(-limit, limit)),
+            extent=(0.5, teeth + 0.5, low, high), origin="lower", aspect="auto", interpolation="nearest",
+        )  # fmt: skip
+        _between(axes, teeth)
+        axes.set(ylabel="roll length (mm)", title=f"{FLANKS[side][0]} flanks")
+        _flank_marks(axes, inspection, FLANKS[side][0])
+    panels[-1].set_xlabel("tooth; within each its face, from the lower end to the upper")
+    scale = ScalarMappable(Normalize(-limit, limit), DIVERGING)
+    fig.colorbar(scale, ax=list(panels), label="µm", pad=0.01, aspect=30)
+    return fig
+
+
+def _side_by_side(maps: Array) -> Array:
+    """(roll lengths, teeth x heights) um of maps (teeth, roll lengths, heights) mm."""
+    return np.asarray(um(1) * maps.transpose(1, 0, 2).reshape(maps.shape[1], -1))
+
+
+def _scale_of(inspection: Inspection, residual: Array) -> float:
+    """um to either side: the noise stays pale, and the shallowest defect found is well coloured."""
+    depths = [
+        um(abs(d.depth)) for d in inspection.defects[:MOST_DEFECTS] if d.flank is not None and d.depth is not None
+    ]
+    return max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE)
+
+
+def _flank_marks(axes: Axes, inspection: Inspection, flank: str) -> None:
+    """The numbers of the defects on one side."""
+    m = inspection.evidence.defect_map
+    bottom, top = _ends(m.heights)
+    for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
+        if d.flank == flank and d.tooth is not None and d.height is not None:
+            along = d.tooth - 0.5 + (d.height - bottom) / (top - bottom)
+            _mark(axes, along, d.roll_length or float(m.rolls[0]), number)
+
+
+def _ends(centres: Array) -> tuple[float, float]:
+    """Where the cells with these centres begin and end."""
+    half = (centres[1] - centres[0]) / 2 if centres.size > 1 else 0.5
+    return float(centres[0] - half), float(centres[-1] + half)
+
+
+def _between(axes: Axes, teeth: int) -> None:
+    """Lines between teeth, and their numbers."""
+    if teeth <= LABELS:
+        for edge in range(1, teeth):
+            axes.axvline(edge + 0.5, color="white", lw=1.0)
+        axes.set_xticks(range(1, teeth + 1))
+    axes.tick_params(axis="x", length=0)
+
+
+def _mark(axes: Axes, x: float, y: float, number: int) -> None:
+    axes.plot([x], [y], "o", ms=19, mfc="none", mec=INK, mew=1.1)
+    axes.annotate(
+        str(number), (x, y), xytext=(11, 11), textcoords="offset points", ha="center", va="center", fontsize=8,
+        fontweight="bold", bbox={"boxstyle": "circle,pad=0.2", "fc": "white", "ec": INK, "lw": 0.8},
+    )  # fmt: skip
+
+
+@styled
+def whole_teeth(inspection: Inspection) -> Figure:
+    """The gear unrolled: radius against the median tooth, over tooth number and height."""
+    e: GearEvidence = inspection.evidence
+    assert e.folded is not None
+    apart, f = against_median(e.folded), e.folded
+    teeth, places, heights = apart.shape
+    depth = (e.nominal.gear.tip_diameter - e.nominal.gear.root_diameter) / 2
+    fig = figure(WIDTH, 2.2)
+    axes = fig.add_subplot()
+    low, high = _ends(f.heights)
+    flat = apart.reshape(teeth * places, heights).T
+    drawn = image(axes, flat, (0.5, teeth + 0.5, low, high), (-0.3 * depth, 0.3 * depth), DIVERGING)
+    _between(axes, teeth)
+    for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
+        if d.flank is None and d.tooth is not None and d.height is not None:
+            _mark(axes, d.tooth, d.height, number)
+    axes.set(xlabel="tooth, its tip above the number", ylabel="height (mm)")
+    fig.colorbar(drawn, ax=axes, label="radius (mm)", pad=0.01)
+    return fig
+
+
+def against_median(folded: FoldedMap) -> Array:
+    """Radius (teeth, places, heights) mm less that of the median tooth; NaN where either was not seen."""
+    radius = np.sort(folded.radius, axis=0)  # NaN last
+    number = np.isfinite(radius).sum(axis=0)
+    middle = np.take_along_axis(radius, np.maximum(number - 1, 0)[None] // 2, axis=0)
+    return np.asarray(folded.radius - middle)
+
+
+@styled
+def coverage(inspection: Inspection) -> Figure:
+    """Share of the heights at which each roll length of each tooth has readings."""
+    e: GearEvidence = inspection.evidence
+    low, high = _ends(e.grid.rolls)
+    fig = figure(WIDTH, 2.3)
+    panels = fig.subplots(1, 2, sharey=True)
+    for side, axes in enumerate(panels):
+        share = 100 * e.grid.seen[side].mean(axis=2).T
+        teeth = share.shape[1]
+        image(axes, share, (0.5, teeth + 0.5, low, high), (0.0, 100.0), "Blues")
+        axes.set(xlabel="tooth", title=f"{FLANKS[side][0]} flanks")
+        tooth_ticks(axes, teeth, 12)
+        for end in e.nominal.profile_range:
+            axes.axhline(end, color=INK, lw=0.9, ls=(0, (4, 3)))
+    panels[0].set_ylabel("roll length (mm)")
+    fig.colorbar(
+        ScalarMappable(Normalize(0, 100), "Blues"), ax=list(panels), label="% of the face with readings", pad=0.01
+    )
+    return fig

@@ -1,0 +1,141 @@
+"""What a gear's report shows, in its order: tables, charts, the published method, maps, defects."""
+
+from math import degrees, pi
+
+import numpy as np
+
+from truestand.core.inspection import Inspection
+from truestand.gear.evidence import GearEvidence
+from truestand.report import gear_figures, gear_maps, gear_tables, trace_charts
+from truestand.report.page import framed
+from truestand.report.true_values import Key
+
+JUMP = 0.3
+"""Share of the pitch beyond which a step between neighbouring teeth is no pitch deviation."""
+
+
+def gear_facts(e: GearEvidence) -> list[str]:
+    """The drawing in a line."""
+    g = e.nominal.gear
+    facts = [f"{g.teeth} teeth", f"module {g.module:g} mm", f"pressure angle {degrees(g.pressure_angle):g}°"]
+    if g.helix_angle:
+        facts.append(f"helix {abs(degrees(g.helix_angle)):g}° {'right' if g.helix_angle > 0 else 'left'} hand")
+    else:
+        facts.append("spur")
+    facts += [f"profile shift {g.profile_shift:g}"] if g.profile_shift else []
+    facts.append(f"face {g.face_width:g} mm")
+    return facts + ([f"class {g.accuracy_class} of {g.standard}"] if g.accuracy_class is not None else [])
+
+
+def gear_parts(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
+    """Everything between head and budget."""
+    parts = [_results(inspection, values)]
+    if isinstance(inspection.evidence, GearEvidence):
+        parts += [_charts(inspection), _pitch(inspection), _published(inspection), _maps(inspection)]
+    return [*parts, _defects(inspection)]
+
+
+def _results(inspection: Inspection, values: dict[Key, float] | None) -> str:
+    text = "<h2>Results</h2>"
+    if any(c.limits is not None and c.value is not None and c.tooth is None for c in inspection.characteristics):
+        text += framed(
+            gear_figures.limits_used(inspection),
+            "How much of each limit is used. A line conforms when its bar ends clearly left of 100 %, does not when it "
+            "begins clearly right of it; a bar across the limit is undecided.",
+        )
+    text += gear_tables.flank_table(inspection, values)
+    together = gear_tables.gear_table(inspection, values)
+    text += f"<h3>Both flanks together</h3>{together}" if together else ""
+    worst = gear_tables.worst_teeth(inspection)
+    if worst:
+        text += (
+            "<h3>Worst tooth of each characteristic</h3><p>The last column counts the teeth that conform · are "
+            f"undecided · do not conform.</p>{worst}{gear_tables.every_tooth(inspection)}"
+        )
+    return text
+
+
+def _charts(inspection: Inspection) -> str:
+    how = (
+        "Dashed: mean line, and the ends of the evaluation range; shaded: width of the tolerance of the total "
+        "deviation. To the right: material in excess. In brackets beneath: limits."
+    )
+    return (
+        "<h2>Profile</h2>" + framed(trace_charts.profile_chart(inspection), f"Root at the bottom, tip above. {how}")
+        + "<h2>Helix</h2>" + framed(trace_charts.helix_chart(inspection), f"Lower end of the face at the bottom. {how}")
+    )  # fmt: skip
+
+
+def _pitch(inspection: Inspection) -> str:
+    return "<h2>Pitch and run-out</h2>" + framed(
+        gear_figures.pitch(inspection),
+        "Bars: each tooth against the one before it; hatched: beyond the limit. Curves: positions about their mean, as "
+        "they were read; the figure at the bracket is freed of what noise adds to a range. Shaded: width of the limit.",
+    )
+
+
+def _published(inspection: Inspection) -> str:
+    index = inspection.evidence.published_index
+    if index is None or not np.isfinite(index).any() or not inspection.published:
+        return ""
+    return (
+        "<h2>What the published compensation would have said</h2><p>The same scan after the published compensation "
+        "(Klarák et al., Sensors 2022, 22, 5306): it subtracts the sinusoid of the eccentricity from the radius and "
+        "leaves the angle as it is. A tooth then stands where the eccentric shaft carried it, and that reads as pitch. "
+        "Here the axis itself is moved.</p>"
+        + framed(
+            gear_figures.published(inspection),
+            "Cumulative pitch of the same gear from the same scan, about its mean. The curve of this inspection is not "
+            "zero; it is that much smaller." + _jumps(inspection),
+        )
+        + gear_tables.published_table(inspection)
+    )
+
+
+def _jumps(inspection: Inspection) -> str:
+    """A word on teeth that the published compensation moves so far that they are taken for their neighbours."""
+    pitch = pi * inspection.evidence.nominal.gear.module
+    jumps = max(inspection.published.get(f"f_p {flank}", 0.0) for flank in ("left", "right")) > JUMP * pitch
+    return " Where its curve jumps, teeth have moved so far that they were taken for their neighbours." if jumps else ""
+
+
+def _maps(inspection: Inspection) -> str:
+    e: GearEvidence = inspection.evidence
+    teeth, some = e.measures.index.shape[1], gear_maps.shown_teeth(inspection)
+    text = "<h2>Flanks</h2>"
+    if e.grid.seen.any():
+        note = (
+            f" {len(some)} of {teeth} teeth are shown: spread evenly, and those with defects."
+            if len(some) < teeth
+            else ""
+        )
+        text += framed(
+            gear_maps.topography(inspection),
+            "Topography: each flank from root (bottom) to tip, its face from the lower end (left) to the upper; "
+            f"deviation less the tooth's position. Red: material in excess; grey: not seen.{note}",
+        )
+        text += framed(
+            gear_maps.coverage(inspection),
+            "Coverage: how much of the face has readings, by tooth and roll length. White: nothing seen. Dashed: "
+            "evaluation range. Stripes are the gaps between profiles, which the table's steps leave near the root.",
+        )
+    return text
+
+
+def _defects(inspection: Inspection) -> str:
+    text = "<h2>Defects</h2>" + gear_tables.defect_table(inspection)
+    e = inspection.evidence
+    if not isinstance(e, GearEvidence):
+        return text
+    if e.defect_map is not None and np.isfinite(e.defect_map.residual).any():
+        text += framed(
+            gear_maps.unrolled(inspection),
+            "All flanks against the median tooth: what one tooth has and its neighbours don't. Numbers as above.",
+        )
+    if e.folded is not None and np.isfinite(e.folded.radius).any():
+        text += framed(
+            gear_maps.whole_teeth(inspection),
+            "The gear unrolled: radius against that of the median tooth. Missing teeth and broken corners are blue, "
+            "burrs red.",
+        )
+    return text

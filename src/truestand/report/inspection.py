@@ -1,0 +1,176 @@
+"""The report of an inspection: one HTML file that one may hand to a customer."""
+
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any
+
+from truestand.core.calibration import Calibration
+from truestand.core.inspection import Inspection, Verdict
+from truestand.gear.evidence import GearEvidence
+from truestand.parts.cad import CadEvidence
+from truestand.parts.turned import TurnedEvidence
+from truestand.report import inspection_tables as tables
+from truestand.report import part_figures
+from truestand.report.gear_page import gear_facts, gear_parts
+from truestand.report.inspection_tables import budgets, decisive, settings, unmeasured
+from truestand.report.numbers import number
+from truestand.report.page import framed, page
+from truestand.report.true_values import Key, true_values
+from truestand.report.words import VERDICTS, limit_text
+
+TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
+MEANT: dict[Verdict, str] = {
+    "conforms": "every limit is kept, beyond the uncertainty",
+    "does_not_conform": "at least one limit is exceeded, beyond the uncertainty",
+    "undecided": "the uncertainty, or what was not seen, leaves it open",
+}
+WORDS = (
+    ("U", "expanded uncertainty, k = 2: the value lies within ± U with about 95 % confidence"),
+    ("T", "width of the zone between the limits"),
+    ("undecided", "within U's guard band of a limit (ISO 14253-1): neither conformance nor its opposite is shown"),
+    (
+        "not capable",
+        "U is so large that no value at all could be shown to conform: the stand is not fit for this limit",
+    ),
+    ("not measurable", "not enough was seen; there is no number rather than a guessed one"),
+    ("seen", "share of what the characteristic needs that was seen; partial: the rest may be worse"),
+)
+GEAR_WORDS = (
+    ("left flank", "the flank of a tooth at the larger polar angle; teeth count counter-clockwise from above"),
+    ("class", "the best accuracy class of the standard that the value alone keeps, without U"),
+    ("roll length", "where on the involute: the length of the tangent from the base circle"),
+)
+
+
+def inspection_report(
+    inspection: Inspection, calibration: Calibration | None = None, truth: Mapping[str, Any] | None = None
+) -> str:
+    """The HTML text. ``calibration``: through which it was scanned; ``truth``: of a simulation, its key ``part``."""
+    values = true_values(inspection, truth) or None
+    middle: dict[str, Callable[[Inspection, dict[Key, float] | None], list[str]]] = {
+        "gear": gear_parts, "turned": _turned, "cad": _cad,
+    }  # fmt: skip
+    parts = [
+        _head(inspection, calibration), *middle[inspection.kind](inspection, values), _budget(inspection),
+        _evaluated(inspection), _words(inspection),
+    ]  # fmt: skip
+    note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
+    return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note, "inspection")
+
+
+def _head(inspection: Inspection, calibration: Calibration | None) -> str:
+    verdict = inspection.verdict
+    mark, word = VERDICTS[verdict]
+    meant = MEANT[verdict]
+    if inspection.reasons:
+        meant = "nothing may be decided on this calibration"
+    items = "".join(f"<li>{escape(r)}</li>" for r in inspection.reasons)
+    reasons = f'<ul class="reasons">{items}</ul>' if items else ""
+    return (
+        f'<header><p class="over">{TITLES[inspection.kind]}</p><h1>{escape(inspection.name)}</h1>'
+        f'<p class="facts">{escape(" · ".join(_facts(inspection, calibration)))}</p></header>'
+        f'<section class="stamp {verdict}"><div class="mark">{mark}</div><div><div class="word">'
+        f"{word.capitalize()}</div><div>{meant}</div></div></section>{reasons}"
+        f"{unmeasured(inspection)}{decisive(inspection)}{_remarks(inspection)}"
+    )
+
+
+def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]:
+    facts = gear_facts(inspection.evidence) if isinstance(inspection.evidence, GearEvidence) else []
+    if "datum" in inspection.settings:
+        facts.append(f"datum: {inspection.settings['datum']}")
+    if calibration is not None:
+        facts.append(f"sensor {calibration.stand.sensor.name}")
+        facts += [f"calibration {calibration.status}"]
+        facts += [f"calibrated {calibration.created}"] if calibration.created else []
+        if calibration.scan is not None and calibration.scan.sha256:
+            facts.append(f"calibration scan {calibration.scan.sha256[:12]}")
+    facts += [f"inspected {inspection.created}"] if inspection.created else []
+    return facts + ([inspection.software] if inspection.software else [])
+
+
+def _remarks(inspection: Inspection) -> str:
+    items = "".join(f"<li>{escape(r)}</li>" for r in inspection.remarks)
+    return f'<details class="remarks" open><summary>Remarks</summary><ul>{items}</ul></details>' if items else ""
+
+
+def _lines(inspection: Inspection, values: dict[Key, float] | None) -> str:
+    """One row a characteristic, by section."""
+    body, section = "", None
+    for c in tables.whole(inspection):
+        if c.section != section:
+            section = c.section
+            body += f'<tr class="group"><th colspan="11">{escape(section or "")}</th></tr>'
+        cells = tables.result_cells(c, values, grade=False)
+        body += f"<tr>{tables.named(c)}{tables.cell(limit_text(c))}{cells}</tr>"
+    columns = tables.result_headings(values is not None, grade=False)
+    return tables.table(f'<tr><th></th><th class="n">limit</th>{columns}</tr>', body, "results")
+
+
+def _turned(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
+    parts = ["<h2>Sections</h2>", _lines(inspection, values)]
+    evidence = inspection.evidence
+    if not isinstance(evidence, TurnedEvidence) or not evidence.sections:
+        return parts
+    return [
+        *parts,
+        "<h2>Roundness</h2>",
+        framed(
+            part_figures.roundness(inspection),
+            "Each height's circle about its own least-squares centre, filtered and magnified; the circle at the middle "
+            "height is black, all others blue. Dashed: no deviation.",
+        ),
+        "<h2>Deviation maps</h2>",
+        framed(
+            part_figures.section_maps(inspection),
+            "Distance from the datum axis less the drawing's radius, unrolled. One colour scale; grey: not seen. An "
+            "offset of the section's axis is a wave once around.",
+        ),
+    ]
+
+
+def _cad(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
+    parts = ["<h2>Deviations from the model</h2>", _lines(inspection, values)]
+    evidence = inspection.evidence
+    if not isinstance(evidence, CadEvidence):
+        return parts
+    visible = number(100 * evidence.visible, 0)
+    return [
+        *parts,
+        framed(
+            part_figures.cad_map(inspection),
+            f"Normal deviation from the model, unrolled about the datum axis; red: material in excess, grey: not seen "
+            f"({visible} % of the model's surface is visible to the sensor). Lines on the scale: limits.",
+        ),
+        framed(
+            part_figures.cad_histogram(inspection), "How often which deviation occurs, over patches of the surface."
+        ),
+    ]
+
+
+MAIN = ("f_p", "F_p", "F_r", "F_alpha", "f_Halpha", "F_beta", "f_Hbeta", "s", "M_d", "d", "roundness", "runout")
+
+
+def _budget(inspection: Inspection) -> str:
+    """Of each main characteristic the line with the largest U."""
+    largest = []
+    lines = [c for c in tables.whole(inspection) if c.U is not None and c.budget]
+    for name in MAIN if inspection.kind != "cad" else dict.fromkeys(c.name for c in lines):
+        own = [c for c in lines if c.name == name]
+        largest += [max(own, key=lambda c: c.U or 0.0)] if own else []
+    if not largest:
+        return ""
+    return (
+        "<h2>Uncertainty</h2><p>Where each <i>U</i> (k = 2) comes from, for the line of each kind with the largest. "
+        f"Contributions below {100 * tables.LEAST_SHARE:g} % are left out here and stand in the record.</p>"
+        + budgets(largest)
+    )
+
+
+def _evaluated(inspection: Inspection) -> str:
+    return f"<h2>How it was evaluated</h2>{settings(inspection)}" if inspection.settings else ""
+
+
+def _words(inspection: Inspection) -> str:
+    words = (*GEAR_WORDS, *WORDS) if inspection.kind == "gear" else WORDS
+    return "<h2>Words</h2><dl>" + "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in words) + "</dl>"

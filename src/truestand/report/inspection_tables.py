@@ -1,0 +1,165 @@
+"""The tables of an inspection that hold for any part: verdicts, budget, settings. Text from outside is escaped."""
+
+from collections.abc import Iterable, Mapping
+from html import escape
+
+from truestand.core.inspection import Characteristic, Inspection
+from truestand.report.numbers import number, places
+from truestand.report.true_values import Key, true_value
+from truestand.report.words import (
+    decimals,
+    limit_text,
+    line_name,
+    meaning,
+    seen_text,
+    share_text,
+    shown,
+    symbol,
+    u_text,
+    unit,
+    value_text,
+    verdict_text,
+)
+
+NONE = "\N{EN DASH}"
+LEAST_SHARE = 0.02
+"""Of U: smaller lines of a budget stand in the record."""
+MOST_NAMED = 8
+"""Lines that the head names one by one."""
+
+
+def table(head: str, body: str, kind: str = "") -> str:
+    """A table from its cells."""
+    scrolled = f'<table class="{kind}">' if kind else "<table>"
+    return f'<div class="wide">{scrolled}<thead>{head}</thead><tbody>{body}</tbody></table></div>'
+
+
+def cell(text: str, kind: str = "n", span: int = 1) -> str:
+    """One cell, right-aligned unless said otherwise."""
+    across = f' colspan="{span}"' if span > 1 else ""
+    return f'<td class="{kind}"{across}>{text}</td>'
+
+
+def headings(names: Iterable[str], kind: str = "n") -> str:
+    """Cells of a head."""
+    return "".join(f'<th class="{kind}">{n}</th>' for n in names)
+
+
+def named(c: Characteristic, note: str = "") -> str:
+    """The first cell of a row: symbol, unit and what it means."""
+    words = meaning(c.name) + note
+    small = f"<small>{words}</small>" if words else ""
+    return f'<td class="name">{symbol(c.name)} <span class="unit">{unit(c)}</span>{small}</td>'
+
+
+def true_cells(c: Characteristic, values: Mapping[Key, float]) -> str:
+    """``true`` and ``error`` of a line."""
+    known = true_value(values, c)
+    if known is None or c.value is None:
+        return cell(NONE) * 2
+    return cell(number(known, decimals(c))) + cell(number(shown(c, c.value) - known, decimals(c)))
+
+
+def result_cells(c: Characteristic, values: Mapping[Key, float] | None, grade: bool) -> str:
+    """Value, U, U/T, class, coverage, verdict, truth. No number at all where nothing was measured."""
+    width = 5 + grade + (2 if values is not None else 0)
+    if c.value is None or c.status == "not_measurable":
+        undecided = " · undecided" if c.limits is not None and c.verdict is not None else ""
+        return cell(f'<span class="none">not measurable{undecided}</span>', "gap", width)
+    cells = cell(f"<b>{value_text(c)}</b>", "n first") + cell(u_text(c)) + cell(share_text(c))
+    if grade:
+        cells += cell(NONE if c.grade is None else str(c.grade))
+    cells += cell(seen_text(c)) + cell(verdict_text(c), "verdict-cell")
+    return cells if values is None else cells + true_cells(c, values)
+
+
+def result_headings(truth: bool, grade: bool) -> str:
+    """Of ``result_cells``."""
+    first = '<th class="n first">value</th>' + headings(["<i>U</i>", "<i>U</i>/<i>T</i>"])
+    return (
+        first + headings(["class"] * grade) + headings(["seen"]) + "<th>verdict</th>"
+        + headings(["true", "error"] if truth else [])
+    )  # fmt: skip
+
+
+def whole(inspection: Inspection) -> list[Characteristic]:
+    """Lines of the whole part."""
+    return [c for c in inspection.characteristics if c.tooth is None]
+
+
+def decisive(inspection: Inspection) -> str:
+    """Which lines carry the verdict, as a list: what fails, what is undecided, what can't be shown."""
+    items = []
+    for verdict, words in (("does_not_conform", "Does not conform"), ("undecided", "Undecided")):
+        found = [c for c in inspection.characteristics if c.verdict == verdict and c.value is not None]
+        if found:
+            items.append(f'<li class="{verdict}"><b>{words}:</b> {_named_ones(found)}</li>')
+    unable = [c for c in whole(inspection) if not c.capable]
+    if unable:
+        names = ", ".join(dict.fromkeys(symbol(c.name) for c in unable))
+        items.append(f"<li><b>Not capable:</b> {names}. <i>U</i> leaves no room between the limits.</li>")
+    deep = [d for d in inspection.defects if inspection.defect_depth is not None]
+    deep = [d for d in deep if (d.depth or 0.0) > (inspection.defect_depth or 0.0)]
+    if deep:
+        limit = number(1000 * (inspection.defect_depth or 0.0), 0)
+        items.append(f'<li class="does_not_conform"><b>Defects</b> deeper than {limit} µm: {len(deep)}</li>')
+    return f'<ul class="decisive">{"".join(items)}</ul>' if items else ""
+
+
+def _named_ones(found: list[Characteristic]) -> str:
+    """Lines of the whole part by name and value; lines of single teeth as a count."""
+    single = [c for c in found if c.tooth is not None]
+    texts = [
+        f"{line_name(c)} {value_text(c)} ± {u_text(c)} {unit(c)} (limit {limit_text(c)})"
+        for c in found if c.tooth is None
+    ]  # fmt: skip
+    more = len(texts) - MOST_NAMED
+    texts = [*texts[:MOST_NAMED], f"{more} more"] if more > 1 else texts
+    if single:
+        names = ", ".join(dict.fromkeys(symbol(c.name) for c in single))
+        texts.append(f"{len(single)} line{'s' if len(single) > 1 else ''} of single teeth ({names})")
+    return "; ".join(texts)
+
+
+def unmeasured(inspection: Inspection) -> str:
+    """What could not be measured, by flank or section; empty where everything was."""
+    by_place: dict[str, list[str]] = {}
+    for c in whole(inspection):
+        if c.status == "not_measurable":
+            by_place.setdefault(c.section or c.flank or "", []).append(symbol(c.name))
+    if not by_place:
+        return ""
+    items = []
+    for place, names in by_place.items():
+        where = f"<b>{place} flanks:</b> " if place in ("left", "right") else f"<b>{escape(place)}:</b> "
+        items.append(f"<li>{where if place else ''}{', '.join(dict.fromkeys(names))}</li>")
+    return f'<div class="unseen"><h3>Not measurable in this scan</h3><ul>{"".join(items)}</ul></div>'
+
+
+def budgets(lines: Iterable[Characteristic]) -> str:
+    """Where each line's U comes from, as bars."""
+    return f'<div class="cards">{"".join(_budget(c) for c in lines if c.budget and c.U)}</div>'
+
+
+def _budget(c: Characteristic) -> str:
+    U = c.U or 0.0
+    rows = "".join(
+        f'<tr><td>{escape(b.name)}</td><td class="n">{_two_digits(shown(c, b.U))}</td>'
+        f'<td class="bars"><span class="bar" style="width:{6 * b.U / max(U, 1e-15):.2f}rem"></span></td></tr>'
+        for b in c.budget
+        if b.U >= LEAST_SHARE * U
+    )
+    total = f'<tr><th>{line_name(c)}</th><th class="n">{_two_digits(shown(c, U))}</th><th>{unit(c)}</th></tr>'
+    return f'<table class="budget"><thead>{total}</thead><tbody>{rows}</tbody></table>'
+
+
+def _two_digits(value: float) -> str:
+    return number(value, places(value))
+
+
+def settings(inspection: Inspection) -> str:
+    """How it was evaluated."""
+    rows = "".join(
+        f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in inspection.settings.items()
+    )
+    return f'<table class="settings"><tbody>{rows}</tbody></table>'

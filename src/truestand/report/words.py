@@ -1,0 +1,160 @@
+"""How the lines of an inspection are written: symbols, what they mean, verdicts, units. The same words everywhere."""
+
+from html import escape
+
+from truestand.core.inspection import Characteristic, Verdict
+from truestand.core.units import um
+from truestand.report.numbers import number, places
+
+MEANINGS = {
+    "f_p": "largest single pitch deviation",
+    "F_p": "total cumulative pitch deviation",
+    "F_pk": "cumulative pitch deviation over k pitches",
+    "f_u": "largest step between neighbouring pitches",
+    "F_r": "run-out of a ball in the tooth spaces",
+    "F_alpha": "total profile deviation",
+    "f_falpha": "profile form",
+    "f_Halpha": "profile slope",
+    "C_alpha": "profile crowning",
+    "F_beta": "total helix deviation",
+    "f_fbeta": "helix form",
+    "f_Hbeta": "helix slope",
+    "C_beta": "helix crowning",
+    "s": "tooth thickness on the measuring circle",
+    "W_k": "span over k teeth",
+    "M_d": "dimension over balls",
+    "d_a": "tip diameter",
+    "d_f": "root diameter",
+    "d": "diameter",
+    "roundness": "each circle against its own centre",
+    "cylindricity": "all heights against one cylinder",
+    "runout": "circular run-out about the datum axis",
+    "total_runout": "total run-out about the datum axis",
+    "deviation_p95": "95 % of the surface lies within ± this",
+    "deviation_rms": "root mean square of the deviations",
+    "deviation_max": "most material in excess",
+    "deviation_min": "most material missing",
+    "profile": "twice the largest deviation to either side",
+}
+_PLAIN = {
+    "roundness": "Roundness",
+    "cylindricity": "Cylindricity",
+    "runout": "Run-out",
+    "total_runout": "Total run-out",
+    "deviation_p95": "Deviation, 95 %",
+    "deviation_rms": "Deviation, rms",
+    "deviation_max": "Largest deviation",
+    "deviation_min": "Smallest deviation",
+    "profile": "Profile of a surface",
+}
+VERDICTS: dict[Verdict, tuple[str, str]] = {
+    "conforms": ("\N{CHECK MARK}", "conforms"),
+    "does_not_conform": ("\N{MULTIPLICATION X}", "does not conform"),
+    "undecided": ("?", "undecided"),
+}
+"""Mark and word: the mark tells verdicts apart without colour."""
+
+
+def _parts(name: str) -> tuple[str, str]:
+    stem, _, below = name.partition("_")
+    return stem, below.replace("alpha", "α").replace("beta", "β")
+
+
+def symbol(name: str) -> str:
+    """The name as HTML: f_Halpha with its index below."""
+    if name in _PLAIN:
+        return _PLAIN[name]
+    if name not in MEANINGS:
+        return escape(name)
+    stem, below = _parts(name)
+    return f"<i>{stem}</i><sub>{below}</sub>" if below else f"<i>{stem}</i>"
+
+
+def drawn_symbol(name: str, limit: bool = False) -> str:
+    """The name as matplotlib writes it; ``limit``: the tolerance of that name (a T behind the index)."""
+    stem, below = _parts(name)
+    return rf"${stem}_\mathrm{{{below}{'T' if limit else ''}}}$" if below else f"${stem}$"
+
+
+def meaning(name: str) -> str:
+    """A few words on it; empty where the name says it all."""
+    return MEANINGS.get(name, "")
+
+
+def unit(c: Characteristic) -> str:
+    """Sizes are told in mm, deviations in um."""
+    return "mm" if c.size else "µm"
+
+
+def shown(c: Characteristic, value: float) -> float:
+    """A length (mm) in the unit of the characteristic."""
+    return value if c.size else um(value)
+
+
+def decimals(c: Characteristic) -> int:
+    """Decimals that U asks for; no more than one would read."""
+    if c.U is None:
+        return 3 if c.size else 1
+    return min(places(shown(c, c.U)), 4 if c.size else 2)
+
+
+def value_text(c: Characteristic) -> str:
+    """The value, to the second digit of U; a dash where nothing was measured."""
+    return number(None if c.value is None else shown(c, c.value), decimals(c))
+
+
+def u_text(c: Characteristic) -> str:
+    """Expanded uncertainty."""
+    return number(None if c.U is None else shown(c, c.U), decimals(c))
+
+
+def limit_text(c: Characteristic) -> str:
+    """``12``, ``± 9.5`` or ``from … to``; a dash without limits."""
+    if c.limits is None:
+        return "\N{EN DASH}"
+    low, high = (None if end is None else shown(c, end) for end in c.limits)
+    if low is not None and high is not None:
+        return f"± {_short(high)}" if abs(low + high) < 1e-9 else f"{_short(low)} … {_short(high)}"
+    return f"≥ {_short(low)}" if high is None and low is not None else _short(high or 0.0)
+
+
+def _short(value: float) -> str:
+    return f"{round(value, 6):g}".replace("-", "\N{MINUS SIGN}")
+
+
+def share_text(c: Characteristic) -> str:
+    """U against the width of the tolerance zone."""
+    if c.U is None or c.limits is None:
+        return "\N{EN DASH}"
+    low, high = c.limits
+    if high is None:
+        return "\N{EN DASH}"
+    width = high - (low or 0.0)
+    return f"{100 * c.U / width:.0f} %" if width > 0 else "\N{EN DASH}"
+
+
+def seen_text(c: Characteristic) -> str:
+    """Coverage; what is only partly seen is said so."""
+    text = f"{100 * c.coverage:.0f} %"
+    return f"{text}<small>partial</small>" if c.status == "partial" else text
+
+
+def verdict_text(c: Characteristic) -> str:
+    """Mark and word of a line's verdict, as HTML; what can't be shown at all says so."""
+    if c.verdict is None:
+        informative = c.standard is not None and "informative" in c.standard
+        return '<span class="none">informative</span>' if informative else ""
+    able = "" if c.capable else "<small>not capable: U too large</small>"
+    return verdict_mark(c.verdict) + able
+
+
+def verdict_mark(verdict: Verdict) -> str:
+    """Mark and word, as HTML."""
+    mark, word = VERDICTS[verdict]
+    return f'<span class="v {verdict}"><b>{mark}</b>\N{NO-BREAK SPACE}{word}</span>'
+
+
+def line_name(c: Characteristic) -> str:
+    """Symbol, flank, tooth and section of a line, as HTML."""
+    where = [c.flank or "", f"tooth {c.tooth}" if c.tooth is not None else "", escape(c.section or "")]
+    return " ".join([symbol(c.name), *(w for w in where if w)])
