@@ -89,7 +89,7 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float, tight: bool = T
     ``points`` (n, 3) mm and ``ways`` (n, 3), units from the sensor to the reading, in the model's frame. ``tight``:
     rays that met nothing are cast again, watertight.
     """
-    near = ((points > solid.low - reach) & (points < solid.high + reach)).all(axis=1)
+    near = np.all((points > solid.low - reach) & (points < solid.high + reach), axis=1)
     if not near.all():  # the shaft, the table: far from the model
         return _spread(near, meet(solid, points[near], ways[near], reach, tight))
     first = points - reach * ways
@@ -115,7 +115,7 @@ def meet(solid: Solid, points: Array, ways: Array, reach: float, tight: bool = T
     return Met(triangle, deviation)
 
 
-def _spread(near: NDArray[np.bool_], met: Met) -> Met:
+def _spread(near: NDArray[Any], met: Met) -> Met:
     """What some readings met, among all."""
     triangle, deviation = np.full(near.size, -1, dtype=np.intp), np.full(near.size, np.nan)
     triangle[near], deviation[near] = met.triangle, met.deviation
