@@ -183,7 +183,9 @@ def _shaft_bins(seen: NDArray[np.intp], own: NDArray[np.intp], mean: Array) -> M
     if not own.any():
         return np.zeros(own.size, dtype=np.bool_)
     shaft = np.asarray((own > 0) & (own >= MOSTLY * seen) & (own > OFTEN * np.median(own[own > 0])))
-    nearest = min(mean[shaft], key=abs, default=0.0)
+    # Bins at the end of the view see the shaft only while it runs out towards them, and read it too large: few alike.
+    alike = (np.abs(mean[:, None] - mean) < SLEEVE / 2) @ np.where(shaft, own, 0)
+    nearest = min(mean[shaft & (alike >= OFTEN * alike[shaft].max(initial=0))], key=abs, default=0.0)
     return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE))
 
 

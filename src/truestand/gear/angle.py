@@ -15,6 +15,7 @@ from truestand.core.scan import Scan
 from truestand.core.surface import table_angle
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import SIGMA, Involute
+from truestand.gear.grid import CLIP, medians
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,8 @@ WHOLE = 0.7
 KNOTS_PER_TOOTH = 1.0
 SMOOTHING = 1e-3
 """Weight of the bend from knot to knot against the passes: it decides only what they leave open."""
+ROLLS = 40
+"""Stretches of roll length in which passes are compared."""
 NOTICEABLE = 1e-3
 """mm: passes that agree this well need no correction."""
 
@@ -38,7 +41,7 @@ def steadied(
     if scan.angle_source not in ("index", "time") or scan.revolutions < LEAST_TURNS:
         return None
     angle = table_angle(scan, calibration)
-    passes = _passes(flanks, angle, nominal)
+    passes = _passes(_agreeing(flanks, nominal), angle, nominal)
     if passes is None:
         return None
     which, time, place = passes
@@ -48,6 +51,23 @@ def steadied(
     error = _error(which, time, place, scan.profiles, nominal, scan.revolutions)
     corrected = angle + error - error.mean()
     return replace(scan, angle=corrected), replace(calibration, speed_factor=1.0), spread
+
+
+def _agreeing(flanks: Flanks, nominal: Involute) -> Flanks:
+    """Without the points that lie off their flank's own shape: strays, which are few in the gate but far off."""
+    place = flanks.which.astype(np.int64) * ROLLS + _roll_bin(flanks, nominal)
+    median, _ = medians(place, flanks.delta, 2 * nominal.gear.teeth * ROLLS)
+    off = flanks.delta - median[place]
+    kept = np.abs(off) < CLIP * 1.4826 * float(np.median(np.abs(off)))
+    return Flanks(
+        flanks.delta[kept], flanks.roll[kept], flanks.height[kept], flanks.which[kept], flanks.profile[kept],
+        flanks.index[kept], flanks.turned,
+    )  # fmt: skip
+
+
+def _roll_bin(flanks: Flanks, nominal: Involute) -> NDArray[np.int64]:
+    share = (flanks.roll - nominal.control_roll) / nominal.control_length
+    return np.clip((share * ROLLS).astype(np.int64), 0, ROLLS - 1)
 
 
 def _passes(flanks: Flanks, angle: Array, nominal: Involute) -> tuple[NDArray[np.int64], Array, Array] | None:
@@ -74,13 +94,11 @@ def _passes(flanks: Flanks, angle: Array, nominal: Involute) -> tuple[NDArray[np
 
 def _freed(flanks: Flanks, nominal: Involute) -> Array:
     """delta without the mean shape over the roll length: passes that see other parts of a flank compare as well."""
-    bins = 40
-    share = (flanks.roll - nominal.control_roll) / nominal.control_length
-    at = flanks.which.astype(np.int64) * bins + np.clip((share * bins).astype(np.int64), 0, bins - 1)
-    size = 2 * nominal.gear.teeth * bins
+    at = flanks.which.astype(np.int64) * ROLLS + _roll_bin(flanks, nominal)
+    size = 2 * nominal.gear.teeth * ROLLS
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(at, flanks.delta, minlength=size) / np.bincount(at, minlength=size)
-    shape = mean.reshape(-1, bins)
+    shape = mean.reshape(-1, ROLLS)
     own = np.nan_to_num(shape).sum(axis=1) / np.maximum(np.isfinite(shape).sum(axis=1), 1)
     return np.asarray(flanks.delta - mean[at] + own[flanks.which])
 

@@ -40,6 +40,9 @@ TOOTH_DEPTH = 0.1
 GONE = 0.6
 """Share of the tooth's height that must be missing for the tooth to be missing."""
 LEAST_CELLS = 2
+"""Cells that must bear a finding out: one alone may be strays."""
+FULL, LEAST_POINTS = 0.5, 2
+"""Share of the flank's usual number of points, and points, that a cell needs."""
 PATCH = 2
 """Cells about the middle of the patches that the isolation forest looks at."""
 PATCHES = 20_000
@@ -54,13 +57,20 @@ def find_defects(
     if not coverage.position.any():
         return whole, None
     grid = grid_of(flanks, nominal, HEIGHT_CELL)
-    weighed = weigh(grid, nominal)
-    residual = residuals(grid.median, weighed)
+    weighed = weigh(grid, nominal, everywhere=True)
+    residual = np.where(_full(grid), residuals(grid.median, weighed), np.nan)
     score = _scores(residual, grid)
     found_map = DefectMap(residual, score, grid.rolls, grid.heights)
     found = [d for d in _on_flanks(found_map, grid) if d.tooth not in gone and not _at_chip(d, whole, nominal)]
     found = _scored_again(found, found_map)
     return tuple(sorted((*whole, *found), key=lambda d: -d.score)), found_map
+
+
+def _full(grid: Grid) -> Bools:
+    """Cells with points enough that strays don't make up their median."""
+    flanks = grid.count.reshape(*grid.count.shape[:2], -1)
+    usual = np.array([[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks])
+    return np.asarray(grid.count >= np.maximum(FULL * usual, LEAST_POINTS)[:, :, None, None])
 
 
 def _scores(residual: Array, grid: Grid) -> Array:
@@ -132,7 +142,8 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: fl
     if not np.isfinite(heights).any():
         return None
     depth = float(np.nanquantile(heights, 0.9))
-    if depth < LEAST_DEPTH:
+    bearing = np.count_nonzero(blob & (sign * np.nan_to_num(m.residual[at]) > depth / 3))
+    if depth < LEAST_DEPTH or bearing < LEAST_CELLS:
         return None
     cell = (grid.rolls[1] - grid.rolls[0]) * (grid.heights[1] - grid.heights[0])
     deep = blob & (sign * np.nan_to_num(m.residual[at]) > depth / 2)

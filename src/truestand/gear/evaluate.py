@@ -20,7 +20,9 @@ Bools = NDArray[np.bool_]
 TERMS = 6
 """1, l, h, l^2, l h, h^2."""
 TUKEY = 4.685
-ROUNDS = 4
+HUBER = 1.345
+ROUNDS = (False, False, False, True, True, True, True)
+"""Which rounds of weighing leave far cells out altogether (Tukey), after some that only hold them back (Huber)."""
 LEAST_CELLS = 40
 """Cells that a flank's quadratic needs."""
 LEAST_SPREAD = 2e-4
@@ -79,18 +81,20 @@ class Measures:
     """(2 teeth, cells): what the smooth flanks and the shared shape leave."""
 
 
-def weigh(grid: Grid, nominal: Involute) -> Weighed:
-    """Which cells count, by Tukey's biweight about flank and shared shape."""
+def weigh(grid: Grid, nominal: Involute, everywhere: bool = False) -> Weighed:
+    """Which cells count, by Tukey's biweight about flank and shared shape; ``everywhere``: not in the ranges only."""
     flanks, cells = grid.delta.shape[0] * grid.delta.shape[1], grid.delta.shape[2] * grid.delta.shape[3]
-    values, inside = grid.delta.reshape(flanks, cells), _inside(grid, nominal).reshape(flanks, cells)
+    wanted = np.isfinite(grid.delta) if everywhere else _inside(grid, nominal)
+    values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
     basis = _basis(grid, nominal).reshape(flanks, cells, TERMS)
     weight = inside.astype(np.float64)
-    for _ in range(ROUNDS):
+    for last in ROUNDS:
         solver = _solver(basis, weight)
         residual = _residual(values, basis, solver, weight, grid.delta.shape)
         spread = max(1.4826 * float(np.median(np.abs(residual[inside]))) if inside.any() else 0.0, LEAST_SPREAD)
-        ratio = np.where(inside, residual, 0.0) / (TUKEY * spread)
-        weight = np.where(inside & (np.abs(ratio) < 1), (1 - ratio**2) ** 2, 0.0)
+        ratio = np.where(inside, np.abs(residual), 0.0) / spread
+        far = np.maximum(1 - (ratio / TUKEY) ** 2, 0.0) ** 2 if last else HUBER / np.maximum(ratio, HUBER)
+        weight = np.where(inside, far, 0.0)
     solver = _solver(basis, weight)
     by_row = weight.reshape(*grid.delta.shape)
     with np.errstate(invalid="ignore"):

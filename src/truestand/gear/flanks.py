@@ -97,13 +97,13 @@ def located(
     return Located(angle, radius[kept], height, index[kept])
 
 
-def find_flanks(surface: Surface, nominal: Involute, datum: Pose, turned: float | None = None) -> Flanks:
-    """Every point on a flank, with its tooth, roll length and deviation; ``turned`` where that is known already.
+def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
+    """Every point on a flank, with its tooth, roll length and deviation.
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
     """
-    turned, offsets = settle(surface, nominal, datum, turned)
+    turned, offsets = settle(surface, nominal, datum)
     eyes = _eyes(surface, datum)
     low, high = float(nominal.radius(np.asarray(nominal.control_roll))), nominal.gear.tip_diameter / 2 - TIP_MARGIN
     parts = []
@@ -181,7 +181,7 @@ def near_measuring(surface: Surface, nominal: Involute, datum: Pose) -> Located:
     return Located(*(np.concatenate([getattr(p, n) for p in parts]) for n in Located.__slots__))
 
 
-def settle(surface: Surface, nominal: Involute, datum: Pose, turned: float | None = None) -> tuple[float, Array]:
+def settle(surface: Surface, nominal: Involute, datum: Pose) -> tuple[float, Array]:
     """How the toothing is turned (rad), and delta (2 teeth,) mm at which each flank is found; NaN: nobody saw it.
 
     Raises:
@@ -194,9 +194,7 @@ def settle(surface: Surface, nominal: Involute, datum: Pose, turned: float | Non
             f"found {points.angle.size} points between heights {g.face_from:g} and {g.face_to:g} mm near diameter "
             f"{2 * nominal.measuring_radius:.1f} mm, need the toothing in view; check face_from_mm and the scan"
         )
-    if turned is None:
-        return _numbered(points, nominal, _phase(points, nominal))
-    return turned, _positions(*assigned(points, nominal, turned), nominal)
+    return _numbered(points, nominal, _phase(points, nominal))
 
 
 def _phase(p: Located, nominal: Involute) -> float:

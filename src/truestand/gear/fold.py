@@ -88,15 +88,16 @@ def _end(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Ends:
     medians_ = np.array([np.nanmedian(r) for r in by_tooth[seen]])
     if not medians_.size:
         return Ends(name, np.nan, np.nan, 0.0, ())
-    u = float(medians_.std()) / np.sqrt(medians_.size)
+    usual = medians_ if medians_.size < 3 else _usual(medians_)
+    u = float(usual.std()) / np.sqrt(usual.size)
     lines = tuple(sorted((*radial, Contribution("scatter of the teeth", 4 * u, u)), key=lambda c: -c.U))
     return Ends(
-        name, 2 * float(np.median(medians_) if medians_.size < 3 else _trimmed(medians_)),
+        name, 2 * float(usual.mean()),
         hypot(*(c.U for c in lines)), float(seen.mean()), lines,
     )  # fmt: skip
 
 
-def _trimmed(values: Array) -> float:
-    """Mean without what is far off the median: chipped and missing teeth are no diameter."""
+def _usual(values: Array) -> Array:
+    """Without what is far off the median: chipped and missing teeth are no diameter."""
     off = np.abs(values - np.median(values))
-    return float(values[off <= max(4 * 1.4826 * float(np.median(off)), 0.02)].mean())
+    return np.asarray(values[off <= max(4 * 1.4826 * float(np.median(off)), 0.02)])

@@ -20,6 +20,8 @@ HEIGHT_CELL = 0.5
 """mm."""
 CLIP = 3.5
 """Robust standard deviations about a cell's median that have a vote."""
+STRAY = 0.25
+"""Share of the flank's usual number of points below which a cell's points are strays that fell where nothing is."""
 LEAST_SPREAD = 1e-4
 """mm: the scatter within cells is not taken for less."""
 
@@ -63,9 +65,12 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
     cell = (flanks.which.astype(np.int64) * rolls + i) * heights + j
     cells = int(np.prod(shape))
     median, count = medians(cell, flanks.delta, cells)
-    off = flanks.delta - median[cell]
-    scatter = max(1.4826 * float(np.median(np.abs(off))) if off.size else 0.0, LEAST_SPREAD)
-    voting = np.abs(off) < CLIP * scatter
+    count = _without_strays(count.reshape(2 * g.teeth, -1)).reshape(-1)
+    median = np.where(count > 0, median, np.nan)
+    off = np.abs(flanks.delta - median[cell])
+    known = off[np.isfinite(off)]
+    scatter = max(1.4826 * float(np.median(known)) if known.size else 0.0, LEAST_SPREAD)
+    voting = off < CLIP * scatter
     votes = np.bincount(cell[voting], minlength=cells)
 
     def mean(values: Array) -> Array:
@@ -83,6 +88,12 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
         *centres,
         scatter,
     )
+
+
+def _without_strays(count: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Counts (flanks, cells), 0 where there are so few that they are no part of the flank."""
+    usual = np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in count])
+    return np.where(count >= np.maximum(STRAY * usual, 1.0)[:, None], count, 0)
 
 
 def medians(

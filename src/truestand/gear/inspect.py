@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
 from truestand.core.datum import Datum, datum_of
-from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose
+from truestand.core.errors import BadRecipe, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, roll
@@ -55,7 +54,13 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     scan, calibration = origin_of(surface)
     nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
     flanks = find_flanks(surface, nominal, datum.pose)
-    check_drawing(surface, nominal, datum.pose, flanks)
+    reasons = _reasons(calibration)
+    try:
+        check_drawing(surface, nominal, datum.pose, flanks)
+    except WrongDrawing as wrong:
+        if not reasons:  # off its axis, every gear looks like another one
+            raise
+        reasons = (*reasons, str(wrong))
     steady = steadied(flanks, scan, calibration, nominal)
     if steady is not None:
         scan, calibration, uneven = steady
@@ -66,7 +71,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     folded = fold(surface, nominal, datum.pose, flanks.turned)
     told = _told(read, scan, calibration, nominal, datum, coverage)
     radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
-    published = _published(scan, calibration, nominal, flanks.turned)
+    published = _published(flanks, scan, calibration, nominal)
     defects, defect_map = find_defects(flanks, folded, coverage, nominal)
     evidence = GearEvidence(
         nominal, flanks.turned, read.grid, read.measures, read.weighed.rolls.reshape(2, gear.teeth, -1), coverage,
@@ -77,7 +82,8 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         name=gear.name,
         characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
         defects=defects,
-        reasons=_reasons(calibration),
+        reasons=reasons,
+        scan_sha256=scan.sha256,
         remarks=(*_remarks(coverage, scan, calibration, nominal), *_of_angle(scan, None if steady is None else uneven)),
         settings=settings_of(nominal, datum, scan),
         defect_depth=gear.defect_depth,
@@ -122,17 +128,27 @@ def _deviation(flanks: Flanks, surface: Surface, nominal: Involute) -> Array:
     return deviation.reshape(surface.x.shape)
 
 
-def _published(scan: Scan, calibration: Calibration, nominal: Involute, turned: float) -> Array | None:
-    """Tooth positions F_i (2, teeth) as the published compensation would have them; None where it finds no teeth."""
+def _published(flanks: Flanks, scan: Scan, calibration: Calibration, nominal: Involute) -> Array:
+    """Tooth positions F_i (2, teeth) as the published compensation would have them: the same readings, known to be on
+    these flanks, through its chain.
+    """
+    row, column = np.divmod(flanks.index, scan.x.shape[1])
+    some = column % PUBLISHED_THIN == 0
     few = replace(scan, x=scan.x[:, ::PUBLISHED_THIN], z=scan.z[:, ::PUBLISHED_THIN], intensity=None)
     surface = roll(few, replace(calibration, method="paper"))
-    flanks = find_flanks(surface, nominal, Pose(np.eye(3), np.zeros(3)), turned)
-    return read_flanks(flanks, nominal).measures.index
+    at = row[some], column[some] // PUBLISHED_THIN
+    x, y, height, which = surface.x[at], surface.y[at], surface.z[at], flanks.which[some]
+    radius = np.hypot(x, y)
+    centre = flanks.turned + which % nominal.gear.teeth * nominal.gear.pitch + (height - nominal.middle) * nominal.twist
+    off = np.angle(np.exp(1j * (np.arctan2(y, x) - centre)))
+    side = np.where(which < nominal.gear.teeth, 1.0, -1.0)
+    delta = nominal.base_radius * (side * off - nominal.half_angle(radius))
+    rolls = np.sqrt(np.maximum(radius**2 - nominal.base_radius**2, 0.0))
+    moved = Flanks(delta, rolls, height, which, flanks.profile[some], flanks.index[some], flanks.turned)
+    return read_flanks(moved, nominal).measures.index
 
 
-def _published_figures(index: Array | None, nominal: Involute) -> dict[str, float]:
-    if index is None:
-        return {}
+def _published_figures(index: Array, nominal: Involute) -> dict[str, float]:
     found = pitch_extremes(index, pitch_span(nominal.gear))
     return {
         f"{name} {flank}": float(values[side])
