@@ -33,8 +33,8 @@ LEAST_DEPTH = 0.002
 """mm."""
 BORDER = 2
 """Cells at the border of what was seen that tell nothing."""
-SEEN_NEAR = 0.3
-"""Share of the cells about a place that must have been seen."""
+GAP = 9
+"""Cells of roll length that may lie between two profiles: a deep dent near the root moves them apart."""
 TOOTH_DEPTH = 0.1
 """mm of radius by which a tooth's tip must differ from the median tooth's."""
 GONE = 0.6
@@ -109,10 +109,10 @@ def _inner(seen: Bools) -> Bools:
     closed = np.zeros_like(seen)
     for side in range(seen.shape[0]):
         for tooth in range(seen.shape[1]):
-            whole = np.pad(seen[side, tooth], 2 * BORDER + 1)
-            whole = binary_closing(whole, np.ones((2 * BORDER + 1, 3), dtype=bool))
+            whole = np.pad(seen[side, tooth], GAP)
+            whole = binary_closing(whole, np.ones((GAP, 3), dtype=bool))
             whole = binary_erosion(whole, np.ones((3, 3), dtype=bool), BORDER)
-            cut = slice(2 * BORDER + 1, -2 * BORDER - 1)
+            cut = slice(GAP, -GAP)
             closed[side, tooth] = whole[cut, cut]
     return closed
 
