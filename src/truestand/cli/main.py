@@ -7,7 +7,21 @@ from typing import Annotated, NoReturn
 import typer
 
 from truestand._version import __version__
-from truestand.cli import calibrate, compare, demo, form, importing, info, init, inspect, roll, schema, simulate, verify
+from truestand.cli import (
+    calibrate,
+    compare,
+    demo,
+    form,
+    identify,
+    importing,
+    info,
+    init,
+    inspect,
+    roll,
+    schema,
+    simulate,
+    verify,
+)
 from truestand.core.errors import TruestandError
 
 DONE, FAILS, WRONG_USE, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -32,6 +46,7 @@ app.command("calibrate")(calibrate.calibrate)
 app.command("verify")(verify.verify)
 app.command("roll")(roll.roll)
 app.command("inspect")(inspect.inspect)
+app.command("identify")(identify.identify)
 app.command("form")(form.form)
 app.command("compare")(compare.compare)
 app.command("schema")(schema.schema)

@@ -1,7 +1,7 @@
 """gear.toml and its kin (CONTRACT.md): what a part's drawing says. mm, um and degrees outside, mm and rad inside."""
 
 from collections.abc import Mapping
-from math import cos, radians, sin
+from math import cos, degrees, radians, sin
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,6 +14,7 @@ from truestand.files.checking import Recipe, checked
 from truestand.files.meshes import read_mesh
 from truestand.files.recipes import Positive, read_toml, told_of
 from truestand.gear.drawing import Evaluation, Gear, Modification
+from truestand.gear.match import MODULES, Seen, is_standard
 from truestand.parts.drawings import Cad, Section, Turned
 
 NotNegative = Annotated[float, Field(ge=0)]
@@ -157,6 +158,25 @@ def read_part(path: Path | str) -> Part:
         return told_of(path, _turned, checked(TurnedRecipe, table, str(path)))
     folder = Path(path).parent
     return told_of(path, lambda r: _cad(r, folder), checked(CadRecipe, table, str(path)))
+
+
+def seen_recipe(seen: Seen, bottom: float, top: float) -> str:
+    """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
+    shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
+    helix = degrees(seen.helix_angle)
+    return (
+        "# Told from a scan: check every number against the drawing, and add accuracy_class.\n\n"
+        'kind = "gear"\n'
+        f"teeth = {seen.teeth}\n"
+        f"module_mm = {min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)}\n"
+        f"pressure_angle_deg = {degrees(seen.pressure_angle):g}\n"
+        f"helix_angle_deg = {0.0 if abs(helix) < 0.1 else round(helix, 2)}\n"
+        f"profile_shift = {round(shift, 3)}\n"
+        f"face_width_mm = {round(top - bottom, 2)}\n"
+        f"face_from_mm = {round(bottom, 2)}\n"
+        f"tip_diameter_mm = {round(seen.tip_diameter, 2)}\n"
+        f"root_diameter_mm = {round(seen.root_diameter, 2)}\n"
+    )
 
 
 def read_identity(path: Path | str) -> dict[str, str]:

@@ -141,7 +141,7 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: fl
     heights = np.where(blob[near], sign * m.residual[at][near], np.nan)
     if not np.isfinite(heights).any():
         return None
-    depth = float(np.nanquantile(heights, 0.9))
+    depth = float(np.nanmax(heights))
     bearing = np.count_nonzero(blob & (sign * np.nan_to_num(m.residual[at]) > depth / 3))
     if depth < LEAST_DEPTH or bearing < LEAST_CELLS:
         return None

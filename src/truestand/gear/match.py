@@ -62,6 +62,11 @@ class Seen:
         )
 
 
+def is_standard(seen: Seen) -> bool:
+    """Whether its module is a standard one, as near as a scan can tell."""
+    return min(abs(seen.module / m - 1) for m in MODULES) < AS_STANDARD
+
+
 def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flanks) -> None:
     """Refuse a gear that is not the drawing's.
 

@@ -9,6 +9,7 @@ from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
 from truestand.report.numbers import number, places, with_u
 from truestand.report.quantities import quantities
+from truestand.report.true_values import true_value, true_values
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -67,25 +68,33 @@ def positions_table(positions: Positions) -> "Table":
 
 
 def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = None) -> "Table":
-    """The whole part's characteristics with U, limit, class and verdict; what was not measurable says so."""
+    """The whole part's characteristics with U, limit, class and verdict; what was not measurable says so.
+
+    Beside them what the published compensation makes of the same scan, and the truth where it is given.
+    """
     from rich.table import Table
 
-    told = _true_values(truth)
+    told = true_values(inspection, truth)
     table = Table(title=f"{inspection.name}: {inspection.verdict.replace('_', ' ')}", title_justify="left")
-    for heading in ("characteristic", "flank", "value ± U (k = 2)", "limit", "class", "verdict"):
-        table.add_column(heading, justify="right" if heading in ("value ± U (k = 2)", "limit", "class") else "left")
-    if told:
-        table.add_column("truth", justify="right")
+    table.add_column("characteristic")
+    table.add_column("flank")
+    further = [h for h, on in (("paper's method", inspection.published), ("truth", told)) if on]
+    for heading in ("value ± U (k = 2)", *further, "limit", "class"):
+        table.add_column(heading, justify="right")
+    table.add_column("verdict")
     for c in inspection.characteristics:
         if c.tooth is None:
-            true = told.get((c.name, c.flank))
-            cells = [] if not told else ["" if true is None else f"{true:.2f}"]
-            table.add_row(*_row(c), *cells)
+            paper = inspection.published.get(f"{c.name} {c.flank}")
+            true = true_value(told, c)
+            cells = {"paper's method": "" if paper is None else f"{um(paper):.0f}",
+                     "truth": "" if true is None else f"{true:.4f}" if c.size else f"{true:.2f}"}  # fmt: skip
+            label, flank, value, limits, grade, verdict = _row(c)
+            table.add_row(label, flank, value, *(cells[h] for h in further), limits, grade, verdict)
     for d in inspection.defects:
         where = "" if d.roll_length is None else f"roll length {d.roll_length:.1f} mm, "
         where += "" if d.height is None else f"height {d.height:.1f} mm"
         depth = "" if d.depth is None else f"{um(d.depth):.0f} um deep"
-        table.add_row(f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, "", "", where, *([""] if told else []))
+        table.add_row(f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", where)
     return table
 
 
@@ -109,17 +118,3 @@ def _limits(c: Characteristic, scale: float) -> str:
     if low is None or high is None:
         return f"{(high if low is None else low) or 0.0:g}"
     return f"± {high:g}" if low == -high else f"{low:g} .. {high:g}"
-
-
-def _true_values(truth: Mapping[str, Any] | None) -> dict[tuple[str, str | None], float]:
-    """By name and flank, um, what a virtual gear's truth tells of the same characteristics."""
-    part = (truth or {}).get("part") or {}
-    found: dict[tuple[str, str | None], float] = {}
-    for flank in ("left", "right"):
-        for name in ("F_p", "f_p"):
-            value = part.get(f"{name}_{flank}_um")
-            if value is not None:
-                found[name, flank] = float(value)
-    if part.get("F_r_um") is not None:
-        found["F_r", None] = float(part["F_r_um"])
-    return found
