@@ -5,6 +5,7 @@ import truestand as ts
 stand, shaft = ts.read_stand("stand.toml"), ts.read_shaft("shaft.toml")
 calibration = ts.calibrate(ts.read_scan("k1.csv", stand), shaft)
 surface = ts.roll(ts.read_scan("gear.csv", stand), calibration)
+print(ts.inspect(surface, ts.read_part("gear.toml")).verdict)
 """
 
 from importlib import import_module
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from truestand.core.calibration import Calibration
     from truestand.core.errors import TruestandError
     from truestand.core.frames import Pose
+    from truestand.core.inspection import Characteristic, Defect, Inspection
     from truestand.core.positions import calibrate_positions
     from truestand.core.scan import Recording, Scan, interpret
     from truestand.core.stand import Sensor, Stand, Table
@@ -25,16 +27,24 @@ if TYPE_CHECKING:
     from truestand.core.transfer import Transfer, transfer
     from truestand.core.verify import Verification, verify
     from truestand.files.clouds import write_cloud
+    from truestand.files.parts import read_part
     from truestand.files.read import read_scan
     from truestand.files.recipes import read_shaft, read_stand
     from truestand.files.records import read_calibration, write_calibration
+    from truestand.gear.drawing import Gear
+    from truestand.gear.match import identify
+    from truestand.parts.inspect import inspect
 
 # Names are imported when first used, so that `truestand --help` doesn't wait for numpy.
 _HOME = {
     "Artefact": "core.artefact",
     "Calibration": "core.calibration",
     "Certificate": "core.artefact",
+    "Characteristic": "core.inspection",
     "Cylinder": "core.artefact",
+    "Defect": "core.inspection",
+    "Gear": "gear.drawing",
+    "Inspection": "core.inspection",
     "Pose": "core.frames",
     "Recording": "core.scan",
     "Scan": "core.scan",
@@ -47,8 +57,11 @@ _HOME = {
     "Verification": "core.verify",
     "calibrate": "core.calibrate",
     "calibrate_positions": "core.positions",
+    "identify": "gear.match",
+    "inspect": "parts.inspect",
     "interpret": "core.scan",
     "read_calibration": "files.records",
+    "read_part": "files.parts",
     "read_scan": "files.read",
     "read_shaft": "files.recipes",
     "read_stand": "files.recipes",
@@ -63,7 +76,11 @@ __all__ = [
     "Artefact",
     "Calibration",
     "Certificate",
+    "Characteristic",
     "Cylinder",
+    "Defect",
+    "Gear",
+    "Inspection",
     "Pose",
     "Recording",
     "Scan",
@@ -77,8 +94,11 @@ __all__ = [
     "__version__",
     "calibrate",
     "calibrate_positions",
+    "identify",
+    "inspect",
     "interpret",
     "read_calibration",
+    "read_part",
     "read_scan",
     "read_shaft",
     "read_stand",

@@ -95,12 +95,15 @@ class Inspection:
 
     @property
     def verdict(self) -> Verdict:
-        """Does not conform if any line fails; else undecided if any line with limits is, or nothing may be decided."""
+        """Does not conform if any line fails; else undecided if any line with limits is, or nothing may be decided.
+
+        A part without limits has nothing to fail.
+        """
         found = {c.verdict for c in self.characteristics if c.verdict is not None}
         deep = self.defect_depth is not None and any((d.depth or 0.0) > self.defect_depth for d in self.defects)
         if not self.reasons and ("does_not_conform" in found or deep):
             return "does_not_conform"
-        return "undecided" if self.reasons or not found or "undecided" in found else "conforms"
+        return "undecided" if self.reasons or "undecided" in found else "conforms"
 
 
 def status_of(coverage: float) -> Status:

@@ -78,16 +78,25 @@ class Rays:
 
 
 def influences_of(
-    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float
+    scan: Scan,
+    calibration: Calibration,
+    grid: Grid,
+    nominal: Involute,
+    datum: Datum,
+    turned: float,
+    uneven: float = 0.0,
 ) -> tuple[Influence, ...]:
-    """Every input of the budget but noise."""
+    """Every input of the budget but noise.
+
+    ``uneven``: by how much (mm, rms, along the base circle) turns disagreed; what repeats is taken for no less.
+    """
     rays = _rays(calibration, grid, nominal, datum, turned)
     shape = grid.delta.shape
 
     def field(moved: Array) -> Array:
         return np.asarray((rays.gradient * moved).sum(axis=1).reshape(shape))
 
-    return _all(scan, calibration, rays, field, datum, nominal.gear.teeth)
+    return _all(scan, calibration, rays, field, datum, nominal.gear.teeth, 2 * uneven / nominal.base_radius)
 
 
 def radial_lines(
@@ -102,17 +111,18 @@ def radial_lines(
         return np.asarray(np.mean((outward * moved).sum(axis=1)))
 
     lines: dict[str, Contribution] = {}
-    for i in _all(scan, calibration, rays, field, datum, nominal.gear.teeth):
+    for i in _all(scan, calibration, rays, field, datum, nominal.gear.teeth, 0.0):
         before = lines[i.name].U if i.name in lines else 0.0
         lines[i.name] = Contribution(i.name, hypot(before, 2 * float(i.field)), i.u, i.distribution)
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
 def _all(
-    scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum, teeth: int
+    scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum, teeth: int, uneven: float
 ) -> tuple[Influence, ...]:
+    """``uneven``: rad, k = 2."""
     found = [*_of_calibration(calibration, rays, field), *_of_sensor(scan, calibration, rays, field)]
-    found += _of_table(scan, calibration, rays, field, teeth)
+    found += _of_table(scan, calibration, rays, field, teeth, uneven)
     found += _of_datum(datum, rays, field)
     radial = rays.point * np.array([1.0, 1.0, 0.0])
     found.append(Influence("temperature of the part (assumed)", field(radial * EXPANSION * TEMPERATURE_U),
@@ -239,7 +249,9 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field, teeth: int) -> list[Influence]:
+def _of_table(
+    scan: Scan, calibration: Calibration, rays: Rays, field: Field, teeth: int, uneven: float
+) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn."""
     parameters, height = unknowns_of(calibration)
     here = points_of(parameters, height, rays.x, rays.z, rays.theta)
@@ -249,7 +261,7 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, field: Field, te
 
     measured = scan.angle_source in ("angle", "encoder")
     own = scan.stand.table.angle_U
-    U = own if own is not None else ENCODER_U if measured else STEADY_U
+    U = own if own is not None else ENCODER_U if measured else max(STEADY_U, uneven)
     name = "angle, once per turn" if measured else "angle, once per turn: speed of the table"
     name += "" if own is not None else " (assumed)"
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most

@@ -77,10 +77,10 @@ def _scores(residual: Array, grid: Grid) -> Array:
     """The filtered residual in robust standard deviations, signed, of the size that stands out most; NaN at borders."""
     from scipy.ndimage import gaussian_filter1d
 
-    count = np.where(np.isfinite(residual), grid.count, 0.0)
+    inner = _inner(np.isfinite(residual))
+    count = np.where(inner & np.isfinite(residual), grid.count, 0.0)
     values = np.where(count > 0, residual, 0.0)
     steps = grid.rolls[1] - grid.rolls[0], grid.heights[1] - grid.heights[0]
-    inner = _inner(count > 0)
     best = np.zeros(residual.shape)
     for size in SIZES:
 

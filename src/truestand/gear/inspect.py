@@ -69,7 +69,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     read = read_flanks(flanks, nominal)
     coverage = coverage_of(read.grid, nominal, scan.step)
     folded = fold(surface, nominal, datum.pose, flanks.turned)
-    told = _told(read, scan, calibration, nominal, datum, coverage)
+    told = _told(read, scan, calibration, nominal, datum, coverage, 0.0 if steady is None else uneven)
     radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
     published = _published(flanks, scan, calibration, nominal)
     defects, defect_map = find_defects(flanks, folded, coverage, nominal)
@@ -112,12 +112,12 @@ def read_flanks(flanks: Flanks, nominal: Involute) -> Read:
 
 
 def _told(
-    read: Read, scan: Scan, calibration: Calibration, nominal: Involute, datum: Datum, coverage: Coverage
+    read: Read, scan: Scan, calibration: Calibration, nominal: Involute, datum: Datum, coverage: Coverage, uneven: float
 ) -> Told:
     """The figures, freed of what noise lifts them by, with every line of their doubt."""
     noisier, noise = noise_of(read.measures, read.weighed, read.grid, nominal)
     base = figures_of(read.measures, nominal)
-    influences = influences_of(scan, calibration, read.grid, nominal, datum, read.flanks.turned)
+    influences = influences_of(scan, calibration, read.grid, nominal, datum, read.flanks.turned, uneven)
     joined = expanded(influences, read.measures, read.weighed, read.grid, nominal)
     return Told(corrected(base, noisier), joined | {"noise": noise}, influences, coverage)
 
@@ -178,6 +178,8 @@ def _remarks(coverage: Coverage, scan: Scan, calibration: Calibration, nominal: 
                 f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the "
                 "sensor or the gear turned over, or with a second sensor"
             )
+    if nominal.gear.accuracy_class is None and not nominal.gear.limits:
+        found.append("no line has a limit: measured, not judged; add accuracy_class to the recipe")
     coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
     if coarse > 4 * FINE:
         enough = profiles_for(nominal, max(nominal.control_roll, 3.0))

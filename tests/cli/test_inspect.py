@@ -1,0 +1,176 @@
+"""``truestand inspect`` and ``identify`` from outside: files, keys, exit codes."""
+
+import json
+import subprocess
+import sys
+from importlib.resources import files
+
+import jsonschema
+import numpy as np
+import pytest
+
+from command import run
+
+PERFECT = "[simulation]\nphase_deg = 3.0\n"
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Recipes, a calibration, a scan of the starter's gear and one of a perfect gear."""
+    folder = tmp_path_factory.mktemp("inspect")
+    assert run("init", folder).returncode == 0
+    stand = folder / "stand.toml"
+    stand.write_text(stand.read_text().replace("profiles = 11000 ", "profiles = 4400 "))
+    drawing = (folder / "gear.toml").read_text().split("# Only `truestand simulate`")[0]
+    (folder / "perfect.toml").write_text(drawing.replace("accuracy_class = 7", "accuracy_class = 11") + PERFECT)
+    (folder / "unknown.toml").write_text(stand.read_text().replace('start = "home"', 'start = "unknown"'))
+    for out, part, more in (
+        ("k1.h5", (), ()),
+        ("gear.h5", ("--part", "gear.toml"), ("--truth", "truth.json")),
+        ("perfect.h5", ("--part", "perfect.toml"), ()),
+    ):
+        done = run("simulate", "stand.toml", "--artefact", "shaft.toml", *part, *more, "-o", out, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    assert run("calibrate", "k1.h5", "--artefact", "shaft.toml", cwd=folder).returncode == 0
+    return folder
+
+
+def inspect(bench, *arguments, scan="gear.h5", part="gear.toml"):
+    return run("inspect", scan, "--calibration", "calibration.json", "--part", part, *arguments, cwd=bench)
+
+
+def test_a_gear_with_errors_does_not_conform(bench):
+    done = inspect(bench, "--report", "r.html", "--cloud", "gear.ply", "--truth", "truth.json")
+    assert done.returncode == 1, done.stderr
+    assert "does not conform" in done.stdout and "paper's method" in done.stdout
+    record = json.loads((bench / "inspection.json").read_text())
+    schema = json.loads(files("truestand.files.schemas").joinpath("inspection.json").read_text())
+    jsonschema.Draft202012Validator(schema).validate(record)
+    truth = json.loads((bench / "truth.json").read_text())["part"]
+    for c in record["characteristics"]:
+        if c["name"] in ("F_p", "f_p"):
+            assert c["value_um"] == pytest.approx(truth[f"{c['name']}_{c['flank']}_um"], abs=1.0)
+            assert c["U_um"] > 0 and c["limit_um"] in (12.0, 35.0)
+    kinds = {(d["tooth"], d["flank"], d["kind"]) for d in record["defects"]}
+    assert kinds == {(5, "left", "dent"), (16, "right", "dent"), (11, None, "chipped end")}
+    assert "NaN" not in (bench / "inspection.json").read_text()
+    assert "does not conform" in (bench / "r.html").read_text().lower()
+
+
+def test_the_cloud_carries_the_deviations(bench):
+    assert inspect(bench, "--cloud", "c.ply", "-o", "c.json", "-q").returncode == 1
+    data = (bench / "c.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    assert b"property float deviation" in header
+    kind = np.dtype([(n, "<f4") for n in "xyz"] + [("profile", "<i4"), ("point", "<i4"), ("deviation", "<f4")])
+    points = np.frombuffer(body, kind)
+    judged = np.isfinite(points["deviation"])
+    assert 0.01 < judged.mean() < 0.9
+    assert np.median(np.abs(points["deviation"][judged])) < 50.0  # um
+
+
+def test_a_perfect_gear_conforms_to_a_coarse_class(bench):
+    done = inspect(bench, "-o", "p.json", "--json", scan="perfect.h5", part="perfect.toml")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["verdict"] == "conforms"
+
+
+def test_what_the_stand_cannot_decide_ends_3(bench):
+    text = (bench / "perfect.toml").read_text().replace("accuracy_class = 11", "accuracy_class = 7")
+    (bench / "fine.toml").write_text(text)
+    assert inspect(bench, "-o", "u.json", scan="perfect.h5", part="fine.toml").returncode == 3
+    assert json.loads((bench / "u.json").read_text())["verdict"] == "undecided"
+
+
+def test_an_untrusted_calibration_ends_3_and_says_why(bench):
+    record = json.loads((bench / "calibration.json").read_text())
+    record["status"], record["reasons"] = "untrusted", ["dropped"]
+    (bench / "untrusted.json").write_text(json.dumps(record))
+    done = run(
+        "inspect", "gear.h5", "--calibration", "untrusted.json", "--part", "gear.toml", "-o", "x.json", cwd=bench
+    )
+    assert done.returncode == 3 and "untrusted: dropped" in done.stderr
+    assert json.loads((bench / "x.json").read_text())["reasons"] == ["dropped"]
+
+
+def test_a_wrong_drawing_ends_2_and_writes_nothing(bench):
+    text = (bench / "gear.toml").read_text().replace("teeth = 24", "teeth = 23").replace("= 52.0", "= 50.0")
+    (bench / "wrong.toml").write_text(text)
+    done = inspect(bench, "-o", "none.json", "--report", "none.html", part="wrong.toml")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1 and "saw 24 teeth, module 2 mm" in done.stderr
+    assert not (bench / "none.json").exists() and not (bench / "none.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("teeth = 24", "teath = 24"), "did you mean 'teeth'"),
+        (('kind = "gear"', 'kind = "cog"'), "need one of gear, turned, cad"),
+        (("tip_diameter_mm = 52.0", "tip_diameter_mm = 42.0"), "tip above the root"),
+        (("accuracy_class = 7", "accuracy_class = 12"), "need 1..11"),
+    ],
+)
+def test_a_bad_recipe_ends_2_in_one_line(bench, change, message):
+    (bench / "bad.toml").write_text((bench / "gear.toml").read_text().replace(*change))
+    done = inspect(bench, "-o", "none.json", part="bad.toml")
+    assert done.returncode == 2
+    assert message in done.stderr and done.stderr.count("\n") == 1
+    assert not (bench / "none.json").exists()
+
+
+def test_a_scan_from_another_table_angle_is_tied_by_the_shaft_in_view(bench):
+    turned = (bench / "unknown.toml").read_text().replace("fan_deg", "start_angle_deg = 77.0\nfan_deg")
+    (bench / "turned.toml").write_text(turned)
+    made = run(
+        "simulate", "turned.toml", "--artefact", "shaft.toml", "--part", "gear.toml", "-o", "turned.h5", cwd=bench
+    )
+    assert made.returncode == 0, made.stderr
+    assert inspect(bench, "-o", "home.json").returncode == 1
+    done = inspect(bench, "-o", "turned.json", scan="turned.h5")
+    assert done.returncode == 1, done.stderr
+    home, tied = (pitch(bench / name) for name in ("home.json", "turned.json"))
+    for key, value in home.items():
+        assert tied[key] == pytest.approx(value, abs=1.0)
+
+
+def pitch(path):
+    lines = json.loads(path.read_text())["characteristics"]
+    return {(c["name"], c["flank"]): c["value_um"] for c in lines if c["name"] in ("F_p", "f_p")}
+
+
+def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench):
+    """The same scan without its readings of the shaft; the calibration's own zero is the table's home."""
+    import h5py
+
+    (bench / "blind.h5").write_bytes((bench / "turned.h5").read_bytes())
+    script = (
+        "import sys; from dataclasses import replace; import numpy as np\n"
+        "from truestand.files.read import read_recording, read_scan\n"
+        "from truestand.files.records import read_calibration\n"
+        "from truestand.files.write_scan import write_recording\n"
+        "from truestand.core.surface import roll\nfrom pathlib import Path\n"
+        "r = read_recording(Path('turned.h5')); s = roll(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
+        "z = np.where(s.z < 5.0, np.nan, r.z); x = np.where(np.isnan(z), np.nan, r.x)\n"
+        "write_recording(replace(r, x=x, z=z), Path('blind.h5'), r.stand, force=True)\n"
+    )
+    made = subprocess.run([sys.executable, "-c", script], cwd=bench, capture_output=True, text=True, check=False)
+    assert made.returncode == 0, made.stderr
+    assert h5py.is_hdf5(bench / "blind.h5")
+    done = inspect(bench, "-o", "blind.json", scan="blind.h5")
+    assert done.returncode == 3
+    assert "bring the shaft into view" in done.stderr
+    assert json.loads((bench / "blind.json").read_text())["verdict"] == "undecided"
+
+
+def test_an_unknown_gear_is_identified_and_its_recipe_inspected(bench):
+    done = run("identify", "gear.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench)
+    assert done.returncode == 0, done.stderr
+    assert "24 teeth, module 2" in done.stdout
+    done = inspect(bench, "-o", "found.json", part="found.toml")
+    assert done.returncode == 0 and "no line has a limit" in done.stderr
+    assert (
+        run("identify", "gear.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench).returncode == 2
+    )
+    told = run("identify", "gear.h5", "--calibration", "calibration.json", "--json", cwd=bench)
+    assert json.loads(told.stdout)["teeth"] == 24
