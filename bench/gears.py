@@ -1,6 +1,6 @@
 """Random gears on random stands: how far each figure is off its truth, with our calibration and with the true one.
 
-    python bench/gears.py --gears 20 --helix-deg 15
+    python bench/gears.py --gears 20 --helix-deg 15 --upright
     python bench/gears.py --gears 5 --outliers 0.2 --dropouts 0.1
     python bench/gears.py --dents 32
 
@@ -39,7 +39,9 @@ from truestand.sim import (
 
 FLANKS = ("left", "right")
 MOUNTED = {"standoff": 104.0, "height": 14.0, "plane_offset": 0.15}
-"""The sensor of the starter recipes: gear and shaft in view."""
+"""Gear and shaft in view, at the paper's angle."""
+UPRIGHT = {"phi": radians(-70.0), "standoff": 105.0, "height": 2.0, "plane_offset": 0.15}
+"""Seen more squarely: both flanks of a helical gear are in view."""
 
 
 @dataclass
@@ -92,13 +94,13 @@ def stand_of(rng: np.random.Generator, args: argparse.Namespace):
     base = paper_simulation()
     return paper_stand(), replace(
         base,
-        mounting=replace(base.mounting, **MOUNTED, plane_tilt=radians(float(rng.uniform(-0.2, 0.2)))),
+        mounting=replace(base.mounting, **(UPRIGHT if args.upright else MOUNTED), plane_tilt=radians(float(rng.uniform(-0.2, 0.2)))),
         running=replace(
             base.running, eccentricity=0.88, eccentricity_direction=float(rng.uniform(-np.pi, np.pi)),
             tilt=float(rng.uniform(0, 0.001)), tilt_direction=float(rng.uniform(-np.pi, np.pi)),
         ),
         workpiece=replace(base.workpiece, form=()),
-        optics=replace(base.optics, noise=0.005, fan=radians(20.0)),
+        optics=replace(base.optics, noise=0.005, fan=radians(32.0 if args.upright else 20.0)),
         acquisition=replace(base.acquisition, profiles=args.profiles, columns=tuple(args.columns)),
     )  # fmt: skip
 
@@ -228,6 +230,7 @@ def main() -> None:
     parser.add_argument("--gears", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--helix-deg", type=float, default=0.0)
+    parser.add_argument("--upright", action="store_true", help="sensor at 70 degrees to the axis")
     parser.add_argument("--profiles", type=int, default=11000)
     parser.add_argument("--columns", nargs="*", default=[])
     parser.add_argument("--outliers", type=float, default=0.0)

@@ -281,7 +281,7 @@ def test_simulate_part_writes_scan_and_truth(tmp_path):
     assert run("init", tmp_path).returncode == 0
     stand, drawn = tmp_path / "stand.toml", tmp_path / "gear.toml"
     stand.write_text(stand.read_text().replace("profiles = 11000", "profiles = 60"))
-    recipe = drawn.read_text()
+    recipe = drawn.read_text().split("# Only `truestand simulate`")[0]
     drawn.write_text(recipe + "\n[simulation]\npitch_um = 5.0\n")
     command = ("simulate", stand, "--part", drawn, "-o", tmp_path / "g.h5", "--truth", tmp_path / "t.json")
     assert run(*command).returncode == 0

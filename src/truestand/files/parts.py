@@ -164,11 +164,12 @@ def seen_recipe(seen: Seen, bottom: float, top: float) -> str:
     """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
     shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
     helix = degrees(seen.helix_angle)
+    module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)
     return (
         "# Told from a scan: check every number against the drawing, and add accuracy_class.\n\n"
         'kind = "gear"\n'
         f"teeth = {seen.teeth}\n"
-        f"module_mm = {min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)}\n"
+        f"module_mm = {module}\n"
         f"pressure_angle_deg = {degrees(seen.pressure_angle):g}\n"
         f"helix_angle_deg = {0.0 if abs(helix) < 0.1 else round(helix, 2)}\n"
         f"profile_shift = {round(shift, 3)}\n"
