@@ -150,7 +150,8 @@ def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench):
         "from truestand.files.records import read_calibration\n"
         "from truestand.files.write_scan import write_recording\n"
         "from truestand.core.surface import roll\nfrom pathlib import Path\n"
-        "r = read_recording(Path('turned.h5')); s = roll(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
+        "r = read_recording(Path('turned.h5'))\n"
+        "s = roll(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
         "z = np.where(s.z < 5.0, np.nan, r.z); x = np.where(np.isnan(z), np.nan, r.x)\n"
         "write_recording(replace(r, x=x, z=z), Path('blind.h5'), r.stand, force=True)\n"
     )
@@ -174,3 +175,31 @@ def test_an_unknown_gear_is_identified_and_its_recipe_inspected(bench):
     )
     told = run("identify", "gear.h5", "--calibration", "calibration.json", "--json", cwd=bench)
     assert json.loads(told.stdout)["teeth"] == 24
+
+
+def test_a_turned_part_and_a_cad_model_go_the_same_way(bench):
+    """The calibration's shaft as a turned part, and as a cylinder of triangles."""
+    import trimesh
+
+    (bench / "shaft-part.toml").write_text(
+        'kind = "turned"\n[[section]]\nname = "base"\nfrom_mm = -12.0\nto_mm = -2.0\ndiameter_mm = 25.0\n'
+        "limits_mm = [24.99, 25.01]\nroundness_um = 100.0\n"
+    )
+    done = inspect(bench, "-o", "turned-part.json", "--report", "t.html", scan="k1.h5", part="shaft-part.toml")
+    assert done.returncode == 1, done.stderr  # 85 um oval: 170 um of roundness
+    lines = {c["name"]: c for c in json.loads((bench / "turned-part.json").read_text())["characteristics"]}
+    assert lines["d"]["value_mm"] == pytest.approx(25.0, abs=0.0005) and lines["d"]["verdict"] == "conforms"
+    assert lines["roundness"]["value_um"] == pytest.approx(170.0, abs=1.0)
+    assert lines["roundness"]["verdict"] == "does_not_conform" and lines["roundness"]["section"] == "base"
+
+    model = trimesh.creation.cylinder(radius=12.5, height=60.0, sections=720)
+    model.apply_translation([0, 0, -30.0])
+    model.export(bench / "base.stl")
+    (bench / "cad.toml").write_text('kind = "cad"\nfile = "base.stl"\nfit = "none"\nlimits_um = [-150.0, 150.0]\n')
+    done = inspect(bench, "-o", "cad.json", "--report", "c.html", scan="k1.h5", part="cad.toml")
+    assert done.returncode == 0, done.stderr
+    schema = json.loads(files("truestand.files.schemas").joinpath("inspection.json").read_text())
+    for name in ("turned-part.json", "cad.json"):
+        jsonschema.Draft202012Validator(schema).validate(json.loads((bench / name).read_text()))
+    lines = {c["name"]: c for c in json.loads((bench / "cad.json").read_text())["characteristics"]}
+    assert lines["deviation_max"]["value_um"] == pytest.approx(85.0, abs=3.0)
