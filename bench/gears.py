@@ -92,9 +92,10 @@ def errors_of(rng: np.random.Generator, dents: tuple[Dent, ...] = ()) -> GearErr
 
 def stand_of(rng: np.random.Generator, args: argparse.Namespace):
     base = paper_simulation()
+    where, tilt = UPRIGHT if args.upright else MOUNTED, radians(float(rng.uniform(-0.2, 0.2)))
     return paper_stand(), replace(
         base,
-        mounting=replace(base.mounting, **(UPRIGHT if args.upright else MOUNTED), plane_tilt=radians(float(rng.uniform(-0.2, 0.2)))),
+        mounting=replace(base.mounting, **where, plane_tilt=tilt),
         running=replace(
             base.running, eccentricity=0.88, eccentricity_direction=float(rng.uniform(-np.pi, np.pi)),
             tilt=float(rng.uniform(0, 0.001)), tilt_direction=float(rng.uniform(-np.pi, np.pi)),
