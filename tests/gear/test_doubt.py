@@ -31,13 +31,14 @@ def figures(radial=0.0, offset=0.0, tilt=0.0, shaft=(0.0, 0.0)):
         shaft_from_rotor=shaft_from_rotor(ex + shaft[0], ey + shaft[1], tx, ty),
     )
     found = inspect_gear(roll(scan_of(SPUR, PERFECT, QUIET), moved), SPUR)
-    return {(c.name, c.flank): c.value for c in found.characteristics if c.tooth is None}
+    return {(c.name, c.flank): c.value for c in found.characteristics if c.tooth is None} | {"remarks": found.remarks}
 
 
 def test_nothing_off_reads_nothing():
     found = figures()
     for name in ("F_p", "f_p", "f_Halpha", "f_Hbeta"):
         assert abs(found[name, "left"]) < 0.1 * UM
+    assert not any("sides" in r for r in found["remarks"])
 
 
 def slope_of(deviation):
@@ -54,6 +55,7 @@ def test_radial_zero():
     for flank in ("left", "right"):
         assert found["f_Halpha", flank] == pytest.approx(slope_of(lambda a: 10 * UM * np.sin(a)), abs=0.1 * UM)
     assert found["s", None] - np.pi == pytest.approx(2 * 10 * UM * np.tan(ALPHA), abs=0.3 * UM)  # 7 um
+    assert any("a radial zero 10 um off" in r for r in found["remarks"])
 
 
 def test_lateral_offset_tilts_the_flanks_against_each_other():
@@ -62,6 +64,7 @@ def test_lateral_offset_tilts_the_flanks_against_each_other():
     left, right = found["f_Halpha", "left"], found["f_Halpha", "right"]
     assert abs(left - right) / 2 == pytest.approx(abs(slope_of(lambda a: 50 * UM * np.cos(a))), abs=0.1 * UM)
     assert abs(left + right) / 2 < 0.4 * UM
+    assert any("a laser plane 50 um beside" in r for r in found["remarks"])
 
 
 def test_line_skew_tilts_the_helices_against_each_other():
@@ -70,6 +73,7 @@ def test_line_skew_tilts_the_helices_against_each_other():
     left, right = found["f_Hbeta", "left"], found["f_Hbeta", "right"]
     assert abs(left - right) / 2 == pytest.approx(1e-3 * 20 * cos(ALPHA), rel=0.01)
     assert abs(left + right) / 2 < 0.2 * UM
+    assert any("skew by 1.00 mrad" in r for r in found["remarks"])
 
 
 def test_a_residual_eccentricity_is_pitch_and_runout():

@@ -6,9 +6,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-def medians(
-    cell: NDArray[np.integer], values: Array, cells: int, span: float
-) -> tuple[Array, NDArray[np.int64]]:
+def medians(cell: NDArray[np.integer], values: Array, cells: int, span: float) -> tuple[Array, NDArray[np.int64]]:
     """Median (cells,) of the values (n,) in each cell, NaN where there is none, and how many there are.
 
     One sort of one key, the cell before the point and the value behind it: 1e5 cells leave 1e-10 of ``span``. Values

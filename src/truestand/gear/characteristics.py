@@ -12,7 +12,7 @@ from truestand.core.inspection import Characteristic, Flank, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.coverage import Coverage
-from truestand.gear.figures import MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
+from truestand.gear.figures import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.fold import Ends
 from truestand.gear.geometry import FACE_SHARE, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import CLIP, HEIGHT_CELL
@@ -36,7 +36,8 @@ class Told:
 
 def characteristics_of(told: Told, nominal: Involute, ends: tuple[Ends, ...]) -> tuple[Characteristic, ...]:
     """Whole gear first, then tooth by tooth."""
-    lines = [_line(told, nominal, n, (side,)) for n in PITCH for side in (0, 1)]
+    names = (*PITCH, *(name + AREAL for name in AREAL_NAMES))
+    lines = [_line(told, nominal, n, (side,)) for n in names for side in (0, 1)]
     lines.append(_line(told, nominal, "F_r", ()))
     lines += [_line(told, nominal, n + MEAN, (side,)) for n in MEANS for side in (0, 1)]
     lines += [_line(told, nominal, n, ()) for n in SIZES]
@@ -126,7 +127,8 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
         "helix evaluation": f"height {bottom:.2f} to {top:.2f} mm; {100 * FACE_SHARE:g} % or a module left out "
         "at either end",
         "slope deviations": "over the whole control length and face" if full else "over the evaluation ranges",
-        "position": "measuring circle, middle of the face, from a quadratic over the flank's evaluation area",
+        "position": "measuring circle, middle of the face, from a quadratic over the flank's evaluation area; areal: "
+        "its mean over that area",
         "traces": "means across the flank's other direction; deviations along the base tangent, transverse",
         "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {HEIGHT_CELL:g} mm of height; "
         f"points beyond {CLIP:g} robust sigma of a cell's median have no vote; no further filter",

@@ -54,6 +54,8 @@ class Measures:
 
     position: Array
     """delta at the measuring circle, middle of the face."""
+    area: Array
+    """delta, mean over the flank's evaluation area."""
     at_ball: Array
     """delta where the ball touches."""
     profile: Array
@@ -122,7 +124,8 @@ def evaluate(delta: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> M
     index = SIGMA[:, None] * position * nominal.arc_per_delta
     touching = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
     sides = {
-        "position": c[:, 0] + middle, "at_ball": at_ball.reshape(-1), "f_Halpha": alpha[0], "f_falpha": alpha[1],
+        "position": c[:, 0] + middle, "area": c @ _area_means(nominal) + middle,
+        "at_ball": at_ball.reshape(-1), "f_Halpha": alpha[0], "f_falpha": alpha[1],
         "F_alpha": alpha[2], "C_alpha": -c[:, 3] ,
         "f_Hbeta": beta[0], "f_fbeta": beta[1], "F_beta": beta[2], "C_beta": -c[:, 5],
     }  # fmt: skip
@@ -156,8 +159,8 @@ def _trace_lines(profile: Array, helix: Array, weighed: Weighed, grid: Grid, nom
     """Slope, form and total (flanks,) of profile and helix traces (flanks, n)."""
     heights = np.broadcast_to(grid.heights, helix.shape)
     return (
-        _lines(profile, weighed.rolls, nominal.profile_range, _slope_length(nominal, along_profile=True)),
-        _lines(helix, heights, nominal.helix_range, _slope_length(nominal, along_profile=False)),
+        _lines(profile, weighed.rolls, nominal.profile_range, slope_length(nominal, along_profile=True)),
+        _lines(helix, heights, nominal.helix_range, slope_length(nominal, along_profile=False)),
     )
 
 
@@ -263,6 +266,16 @@ def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
     return np.asarray(np.repeat(shared, shape[1], axis=0).reshape(residual.shape))
 
 
+def _area_means(nominal: Involute) -> Array:
+    """Means (TERMS,) of the quadratic's terms over the evaluation area, whichever cells of it were seen."""
+    (a, b), (p, q) = (
+        [float(_reduced_roll(v, nominal)) for v in nominal.profile_range],
+        [float(_reduced_height(np.asarray(v), nominal)) for v in nominal.helix_range],
+    )
+    el, h = (a + b) / 2, (p + q) / 2
+    return np.array([1.0, el, h, (a * a + a * b + b * b) / 3, el * h, (p * p + p * q + q * q) / 3])
+
+
 def _traces(values: Array, c: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Array, Array]:
     """Profile traces (flanks, roll lengths) at the middle of the face, helix traces (flanks, heights) on the measuring
     circle: means across, each freed of how the flank runs the other way.
@@ -301,7 +314,7 @@ def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) 
     return first, second, third
 
 
-def _slope_length(nominal: Involute, along_profile: bool) -> float:
+def slope_length(nominal: Involute, along_profile: bool) -> float:
     """Over which length a slope deviation is told: the whole control length (2013), or the evaluation's (1995)."""
     g = nominal.gear
     ends = g.evaluation.slope_ends or ("full" if g.standard.endswith("2013") else "evaluation")

@@ -18,8 +18,10 @@ Figures = dict[str, Array]
 PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MEANS = (*PER_TOOTH, "C_alpha", "C_beta")
 PITCH = ("f_p", "F_p", "F_pk", "f_u")
-NEVER_NEGATIVE = frozenset((*PITCH, "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
+NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
 DRAWS = 64
+AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
+"""Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: told, not judged."""
 MEAN = " mean"
 """Behind the name of a figure that is the mean over the teeth of a side."""
 
@@ -27,6 +29,8 @@ MEAN = " mean"
 def figures_of(m: Measures, nominal: Involute) -> Figures:
     """Every reported quantity; a mean over the teeth has ``MEAN`` behind its name."""
     found: Figures = dict(pitch_extremes(m.index, pitch_span(nominal.gear)))
+    areal = pitch_extremes(SIGMA[:, None] * m.area * nominal.arc_per_delta, pitch_span(nominal.gear))
+    found |= {name + AREAL: areal[name] for name in AREAL_NAMES}
     for name in PER_TOOTH:
         found[name] = getattr(m, name)
     for name in MEANS:
@@ -110,6 +114,7 @@ def _draws(m: Measures, weighed: Weighed, grid: Grid, nominal: Involute) -> list
         moved = replace(
             m,
             position=m.position + off,
+            area=m.area + off,
             index=SIGMA[:, None] * (m.position + off) * nominal.arc_per_delta,
             at_ball=ball,
             runout=(ball[0] + np.roll(ball[1], -1)) * touching,

@@ -17,6 +17,7 @@ from truestand.gear.budget import expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Told, characteristics_of, settings_of
 from truestand.gear.coverage import FINE, Coverage, coverage_of, profiles_for, step_on_flank
 from truestand.gear.defects import find_defects
+from truestand.gear.diagnosis import diagnosis
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import Measures, Weighed, evaluate, pitch_extremes, weigh
 from truestand.gear.evidence import GearEvidence
@@ -84,7 +85,11 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         defects=defects,
         reasons=reasons,
         scan_sha256=scan.sha256,
-        remarks=(*_remarks(coverage, scan, calibration, nominal), *_of_angle(scan, None if steady is None else uneven)),
+        remarks=(
+            *_remarks(coverage, scan, calibration, nominal),
+            *_of_angle(scan, None if steady is None else uneven),
+            *diagnosis(read.measures, nominal),
+        ),
         settings=settings_of(nominal, datum, scan),
         defect_depth=gear.defect_depth,
         deviation=_deviation(flanks, surface, nominal),

@@ -23,7 +23,7 @@ from truestand.report.words import limit_text, symbol, u_text, value_text, verdi
 
 FLANKS: tuple[Flank, ...] = ("left", "right")
 GROUPS = (
-    ("Pitch", ("f_p", "F_p", "F_pk", "f_u")),
+    ("Pitch", ("f_p", "F_p", "F_pk", "f_u", "f_p_areal", "F_p_areal")),
     ("Profile: mean of all teeth", ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")),
     ("Helix: mean of all teeth", ("F_beta", "f_fbeta", "f_Hbeta", "C_beta")),
 )

@@ -11,6 +11,8 @@ MEANINGS = {
     "F_p": "total cumulative pitch deviation",
     "F_pk": "cumulative pitch deviation over k pitches",
     "f_u": "largest step between neighbouring pitches",
+    "f_p_areal": "single pitch from whole flanks",
+    "F_p_areal": "cumulative pitch from whole flanks",
     "F_r": "run-out of a ball in the tooth spaces",
     "F_alpha": "total profile deviation",
     "f_falpha": "profile form",
@@ -57,7 +59,7 @@ VERDICTS: dict[Verdict, tuple[str, str]] = {
 
 def _parts(name: str) -> tuple[str, str]:
     stem, _, below = name.partition("_")
-    return stem, below.replace("alpha", "α").replace("beta", "β")
+    return stem, below.replace("alpha", "α").replace("beta", "β").replace("_", " ")
 
 
 def symbol(name: str) -> str:
