@@ -235,7 +235,7 @@ def told(placing: Placing, fit: FitTo) -> list[str]:
         listed = ", ".join(f"{degrees(a):+.2f}" for a in placing.alike[:4])
         more = ", ..." if len(placing.alike) > 4 else ""
         remarks.append(
-            f"{len(placing.alike) + 1} angles of the model fit alike ({degrees(placing.angle) + 0.0:.2f} deg was taken, "
+            f"{len(placing.alike) + 1} angles of the model fit alike ({degrees(placing.angle):+.2f} deg was taken, "
             f"nearest to the recipe's pose; also {listed}{more}): which side is which is not known; fit = 'none' if "
             "the pose is"
         )
