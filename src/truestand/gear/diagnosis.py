@@ -1,8 +1,8 @@
 """What the gear says about the stand: slopes that all teeth share, alike or opposite on both sides.
 
 A lateral offset h of the laser plane reads +-h cos(alpha_y) on the flanks, a radial zero off by dr reads
-dr sin(alpha_y), a skew eps of the laser line tilts the helices by +-eps b cos(alpha). A gear can have such slopes of its
-own, so these are remarks: they tell which number of the calibration to look at first.
+dr sin(alpha_y), a skew eps of the laser line tilts the helices by +-eps b cos(alpha). A gear can have such slopes of
+its own, so these are remarks: they tell which number of the calibration to look at first.
 """
 
 from math import cos
@@ -36,8 +36,8 @@ def diagnosis(m: Measures, nominal: Involute) -> tuple[str, ...]:
     if abs(alike) > NOTICEABLE:
         dr = alike / _profile_slope(nominal, np.sin)
         found.append(
-            f"profile slopes are alike on both sides by {1000 * alike:.1f} um, as with a radial zero {1000 * dr:.0f} um "
-            "off"
+            f"profile slopes are alike on both sides by {1000 * alike:.1f} um, as with a radial zero "
+            f"{1000 * dr:.0f} um off"
         )
     if abs(skew) > NOTICEABLE:
         eps = abs(skew) / (slope_length(nominal, along_profile=False) * cos(nominal.transverse_pressure))
