@@ -11,6 +11,8 @@ from math import pi, prod, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.medians import medians
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -96,7 +98,7 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
     shape, size = grid.shape, prod(grid.shape)
     if not deviation.size:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
-    off = deviation - _medians(cell, deviation, size, reach)[cell]
+    off = deviation - medians(cell, deviation, size, 2 * reach)[0][cell]
     scatter = max(MAD * float(np.median(np.abs(off[:: max(1, off.size // SCATTER_FROM)]))), LEAST_SCATTER)
     kept = np.flatnonzero(np.abs(off) <= TRUSTED * scatter)
     count = np.bincount(cell[kept], minlength=size)
@@ -119,15 +121,3 @@ def _noise(cell: Ints, off: Array, count: Ints) -> Array:
     usual = float(within.sum()) / max(float((count - 1)[count > 0].sum()), 1.0)
     variance = (within + HELD * usual) / (np.maximum(count - 1, 0) + HELD)
     return np.asarray(np.sqrt(variance / np.maximum(count, 1)))
-
-
-def _medians(cell: Ints, deviation: Array, size: int, reach: float) -> Array:
-    """The median (size,) mm of each cell's deviations; 0 where there are none.
-
-    One sort of cell number and deviation in one number: 1e5 cells leave 1e-10 mm of resolution.
-    """
-    packed = np.sort(cell + (np.clip(deviation, -reach, reach) + reach) * (0.499 / reach))
-    count = np.bincount(cell, minlength=size)
-    first = np.cumsum(count) - count
-    low, high = (packed[np.minimum(first + np.maximum(count - more, 0) // 2, packed.size - 1)] for more in (1, 0))
-    return np.where(count > 0, ((low + high) / 2 - np.arange(size)) * (reach / 0.499) - reach, 0.0)
