@@ -72,7 +72,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     told = _told(read, scan, calibration, nominal, datum, coverage)
     radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
     published = _published(flanks, scan, calibration, nominal)
-    defects, defect_map = find_defects(flanks, folded, coverage, nominal)
+    defects, defect_map = find_defects(flanks, folded, coverage, nominal, read.grid.scatter)
     evidence = GearEvidence(
         nominal, flanks.turned, read.grid, read.measures, read.weighed.rolls.reshape(2, gear.teeth, -1), coverage,
         folded, defect_map, published,
