@@ -15,8 +15,8 @@ from truestand.core.inspection import Defect, Flank
 from truestand.gear.coverage import Coverage
 from truestand.gear.evaluate import residuals, weigh
 from truestand.gear.evidence import DefectMap, FoldedMap
-from truestand.gear.flanks import Flanks
-from truestand.gear.fold import tip_places
+from truestand.gear.flanks import TIP_MARGIN, Flanks, only
+from truestand.gear.fold import gone_teeth, tip_places
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of
 
@@ -37,33 +37,72 @@ GAP = 9
 """Cells of roll length that may lie between two profiles: a deep dent near the root moves them apart."""
 TOOTH_DEPTH = 0.1
 """mm of radius by which a tooth's tip must differ from the median tooth's."""
-GONE = 0.6
-"""Share of the tooth's height that must be missing for the tooth to be missing."""
+LEAST_ROUND, ROUNDS = 6, 30
+"""Teeth that tell a wave round the gear, and rounds of least absolute deviations that find it."""
 LEAST_CELLS = 2
 """Cells that must bear a finding out: one alone may be strays."""
 FULL, LEAST_POINTS = 0.5, 2
 """Share of the flank's usual number of points, and points, that a cell needs."""
+TIP_SIGMA = 4.0
+"""Standard deviations of noise by which flank points keep from the tip's land."""
+LONE_SIGMA, LONE = 6.0, 3.0
+"""Robust standard deviations from which a cell stands out, and how often as much as any cell about it makes it lone."""
 PATCH = 2
 """Cells about the middle of the patches that the isolation forest looks at."""
 PATCHES = 20_000
 
 
 def find_defects(
-    flanks: Flanks, folded: FoldedMap, coverage: Coverage, nominal: Involute
+    flanks: Flanks, folded: FoldedMap, coverage: Coverage, nominal: Involute, scatter: float
 ) -> tuple[tuple[Defect, ...], DefectMap | None]:
-    """Defects, deepest doubt last, and the map that they were found on (None where no flank was seen)."""
+    """Defects, deepest doubt last, and the map that they were found on (None where no flank was seen).
+
+    ``scatter``: standard deviation of a flank's points, mm.
+    """
     whole = _whole_teeth(folded, nominal)
     gone = {d.tooth for d in whole if d.kind == "missing tooth"}
     if not coverage.position.any():
         return whole, None
-    grid = grid_of(flanks, nominal, HEIGHT_CELL)
+    grid = grid_of(_below_tips(flanks, folded, nominal, scatter), nominal, HEIGHT_CELL)
     weighed = weigh(grid, nominal, everywhere=True)
-    residual = np.where(_full(grid), residuals(grid.median, weighed), np.nan)
+    residual = _without_lone(np.where(_full(grid), residuals(grid.median, weighed), np.nan))
     score = _scores(residual, grid)
     found_map = DefectMap(residual, score, grid.rolls, grid.heights)
     found = [d for d in _on_flanks(found_map, grid) if d.tooth not in gone and not _at_chip(d, whole, nominal)]
     found = _scored_again(found, found_map)
     return tuple(sorted((*whole, *found), key=lambda d: -d.score)), found_map
+
+
+def _below_tips(flanks: Flanks, folded: FoldedMap, nominal: Involute, scatter: float) -> Flanks:
+    """Without what may be the tip's land: it is seldom just where the drawing has it, and noise makes it thick."""
+    seen = _tips(folded, nominal)
+    tips = np.where(np.isfinite(seen), seen, nominal.gear.tip_diameter / 2)
+    margin = max(TIP_MARGIN, TIP_SIGMA * scatter * nominal.gear.tip_diameter / 2 / nominal.tip_roll)
+    radius = nominal.radius(flanks.roll)
+    return only(flanks, radius < tips[flanks.which % nominal.gear.teeth] - margin)
+
+
+def _tips(folded: FoldedMap, nominal: Involute) -> Array:
+    """Radius (teeth,) of the tips' lands, NaN where not seen."""
+    tip = folded.radius[:, tip_places(folded, nominal)]
+    return _median(tip.reshape(tip.shape[0], -1), 1)
+
+
+def _without_lone(residual: Array) -> Array:
+    """Residuals (2, teeth, roll lengths, heights), NaN where a cell stands out and none about it does: strays."""
+    from scipy.ndimage import maximum_filter
+
+    about = np.ones((1, 1, 3, 3), dtype=bool)
+    about[0, 0, 1, 1] = False
+    size = np.nan_to_num(np.abs(residual))
+    known = size[np.isfinite(residual)]
+    usual = LONE_SIGMA * 1.4826 * float(np.median(known)) if known.size else 0.0
+    lone = np.zeros(residual.shape, dtype=bool)
+    for sign in (1.0, -1.0):
+        here = np.where(sign * np.nan_to_num(residual) > 0, size, 0.0)
+        beside = maximum_filter(here, footprint=about, mode="constant")
+        lone |= (here > usual) & (here > LONE * beside)
+    return np.where(lone, np.nan, residual)
 
 
 def _full(grid: Grid) -> Bools:
@@ -156,14 +195,14 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: fl
 
 
 def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
-    """Missing teeth, broken corners, burrs: the tip's land of each tooth against the median tooth's."""
+    """Missing teeth, broken corners, burrs: the tip's land of each tooth against the drawing's or the others'."""
     tip = folded.radius[:, tip_places(folded, nominal)]
-    drop = _median(tip.reshape(-1, tip.shape[2]), 0) - _median(tip, 1)
-    height = (nominal.gear.tip_diameter - nominal.gear.root_diameter) / 2
+    gone = gone_teeth(folded, nominal)
+    drop = _usual_tips(folded, nominal, gone)[:, None] - _median(tip, 1)
     found = []
     for tooth, row in enumerate(drop):
         seen = np.isfinite(row)
-        if seen.any() and np.median(row[seen]) > GONE * height:
+        if gone[tooth]:
             found.append(_tooth(folded, tooth, seen, row, "missing tooth"))
             continue
         for sign, kind in ((1.0, "chipped tip"), (-1.0, "burr")):
@@ -172,6 +211,25 @@ def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
                 name = "chipped end" if at_end and kind == "chipped tip" else kind
                 found.append(_tooth(folded, tooth, run, row, name))
     return tuple(found)
+
+
+def _usual_tips(folded: FoldedMap, nominal: Involute, gone: Bools) -> Array:
+    """Radius (teeth,) at which each tooth would end like the others: their median and, off the datum's axis, a wave
+    that comes round once; the drawing's where none is left. Teeth that are far from it have no say.
+    """
+    tips = _tips(folded, nominal)
+    able = np.isfinite(tips) & ~gone
+    around = np.arange(tips.size) * nominal.gear.pitch
+    design = np.stack([np.ones(tips.size), np.cos(around), np.sin(around)], axis=1)
+    usual = np.full(tips.size, float(np.median(tips[able])) if able.any() else nominal.gear.tip_diameter / 2)
+    if np.count_nonzero(able) < LEAST_ROUND:
+        return usual
+    for _ in range(ROUNDS):
+        weight = np.where(able, 1 / np.maximum(np.abs(np.nan_to_num(tips) - usual), TOOTH_DEPTH / 10), 0.0)
+        root = np.sqrt(weight)[:, None]
+        found = np.linalg.lstsq(design * root, np.nan_to_num(tips) * root[:, 0], rcond=None)[0]
+        usual = design @ found
+    return np.asarray(usual)
 
 
 def _median(values: Array, axis: int) -> Array:

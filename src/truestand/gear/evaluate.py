@@ -23,6 +23,8 @@ TUKEY = 4.685
 HUBER = 1.345
 ROUNDS = (False, False, False, True, True, True, True)
 """Which rounds of weighing leave far cells out altogether (Tukey), after some that only hold them back (Huber)."""
+LEAST_TEETH = 4
+"""Teeth whose median says what all of them share."""
 LEAST_CELLS = 40
 """Cells that a flank's quadratic needs."""
 LEAST_SPREAD = 2e-4
@@ -257,13 +259,22 @@ def _residual(values: Array, basis: Array, solver: Array, weight: Array, shape: 
 
 
 def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
-    """Median over the teeth (flanks, cells), the same for each tooth; 0 where no tooth was seen."""
+    """Median over the teeth (flanks, cells), the same for each tooth.
+
+    A cell that few teeth have takes the value between those beside it on the profile: its own tooth must not be what it
+    is compared with, or a flank would be free to drift there. 0 where no cells tell.
+    """
     stacked = np.sort(residual.reshape(shape[0], shape[1], -1), axis=1)  # NaN last
     number = np.isfinite(stacked).sum(axis=1)
     at = np.maximum(number - 1, 0)
-    middle = sum(np.take_along_axis(stacked, (at // 2 if low else (at + 1) // 2)[:, None], 1)[:, 0] for low in (0, 1))
-    shared = np.where(number > 0, middle / 2, 0.0)
-    return np.asarray(np.repeat(shared, shape[1], axis=0).reshape(residual.shape))
+    low, high = (np.take_along_axis(stacked, i[:, None], 1)[:, 0] for i in (at // 2, (at + 1) // 2))
+    told = (number >= min(LEAST_TEETH, shape[1])).reshape(shape[0], shape[2], shape[3])
+    shared = np.where(told, ((low + high) / 2).reshape(told.shape), 0.0)
+    rows = np.arange(shape[2])
+    for side, height in np.argwhere(told.any(axis=1) & ~told.all(axis=1)):
+        known = told[side, :, height]
+        shared[side, :, height] = np.interp(rows, rows[known], shared[side, known, height])
+    return np.asarray(np.repeat(shared.reshape(shape[0], -1), shape[1], axis=0).reshape(residual.shape))
 
 
 def _area_means(nominal: Involute) -> Array:

@@ -26,6 +26,8 @@ BLOCK = 128
 """Profiles worked on at once."""
 END_MARGIN = 0.2
 """mm of face left out at either end: chamfers, and the end faces themselves."""
+FACE_BIN, FILLED = 0.1, 0.3
+"""mm of height that flanks reach or not, and the share of the usual number of points from which they do."""
 TIP_MARGIN = 0.02
 """mm of radius left out at the tip: its land is no flank."""
 GATE = 0.25
@@ -112,7 +114,34 @@ def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
         points = located(surface, nominal, datum, rows, low, high)
         parts.append(_on_flanks(points, nominal, turned, offsets, eyes, surface.x.shape[1]))
     joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-    return Flanks(joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], turned)
+    found = Flanks(joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], turned)
+    bottom, top = flank_heights(found, nominal)
+    low = bottom + END_MARGIN if bottom > nominal.gear.face_from else -np.inf
+    high = top - END_MARGIN if top < nominal.gear.face_to else np.inf
+    kept = (found.height > low) & (found.height < high)
+    return found if kept.all() else only(found, kept)
+
+
+def flank_heights(flanks: Flanks, nominal: Involute) -> tuple[float, float]:
+    """Heights (C) between which flanks were seen; the drawing's face where they reach its ends.
+
+    Where the drawing's face begins below the real one, the real end face would pass for flanks.
+    """
+    g = nominal.gear
+    first, last = g.face_from + END_MARGIN, g.face_to - END_MARGIN
+    bins = max(1, round((last - first) / FACE_BIN))
+    counts, edges = np.histogram(flanks.height, bins, (first, last))
+    some = counts[counts > 0.1 * counts.max(initial=0)]
+    filled = np.flatnonzero(counts > FILLED * np.median(some)) if some.size else some
+    if not filled.size:
+        return g.face_from, g.face_to
+    bottom = g.face_from if filled[0] == 0 else float(edges[filled[0] + 1])
+    return bottom, g.face_to if filled[-1] == bins - 1 else float(edges[filled[-1]])
+
+
+def only(f: Flanks, kept: NDArray[np.bool_]) -> Flanks:
+    """Some of the points."""
+    return Flanks(f.delta[kept], f.roll[kept], f.height[kept], f.which[kept], f.profile[kept], f.index[kept], f.turned)
 
 
 def _on_flanks(

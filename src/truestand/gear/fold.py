@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Contribution
 from truestand.core.frames import Pose
+from truestand.core.medians import medians
 from truestand.core.surface import Surface
 from truestand.gear.evidence import FoldedMap
 from truestand.gear.flanks import BLOCK, END_MARGIN, located
 from truestand.gear.geometry import Involute
-from truestand.gear.grid import centres_of, medians
+from truestand.gear.grid import centres_of
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,8 @@ REACH = 1.0
 """mm beyond tip and root that are looked at."""
 TIP_PLACE = 0.6
 """Share of the tip's land about its middle that tells the tip diameter."""
+GONE = 0.6
+"""Share of the tooth's height, as drawn, that must be missing for the tooth to be missing."""
 ROOT_PLACE = 0.46
 """Share of the pitch from the tooth's centre beyond which the root is told."""
 
@@ -73,13 +76,25 @@ def tip_places(folded: FoldedMap, nominal: Involute) -> NDArray[np.bool_]:
     return np.asarray(np.abs(folded.places) <= max(TIP_PLACE * half, 0.6 / PLACES))
 
 
+def gone_teeth(folded: FoldedMap, nominal: Involute) -> NDArray[np.bool_]:
+    """Teeth (teeth,) that are not there; those that were not seen are."""
+    g = nominal.gear
+    lowest = g.tip_diameter / 2 - GONE * (g.tip_diameter - g.root_diameter) / 2
+    tip = folded.radius[:, tip_places(folded, nominal)]
+    by_tooth = tip.reshape(tip.shape[0], -1)
+    seen = np.isfinite(by_tooth)
+    low = np.count_nonzero(seen & (np.nan_to_num(by_tooth) < lowest), axis=1)
+    return np.asarray(low > 0.5 * np.maximum(seen.sum(axis=1), 1))
+
+
 def tip_and_root(folded: FoldedMap, nominal: Involute, radial: tuple[Contribution, ...]) -> tuple[Ends, ...]:
-    """Tip and root diameter: twice the mean over the teeth of each tooth's median radius.
+    """Tip and root diameter: twice the mean over the teeth of each tooth's median radius; no tip where no tooth is.
 
     ``radial``: lines of U (k = 2, mm) of a diameter of the part.
     """
     tip, root = tip_places(folded, nominal), np.abs(folded.places) >= ROOT_PLACE
-    return tuple(_end(name, folded.radius[:, places], radial) for name, places in (("d_a", tip), ("d_f", root)))
+    there = np.where(gone_teeth(folded, nominal)[:, None, None], np.nan, folded.radius)
+    return _end("d_a", there[:, tip], radial), _end("d_f", folded.radius[:, root], radial)
 
 
 def _end(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Ends:

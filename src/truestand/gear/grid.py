@@ -10,6 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.medians import medians
 from truestand.gear.flanks import END_MARGIN, GATE, Flanks
 from truestand.gear.geometry import Involute
 
@@ -20,6 +21,8 @@ HEIGHT_CELL = 0.5
 """mm."""
 CLIP = 3.5
 """Robust standard deviations about a cell's median that have a vote."""
+SPAN = 16 * GATE
+"""mm of delta that medians are told in: the published compensation moves teeth by millimetres."""
 STRAY = 0.25
 """Share of the flank's usual number of points below which a cell's points are strays that fell where nothing is."""
 LEAST_SPREAD = 1e-4
@@ -64,7 +67,7 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
     j = _place(flanks.height, low, high, heights)
     cell = (flanks.which.astype(np.int64) * rolls + i) * heights + j
     cells = int(np.prod(shape))
-    median, count = medians(cell, flanks.delta, cells)
+    median, count = medians(cell, flanks.delta, cells, SPAN)
     count = _without_strays(count.reshape(2 * g.teeth, -1)).reshape(-1)
     median = np.where(count > 0, median, np.nan)
     off = np.abs(flanks.delta - median[cell])
@@ -94,24 +97,6 @@ def _without_strays(count: NDArray[np.int64]) -> NDArray[np.int64]:
     """Counts (flanks, cells), 0 where there are so few that they are no part of the flank."""
     usual = np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in count])
     return np.where(count >= np.maximum(STRAY * usual, 1.0)[:, None], count, 0)
-
-
-def medians(
-    cell: NDArray[np.int64], values: Array, cells: int, span: float = 16 * GATE
-) -> tuple[Array, NDArray[np.int64]]:
-    """Median (cells,) of the values in each cell, NaN where there is none, and how many there are.
-
-    One sort of one key: the cell before the point, the value behind it; values lie within half a ``span`` of 0.
-    """
-    key = np.sort(cell + np.clip(values / span + 0.5, 0.0, 0.999999))
-    count = np.bincount(cell, minlength=cells)
-    end = np.cumsum(count)
-    first = end - count
-    found = np.full(cells, np.nan)
-    some = count > 0
-    low, high = first[some] + (count[some] - 1) // 2, first[some] + count[some] // 2
-    found[some] = ((key[low] + key[high]) / 2 - np.flatnonzero(some) - 0.5) * span
-    return found, count
 
 
 def centres_of(low: float, high: float, cells: int) -> Array:

@@ -12,7 +12,7 @@ from truestand.core.errors import BadRecipe, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, roll
-from truestand.gear.angle import steadied
+from truestand.gear.angle import Steadied, steadied
 from truestand.gear.budget import expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Told, characteristics_of, settings_of
 from truestand.gear.coverage import FINE, Coverage, coverage_of, profiles_for, step_on_flank
@@ -30,6 +30,8 @@ from truestand.gear.match import check_drawing
 
 Array = NDArray[np.float64]
 
+SHORT = 0.6
+"""mm by which the flanks seen may end before the drawing's face does without a word."""
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""
 
@@ -62,18 +64,15 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         if not reasons:  # off its axis, every gear looks like another one
             raise
         reasons = (*reasons, str(wrong))
-    steady = steadied(flanks, scan, calibration, nominal)
-    if steady is not None:
-        scan, calibration, uneven = steady
-        surface = roll(scan, calibration)
-        flanks = find_flanks(surface, nominal, datum.pose)
+    steady = steadied(surface, flanks, scan, calibration, nominal, datum.pose)
+    surface, flanks, scan, calibration = steady.surface, steady.flanks, steady.scan, steady.calibration
     read = read_flanks(flanks, nominal)
     coverage = coverage_of(read.grid, nominal, scan.step)
     folded = fold(surface, nominal, datum.pose, flanks.turned)
-    told = _told(read, scan, calibration, nominal, datum, coverage, 0.0 if steady is None else uneven)
+    told = _told(read, scan, calibration, nominal, datum, coverage, steady.was or 0.0)
     radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
     published = _published(flanks, scan, calibration, nominal)
-    defects, defect_map = find_defects(flanks, folded, coverage, nominal)
+    defects, defect_map = find_defects(flanks, folded, coverage, nominal, read.grid.scatter)
     evidence = GearEvidence(
         nominal, flanks.turned, read.grid, read.measures, read.weighed.rolls.reshape(2, gear.teeth, -1), coverage,
         folded, defect_map, published,
@@ -83,11 +82,12 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         name=gear.name,
         characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
         defects=defects,
-        reasons=reasons,
+        reasons=(*reasons, *_unevenness(steady)),
         scan_sha256=scan.sha256,
         remarks=(
             *_remarks(coverage, scan, calibration, nominal),
-            *_of_angle(scan, None if steady is None else uneven),
+            *_of_face(flanks, nominal),
+            *_of_angle(steady),
             *diagnosis(read.measures, nominal),
         ),
         settings=settings_of(nominal, datum, scan),
@@ -199,12 +199,36 @@ def _remarks(coverage: Coverage, scan: Scan, calibration: Calibration, nominal: 
     return tuple(found)
 
 
-def _of_angle(scan: Scan, uneven: float | None) -> tuple[str, ...]:
+def _unevenness(steady: Steadied) -> tuple[str, ...]:
+    if steady.left is None or not steady.uneven:
+        return ()
+    apart = steady.left if steady.explained else steady.was
+    return (
+        f"the table turned unevenly: passes of one flank are {1000 * (apart or 0.0):.1f} um (rms) apart, pitch may be "
+        "wrong by as much and more: record the table's angle, or turn it steadily",
+    )
+
+
+def _of_face(flanks: Flanks, nominal: Involute) -> tuple[str, ...]:
+    g = nominal.gear
+    if not flanks.height.size:
+        return ()
+    bottom, top = float(flanks.height.min()), float(flanks.height.max())
+    if bottom - g.face_from < SHORT and g.face_to - top < SHORT:
+        return ()
+    return (
+        f"flanks were seen from height {bottom:.1f} to {top:.1f} mm, the drawing's face is {g.face_from:g} to "
+        f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view",
+    )
+
+
+def _of_angle(steady: Steadied) -> tuple[str, ...]:
+    scan, was, left = steady.scan, steady.was, steady.left
     if scan.angle_source in ("angle", "encoder"):
         return ()
     what = "the angle comes from a steady speed"
-    if uneven is not None:
-        what += f"; {scan.revolutions:.2f} turns freed it of {1000 * uneven:.1f} um (rms) that don't repeat every turn"
+    if was is not None and left is not None and left < was:
+        what += f"; {scan.revolutions:.2f} turns freed it of {1000 * was:.1f} um (rms) that don't repeat every turn"
     elif scan.revolutions < 2:
         what += "; two turns and more would tell it from uneven turning"
     return (f"{what}; what repeats every turn looks like pitch and stands in U: an encoder would settle it",)

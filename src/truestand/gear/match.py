@@ -21,6 +21,11 @@ MOST_SLOPE = 0.1
 """mm over the flank: a mean slope beyond it is another pressure angle, module or helix, and no deviation."""
 MOST_THICKNESS = 0.2
 """Modules by which the teeth may be thicker or thinner than drawn."""
+CERTAIN, MOST_FOUND = 0.8, 0.6
+"""Shares of these points, and of the flanks of one side, below which teeth are counted as well: the flanks of half as
+many teeth lie on those of a drawing of twice as many."""
+LEAST_TURN = 0.25
+"""Share of a turn that must be in view to count teeth."""
 SAMPLED = 400_000
 SLICES = 24
 MOST_TEETH = 400
@@ -78,12 +83,17 @@ def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flan
     share = explained(surface, nominal, datum, turned, offsets)
     sides = [o[np.isfinite(o)] for o in offsets.reshape(2, -1)]
     thick = sum(float(s.mean()) for s in sides) if all(s.size for s in sides) else 0.0
-    if share >= FITS and abs(thick) < MOST_THICKNESS * g.module and _slopes(flanks, nominal) < MOST_SLOPE:
+    fits = share >= FITS and abs(thick) < MOST_THICKNESS * g.module and _slopes(flanks, nominal) < MOST_SLOPE
+    found = max(s.size for s in sides) / g.teeth
+    if fits and found >= MOST_FOUND and share >= CERTAIN:
         return
     try:
-        instead = f"saw {identify(surface, datum, g.face_from, g.face_to)}"
+        seen = identify(surface, datum, g.face_from, g.face_to)
+        instead = f"saw {seen}"
     except NotEnoughData:
-        instead = "could not tell which gear it is"
+        seen, instead = None, "could not tell which gear it is"
+    if fits and (seen is None or seen.teeth == g.teeth):
+        return
     raise WrongDrawing(
         f"the drawing has {g.teeth} teeth, module {g.module:g} mm at {degrees(g.pressure_angle):g} degrees, helix "
         f"{degrees(g.helix_angle):+g} degrees, tip diameter {g.tip_diameter:g} mm; {instead}; check the part and "
@@ -183,6 +193,8 @@ def _teeth_and_twist(angle: Array, radius: Array, height: Array, root: float, ti
     np.add.at(counts, (row, column), 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(counts > 0, sums / counts, 0.0)
+    if np.count_nonzero(counts.any(axis=0)) < LEAST_TURN * places:
+        raise NotEnoughData("found too small a part of a turn, need a regular toothing in view over most of it")
     mean -= mean.mean(axis=1, keepdims=True)
     waves = np.fft.rfft(mean, axis=1)
     power = np.abs(waves).mean(axis=0)

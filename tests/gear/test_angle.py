@@ -1,0 +1,71 @@
+"""The table's angle without an encoder: turns free it of what doesn't repeat; clean scans stay as they are."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from gears import SPUR, WORN, scan_of, simulation, true_calibration, truth_of
+from truestand.core.surface import roll
+from truestand.gear.inspect import inspect_gear
+
+UM = 1e-3
+TURNS = simulation(8800)
+
+
+@cache
+def turned(name, how=TURNS):
+    """The inspection of a scan whose table really stood elsewhere than its index says."""
+    scan = scan_of(SPUR, WORN, how)
+    few = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4], angle=scan.angle + ERRORS[name](scan.angle))
+    return inspect_gear(roll(few, replace(true_calibration(), reasons=())), SPUR)
+
+
+ERRORS = {
+    "steady": lambda a: 0 * a,
+    "line": lambda a: 2e-3 * np.sin(7.3 * a),
+    "drift": lambda a: 4e-3 * (a / a[-1]) ** 2,
+    "two lines": lambda a: 2e-3 * np.sin(7.3 * a) + 1e-3 * np.sin(3.62 * a + 1),
+    "wander": lambda a: np.cumsum(np.random.default_rng(3).normal(0.0, 2e-5, a.size)),
+}
+
+
+def pitch(found, flank):
+    return next(c.value for c in found.characteristics if (c.name, c.flank) == ("F_p", flank)) / UM
+
+
+@pytest.mark.parametrize("name", ["line", "drift", "two lines"])
+def test_several_turns_free_the_angle_of_what_does_not_repeat(name):
+    """Before: more than 25 um of F_p too much, whatever was repeated; 8800 profiles are 2.2 turns."""
+    found = turned(name)
+    for flank in ("left", "right"):
+        assert pitch(found, flank) == pytest.approx(truth_of()[f"F_p_{flank}_um"], abs=1.5)
+    assert not found.reasons
+    assert any("freed it of" in r for r in found.remarks)
+
+
+def test_a_steady_table_is_left_alone():
+    found = turned("steady")
+    assert not any("freed" in r for r in found.remarks) and not found.reasons
+    for flank in ("left", "right"):
+        assert pitch(found, flank) == pytest.approx(truth_of()[f"F_p_{flank}_um"], abs=0.2)
+
+
+def test_what_no_drift_and_no_line_explains_decides_nothing():
+    """Its mean over the turns stays open, and looks like pitch."""
+    found = turned("wander")
+    assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
+
+
+def test_too_few_turns_say_that_they_are_uneven():
+    """A turn and a half: half of the flanks came by twice, too few to correct by, enough to see it."""
+    found = turned("line", simulation(6000))
+    assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
+
+
+def test_a_measured_angle_is_not_doubted():
+    scan = scan_of(SPUR, WORN, TURNS)
+    few = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4], angle_source="angle")
+    found = inspect_gear(roll(few, replace(true_calibration(), reasons=())), SPUR)
+    assert not any("steady speed" in r for r in found.remarks) and not found.reasons

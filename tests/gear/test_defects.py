@@ -1,0 +1,71 @@
+"""Defects that the virtual gear has are found where they are, and only those."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians
+
+import pytest
+
+from gears import DENTED, SPUR, scan_of, simulation, true_calibration
+from truestand.core.surface import roll
+from truestand.gear.inspect import inspect_gear
+from truestand.sim import Chip, Dent, GearErrors
+
+PERFECT = GearErrors(phase=radians(3.0))
+BROKEN = replace(
+    PERFECT,
+    missing=(12,),
+    chips=(Chip(7, 20.0, 25.0, 0.8), Chip(17, 10.0, 15.0, 0.5)),
+    dents=(Dent(2, "left", 8.5, 15.0, 0.8, -0.04),),
+    eccentricity=0.1,
+)
+ROUGH = simulation(outliers=0.2)
+
+
+@cache
+def inspected(errors, how=None, gear=SPUR):
+    return inspect_gear(roll(scan_of(SPUR, errors, how), true_calibration()), gear)
+
+
+def is_at(defect, dent):
+    same = (defect.kind, defect.tooth, defect.flank) == ("dent", dent.tooth, dent.flank)
+    return same and abs(defect.roll_length - dent.roll_length) < 0.5 and abs(defect.height - dent.height) < 0.5
+
+
+def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
+    found = list(inspected(DENTED).defects)
+    hits = [(dent, d) for dent in DENTED.dents for d in found if is_at(d, dent)]
+    assert len({dent.tooth for dent, _ in hits}) >= 7
+    assert len(found) == len(hits)
+    for dent, d in hits:
+        assert d.depth == pytest.approx(0.75 * dent.depth, rel=0.3)  # a high quantile about the peak, no maximum
+        assert d.extent == pytest.approx(dent.radius, rel=0.5)
+
+
+def test_teeth_that_miss_parts():
+    """On a toothing that runs 0.1 mm off the datum: tips that are low on one side are no chips."""
+    found = sorted((d.kind, d.tooth) for d in inspected(BROKEN).defects)
+    assert found == [("bump", 2), ("chipped end", 7), ("chipped tip", 17), ("missing tooth", 12)]
+    chip = next(d for d in inspected(BROKEN).defects if d.tooth == 7)
+    assert chip.depth == pytest.approx(0.8, abs=0.05) and chip.height == pytest.approx(22.4, abs=0.5)
+
+
+def test_half_of_the_teeth_missing():
+    found = inspected(replace(PERFECT, missing=tuple(range(1, 13))))
+    assert sorted((d.kind, d.tooth) for d in found.defects) == [("missing tooth", n) for n in range(1, 13)]
+    tip = next(c for c in found.characteristics if c.name == "d_a")
+    assert tip.value == pytest.approx(52.0, abs=0.02)
+
+
+def test_wild_readings_are_no_defects():
+    assert inspected(PERFECT, ROUGH).defects == ()
+
+
+def test_a_tip_that_is_lower_than_drawn_is_no_defect():
+    found = inspected(PERFECT, None, replace(SPUR, tip_diameter=52.3))
+    assert found.defects == ()
+    assert next(c for c in found.characteristics if c.name == "d_a").value == pytest.approx(52.0, abs=0.01)
+
+
+def test_a_rough_tip_is_no_row_of_defects():
+    assert inspected(PERFECT, simulation(noise=0.05)).defects == ()

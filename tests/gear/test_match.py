@@ -1,0 +1,83 @@
+"""Which gear is it: identified from the cloud alone; wrong drawings are refused, right ones never."""
+
+from dataclasses import replace
+from functools import cache
+from math import degrees, radians
+
+import numpy as np
+import pytest
+
+from gears import SPUR, WORN, helical, scan_of, simulation, true_calibration
+from truestand.core.errors import NotEnoughData, WrongDrawing
+from truestand.core.frames import Pose
+from truestand.core.surface import roll
+from truestand.gear.drawing import Gear
+from truestand.gear.inspect import inspect_gear
+from truestand.gear.match import identify
+from truestand.sim import GearErrors
+
+ON_C = Pose.from_matrix(np.eye(4))
+PERFECT = GearErrors(phase=radians(3.0))
+FINE = Gear(60, 0.5, 20.0, 5.0, 31.0, 28.75)
+SHIFTED = Gear(17, 3.0, 20.0, 5.0, 59.4, 46.0, profile_shift=0.4)
+STEEP = replace(SPUR, pressure_angle=radians(25.0))
+
+
+@cache
+def surface_of(gear, errors=PERFECT, profiles=4400):
+    upright = gear.helix_angle != 0
+    scan = scan_of(gear, errors, simulation(profiles, upright))
+    return roll(replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4]), replace(true_calibration(upright), reasons=()))
+
+
+@pytest.mark.parametrize(
+    "gear",
+    [SPUR, helical(15.0), helical(-20.0), FINE, SHIFTED, STEEP],
+    ids=["spur", "15 right", "20 left", "fine", "shifted", "25 degrees"],
+)
+def test_a_gear_is_identified(gear):
+    seen = identify(surface_of(gear), ON_C, gear.face_from, gear.face_to)
+    assert seen.teeth == gear.teeth
+    assert seen.module == pytest.approx(gear.module, rel=0.002)
+    assert seen.pressure_angle == pytest.approx(gear.pressure_angle)
+    assert degrees(seen.helix_angle) == pytest.approx(degrees(gear.helix_angle), abs=0.2)
+    assert seen.profile_shift == pytest.approx(gear.profile_shift, abs=0.03)
+    assert seen.tip_diameter == pytest.approx(gear.tip_diameter, abs=0.02)
+    inspect_gear(surface_of(gear), gear)  # and not refused
+
+
+def test_a_glimpse_identifies_nothing():
+    with pytest.raises(NotEnoughData, match="most of"):
+        identify(surface_of(SPUR, profiles=200), ON_C, SPUR.face_from, SPUR.face_to)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"teeth": 23, "tip_diameter": 50.0, "root_diameter": 41.0},
+        {"teeth": 48, "module": 1.0},
+        {"teeth": 12, "module": 4.0},
+        {"module": 2.05},
+        {"helix_angle": radians(1.0)},
+        {"pressure_angle": radians(22.5)},
+        {"profile_shift": 0.4},
+    ],
+    ids=["a tooth less", "twice the teeth", "half the teeth", "module", "helix", "pressure angle", "shift"],
+)
+def test_a_wrong_drawing_is_refused(change):
+    with pytest.raises(WrongDrawing, match="saw 24 teeth, module 2 mm"):
+        inspect_gear(surface_of(SPUR), replace(SPUR, **change))
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        replace(WORN, thickness=-0.3),
+        replace(WORN, eccentricity=0.1),
+        replace(PERFECT, missing=(5, 6)),
+        replace(PERFECT, missing=tuple(range(1, 13))),
+    ],
+    ids=["thin", "eccentric", "two teeth gone", "half of the teeth gone"],
+)
+def test_a_bad_gear_is_not_another_gear(errors):
+    inspect_gear(surface_of(SPUR, errors), SPUR)
