@@ -44,7 +44,14 @@ class Modification:
     helix_crowning: float = 0.0
     """At both ends of the face."""
     helix_slope: float = 0.0
-    """By which the upper end of the face stands back, on both flanks; negative: forward."""
+    """By which the upper end of the face stands back against the lower one, on both flanks, about the middle."""
+
+    def __post_init__(self) -> None:
+        if self.tip_relief and self.tip_relief_from is None:
+            raise BadRecipe(
+                f"found tip_relief_um {1000 * self.tip_relief:g} and no tip_relief_from_mm; add the diameter from "
+                "which the relief grows"
+            )
 
 
 @dataclass(frozen=True, slots=True)

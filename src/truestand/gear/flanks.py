@@ -45,8 +45,8 @@ FEW_POINTS, TOGETHER = 10, 0.4
 """Points that must lie together, and their share of all within reach: strays are everywhere."""
 EXPLAINED = 0.05
 """Modules of delta about the toothing found, within which a point speaks for the drawing."""
-AT_ZERO = 0.0044
-"""rad (0.25 degrees): a tooth whose centre is seen just below polar angle 0 is tooth 1 still; noise must not decide."""
+AT_ZERO = 3.5e-4
+"""rad (0.02 degrees): a tooth whose centre is seen just below polar angle 0 is tooth 1 still; noise must not decide."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,13 +180,13 @@ class Involute:
         m, g = self.gear.modification, self.gear
         design = np.zeros(np.broadcast(roll, height).shape)
         if m.tip_relief:
-            start = self.roll_at(m.tip_relief_from or 2 * float(self.radius(np.asarray(0.8 * self.tip_roll))))
+            start = self.roll_at(m.tip_relief_from or 0.0)
             design = design - m.tip_relief * np.clip((roll - start) / (self.tip_roll - start), 0.0, None)
         if m.profile_crowning:
             middle = (self.control_roll + self.tip_roll) / 2
             design = design - m.profile_crowning * ((roll - middle) / (self.control_length / 2)) ** 2
         along = (height - self.middle) / (g.face_width / 2)
-        return np.asarray(design - m.helix_crowning * along**2 - m.helix_slope * (along + 1) / 2)
+        return np.asarray(design - m.helix_crowning * along**2 - m.helix_slope * along / 2)
 
     def roll_at(self, diameter: float) -> float:
         """Roll length at a diameter; 0 inside the base circle."""
