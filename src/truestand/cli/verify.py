@@ -43,7 +43,8 @@ def verify(
     from truestand.files.atomic import write_json_atomic
     from truestand.files.read import read_recording, sha256_of
     from truestand.files.recipes import read_shaft, read_stand
-    from truestand.files.records import read_calibration, verification_record
+    from truestand.files.records import read_calibration
+    from truestand.files.verification_record import verification_record
 
     old = read_calibration(calibration)
     shaft = old.artefact if artefact is None else read_shaft(artefact)

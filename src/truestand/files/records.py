@@ -30,7 +30,6 @@ from truestand.core.calibration import (
 from truestand.core.errors import UnreadableFile
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.stand import Sensor, Stand, Table
-from truestand.core.verify import Verification
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
 from truestand.files.positions import positions_record, read_positions
@@ -401,32 +400,3 @@ def without_nan(value: Any) -> Any:
     if isinstance(value, float | np.floating):
         return float(value) if math.isfinite(value) else None
     return value
-
-
-def verification_record(verification: Verification, created: str, calibration_sha256: str) -> Record:
-    """The record of a verification: what moved, against which limit, and what to do."""
-    v = verification
-    record: Record = {
-        "format": "truestand.verification",
-        "version": 1,
-        "verdict": v.verdict,
-        "reasons": list(v.reasons),
-        "created": created,
-        "software": f"truestand {__version__}",
-        "calibration": {"sha256": calibration_sha256},
-        "scan": scan_record(v.scan),
-        "by": v.by,
-        "changes": [
-            {
-                "name": c.name,
-                "value_um": 1000.0 * c.value,
-                "U_um": 1000.0 * c.U,
-                "limit_um": 1000.0 * c.limit,
-                "verdict": c.verdict,
-                "advice": c.advice,
-            }
-            for c in v.changes
-        ],
-    }
-    finite: Record = without_nan(record)
-    return finite
