@@ -105,7 +105,7 @@ def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
     Raises:
         NotEnoughData: nothing of the toothing is in view.
     """
-    turned, offsets = settle(surface, nominal, datum)
+    turned, offsets, _ = settle(surface, nominal, datum)
     eyes = _eyes(surface, datum)
     low, high = float(nominal.radius(np.asarray(nominal.control_roll))), nominal.gear.tip_diameter / 2 - TIP_MARGIN
     parts = []
@@ -210,8 +210,9 @@ def near_measuring(surface: Surface, nominal: Involute, datum: Pose) -> Located:
     return Located(*(np.concatenate([getattr(p, n) for p in parts]) for n in Located.__slots__))
 
 
-def settle(surface: Surface, nominal: Involute, datum: Pose) -> tuple[float, Array]:
-    """How the toothing is turned (rad), and delta (2 teeth,) mm at which each flank is found; NaN: nobody saw it.
+def settle(surface: Surface, nominal: Involute, datum: Pose) -> tuple[float, Array, float]:
+    """How the toothing is turned (rad), delta (2 teeth,) mm at which each flank is found (NaN: nobody saw it), and the
+    share of the points near the measuring circle that lie on these flanks.
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
@@ -223,7 +224,8 @@ def settle(surface: Surface, nominal: Involute, datum: Pose) -> tuple[float, Arr
             f"found {points.angle.size} points between heights {g.face_from:g} and {g.face_to:g} mm near diameter "
             f"{2 * nominal.measuring_radius:.1f} mm, need the toothing in view; check face_from_mm and the scan"
         )
-    return _numbered(points, nominal, _phase(points, nominal))
+    turned, offsets = _numbered(points, nominal, _phase(points, nominal))
+    return turned, offsets, _explained(points, nominal, turned, offsets)
 
 
 def _phase(p: Located, nominal: Involute) -> float:
@@ -275,9 +277,8 @@ def _positions(which: NDArray[np.intp], delta: Array, nominal: Involute) -> Arra
     return np.where((number > FEW_POINTS) & (number > TOGETHER * near_all), mean, np.nan)
 
 
-def explained(surface: Surface, nominal: Involute, datum: Pose, turned: float, offsets: Array) -> float:
+def _explained(points: Located, nominal: Involute, turned: float, offsets: Array) -> float:
     """Share of the points near the measuring circle that lie on the flanks which the drawing expects."""
-    points = near_measuring(surface, nominal, datum)
     which, delta = assigned(points, nominal, turned)
     near = np.abs(delta - offsets[which]) < EXPLAINED * nominal.gear.module
     return float(np.count_nonzero(near)) / max(points.angle.size, 1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
 from truestand.core.surface import Surface
-from truestand.gear.flanks import Flanks, explained, settle
+from truestand.gear.flanks import Flanks, settle
 from truestand.gear.geometry import Involute, inv
 
 Array = NDArray[np.float64]
@@ -79,8 +79,7 @@ def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flan
         WrongDrawing: with what was seen instead.
     """
     g = nominal.gear
-    turned, offsets = settle(surface, nominal, datum)
-    share = explained(surface, nominal, datum, turned, offsets)
+    _, offsets, share = settle(surface, nominal, datum)
     sides = [o[np.isfinite(o)] for o in offsets.reshape(2, -1)]
     thick = sum(float(s.mean()) for s in sides) if all(s.size for s in sides) else 0.0
     fits = share >= FITS and abs(thick) < MOST_THICKNESS * g.module and _slopes(flanks, nominal) < MOST_SLOPE

@@ -19,7 +19,6 @@ MODULES_1995 = (0.5, 2, 3.5, 6, 10, 16, 25, 40, 70)
 WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
-DECIDING = ("f_p", "F_p", "F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 
 
 def tolerance(name: str, gear: Gear, accuracy_class: int, standard: Standard | None = None) -> float:
