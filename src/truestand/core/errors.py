@@ -27,3 +27,27 @@ class MissingExtra(TruestandError):
 
 class WrongDrawing(TruestandError):
     """A part that is not the one its recipe describes; the message says what was seen."""
+
+
+class DeviceError(TruestandError):
+    """A sensor or table that refuses, answers nonsense, or isn't what the recipe says."""
+
+
+class DeviceLost(DeviceError):
+    """A device that doesn't answer, or no longer."""
+
+
+class LimitExceeded(DeviceError):
+    """A motion beyond the limits of the table: refused before anything moves."""
+
+
+class MoveTimeout(DeviceError):
+    """A motion that didn't end in the time it needed."""
+
+
+class Fault(TruestandError):
+    """The stand stopped itself; it stays so until an explicit reset. The message is the reason in plain words."""
+
+
+class NoSpace(TruestandError):
+    """A disk with no room, or no right, for what is to be written."""

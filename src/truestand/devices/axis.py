@@ -1,0 +1,202 @@
+"""The one axis interface: a rotary table that homes, moves, turns and stops within limits and within time.
+
+Drivers only start things and read the state (``Drive``); waiting, limits and timeouts are here, once. Angles are rad
+as the table counts them, many turns, 0 = home; speeds rad/s. Nothing here is a safety function.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import degrees, inf, isfinite, radians
+from typing import Protocol
+
+from truestand.core.errors import DeviceError, LimitExceeded, MoveTimeout
+
+POLL = 0.02
+"""s between two looks at a moving table."""
+SLACK = 2.0
+"""s that a motion may take beyond twice what its speed needs: ramps, settling, a slow controller."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriveState:
+    """What the controller says of itself, and when."""
+
+    position: float
+    """rad, many turns, 0 = home."""
+    moving: bool
+    homed: bool
+    time: float
+    """s of the host's monotonic clock, the middle between question and answer."""
+    doubt: float = 0.0
+    """s, half of the time between question and answer."""
+    fault: str = ""
+    """The controller's own fault in plain words; empty = none."""
+
+
+class Drive(Protocol):
+    """What a driver must do. Every call returns at once, or raises ``DeviceLost`` within its connection's timeout."""
+
+    name: str
+    """For people: protocol and address."""
+
+    def start_home(self) -> None:
+        """Begin to look for the home position."""
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Begin to move to ``position`` (rad) with at most ``speed`` (rad/s, positive), and stop there by itself."""
+
+    def start_turn(self, speed: float) -> None:
+        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
+
+    def halt(self) -> None:
+        """Begin to slow down to rest, whatever is going on."""
+
+    def reset(self) -> None:
+        """Clear the controller's own latched fault, without motion."""
+
+    def state(self) -> DriveState:
+        """Ask the controller."""
+
+    def close(self) -> None:
+        """Leave the connection; no motion is commanded."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the table may do."""
+
+    speed: float = radians(90.0)
+    """rad/s."""
+    lowest: float = -inf
+    """rad; a table without stops turns for ever."""
+    highest: float = inf
+    tolerance: float = radians(0.05)
+    """rad by which a move may miss its target."""
+    home_time: float = 60.0
+    """s."""
+    stop_time: float = 5.0
+    """s to come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class RotaryTable:
+    """A drive within its limits. Clock and sleep are given, so that tests repeat."""
+
+    drive: Drive
+    limits: Limits = field(default_factory=Limits)
+    clock: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+    def home(self) -> None:
+        """Find the home position; position is 0 there.
+
+        Raises:
+            MoveTimeout: not found in ``home_time``; the table was told to stop.
+            DeviceError: the controller is in a fault of its own.
+        """
+        self.drive.start_home()
+        self.wait(self.limits.home_time, "homing")
+        if not self.state().homed:
+            raise DeviceError(f"{self.drive.name}: homing ended without a home; check the home switch and its wiring")
+
+    def move_to(self, position: float, speed: float) -> None:
+        """Go to ``position`` (rad) at ``speed`` (rad/s, positive) and wait for the end.
+
+        Raises:
+            LimitExceeded: beyond the limits; nothing moved.
+            MoveTimeout: did not arrive; the table was told to stop.
+        """
+        needed = self.start_move(position, speed)
+        self.wait(2 * needed + SLACK, f"moving to {degrees(position):.3f} deg")
+        missed = abs(self.state().position - position)
+        if missed > self.limits.tolerance:
+            raise MoveTimeout(
+                f"{self.drive.name}: stopped {degrees(missed):.3f} deg from {degrees(position):.3f} deg; "
+                "look for what blocks the table, then reset"
+            )
+
+    def start_move(self, position: float, speed: float) -> float:
+        """Begin to go to ``position``; the table stops there by itself, even if nobody listens. Seconds it needs.
+
+        Raises:
+            LimitExceeded: beyond the limits; nothing moved.
+            DeviceError: not homed.
+        """
+        self._allowed(speed)
+        if not (isfinite(position) and self.limits.lowest <= position <= self.limits.highest):
+            raise LimitExceeded(
+                f"found a target of {degrees(position):.3f} deg, the table goes from {degrees(self.limits.lowest):.3f} "
+                f"to {degrees(self.limits.highest):.3f} deg; change the scan or the limits in stand.toml"
+            )
+        state = self.state()
+        if not state.homed:
+            raise DeviceError(f"{self.drive.name}: the table is not homed; home it first")
+        self.drive.start_move(position, speed)
+        return abs(position - state.position) / speed
+
+    def turn(self, speed: float) -> None:
+        """Begin to turn endlessly at ``speed`` (rad/s, signed).
+
+        Raises:
+            LimitExceeded: too fast, or a table with stops; nothing moved.
+        """
+        self._allowed(abs(speed))
+        if isfinite(self.limits.lowest) or isfinite(self.limits.highest):
+            raise LimitExceeded(f"{self.drive.name}: the table has stops and can't turn endlessly; move it instead")
+        self.drive.start_turn(speed)
+
+    def stop(self) -> None:
+        """Come to rest.
+
+        Raises:
+            MoveTimeout: still moving after ``stop_time``.
+        """
+        self.drive.halt()
+        self.wait(self.limits.stop_time, "stopping", halt=False)
+
+    def state(self) -> DriveState:
+        """What the table does now.
+
+        Raises:
+            DeviceLost: no answer.
+        """
+        return self.drive.state()
+
+    def reset(self) -> None:
+        """Clear the controller's own fault, without motion."""
+        self.drive.reset()
+
+    def close(self) -> None:
+        """Leave the connection."""
+        self.drive.close()
+
+    def wait(self, seconds: float, what: str, halt: bool = True) -> None:
+        """Wait until the table is at rest.
+
+        Raises:
+            MoveTimeout: still moving after ``seconds``; told to stop where ``halt``.
+            DeviceError: the controller reports a fault.
+        """
+        end = self.clock() + seconds
+        while True:
+            state = self.state()
+            if state.fault:
+                raise DeviceError(f"{self.drive.name}: {state.fault} while {what}; mend the cause, then reset")
+            if not state.moving:
+                return
+            if self.clock() > end:
+                if halt:
+                    self.drive.halt()
+                raise MoveTimeout(
+                    f"{self.drive.name}: {what} took longer than {seconds:.1f} s, now at "
+                    f"{degrees(state.position):.3f} deg; look for what blocks the table, then reset"
+                )
+            self.sleep(POLL)
+
+    def _allowed(self, speed: float) -> None:
+        if not 0 < speed <= self.limits.speed:
+            raise LimitExceeded(
+                f"found a speed of {degrees(speed):.3f} deg/s, the table goes up to {degrees(self.limits.speed):.3f}; "
+                "slow down or raise max_speed_deg_per_s in stand.toml"
+            )

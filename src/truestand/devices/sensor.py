@@ -1,0 +1,114 @@
+"""The one sensor interface: a line-profile sensor that streams frames of raw profiles.
+
+A frame is kept as the bytes that the sensor sent: the log stores them as they are, and one decoder (``Layout``) makes
+millimetres of them, live and after a crash alike.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Laser = Literal["off", "reduced", "full"]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame as it came: some profiles in the sensor's own layout."""
+
+    number: int
+    """Counts up from the first frame of the stream, over the transport's wrap; a step of 2 = one frame lost."""
+    received: float
+    """s of the host's monotonic clock, when its last byte was there."""
+    payload: bytes
+    missing: int = 0
+    """Bytes that never came, even when asked for again; they are zero in ``payload``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Profiles:
+    """What a frame means. Counters and times are unwrapped only within the frame's own columns."""
+
+    x: Array
+    """(n, points) mm; NaN = not seen."""
+    z: Array
+    counter: NDArray[np.int64] | None = None
+    """(n,) as the sensor counts, before unwrapping."""
+    time: Array | None = None
+    """(n,) s of the sensor's clock, middle of the exposure, before unwrapping."""
+    encoder: NDArray[np.int64] | None = None
+    """(n,) counts, before unwrapping."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How to read a payload; it stands in the head of every log, so that a log explains itself."""
+
+    kind: Literal["scancontrol", "range-camera"]
+    model: str
+    """Sensor type, which gives the scale."""
+    points: int
+    profiles: int
+    """Per frame."""
+    rate: float
+    """Profiles per second."""
+    counter_modulus: int = 0
+    """The counter starts again there; 0 = never. Likewise below."""
+    time_modulus: float = 0.0
+    encoder_modulus: int = 0
+    scale: tuple[float, float, float, float] | None = None
+    """Range camera: x of the first column, x step, z of raw 0, z step; mm."""
+
+    @property
+    def frame_bytes(self) -> int:
+        """Size of a whole payload."""
+        return self.profiles * self.points * 2 * (3 if self.kind == "scancontrol" else 1)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamStatistics:
+    """How the stream went so far."""
+
+    frames: int = 0
+    lost: int = 0
+    """Frames of which nothing, or too little, arrived."""
+    incomplete: int = 0
+    """Frames handed on with bytes missing."""
+    resent: int = 0
+    """Packets that came after they had been asked for again."""
+    packets: int = 0
+    duplicates: int = 0
+
+
+class LineSensor(Protocol):
+    """What a sensor driver must do. Calls raise ``DeviceLost`` within the connection's timeout, or ``DeviceError``."""
+
+    name: str
+    """As in stand.toml."""
+
+    def identity(self) -> dict[str, str]:
+        """Maker, model, serial, firmware: what the device says of itself."""
+
+    def start(self) -> Layout:
+        """Configure (rate, points, exposure, trigger) and begin to stream; how to read the payloads."""
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """The next frame in order, or None where none came within ``timeout`` s.
+
+        Raises:
+            DeviceLost: the sensor is gone (no heartbeat answer).
+        """
+
+    def set_laser(self, power: Laser) -> None:
+        """Switch the laser."""
+
+    def stop(self) -> None:
+        """End the stream; the connection stays."""
+
+    def statistics(self) -> StreamStatistics:
+        """How the stream went so far."""
+
+    def close(self) -> None:
+        """Laser off, stream ended, control given back; never raises for a device that is gone."""

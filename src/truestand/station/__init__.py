@@ -1,0 +1,1 @@
+"""What an operator does: check the devices, turn, record, stop safe, recover."""
