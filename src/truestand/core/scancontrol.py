@@ -1,7 +1,8 @@
 """Raw 16-bit profiles of scanCONTROL sensors: bytes to mm, and counts that start again to counts that go on.
 
 A container is N profiles without a header. A profile is three fields of ``points`` little-endian u16 each: Z, X, and a
-field whose last 16 bytes are the time stamp (high byte first; the rest of the field is empty). Sensors send it with the profile rearrangement 0x00120c03.
+field whose last 16 bytes are the time stamp, high byte first; the rest of it is empty. A sensor sends this where its
+profile rearrangement is 0x00120c03 (Z, X, empty field, time stamp, first reflection, low byte first):
 
     byte   0      flags
            1..3   profile counter, starts again after 2^24
