@@ -1,7 +1,7 @@
 """The log that a scan is recorded to: append only, a checksum for every record, readable after any crash.
 
     file    := MAGIC record*
-    record  := mark "\\xf5TSL" | kind u8 | source u8 | 0 u16 | length u32 | number u64 | time f64 | crc32 u32 | payload
+    record  := mark "\\xf5TSL" | kind u8 | source u8 | flags u16 | length u32 | number u64 | time f64 | crc32 u32 | payload
 
 Little endian; the checksum covers kind to time and the payload. Every record is one write to the operating system, so a
 killed process loses at most the record that it was writing; records before and after damage are still found by their
@@ -48,6 +48,10 @@ class Kind(IntEnum):
     """JSON: how it ended; only this record can prove a scan complete."""
 
 
+KINDS = frozenset(Kind)
+
+INCOMPLETE = 1
+"""Flag of a FRAME: bytes are missing from its payload."""
 TABLE = struct.Struct("<ddB")
 """Position (rad), doubt of the time (s), moving 0 or 1."""
 
@@ -61,6 +65,7 @@ class Record:
     number: int
     time: float
     payload: bytes
+    flags: int = 0
 
     def json(self) -> dict[str, Any]:
         """The payload of BEGIN, EVENT and END.
@@ -90,15 +95,16 @@ class LogWriter:
         self._lock = threading.Lock()
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0))
         self._ended = threading.Event()
+        self._unsynced: OSError | None = None
         self._write(MAGIC)
         self._syncing = threading.Thread(target=self._sync, name="log to disk", daemon=True)
         self._syncing.start()
 
-    def append(self, kind: Kind, payload: bytes, time: float, source: int = 0, number: int = 0) -> None:
+    def append(self, kind: Kind, payload: bytes, time: float, source: int = 0, number: int = 0, flags: int = 0) -> None:
         """Add a record."""
-        covered = COVERED.pack(kind, source, 0, len(payload), number, time)
+        covered = COVERED.pack(kind, source, flags, len(payload), number, time)
         checksum = crc32(payload, crc32(covered))
-        head = HEAD.pack(MARK, kind, source, 0, len(payload), number, time, checksum)
+        head = HEAD.pack(MARK, kind, source, flags, len(payload), number, time, checksum)
         with self._lock:
             self._write(head + payload)
 
@@ -126,6 +132,8 @@ class LogWriter:
     def _write(self, data: bytes) -> None:
         """All of it: a short write means that the disk is just full, and the rest then fails with the reason."""
         try:
+            if self._unsynced is not None:
+                raise self._unsynced
             written = os.write(self._file, data)
             while written < len(data):
                 written += os.write(self._file, data[written:])
@@ -137,7 +145,11 @@ class LogWriter:
 
     def _sync(self) -> None:
         while not self._ended.wait(SYNC_EVERY):
-            os.fsync(self._file)
+            try:
+                os.fsync(self._file)
+            except OSError as wrong:
+                self._unsynced = wrong
+                return
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,12 +201,12 @@ def _next_valid(data: mmap.mmap, place: int) -> int:
 def _record_at(data: mmap.mmap, place: int) -> tuple[Record | None, int]:
     if len(data) - place < HEAD.size:
         return None, place
-    mark, kind, source, zero, length, number, time, checksum = HEAD.unpack_from(data, place)
+    mark, kind, source, flags, length, number, time, checksum = HEAD.unpack_from(data, place)
     start, end = place + HEAD.size, place + HEAD.size + length
     if mark != MARK or length > MOST_PAYLOAD or end > len(data):
         return None, place
     payload = data[start:end]
-    covered = COVERED.pack(kind, source, zero, length, number, time)
-    if crc32(payload, crc32(covered)) != checksum or kind not in Kind:
+    covered = COVERED.pack(kind, source, flags, length, number, time)
+    if crc32(payload, crc32(covered)) != checksum or kind not in KINDS:
         return None, place
-    return Record(Kind(kind), source, number, time, payload), end
+    return Record(Kind(kind), source, number, time, payload, flags), end

@@ -4,7 +4,8 @@ A fault is latched: from FAULT only an explicit reset leads on. Not a safety fun
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 
 from truestand.core.errors import Fault
@@ -93,23 +94,29 @@ class Machine:
                 self._on_change(after, reason)
             return after
 
-    def require_motion(self) -> None:
-        """Refuse a motion in a state that allows none.
+    @contextmanager
+    def motion(self) -> Iterator[None]:
+        """Begin a motion inside: no change of state comes between this look at the state and the command.
 
         Raises:
-            Fault: with the reason.
+            Fault: a state that allows no motion; with the reason.
         """
-        if self.state not in MAY_MOVE:
-            raise Fault(self._refusal(f"no motion while the stand is {self.state.value}"))
+        with self._lock:
+            if self.state not in MAY_MOVE:
+                raise Fault(self._refusal(f"no motion while the stand is {self.state.value}"))
+            yield
 
-    def require_light(self) -> None:
-        """Refuse a laser in a state that allows none.
+    @contextmanager
+    def light(self) -> Iterator[None]:
+        """Switch a laser on inside, as ``motion``.
 
         Raises:
-            Fault: with the reason.
+            Fault: a state that allows no laser; with the reason.
         """
-        if self.state not in MAY_SHINE:
-            raise Fault(self._refusal(f"no laser while the stand is {self.state.value}"))
+        with self._lock:
+            if self.state not in MAY_SHINE:
+                raise Fault(self._refusal(f"no laser while the stand is {self.state.value}"))
+            yield
 
     def _refusal(self, what: str) -> str:
         if self.state is State.FAULT:
