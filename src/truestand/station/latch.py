@@ -1,7 +1,7 @@
 """The mark beside a stand.toml that the stand is in use, or in a fault that nobody has reset yet.
 
-The process that uses the stand holds a lock on it, which ends with the process, however it ends: a mark that says *in use*
-and isn't locked is that of a process that died.
+The process that uses the stand holds a lock on it, which ends with the process, however that ends: a mark that says
+*in use* and isn't locked is that of a process that died.
 """
 
 import json

@@ -1,11 +1,11 @@
 """One scan from order to file: the stand's mark, the guard, the recording, the native files."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from truestand.core.errors import BadRecipe, DeviceError, Fault, NotEnoughData, TruestandError
+from truestand.core.errors import BadRecipe, Fault, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
 from truestand.files.read import read_recording
 from truestand.files.write_scan import write_recording
@@ -31,8 +31,10 @@ class Taken:
     """What came of an order."""
 
     written: tuple[Written, ...]
-    fault: str
+    fault: str = ""
     """Why the stand stopped itself; empty where it didn't."""
+    interrupted: bool = False
+    """Whether the operator broke it off."""
 
     @property
     def complete(self) -> bool:
@@ -43,6 +45,11 @@ class Taken:
 def log_path(output: Path) -> Path:
     """The log of a scan that goes to ``output``."""
     return output.with_suffix(".log")
+
+
+def output_of(output: Path, sensor: str, sensors: int) -> Path:
+    """Where a sensor's scan goes: with several sensors its name is added."""
+    return output if sensors == 1 else output.with_name(f"{output.stem}-{sensor}{output.suffix}")
 
 
 def take_scan(
@@ -61,9 +68,9 @@ def take_scan(
 
     Raises:
         Fault: the stand is still in fault.
-        DeviceError: a device that isn't there or isn't well, before anything was recorded.
+        DeviceError, NoSpace: before anything was recorded: a device that isn't there or isn't well, no room.
         BadRecipe: there is a log from before.
-        KeyboardInterrupt: as it came, with the stand stopped and what came in the log.
+        KeyboardInterrupt: before anything was recorded.
     """
     log = log_path(output)
     if log.exists():
@@ -71,15 +78,13 @@ def take_scan(
     latch = Latch(recipe)
     try:
         latch.use(_now(), log)
-        fault = _record(recipe, stand, devices, order, log, show, latch)
+        taken = _record(recipe, stand, devices, order, log, show, latch)
     finally:
         latch.close()
-    if not log.exists():
-        raise DeviceError(fault)
     written = write_scans(log, output, force=True)
     if not keep_log:
         log.unlink()
-    return Taken(written, fault)
+    return replace(taken, written=written)
 
 
 def _record(
@@ -90,22 +95,23 @@ def _record(
     log: Path,
     show: Callable[[Live], None],
     latch: Latch,
-) -> str:
-    """Record; the fault that ended it, or nothing."""
-    machine = Machine()
+) -> Taken:
+    """Record, and say what ended it; an error before there is a log is passed on."""
     try:
-        with guard(recipe), open_station(stand, devices, machine) as station:
+        with guard(recipe), open_station(stand, devices, Machine()) as station:
             jobs = {s.name: SensorJob(s.laser, s.encoder) for s in devices.sensor}
             acquire(station, order, jobs, log, _now(), show)
-    except Fault as wrong:
-        latch.fault(_now(), str(wrong))
-        return str(wrong)
     except TruestandError as wrong:
+        if isinstance(wrong, Fault) or log.exists():
+            latch.fault(_now(), str(wrong))
         if not log.exists():
             raise
-        latch.fault(_now(), str(wrong))
-        return str(wrong)
-    return ""
+        return Taken((), fault=str(wrong))
+    except KeyboardInterrupt:
+        if not log.exists():
+            raise
+        return Taken((), interrupted=True)
+    return Taken(())
 
 
 def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, ...]:
@@ -119,7 +125,7 @@ def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, 
         raise NotEnoughData(f"{log.name}: found no profile")
     written = []
     for scan in scans:
-        path = output if len(scans) == 1 else output.with_name(f"{output.stem}-{scan.sensor}{output.suffix}")
+        path = output_of(output, scan.sensor, len(scans))
         write_recording(scan.recording, path, scan.stand, force=force)
         read_recording(path)
         written.append(Written(path, scan))

@@ -62,7 +62,7 @@ def angle_by_encoder(counts: Counts, counts_per_turn: int, start: float) -> Arra
 def angle_by_clock(moment: Array, track: TableTrack, within: tuple[float, float]) -> tuple[Array, bool]:
     """Table position (n,) rad at host times ``moment`` (s), and whether the table kept one speed ``within`` (rad).
 
-    A steady table is read off one straight line, which averages over when exactly it answered; else between its answers.
+    A steady table is read off one straight line, which averages over when it answered; another between its answers.
     """
     scanned = track.moving & (track.position >= within[0]) & (track.position <= within[1])
     if np.count_nonzero(scanned) >= 5:
