@@ -137,7 +137,7 @@ def _surface(block: list[Row], file: _File) -> Recording:
     shape = tuple(_stamp(header, values, key, file) for key in (b"Row Count", b"Column Count"))
     if not top[1].startswith(CORNER):
         raise file.refuse(top[0], f"is no first line of a grid, need {CORNER.decode()} and X")
-    grid = _numbers([(top[0], b"0" + top[1][len(CORNER) :]), *rows], file)
+    grid = _numbers([(top[0], b"0" + top[1][len(CORNER) :]), *rows], file, top)
     if grid.shape != (shape[0] + 1, shape[1] + 1):
         raise file.refuse(
             top[0], f"starts {grid.shape[0] - 1} x {grid.shape[1] - 1} cells, need {shape[0]} x {shape[1]}"
@@ -162,7 +162,7 @@ def _sources(section: str, rows: list[Row], file: _File) -> dict[str, list[Row]]
 def _profiles(rows: list[Row], header: Row, file: _File) -> Recording:
     """The profiles of one source: the frames in the order of the file."""
     first = _cells(header).index(b"Axis") + 1
-    values = _numbers([(line, b",".join(text.split(b",")[first:])) for line, text in rows], file)
+    values = _numbers([_cut(row, first) for row in rows], file, _cut(header, first))
     at: dict[bytes, dict[int, int]] = {b"X": {}, b"Z": {}, b"I": {}}
     for i, row in enumerate(rows):
         axis, frame = _cells(row)[first - 1], _stamp(header, row, b"Frame", file)
@@ -192,7 +192,7 @@ def _profiles(rows: list[Row], header: Row, file: _File) -> Recording:
 
 def _positions(header: Row, first: int, profiles: int, file: _File) -> Array:
     """X of resampled profiles, from the names of their columns."""
-    x = _numbers([(header[0], b",".join(header[1].split(b",")[first:]))], file)
+    x = _numbers([_cut(header, first)], file, _cut(header, first))
     if not np.isfinite(x).all():
         raise file.refuse(header[0], "lacks an X")
     return np.tile(x, (profiles, 1))
@@ -211,12 +211,17 @@ def _stamp(header: Row, row: Row, key: bytes, file: _File) -> int:
     return int(cell)
 
 
-def _numbers(rows: list[Row], file: _File) -> Array:
-    """Lines of as many cells each as numbers; an empty cell is NaN."""
-    cells = rows[0][1].count(b",") + 1
+def _cut(row: Row, first: int) -> Row:
+    """A line from its cell ``first`` on."""
+    return row[0], b",".join(row[1].split(b",")[first:])
+
+
+def _numbers(rows: list[Row], file: _File, like: Row) -> Array:
+    """Lines as numbers, each of as many cells as the line ``like``; an empty cell is NaN."""
+    cells = like[1].count(b",") + 1
     for line, text in rows:
         if text.count(b",") + 1 != cells:
-            raise file.refuse(line, f"has {text.count(b',') + 1} cells, need {cells} as in line {rows[0][0]}")
+            raise file.refuse(line, f"has {text.count(b',') + 1} cells, need {cells} as in line {like[0]}")
     filled = [written_out(text, cells) for _, text in rows]
     try:
         values = np.loadtxt(io.BytesIO(b"\n".join(filled)), delimiter=",", ndmin=2, comments=None)
