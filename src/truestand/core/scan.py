@@ -30,7 +30,7 @@ class Recording:
     format: str
     sha256: str
     y: Array | None = None
-    """The Y block of an XYZ file: its meaning is ``[scan] y`` in stand.toml."""
+    """The Y block of an XYZ file, or a height map's Y in mm: its meaning is ``[scan] y`` in stand.toml."""
     time: Array | None = None
     """s."""
     angle: Array | None = None
@@ -123,7 +123,7 @@ def table_angle(recording: Recording, stand: Stand, start_angle: float | None = 
         BadRecipe: the stand lacks what the available source needs.
     """
     sign = stand.table.sign
-    encoder = recording.y if stand.y == "encoder" else recording.encoder
+    encoder = recording.y if stand.y == "encoder" and recording.encoder is None else recording.encoder
     if encoder is not None:
         if stand.counts_per_turn <= 0:
             raise BadRecipe("the scan has encoder counts but [scan] counts_per_turn is 0; state the counts of one turn")
