@@ -13,7 +13,7 @@ from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
 from truestand.devices.sensor import LineSensor
 from truestand.devices.sensors.recipe import open_sensor
-from truestand.devices.tables.recipe import open_table
+from truestand.devices.tables.opening import open_table
 from truestand.station.gates import GatedDrive, GatedSensor
 from truestand.station.machine import Event, Machine, State
 from truestand.station.recipe import DevicesRecipe, sensor_of
