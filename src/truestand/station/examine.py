@@ -10,9 +10,9 @@ import numpy as np
 
 from truestand.core.errors import BadRecipe, DeviceError, TruestandError
 from truestand.core.stand import Stand
+from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
-from truestand.devices.streams import decode_stream
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.machine import Event, Machine
@@ -108,7 +108,7 @@ def share_seen(layout: Layout, payload: bytes) -> float:
     """Share 0..1 of a payload's readings that carry a point; 0 where there is no whole payload."""
     if len(payload) != layout.frame_bytes:
         return 0.0
-    return float(np.isfinite(decode_stream(layout, [payload], [0]).z).mean())
+    return float(np.isfinite(decode(layout, payload).z).mean())
 
 
 @contextmanager
