@@ -151,7 +151,16 @@ def info(recording: Recording) -> dict[str, Any]:
         "revolutions": revolutions,
         "angle_source": source,
         "sha256": recording.sha256,
+        **_recorded(recording),
     }
+
+
+def _recorded(recording: Recording) -> dict[str, Any]:
+    """What truestand said of its own recording; nothing for files that others wrote."""
+    if recording.acquisition is None:
+        return {}
+    told = recording.acquisition
+    return {key: told[key] for key in ("complete", "reasons", "lost_profiles", "recorded") if key in told}
 
 
 def info_of_several(found: Recordings) -> dict[str, Any]:

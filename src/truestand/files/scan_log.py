@@ -1,7 +1,8 @@
 """The log that a scan is recorded to: append only, a checksum for every record, readable after any crash.
 
     file    := MAGIC record*
-    record  := mark "\\xf5TSL" | kind u8 | source u8 | flags u16 | length u32 | number u64 | time f64 | crc32 u32 | payload
+    record  := mark "\\xf5TSL" | kind u8 | source u8 | flags u16 | length u32 | number u64 | time f64 | crc32 u32
+               | payload
 
 Little endian; the checksum covers kind to time and the payload. Every record is one write to the operating system, so a
 killed process loses at most the record that it was writing; records before and after damage are still found by their
@@ -52,6 +53,8 @@ KINDS = frozenset(Kind)
 
 INCOMPLETE = 1
 """Flag of a FRAME: bytes are missing from its payload."""
+SUSPECT = 2
+"""Flag of a FRAME: the watch found something wrong with it; it is kept, but no scan is made of it."""
 TABLE = struct.Struct("<ddB")
 """Position (rad), doubt of the time (s), moving 0 or 1."""
 

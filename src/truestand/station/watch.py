@@ -99,8 +99,8 @@ class SensorWatch:
         """Whether more profiles were lost than may be, of ``ordered``."""
         if self.lost > max(LEAST_LOST, most_lost * ordered):
             return (
-                f"sensor {self.name} lost {self.lost} profiles, at most {max(LEAST_LOST, int(most_lost * ordered))} may "
-                "be: check cable, switch and packet_size, or slow the sensor down"
+                f"sensor {self.name} lost {self.lost} profiles, at most {max(LEAST_LOST, int(most_lost * ordered))} "
+                "may be: check cable, switch and packet_size, or slow the sensor down"
             )
         return ""
 
@@ -157,8 +157,8 @@ class EncoderWatch:
             return f"the encoder at sensor {self.name} counts against the table's sense; swap its tracks A and B"
         if not ENCODER_SHARE[0] <= share <= ENCODER_SHARE[1]:
             return (
-                f"the encoder at sensor {self.name} counts {100 * share:.0f} % of what the table turns: it is stuck, not "
-                "wired, or counts_per_turn in stand.toml is wrong"
+                f"the encoder at sensor {self.name} counts {100 * share:.0f} % of what the table turns: it is stuck, "
+                "not wired, or counts_per_turn in stand.toml is wrong"
             )
         return ""
 
