@@ -59,8 +59,8 @@ def test_the_real_export():
     assert recording.z.shape == (428, 452)
     assert np.count_nonzero(np.isfinite(recording.z)) == 55_246
     line = path.read_text().split("\n")[199].split(",")
-    assert recording.y[199 - 27] == float(line[0])
-    assert [v for v in recording.z[199 - 27] if v == v] == [float(cell) for cell in line[1:] if cell]
+    assert recording.y[199 - 28] == float(line[0])
+    assert [v for v in recording.z[199 - 28] if v == v] == [float(cell) for cell in line[1:] if cell]
     # the sensor's step of 0.003 mm and its offset of 1.694 mm
     steps = (recording.z[np.isfinite(recording.z)] - 1.694) / 0.003
     assert np.abs(steps - np.rint(steps)).max() < 1e-6
