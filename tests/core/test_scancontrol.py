@@ -32,10 +32,10 @@ def test_known_bytes_give_the_decimal_numbers_that_they_stand_for():
     assert np.isnan(got.x[0, 2])
     assert got.z[0, 3:].tolist() == [29.466, 160.534, 95.002, 29.478, 29.48]
     assert got.x[0, 3:].tolist() == [-65.534, 65.534, 0.002, -65.522, -65.52]
-    assert got.counter.tolist() == [0x123456] * 2
-    assert got.opened.tolist() == [3.5 + 1536 / 24.576e6] * 2
-    assert got.closed.tolist() == [127.0] * 2
-    assert got.encoder.tolist() == [32767] * 2
+    assert got.stamps.counter.tolist() == [0x123456] * 2
+    assert got.stamps.opened.tolist() == [3.5 + 1536 / 24.576e6] * 2
+    assert got.stamps.closed.tolist() == [127.0] * 2
+    assert got.stamps.encoder.tolist() == [32767] * 2
 
 
 @pytest.mark.parametrize("model", RANGES)
@@ -53,7 +53,12 @@ def test_every_count_is_its_decimal_number_to_the_last_bit(model):
 def test_no_bytes_are_no_profiles():
     got = decode_container(b"", 640, "29xx-50")
     assert got.z.shape == (0, 640)
-    assert unwrap_counter(got.counter).size == unwrap_time(got.opened).size == unwrap_encoder(got.encoder).size == 0
+    assert (
+        unwrap_counter(got.stamps.counter).size
+        == unwrap_time(got.stamps.opened).size
+        == unwrap_encoder(got.stamps.encoder).size
+        == 0
+    )
 
 
 @pytest.mark.parametrize("name", ["29xx-50", "2950-50", "LLT2900-50/BL", "scanCONTROL 2910-50", "llt29xx-50"])

@@ -8,6 +8,7 @@ import typer
 
 from truestand._version import __version__
 from truestand.cli import (
+    acquire,
     calibrate,
     compare,
     demo,
@@ -17,6 +18,7 @@ from truestand.cli import (
     info,
     init,
     inspect,
+    recover,
     roll,
     schema,
     simulate,
@@ -49,6 +51,8 @@ app.command("inspect")(inspect.inspect)
 app.command("identify")(identify.identify)
 app.command("form")(form.form)
 app.command("compare")(compare.compare)
+app.command("acquire")(acquire.acquire)
+app.command("recover")(recover.recover)
 app.command("schema")(schema.schema)
 
 

@@ -1,7 +1,8 @@
 """Raw 16-bit profiles of scanCONTROL sensors: bytes to mm, and counts that start again to counts that go on.
 
 A container is N profiles without a header. A profile is three fields of ``points`` little-endian u16 each: Z, X, and a
-field whose last 16 bytes are the time stamp (high byte first; the rest of the field is empty). Sensors send it with the profile rearrangement 0x00120c03.
+field whose last 16 bytes are the time stamp, high byte first; the rest of it is empty. A sensor sends this where its
+profile rearrangement is 0x00120c03 (Z, X, empty field, time stamp, first reflection, low byte first):
 
     byte   0      flags
            1..3   profile counter, starts again after 2^24
@@ -63,13 +64,9 @@ RANGES: Mapping[str, ScanControlScale] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class ContainerProfiles:
-    """Decoded profiles; counter, times and encoder start again at their modulus as the sensor sends them."""
+class Stamps:
+    """The time stamps of profiles; all start again at their modulus as the sensor sends them."""
 
-    x: Array
-    """(N, M) mm along the line; NaN where z was not seen."""
-    z: Array
-    """(N, M) mm; NaN = not seen."""
     counter: Counts
     """(N,) modulo 2^24."""
     opened: Array
@@ -78,6 +75,17 @@ class ContainerProfiles:
     """(N,) s modulo 128: the shutter closed."""
     encoder: Counts
     """(N,) counts modulo 2^15."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContainerProfiles:
+    """Decoded profiles."""
+
+    x: Array
+    """(N, M) mm along the line; NaN where z was not seen."""
+    z: Array
+    """(N, M) mm; NaN = not seen."""
+    stamps: Stamps
 
 
 def scale_of(model: str) -> ScanControlScale:
@@ -117,7 +125,29 @@ def decode_container(buffer: bytes | bytearray | memoryview, points: int, model:
         UnreadableFile: no whole number of profiles.
         BadRecipe: an unknown type, or a number of points that no sensor gives.
     """
-    scale, size = scale_of(model), profile_bytes(points)
+    scale = scale_of(model)
+    rows = _rows(buffer, points)
+    raw = rows.view("<u2")
+    seen = raw[:, :points] != 0
+    return ContainerProfiles(
+        x=_millimetres(raw[:, points : 2 * points], seen, scale.step, 0.0),
+        z=_millimetres(raw[:, :points], seen, scale.step, scale.offset),
+        stamps=_stamps(rows),
+    )
+
+
+def decode_stamps(buffer: bytes | bytearray | memoryview, points: int) -> Stamps:
+    """The time stamps alone: quick enough to look at every frame while it is recorded.
+
+    Raises:
+        UnreadableFile, BadRecipe: as ``decode_container``.
+    """
+    return _stamps(_rows(buffer, points))
+
+
+def _rows(buffer: bytes | bytearray | memoryview, points: int) -> NDArray[np.uint8]:
+    """One row of bytes a profile."""
+    size = profile_bytes(points)
     bytes_ = np.frombuffer(buffer, dtype=np.uint8)
     if bytes_.size % size:
         whole = bytes_.size // size
@@ -126,13 +156,12 @@ def decode_container(buffer: bytes | bytearray | memoryview, points: int, model:
             f"{bytes_.size % size} bytes from byte {whole * size} on, need whole profiles; it is cut off, or the "
             "number of points is another"
         )
-    rows = bytes_.reshape(-1, size)
-    raw = rows.view("<u2")
-    seen = raw[:, :points] != 0
+    return bytes_.reshape(-1, size)
+
+
+def _stamps(rows: NDArray[np.uint8]) -> Stamps:
     stamp = rows[:, -STAMP:].astype(np.int64)
-    return ContainerProfiles(
-        x=_millimetres(raw[:, points : 2 * points], seen, scale.step, 0.0),
-        z=_millimetres(raw[:, :points], seen, scale.step, scale.offset),
+    return Stamps(
         counter=_big_endian(stamp[:, 1:4]),
         opened=_seconds(_big_endian(stamp[:, 4:8])),
         closed=_seconds(_big_endian(stamp[:, 12:16])),

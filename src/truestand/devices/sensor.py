@@ -94,8 +94,9 @@ class StreamStatistics:
 class LineSensor(Protocol):
     """What a sensor driver must do. Calls raise ``DeviceLost`` within the connection's timeout, or ``DeviceError``."""
 
-    name: str
-    """As in stand.toml."""
+    @property
+    def name(self) -> str:
+        """As in stand.toml."""
 
     def identity(self) -> dict[str, str]:
         """Maker, model, serial, firmware: what the device says of itself."""

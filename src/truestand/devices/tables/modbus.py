@@ -1,0 +1,171 @@
+"""A table behind a PLC: Modbus TCP. The register map is explained in ``ModbusRecipe``. All of pymodbus is here.
+
+A command is a handshake: target and speed first, then the command word with the next number in its high byte, then
+wait until the PLC repeats that number in its status. A connection that was lost is opened again by the next call, so
+that a stop can still get through.
+"""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from math import pi, tau
+from struct import pack, unpack
+from typing import Any
+
+from pymodbus.client import ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+from truestand.core.errors import LimitExceeded
+from truestand.devices.axis import DriveState
+from truestand.devices.tables.messages import lost, nonsense, refused
+from truestand.devices.tables.recipe import PORTS, ModbusRecipe, host_and_port
+
+HOME, MOVE, TURN, HALT, RESET = 1, 2, 4, 8, 16
+"""Bits of the command word."""
+HOMED, MOVING, FAULT = 1, 2, 4
+"""Bits of the status word."""
+BEAT = 0.1
+"""s between two heartbeats."""
+LOOK = 0.002
+"""s between two looks whether a command was taken."""
+
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what goes wrong is told by our own errors
+
+
+class ModbusTable:
+    """A ``Drive``; safe to use from two threads."""
+
+    def __init__(self, address: str, registers: ModbusRecipe, timeout: float) -> None:
+        self.name = f"table at {address} (Modbus TCP)"
+        self._map = registers
+        self._timeout = timeout
+        self._lock = threading.RLock()
+        self._heard = 0
+        self._beat, self._beat_time = 0, 0.0
+        host, port = host_and_port(address, PORTS["modbus"])
+        self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0, trace_packet=self._listen)
+
+    def start_home(self) -> None:
+        """Begin to look for the home position."""
+        self._command(HOME)
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
+        self._command(MOVE, self._counts(position), max(1, self._counts(speed)))
+
+    def start_turn(self, speed: float) -> None:
+        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
+        self._command(TURN, speed=self._counts(speed))
+
+    def halt(self) -> None:
+        """Begin to slow down to rest."""
+        self._command(HALT)
+
+    def reset(self) -> None:
+        """Clear the PLC's fault."""
+        self._command(RESET)
+
+    def state(self) -> DriveState:
+        """Ask the PLC; shows it the heartbeat where there is one."""
+        with self._lock:
+            self._show_life()
+            before = time.monotonic()
+            block = self._status()
+            after = time.monotonic()
+        m = self._map
+        word = block[m.status]
+        (counts,) = unpack(">i", pack(">HH", *self._order(block[m.position], block[m.position + 1])))
+        fault = f"fault {block[m.fault_code]} of the controller" if word & FAULT else ""
+        return DriveState(
+            counts * tau / m.counts_per_turn,
+            bool(word & MOVING),
+            bool(word & HOMED),
+            (before + after) / 2,
+            (after - before) / 2,
+            fault,
+        )
+
+    def close(self) -> None:
+        """Leave the connection."""
+        with self._lock:
+            self._client.close()
+
+    def _command(self, bits: int, target: int | None = None, speed: int | None = None) -> None:
+        """Hand over a command, and wait until the PLC has taken it."""
+        with self._lock:
+            for register, value in ((self._map.target, target), (self._map.speed, speed)):
+                if value is not None:
+                    self._write(register, *self._order(*unpack(">HH", pack(">i", value))))
+            number = (self._status()[self._map.status] >> 8) % 255 + 1
+            self._write(self._map.command, number << 8 | bits)
+            end = time.monotonic() + self._timeout
+            while self._status()[self._map.status] >> 8 != number:
+                if time.monotonic() > end:
+                    raise refused(
+                        self.name,
+                        f"the PLC didn't repeat command number {number} in its status within {self._timeout:g} s",
+                        "check that its program runs, and the map in [devices.table.modbus]",
+                    )
+                time.sleep(LOOK)
+
+    def _counts(self, angle: float) -> int:
+        """Counts of an angle (rad) or speed (rad/s); what doesn't fit into 32 bit is refused."""
+        counts = round(angle * self._map.counts_per_turn / tau)
+        if not -(2**31) <= counts < 2**31:
+            most = 2**31 / self._map.counts_per_turn
+            raise LimitExceeded(
+                f"{self.name}: found {angle / (2 * pi):.0f} turns, the register holds {most:.0f}; home first"
+            )
+        return counts
+
+    def _order(self, first: int, second: int) -> tuple[int, int]:
+        """High word and low word, to and from the order of the PLC."""
+        return (first, second) if self._map.words == "high-first" else (second, first)
+
+    def _show_life(self) -> None:
+        now = time.monotonic()
+        if self._map.heartbeat is not None and now - self._beat_time >= BEAT:
+            self._beat, self._beat_time = self._beat % 65535 + 1, now
+            self._write(self._map.heartbeat, self._beat)
+
+    def _status(self) -> dict[int, int]:
+        """What the PLC writes, by register."""
+        m = self._map
+        used = (m.status, m.position, m.position + 1, m.fault_code)
+        first, count = min(used), max(used) - min(used) + 1
+        read = self._client.read_holding_registers if m.status_in == "holding" else self._client.read_input_registers
+        answer = self._ask(lambda: read(first, count=count, device_id=m.unit))
+        values = list(answer.registers)
+        if len(values) != count:
+            raise nonsense(self.name, f"{len(values)} registers", f"{count}")
+        return dict(enumerate(values, first))
+
+    def _write(self, register: int, *values: int) -> None:
+        self._ask(lambda: self._client.write_registers(register, list(values), device_id=self._map.unit))
+
+    def _ask(self, question: Callable[[], Any]) -> Any:
+        """One request and its answer.
+
+        Raises:
+            DeviceLost: silence, or a broken connection.
+            DeviceError: an answer that is none, or an exception of Modbus.
+        """
+        self._heard = 0
+        try:
+            answer = question()
+        except (ModbusException, OSError) as wrong:
+            self._client.close()
+            if self._heard:
+                raise nonsense(self.name, f"{self._heard} bytes", "a Modbus answer") from wrong
+            raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
+        if answer.isError():
+            raise refused(
+                self.name, f"Modbus exception {answer.exception_code}", "check the map in [devices.table.modbus]"
+            )
+        return answer
+
+    def _listen(self, sending: bool, data: bytes) -> bytes:
+        """Count what arrives: silence is another trouble than nonsense."""
+        self._heard += 0 if sending else len(data)
+        return data

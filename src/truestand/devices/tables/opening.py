@@ -1,0 +1,26 @@
+"""From a recipe to a table that answers. Each driver's library is loaded only where the recipe asks for it."""
+
+from truestand.devices.axis import Drive, RotaryTable
+from truestand.devices.tables.recipe import TableRecipe
+
+
+def open_table(recipe: TableRecipe) -> RotaryTable:
+    """The table of ``[devices.table]``, connected and asked once; nothing moves.
+
+    Raises:
+        DeviceLost: nobody answers at the address.
+        DeviceError: who answers isn't such a table.
+    """
+    drive = _drive(recipe)
+    try:
+        drive.state()
+    except BaseException:
+        drive.close()
+        raise
+    return RotaryTable(drive, recipe.limits)
+
+
+def _drive(recipe: TableRecipe) -> Drive:
+    from truestand.devices.tables.modbus import ModbusTable
+
+    return ModbusTable(recipe.address, recipe.modbus, recipe.timeout_s)

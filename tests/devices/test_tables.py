@@ -1,0 +1,187 @@
+"""Each driver against its server: home, move, turn, stop, limits, and what happens when things go wrong."""
+
+import time
+from math import radians, tau
+
+import pytest
+
+from tables import ADDRESSES, PACE, SERVERS, listener, on_virtual_time, served, table_at
+from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
+from truestand.devices.tables import TableRecipe, open_table
+from truestand.sim.live.table import Motion
+
+EACH = pytest.mark.parametrize("protocol", sorted(SERVERS))
+NETWORK = pytest.mark.parametrize("protocol", sorted(SERVERS))
+
+
+@EACH
+def test_it_homes_moves_turns_and_stops(protocol):
+    with table_at(protocol) as (virtual, _, table):
+        state = table.state()
+        assert not state.homed and not state.moving and state.fault == ""
+        table.home()
+        state = table.state()
+        assert state.homed and not state.moving and state.position == pytest.approx(0.0, abs=1e-4)
+        for target in (radians(123.456), radians(-400.0), 0.0):
+            table.move_to(target, radians(90))
+            assert table.state().position == pytest.approx(target, abs=table.limits.tolerance)
+            assert float(virtual.angle_at(virtual.clock.now())) == pytest.approx(target, abs=table.limits.tolerance)
+        table.turn(radians(-60))
+        time.sleep(2.0 / PACE)
+        assert table.state().moving
+        begin, end = virtual.clock.now() - 0.5, virtual.clock.now()
+        speed = float(virtual.angle_at(end) - virtual.angle_at(begin)) / 0.5
+        assert speed == pytest.approx(radians(-60), rel=1e-3)
+        table.stop()
+        state = table.state()
+        assert not state.moving and state.position < -1.0
+        assert state.position == pytest.approx(float(virtual.angle_at(virtual.clock.now())), abs=1e-3)
+
+
+@EACH
+def test_a_new_speed_and_a_move_while_it_turns(protocol):
+    with table_at(protocol) as (virtual, _, table):
+        table.home()
+        table.turn(radians(30))
+        time.sleep(1.0 / PACE)
+        table.turn(radians(90))
+        time.sleep(1.0 / PACE)
+        begin, end = virtual.clock.now() - 0.2, virtual.clock.now()
+        assert float(virtual.angle_at(end) - virtual.angle_at(begin)) / 0.2 == pytest.approx(radians(90), rel=1e-2)
+        table.stop()
+        table.move_to(2 * tau, radians(90))
+
+
+@EACH
+def test_a_position_comes_with_its_time(protocol):
+    with table_at(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (virtual, _, table):
+        table.turn(1.0)
+        time.sleep(0.5)
+        for _ in range(10):
+            asked = virtual.clock.now()
+            state = table.state()
+            answered = virtual.clock.now()
+            low, high = virtual.angle_at(asked) - 0.02, virtual.angle_at(answered) - 0.02
+            assert low - 1e-3 <= state.position <= high + 1e-3
+            assert 0 < state.doubt < 0.5 and abs(state.time - time.monotonic()) < 1.0
+        table.stop()
+
+
+@EACH
+def test_limits_are_refused_before_anything_moves(protocol):
+    with table_at(protocol, max_speed_deg_per_s=50, range_deg=(-10, 200)) as (virtual, _, table):
+        with pytest.raises(DeviceError, match="not homed"):
+            table.move_to(0.1, 0.1)
+        table.home()
+        stood = virtual.status().position
+        for wrong in (lambda: table.move_to(radians(201), 0.1), lambda: table.move_to(0.1, 1.0),
+                      lambda: table.turn(0.1), lambda: table.move_to(float("nan"), 0.1)):  # fmt: skip
+            with pytest.raises(LimitExceeded):
+                wrong()
+        assert virtual.status().position == stood and not virtual.status().moving
+
+
+@EACH
+def test_a_stalled_table_times_out_and_is_told_to_stop(protocol):
+    with table_at(protocol) as (virtual, _, table):
+        table.home()
+        table.start_move(radians(60), radians(60))
+        virtual.stall()
+        with pytest.raises(MoveTimeout, match="blocks"):
+            table.move_to(radians(30), radians(60))
+        table.stop()
+        assert not virtual.status().moving
+        virtual.release()
+        table.move_to(radians(30), radians(60))
+
+
+@EACH
+def test_a_fault_of_the_controller_is_told_until_reset(protocol):
+    with table_at(protocol) as (virtual, _, table):
+        table.home()
+        table.turn(1.0)
+        virtual.trip("following error")
+        with pytest.raises(DeviceError):
+            table.move_to(0.0, 1.0)
+        assert table.state().fault
+        time.sleep(1.0 / PACE)
+        table.reset()
+        assert not table.state().fault
+        if not table.state().homed:
+            table.home()
+        table.move_to(0.3, 1.0)
+
+
+@EACH
+def test_a_server_that_dies_while_it_moves_is_lost_within_a_second(protocol):
+    with table_at(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (_, server, table):
+        table.turn(0.5)
+        assert table.state().moving
+        server.stop()
+        begin = time.monotonic()
+        with pytest.raises(DeviceLost, match="check power"):
+            table.wait(20.0, "turning", halt=False)
+        with pytest.raises(DeviceLost):
+            table.stop()
+        assert time.monotonic() - begin < 1.0 + 0.5
+
+
+@EACH
+def test_a_stop_gets_through_when_the_server_is_back(protocol):
+    with served(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (virtual, server, recipe):
+        table = open_table(recipe)
+        table.turn(0.5)
+        server.stop()
+        with pytest.raises(DeviceLost):
+            table.state()
+        again = SERVERS[protocol](virtual, recipe)
+        again.start()
+        table.stop()
+        assert not virtual.status().moving
+        table.close()
+        again.stop()
+
+
+@NETWORK
+def test_nobody_there_and_silence_are_lost_in_time(protocol):
+    with listener(lambda _: None) as port:
+        for address, limit in ((port, 1.0), (1, 1.0)):
+            begin = time.monotonic()
+            with pytest.raises(DeviceLost, match="check power"):
+                open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=address)))
+            assert time.monotonic() - begin < limit
+
+
+@NETWORK
+@pytest.mark.parametrize(
+    "garbage",
+    [b"\x00" * 40, b"\xff" * 300, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"hello\r\n", bytes(range(256)), b"\n\n\n\n"],
+    ids=["zeros", "ones", "http", "hello", "all", "newlines"],
+)
+def test_garbage_is_an_error_of_the_device(protocol, garbage):
+    with listener(lambda _: garbage) as port:
+        begin = time.monotonic()
+        with pytest.raises(DeviceError, match=r"need|refused"):
+            open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=port)))
+        assert time.monotonic() - begin < 1.5
+
+
+@EACH
+def test_a_halt_from_another_thread_gets_through_while_it_waits(protocol):
+    import threading
+
+    with table_at(protocol) as (virtual, _, table):
+        table.home()
+        timer = threading.Timer(0.1, table.drive.halt)
+        timer.start()
+        with pytest.raises(MoveTimeout, match="stopped"):
+            table.move_to(100.0, 1.5)
+        timer.join()
+        assert not virtual.status().moving
+
+
+def test_on_virtual_time_nothing_else_changes():
+    with served("modbus") as (virtual, _, recipe):
+        table = open_table(recipe)
+        assert on_virtual_time(table, virtual.clock).limits == table.limits
+        table.close()

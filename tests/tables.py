@@ -1,0 +1,82 @@
+"""Virtual tables on loopback, each behind one protocol, with a clock that runs faster than ours."""
+
+import socket
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+
+from truestand.devices.axis import RotaryTable
+from truestand.devices.tables import TableRecipe, open_table
+from truestand.sim.live.clock import Clock
+from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.table import VirtualTable
+
+PACE = 20.0
+SERVERS = {"modbus": ModbusServer}
+ADDRESSES = {"modbus": "127.0.0.1:{port}"}
+
+
+@contextmanager
+def served(protocol, motion=None, pace=PACE, tables=None, **limits):
+    """A virtual table, its server, and the recipe that finds it."""
+    clock = Clock(pace)
+    virtual = VirtualTable(clock, motion)
+    settings = {"protocol": protocol, **limits, **({protocol: tables} if tables else {})}
+    server = SERVERS[protocol](virtual, TableRecipe(address=ADDRESSES[protocol].format(port=0), **settings))
+    server.start()
+    try:
+        yield virtual, server, TableRecipe(address=ADDRESSES[protocol].format(port=server.port), **settings)
+    finally:
+        server.stop()
+
+
+@contextmanager
+def table_at(protocol, motion=None, pace=PACE, tables=None, **limits):
+    """A virtual table, its server, and the table that the driver opens; waiting goes by the virtual clock."""
+    with served(protocol, motion, pace, tables, **limits) as (virtual, server, recipe):
+        table = on_virtual_time(open_table(recipe), virtual.clock)
+        try:
+            yield virtual, server, table
+        finally:
+            table.close()
+
+
+def on_virtual_time(table: RotaryTable, clock: Clock) -> RotaryTable:
+    return replace(table, clock=clock.now, sleep=lambda s: time.sleep(s / clock.pace))
+
+
+@contextmanager
+def listener(answer):
+    """A TCP server on loopback that gives ``answer(data)`` to whatever it hears; None = it keeps silent."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.05)
+        ended = threading.Event()
+        thread = threading.Thread(target=_listen, args=(server, answer, ended))
+        thread.start()
+        try:
+            yield server.getsockname()[1]
+        finally:
+            ended.set()
+            thread.join()
+
+
+def _listen(server, answer, ended):
+    open_ = []
+    while not ended.is_set():
+        try:
+            connection, _ = server.accept()
+            connection.settimeout(0.01)
+            open_.append(connection)
+        except TimeoutError:
+            pass
+        for connection in open_:
+            try:
+                data = connection.recv(1000)
+                reply = answer(data) if data else None
+                if reply is not None:
+                    connection.sendall(reply)
+            except OSError:
+                pass
+    for connection in open_:
+        connection.close()
