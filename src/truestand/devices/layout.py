@@ -1,6 +1,7 @@
 """Payloads to profiles: the one decoder for live frames, for logs after a crash, and for replays.
 
-Counters, times and encoder counts start again at the sensor's moduli; ``Unwrapper`` lets them go on from frame to frame.
+Counters, times and encoder counts start again at the sensor's moduli; ``Unwrapper`` lets them go on from frame to
+frame.
 """
 
 from dataclasses import replace
@@ -35,14 +36,13 @@ def _scancontrol(layout: Layout, payload: bytes | bytearray | memoryview) -> Pro
     found = scancontrol.decode_container(payload, layout.points, layout.model)
     stamps = np.frombuffer(payload, np.uint8).reshape(layout.profiles, -1)[:, -scancontrol.STAMP :]
     stamped = stamps.any(axis=1)
-    stamp = found.stamps
-    closed = np.where(stamp.closed < stamp.opened, stamp.closed + scancontrol.TIME_MODULUS, stamp.closed)
+    closed = np.where(found.closed < found.opened, found.closed + scancontrol.TIME_MODULUS, found.closed)
     return Profiles(
         found.x,
         found.z,
-        np.where(stamped, stamp.counter, -1),
-        (stamp.opened + closed) / 2 % scancontrol.TIME_MODULUS,
-        stamp.encoder if layout.encoder_modulus else None,
+        np.where(stamped, found.counter, -1),
+        (found.opened + closed) / 2 % scancontrol.TIME_MODULUS,
+        found.encoder if layout.encoder_modulus else None,
     )
 
 
