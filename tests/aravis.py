@@ -42,6 +42,7 @@ def library():
         ("arv_gv_device_set_packet_size", None, c_void_p, c_int, error),
         ("arv_gv_device_auto_packet_size", c_uint, c_void_p, error),
         ("arv_gv_device_is_controller", c_bool, c_void_p),
+        ("arv_gv_device_take_control", c_bool, c_void_p, error),
         ("arv_device_get_integer_feature_value", c_int64, c_void_p, c_char_p, error),
         ("arv_device_set_integer_feature_value", None, c_void_p, c_char_p, c_int64, error),
         ("arv_device_get_float_feature_value", c_double, c_void_p, c_char_p, error),

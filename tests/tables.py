@@ -11,10 +11,11 @@ from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.table import VirtualTable
+from truestand.sim.live.zaber_server import ZaberServer
 
 PACE = 20.0
-SERVERS = {"modbus": ModbusServer}
-ADDRESSES = {"modbus": "127.0.0.1:{port}"}
+SERVERS = {"modbus": ModbusServer, "zaber": ZaberServer}
+ADDRESSES = {"modbus": "127.0.0.1:{port}", "zaber": "127.0.0.1:{port}"}
 
 
 @contextmanager
@@ -26,7 +27,7 @@ def served(protocol, motion=None, pace=PACE, tables=None, **limits):
     server = SERVERS[protocol](virtual, TableRecipe(address=ADDRESSES[protocol].format(port=0), **settings))
     server.start()
     try:
-        yield virtual, server, TableRecipe(address=ADDRESSES[protocol].format(port=server.port), **settings)
+        yield virtual, server, TableRecipe(address=server.address, **settings)
     finally:
         server.stop()
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from truestand.core.errors import NotEnoughData, UnreadableFile
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
+from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensor import Layout
-from truestand.devices.streams import Stream, decode_stream
 from truestand.files.recipes import stand_from_recipe
-from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Damage, Kind, Record, read_log
+from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
 from truestand.station.sync import TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
 
@@ -133,10 +133,48 @@ def _layout(told: Mapping[str, Any]) -> Layout:
 
 
 def _good(log: Log, i: int) -> list[Record]:
-    """A sensor's whole frames, each once, in order."""
+    """A sensor's frames, each once, in order; without those that the watch found wrong."""
     size = log.sensors[i].layout.frame_bytes
-    by_number = {r.number: r for r in log.frames[i] if not r.flags & (INCOMPLETE | SUSPECT) and len(r.payload) == size}
+    by_number = {r.number: r for r in log.frames[i] if not r.flags & SUSPECT and len(r.payload) == size}
     return [by_number[number] for number in sorted(by_number)]
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The profiles of a whole stream, in order."""
+
+    x: Array
+    """(N, points) mm; NaN = not seen."""
+    z: Array
+    counter: NDArray[np.int64]
+    """(N,): a step of more than 1 = profiles lost."""
+    time: Array
+    """(N,) s of the sensor's clock, the middle of the exposure; from counter and rate where it sends none."""
+    encoder: NDArray[np.int64] | None
+    """(N,) counts."""
+    arrived: Array
+    """(N,) s of the host's clock."""
+
+
+def _decoded(layout: Layout, frames: list[Record]) -> Stream:
+    unwrapper = Unwrapper(layout)
+    found = [unwrapper.go_on(decode(layout, frame.payload)) for frame in frames]
+    n = [len(p.x) for p in found]
+    counters = [
+        np.arange(len(p.x)) + (frame.number - frames[0].number) * layout.profiles if p.counter is None else p.counter
+        for p, frame in zip(found, frames, strict=True)
+    ]
+    counter = np.concatenate(counters).astype(np.int64)
+    times = [p.time for p in found if p.time is not None]
+    encoders = [p.encoder for p in found if p.encoder is not None]
+    return Stream(
+        np.concatenate([p.x for p in found]),
+        np.concatenate([p.z for p in found]),
+        counter,
+        np.concatenate(times) if len(times) == len(found) else counter / layout.rate,
+        np.concatenate(encoders) if len(encoders) == len(found) else None,
+        np.repeat([frame.time for frame in frames], n),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +191,8 @@ class Placed:
 
 def _scan(log: Log, i: int) -> Converted:
     plan, frames = log.sensors[i], _good(log, i)
-    decoded = decode_stream(plan.layout, [r.payload for r in frames], [r.number for r in frames])
-    placed = _placed(log, plan, decoded, np.array([r.time for r in frames]))
+    decoded = _decoded(plan.layout, frames)
+    placed = _placed(log, plan, decoded)
     begin = placed.position[0] + log.order.run_up
     end = begin + log.order.turns * tau
     kept = (placed.position >= begin) & (placed.position < end)
@@ -176,11 +214,10 @@ def _scan(log: Log, i: int) -> Converted:
     return Converted(plan.name, stand, _recording(decoded, placed, kept, acquisition, stand))
 
 
-def _placed(log: Log, plan: SensorPlan, decoded: Stream, arrived: Array) -> Placed:
+def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
     track = _track(log)
     start = float(track.position[0]) if track.position.size else 0.0
-    last = np.arange(1, arrived.size + 1) * plan.layout.profiles - 1
-    offset, rate = clock_line(decoded.time[last], arrived)
+    offset, rate = clock_line(decoded.time, decoded.arrived)
     moment = offset + rate * decoded.time
     told: dict[str, Any] = {"clock_rate": rate, "table_samples": int(track.time.size)}
     if plan.encoder and decoded.encoder is not None and log.stand.counts_per_turn:

@@ -44,7 +44,7 @@ class Skew:
 
 
 def clock_line(device: Array, host: Array) -> tuple[float, float]:
-    """(a, b) with host = a + b device on the line under all arrivals; ``device`` (s): last exposure of each frame."""
+    """(a, b) with host = a + b device on the line under all arrivals: s of the exposures, s of the frames' arrivals."""
     if device.size < 2 or np.ptp(device) == 0:
         return float(host[0] - device[0]), 1.0
     pieces = np.array_split(np.arange(device.size), min(WINDOWS, max(device.size // 4, 1)))

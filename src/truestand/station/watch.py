@@ -10,7 +10,6 @@ from math import degrees, tau
 
 import numpy as np
 
-from truestand.core.errors import UnreadableFile
 from truestand.core.scancontrol import decode_stamps
 from truestand.devices.sensor import Frame, Layout
 
@@ -47,10 +46,6 @@ class SensorWatch:
     def see(self, frame: Frame) -> str:
         """What is wrong with a frame; empty = nothing."""
         before, self._last_frame = self._last_frame, frame
-        missing = 0 if before is None else (frame.number - before.number - 1) * self.layout.profiles
-        if frame.missing:
-            self.lost += missing + self.layout.profiles
-            return ""
         if len(frame.payload) != self.layout.frame_bytes:
             return (
                 f"sensor {self.name} sends {len(frame.payload)} bytes a frame, {self.layout.frame_bytes} were agreed: "
@@ -58,28 +53,33 @@ class SensorWatch:
             )
         if self.layout.kind == "scancontrol":
             return self._see_stamps(frame)
-        self.lost += missing
+        gone = 0 if before is None else frame.number - before.number - 1
+        self.lost += (gone + bool(frame.missing)) * self.layout.profiles
         self.profiles += self.layout.profiles
         if before is not None and before.payload == frame.payload and any(frame.payload):
             return f"sensor {self.name} sends the same image again and again: it is frozen; switch it off and on"
         return ""
 
     def _see_stamps(self, frame: Frame) -> str:
-        try:
-            stamps = decode_stamps(frame.payload, self.layout.points)
-        except UnreadableFile as wrong:
-            return f"sensor {self.name} sends garbage: {wrong}"
-        first, modulus = int(stamps.counter[0]), self.layout.counter_modulus
-        steps = np.diff(stamps.counter) % modulus
-        step = 1 if self._counter is None else (first - self._counter) % modulus
-        if (steps != 1).any() or (np.diff(stamps.opened) % self.layout.time_modulus > 1.0).any():
+        stamps = decode_stamps(frame.payload, self.layout.points)
+        whole = (
+            np.flatnonzero((stamps.opened > 0) | (stamps.closed > 0))
+            if frame.missing
+            else np.arange(len(stamps.counter))
+        )
+        if not whole.size:
+            return ""
+        counter, modulus = stamps.counter[whole], self.layout.counter_modulus
+        steps = np.diff(counter) % modulus
+        step = 1 if self._counter is None else (int(counter[0]) - self._counter) % modulus
+        if (steps != np.diff(whole)).any() or (np.diff(stamps.opened[whole]) % self.layout.time_modulus > 1.0).any():
             return f"sensor {self.name} sends garbage: profile counters and times don't follow each other"
         if step == 0 or step > modulus // 2:
             return f"sensor {self.name} sends the same profiles again: it is frozen; switch it off and on"
-        self.lost += step - 1
-        self.profiles += stamps.counter.size
-        self._counter = int(stamps.counter[-1])
-        self._follow_encoder(int(stamps.encoder[-1]))
+        self.lost += step - 1 + int((steps - 1).sum())
+        self.profiles += whole.size
+        self._counter = int(counter[-1])
+        self._follow_encoder(int(stamps.encoder[whole[-1]]))
         return ""
 
     def _follow_encoder(self, raw: int) -> None:

@@ -2,9 +2,10 @@
 
 One profile is one line of u16: a field of ``points`` after the other (Z, X, ..., an empty one for the stamp), and its
 last 16 bytes hold the stamp, bytes most significant first: profile counter, when the shutter opened and closed, twice
-the encoder count. Source: the facts in docs/formats of the vendor's open SDK; written apart from the decoder.
+the encoder count. Source: the vendor's open SDK (facts only); written apart from the decoder, to check each other.
 """
 
+import re
 from dataclasses import dataclass
 from math import log2
 
@@ -42,14 +43,16 @@ _SCALES = {
 
 
 def scale_of(model: str) -> tuple[float, float]:
-    """Step (mm) and middle of the range (mm) of a sensor type such as "29xx-50".
+    """Step (mm) and middle of the range (mm) of a sensor type such as "29xx-50", "2950-50" or "LLT2950-50/BL".
 
     Raises:
         BadRecipe: another one.
     """
-    if model not in _SCALES:
+    found = re.search(r"(\d\d)..-(\d+)", model)
+    scale = _SCALES.get(f"{found[1]}xx-{found[2]}") if found else None
+    if scale is None:
         raise BadRecipe(f'found a sensor model "{model}", the virtual sensor can be one of {", ".join(_SCALES)}')
-    return _SCALES[model]
+    return scale
 
 
 @dataclass(frozen=True, slots=True)

@@ -92,7 +92,7 @@ class Control:
         words = gvcp.words(request.body)
         if request.command == Command.READ_REGISTER:
             return b"".join(self.registers.read(address, 4) for address in words)
-        if len(words) != 2 or words[1] > MOST_MEMORY:
+        if len(words) != 2 or not 0 < words[1] <= MOST_MEMORY:
             raise Refused(Status.INVALID_PARAMETER)
         return request.body[:4] + self.registers.read(words[0], words[1])
 

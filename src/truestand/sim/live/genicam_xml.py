@@ -1,12 +1,14 @@
 """The virtual sensor's description of itself (GenICam), served out of its own memory."""
 
+import re
+
 from truestand.devices.wire.gvcp import Register
 from truestand.devices.wire.gvsp import PixelFormat
 from truestand.sim.live.faults import Kind
 from truestand.sim.live.registers import LARGEST_PACKET, LONGEST, SMALLEST_PACKET, Own
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<RegisterDescription ModelName="scanCONTROL_{model}" VendorName="truestand" ToolTip="Virtual laser line sensor"
+<RegisterDescription ModelName="{model}" VendorName="truestand" ToolTip="Virtual laser line sensor"
  StandardNameSpace="GEV" SchemaMajorVersion="1" SchemaMinorVersion="1" SchemaSubMinorVersion="0"
  MajorVersion="1" MinorVersion="0" SubMinorVersion="0"
  ProductGuid="5b0f7a52-6d0e-4f0a-9d3e-7f3c6a1d2b11" VersionGuid="9c1f2e34-0a5b-4c6d-8e7f-102030405060"
@@ -20,7 +22,9 @@ def description(model: str) -> bytes:
     listed = "".join(f"<pFeature>{name}</pFeature>" for name in features)
     root = f'<Category Name="Root" NameSpace="Standard">{listed}</Category>'
     port = '<Port Name="Device"/>'
-    return "\n".join([_HEAD.format(model=model), root, *features.values(), port, "</RegisterDescription>\n"]).encode()
+    return "\n".join(
+        [_HEAD.format(model=re.sub(r"\W", "_", model)), root, *features.values(), port, "</RegisterDescription>\n"]
+    ).encode()
 
 
 def _device() -> dict[str, str]:

@@ -99,7 +99,7 @@ class Identity:
 
     address: str
     """IPv4."""
-    model: str = "29xx-50"
+    model: str = "scanCONTROL 29xx-50"
     serial: str = "V0000001"
     name: str = ""
     """Given by the user."""
@@ -153,7 +153,7 @@ class Registers:
             self.put(where, value)
         for register, text in (
             (Register.MANUFACTURER, identity.manufacturer),
-            (Register.MODEL, f"scanCONTROL {identity.model}"),
+            (Register.MODEL, identity.model),
             (Register.DEVICE_VERSION, identity.version),
             (Register.MANUFACTURER_INFO, "simulated"),
             (Register.SERIAL, identity.serial),
