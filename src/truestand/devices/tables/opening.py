@@ -25,6 +25,10 @@ def _drive(recipe: TableRecipe) -> Drive:
         from truestand.devices.tables.modbus import ModbusTable
 
         return ModbusTable(recipe.address, recipe.modbus, recipe.timeout_s)
-    from truestand.devices.tables.zaber import ZaberTable
+    if recipe.protocol == "zaber":
+        from truestand.devices.tables.zaber import ZaberTable
 
-    return ZaberTable(recipe.address, recipe.zaber, recipe.timeout_s)
+        return ZaberTable(recipe.address, recipe.zaber, recipe.timeout_s)
+    from truestand.devices.tables.grbl import GrblTable
+
+    return GrblTable(recipe.address, recipe.grbl, recipe.timeout_s)

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from math import tau
+from math import isfinite, nan, tau
 
 from truestand.devices.axis import DriveState
 from truestand.devices.tables.line import Line
@@ -62,13 +62,9 @@ class ZaberTable:
             before = time.monotonic()
             reply = self._ask("get pos")
             after = time.monotonic()
-        try:
-            position = float(reply.data)
-        except ValueError as wrong:
-            raise nonsense(self.name, f"position {reply.data[:20]!r}", "a number") from wrong
         faults = [f"{MEANING.get(flag, 'fault')} ({flag})" for flag in flags if flag.startswith("F")]
         return DriveState(
-            position * tau / self._recipe.counts_per_turn,
+            self._number(reply.data) * tau / self._recipe.counts_per_turn,
             reply.busy,
             not any(flag in NOT_HOMED for flag in flags),
             (before + after) / 2,
@@ -86,6 +82,16 @@ class ZaberTable:
 
     def _speed(self, speed: float) -> int:
         return round(speed * self._recipe.counts_per_turn / tau * SPEED_UNIT)
+
+    def _number(self, data: str) -> float:
+        """A position, in counts."""
+        try:
+            number = float(data)
+        except ValueError:
+            number = nan
+        if not isfinite(number):
+            raise nonsense(self.name, f"position {data[:20]!r}", "a number")
+        return number
 
     def _flags(self) -> list[str]:
         """All warning flags: a count, then the flags."""

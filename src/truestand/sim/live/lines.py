@@ -15,13 +15,10 @@ Send = Callable[[bytes], object]
 
 
 class Talk(Protocol):
-    """One connection: it is given what came and sends when it likes."""
+    """One connection."""
 
     def hear(self, data: bytes) -> None:
         """Take what came."""
-
-    def look(self) -> None:
-        """Take the chance to say something unasked."""
 
 
 class LineServing(Serving):
@@ -35,14 +32,16 @@ class LineServing(Serving):
     def _talk(self, send: Send) -> Talk:
         raise NotImplementedError
 
+    def _look(self) -> None:
+        """Take the chance to say something unasked."""
+
     async def _serve(self, started: threading.Event) -> None:
         close = await self._listen() if is_network(self._wanted) else self._pretend()
         started.set()
         try:
             while not self._ended.is_set():
                 await asyncio.sleep(LOOK)
-                for talk in list(self._talks.values()):
-                    talk.look()
+                self._look()
         finally:
             close()
             await asyncio.sleep(0)

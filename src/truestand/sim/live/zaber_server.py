@@ -49,9 +49,6 @@ class _Talk:
                 if reply is not None:
                     self._send(reply.encode(with_checksum=self._stage.checksums))
 
-    def look(self) -> None:
-        """Nothing comes unasked."""
-
 
 class _Stage:
     """The device's side of the protocol."""
