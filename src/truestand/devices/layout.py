@@ -36,13 +36,14 @@ def _scancontrol(layout: Layout, payload: bytes | bytearray | memoryview) -> Pro
     found = scancontrol.decode_container(payload, layout.points, layout.model)
     stamps = np.frombuffer(payload, np.uint8).reshape(layout.profiles, -1)[:, -scancontrol.STAMP :]
     stamped = stamps.any(axis=1)
-    closed = np.where(found.closed < found.opened, found.closed + scancontrol.TIME_MODULUS, found.closed)
+    stamp = found.stamps
+    closed = np.where(stamp.closed < stamp.opened, stamp.closed + scancontrol.TIME_MODULUS, stamp.closed)
     return Profiles(
         found.x,
         found.z,
-        np.where(stamped, found.counter, -1),
-        (found.opened + closed) / 2 % scancontrol.TIME_MODULUS,
-        found.encoder if layout.encoder_modulus else None,
+        np.where(stamped, stamp.counter, -1),
+        (stamp.opened + closed) / 2 % scancontrol.TIME_MODULUS,
+        stamp.encoder if layout.encoder_modulus else None,
     )
 
 
