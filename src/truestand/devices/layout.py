@@ -35,7 +35,8 @@ def decode(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
 def _scancontrol(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
     found = scancontrol.decode_container(payload, layout.points, layout.model)
     stamps = np.frombuffer(payload, np.uint8).reshape(layout.profiles, -1)[:, -scancontrol.STAMP :]
-    stamped, stamp = stamps.any(axis=1), found.stamps
+    stamped = stamps.any(axis=1)
+    stamp = found.stamps
     closed = np.where(stamp.closed < stamp.opened, stamp.closed + scancontrol.TIME_MODULUS, stamp.closed)
     return Profiles(
         found.x,
