@@ -168,8 +168,8 @@ class EncoderWatch:
             return f"the encoder at sensor {self.name} counts against the table's sense; swap its tracks A and B"
         if not ENCODER_SHARE[0] <= share <= ENCODER_SHARE[1]:
             return (
-                f"the encoder at sensor {self.name} counted {100 * share:.0f} % of what the table turned in the last half "
-                "second: it is stuck, not wired, or counts_per_turn in stand.toml is wrong"
+                f"the encoder at sensor {self.name} counted {100 * share:.0f} % of what the table turned in the last "
+                "half second: it is stuck, not wired, or counts_per_turn in stand.toml is wrong"
             )
         return ""
 
