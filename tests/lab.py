@@ -93,7 +93,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     table = VirtualTable(clock)
     server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
     faults = Faults(table)
-    addresses = [f"127.{20 + _worker}.0.{next(_hosts)}" for _ in sensors]
+    addresses = [f"127.{20 + _worker}.{os.getpid() % 250}.{next(_hosts)}" for _ in sensors]
     server.start()
     recipe = folder / "stand.toml"
     recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
