@@ -1,6 +1,7 @@
 """Payloads to profiles: the one decoder for live frames, for logs after a crash, and for replays.
 
-Counters, times and encoder counts start again at the sensor's moduli; ``Unwrapper`` lets them go on from frame to frame.
+Counters, times and encoder counts start again at the sensor's moduli; ``Unwrapper`` lets them go on from frame to
+frame.
 """
 
 from dataclasses import replace

@@ -38,7 +38,8 @@ class _Block:
     """A frame that is being put together. Packets of data are 1 ... n."""
 
     __slots__ = (
-        "asked", "behind", "buffer", "done", "expected", "got", "left", "left_before", "moved", "number", "places", "wire",
+        "asked", "behind", "buffer", "done", "expected", "got", "left", "left_before", "moved", "number", "places",
+        "wire",
     )  # fmt: skip
 
     def __init__(self, number: int, wire: int, buffer: bytearray, places: list[memoryview]) -> None:

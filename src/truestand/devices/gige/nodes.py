@@ -5,6 +5,7 @@ EMVA's reference implementation (the ``genicam`` wheel) does the work; we lend i
 
 import difflib
 import io
+import re
 import zipfile
 from typing import Any
 
@@ -165,4 +166,4 @@ def _port(genapi: Any, control: Control) -> Any:
 
 def _plain(wrong: Exception) -> str:
     """The first sentence of GenICam's message, without its file and line."""
-    return str(wrong).split(" : ")[0].split(" (file ")[0].strip()
+    return re.split(r" : \w+Exception thrown| \(file ", str(wrong))[0].strip()

@@ -1,7 +1,7 @@
 """Micro-Epsilon scanCONTROL sensors over GigE Vision, in container mode: some profiles a frame, each with its stamp.
 
-Registers from the vendor's open SDK (facts only). Not tried on a sensor of flesh and blood: against libaravis' camera and
-the virtual stand only.
+Registers from the vendor's open SDK (facts only). Tried on the virtual stand and, for the transport, on libaravis'
+camera; not on a sensor of metal and glass.
 """
 
 from contextlib import suppress
@@ -153,8 +153,8 @@ def times(rate: float, exposure_us: float | None = None) -> tuple[int, int]:
     idle = period - exposure
     if idle < 1:
         raise BadRecipe(
-            f"found exposure_us = {10 * exposure} at {rate:g} profiles/s ({10 * period} us each), need 10 us between two "
-            "exposures; expose shorter or measure slower"
+            f"found exposure_us = {10 * exposure} at {rate:g} profiles/s ({10 * period} us each), need 10 us between "
+            "two exposures; expose shorter or measure slower"
         )
     if idle > LONGEST:
         raise BadRecipe(f"found {rate:g} profiles/s, the sensor can't go below {TEN_US / (LONGEST + exposure):.1f}")
