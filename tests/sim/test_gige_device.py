@@ -29,7 +29,7 @@ from truestand.sim.live.control import Control
 from truestand.sim.live.faults import Faults, Kind, fault_at
 from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.registers import ENCODER_ACTIVE, Identity, Own, Refused, Registers
+from truestand.sim.live.registers import BY_ENCODER, ENCODER_ACTIVE, EXTERNAL, Identity, Own, Refused, Registers
 from truestand.sim.live.source import LiveSource, RecordedSource
 
 COUNTS = 36000
@@ -547,6 +547,30 @@ def test_the_clock_waits_for_the_drawing():
         shown = virtual.clock.now()
         time.sleep(0.1)
         assert virtual.clock.now() - shown > 0.09
+
+
+def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
+    class Turned(Steady):
+        speed = 0.0
+
+        def angle_at(self, times):
+            return self.speed * np.asarray(times)
+
+    table = Turned()
+    with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain("127.0.37.10") as plain:
+        plain.write(Register.CONTROL, gvcp.CONTROL)
+        plain.write(Own.SIZE, 1920 << 16 | 4)
+        plain.write(Own.TRIGGER, EXTERNAL | BY_ENCODER)
+        plain.begin()
+        plain.stream.settimeout(0.3)
+        with pytest.raises(TimeoutError):
+            plain.packets(1)
+        table.speed = 1.0  # 115 steps a second, slower than the sensor could
+        plain.stream.settimeout(1.0)
+        stamps = [stamp_of(frame, k, 3840) for frame in plain.frames(5, packets=4) for k in range(4)]
+        assert np.array_equal(np.diff([s[3] for s in stamps[1:]]), np.ones(18))
+        assert np.allclose(np.diff([s[1] for s in stamps[1:]]), 2 * np.pi / 720, atol=5e-5)
+        assert virtual.streaming
 
 
 # libaravis

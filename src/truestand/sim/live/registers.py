@@ -57,6 +57,8 @@ class Own(IntEnum):
 PROFILE, CONTAINER = 0, 1
 """What may be transmitted. A sensor wakes up with PROFILE, which the virtual one can't stream."""
 LASER_OFF, LASER_FULL = 0, 2
+EXTERNAL, TRIGGER_MODE, BY_ENCODER = 1 << 25, 3 << 16, 3 << 16
+"""Of TRIGGER: wait for a trigger; of which kind; the encoder's steps."""
 ENCODER_ACTIVE = 1 << 3
 """Of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
 

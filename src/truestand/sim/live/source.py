@@ -47,6 +47,9 @@ class Source(Protocol):
     def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
         """Profiles (n, fields, points), not yet stamped, and encoder counts (n,) at times (n,) s; unlit = nothing."""
 
+    def counts(self, times: Array) -> Ints:
+        """What the encoder has counted (n,) at those times."""
+
     def mount(self, part: bool) -> None:
         """Put the shaft alone, or with the part, on the table.
 
@@ -103,12 +106,12 @@ class LiveSource:
         """x, z (n, M) mm as the sensor reports them, and encoder counts (n,), latched ``latch`` s after ``times``."""
         caster = self._casters[self.mounted]
         x, z = caster.rows(self._sign * self._table.angle_at(times))
-        return -x if caster.mirrored else x, z, self._counts(times)
+        return -x if caster.mirrored else x, z, self.counts(times)
 
     def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
         """Profiles and counts; the fan has ``shape.points`` rays or every second, fourth, ... of the sensor's own."""
         if not lit:
-            return np.zeros((times.size, shape.lines, shape.points), np.uint16), self._counts(times)
+            return np.zeros((times.size, shape.lines, shape.points), np.uint16), self.counts(times)
         x, z, counts = self.rows(times)
         every = max(x.shape[1] // shape.points, 1)
         chosen = slice(0, every * shape.points, every)
@@ -123,7 +126,8 @@ class LiveSource:
             np.empty(0), self._artefact, self._part if part else None,
         )  # fmt: skip
 
-    def _counts(self, times: Array) -> Ints:
+    def counts(self, times: Array) -> Ints:
+        """What the encoder has counted (n,), latched ``latch`` s after ``times``."""
         return self._table.counts_at(times + self._latch, self._counts_per_turn)
 
 
@@ -143,12 +147,16 @@ class RecordedSource:
         """It shows what it shows."""
 
     def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
-        """The next ones; their counts are 0 where there is no table."""
+        """The next ones."""
         rows = np.arange(self._next, self._next + times.size) % self._raw.shape[0]
         self._next = (self._next + times.size) % self._raw.shape[0]
+        return self._raw[rows], self.counts(times)
+
+    def counts(self, times: Array) -> Ints:
+        """What the encoder has counted (n,); 0 where there is no table."""
         if self._table is None:
-            return self._raw[rows], np.zeros(times.size, np.int64)
-        return self._raw[rows], self._table.counts_at(times, self._counts_per_turn)
+            return np.zeros(times.size, np.int64)
+        return self._table.counts_at(times, self._counts_per_turn)
 
 
 def _wide(values: Array, shape: Shape) -> Array:

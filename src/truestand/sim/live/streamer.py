@@ -4,17 +4,17 @@ import threading
 from math import inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.container import Shape, frame_bytes
+from truestand.sim.live.exposures import Exposures
 from truestand.sim.live.outlet import Outlet
 from truestand.sim.live.registers import ENCODER_ACTIVE, LASER_OFF, TICKS, Own, Registers
 from truestand.sim.live.source import Source
 
-MOST_AT_ONCE = 32
-"""Profiles drawn at once, where the drawing is behind."""
-LONGEST_AT_ONCE = 0.05
-"""s of the stand's clock to wait for before a part of a frame is drawn, if that is more than one profile."""
+Array = NDArray[np.float64]
+
 AHEAD = 0.05
 """Real s that the stand's clock may run ahead of what is due to be drawn next."""
 NAP = 0.02
@@ -54,25 +54,21 @@ class Streamer:
             self._thread.join()
             self._thread = None
 
-    def _run(self, opened: float, shape: Shape) -> None:
-        """``opened``: when the next exposure begins."""
-        full = bytearray()
+    def _run(self, start: float, shape: Shape) -> None:
+        exposures = Exposures(start, self._registers, self._source)
+        full, begins = bytearray(), np.empty(0)
         try:
-            while not self._stop.is_set():
-                exposure, idle = self._registers.timing
-                period = exposure + idle
-                needed = min(shape.height, max(int(LONGEST_AT_ONCE / period), 1))
-                if not self._await(opened + (needed - 1) * period + exposure):
-                    return
-                due = int((self._clock.now() - opened - exposure) / period) + 1
-                some = min(max(due, needed), MOST_AT_ONCE)
-                full += self._drawn(opened, some, exposure, idle, shape)
-                opened += some * period
+            while self._await(exposures.next_look(shape.height)):
+                new = exposures.begun(self._clock.now())
+                if not new.size:
+                    continue
+                full += self._drawn(new, shape)
+                begins = np.concatenate([begins, new])
                 while len(full) >= shape.frame_bytes:
-                    ahead = (len(full) - shape.frame_bytes) // (2 * shape.width)
-                    ended = opened - ahead * period - idle
-                    self._outlet.offer(bytes(full[: shape.frame_bytes]), shape, int((ended + self._power_on) * TICKS))
+                    ticks = int((begins[shape.height - 1] + self._power_on) * TICKS)
+                    self._outlet.offer(bytes(full[: shape.frame_bytes]), shape, ticks)
                     del full[: shape.frame_bytes]
+                    begins = begins[shape.height :]
         finally:
             self._clock.allow(self._name, inf)
 
@@ -87,14 +83,14 @@ class Streamer:
                 return False
             self._outlet.flush()
 
-    def _drawn(self, opened: float, some: int, exposure: float, idle: float, shape: Shape) -> bytes:
-        """The bytes of the next ``some`` profiles."""
-        begins = np.asarray(opened + np.arange(some) * (exposure + idle), np.float64)
+    def _drawn(self, begins: Array, shape: Shape) -> bytes:
+        """The bytes of the profiles whose exposure began at ``begins`` (n,)."""
+        exposure, _ = self._registers.timing
         lit = self._registers.value(Own.LASER) != LASER_OFF
         raw, encoder = self._source.profiles(begins + exposure / 2, shape, lit)
         if not self._registers.value(Own.MAINTENANCE) & ENCODER_ACTIVE:
             encoder = np.zeros_like(encoder)
-        counter = self.counter + np.arange(some)
-        self.counter += some
+        counter = self.counter + np.arange(begins.size)
+        self.counter += begins.size
         own = begins + self._power_on
         return frame_bytes(raw, shape, counter, own, own + exposure, encoder)
