@@ -9,24 +9,26 @@ from dataclasses import replace
 from truestand.devices.axis import RotaryTable
 from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.clock import Clock
+from truestand.sim.live.grbl_server import GrblServer
 from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.table import VirtualTable
+from truestand.sim.live.zaber_server import ZaberServer
 
 PACE = 20.0
-SERVERS = {"modbus": ModbusServer}
-ADDRESSES = {"modbus": "127.0.0.1:{port}"}
+SERVERS = {"modbus": ModbusServer, "zaber": ZaberServer, "grbl": GrblServer}
+ADDRESSES = {"modbus": "127.0.0.1:{port}", "zaber": "127.0.0.1:{port}", "grbl": "127.0.0.1:{port}"}
 
 
 @contextmanager
-def served(protocol, motion=None, pace=PACE, tables=None, **limits):
+def served(protocol, motion=None, pace=PACE, tables=None, address=None, **limits):
     """A virtual table, its server, and the recipe that finds it."""
     clock = Clock(pace)
     virtual = VirtualTable(clock, motion)
     settings = {"protocol": protocol, **limits, **({protocol: tables} if tables else {})}
-    server = SERVERS[protocol](virtual, TableRecipe(address=ADDRESSES[protocol].format(port=0), **settings))
+    server = SERVERS[protocol](virtual, TableRecipe(address=address or ADDRESSES[protocol].format(port=0), **settings))
     server.start()
     try:
-        yield virtual, server, TableRecipe(address=ADDRESSES[protocol].format(port=server.port), **settings)
+        yield virtual, server, TableRecipe(address=server.address, **settings)
     finally:
         server.stop()
 
@@ -44,6 +46,12 @@ def table_at(protocol, motion=None, pace=PACE, tables=None, **limits):
 
 def on_virtual_time(table: RotaryTable, clock: Clock) -> RotaryTable:
     return replace(table, clock=clock.now, sleep=lambda s: time.sleep(s / clock.pace))
+
+
+def speed_of(virtual: VirtualTable, seconds: float) -> float:
+    """rad/s, the mean over the last virtual ``seconds``."""
+    now = virtual.clock.now()
+    return float(virtual.angle_at(now) - virtual.angle_at(now - seconds)) / seconds
 
 
 @contextmanager

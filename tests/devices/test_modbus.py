@@ -16,10 +16,17 @@ from truestand.files.checking import checked
 COUNTS = 360000
 
 
+def port_of(server):
+    return int(server.address.rpartition(":")[2])
+
+
 @pytest.fixture
 def plain():
     """A server and a client of its own, with nothing of our driver."""
-    with served("modbus") as (virtual, server, _), ModbusTcpClient("127.0.0.1", port=server.port, timeout=1) as client:
+    with (
+        served("modbus") as (virtual, server, _),
+        ModbusTcpClient("127.0.0.1", port=port_of(server), timeout=1) as client,
+    ):
         yield virtual, client
 
 
@@ -92,7 +99,7 @@ def test_a_plc_that_watches_the_heartbeat_stops_when_nobody_looks_any_more():
     recipe = {"protocol": "modbus", "modbus": {"heartbeat": 5}}
     server = ModbusServer(virtual, TableRecipe(address="127.0.0.1:0", **recipe), watchdog=0.3)
     server.start()
-    table = open_table(TableRecipe(address=f"127.0.0.1:{server.port}", **recipe))
+    table = open_table(TableRecipe(address=server.address, **recipe))
     table.turn(0.5)
     for _ in range(25):
         assert table.state().moving
@@ -129,7 +136,7 @@ def test_a_map_that_is_not_there_is_told():
         pytest.raises(DeviceError, match=r"exception 2.*map"),
     ):
         recipe = {"status": 1000, "position": 1001, "fault_code": 1003}
-        open_table(TableRecipe(protocol="modbus", address=f"127.0.0.1:{server.port}", modbus=recipe))
+        open_table(TableRecipe(protocol="modbus", address=server.address, modbus=recipe))
 
 
 def test_random_answers_never_raise_anything_else():

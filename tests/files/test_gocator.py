@@ -59,8 +59,8 @@ def test_the_real_export():
     assert recording.z.shape == (428, 452)
     assert np.count_nonzero(np.isfinite(recording.z)) == 55_246
     line = path.read_text().split("\n")[199].split(",")
-    assert recording.y[199 - 27] == float(line[0])
-    assert [v for v in recording.z[199 - 27] if v == v] == [float(cell) for cell in line[1:] if cell]
+    assert recording.y[199 - 28] == float(line[0])
+    assert [v for v in recording.z[199 - 28] if v == v] == [float(cell) for cell in line[1:] if cell]
     # the sensor's step of 0.003 mm and its offset of 1.694 mm
     steps = (recording.z[np.isfinite(recording.z)] - 1.694) / 0.003
     assert np.abs(steps - np.rint(steps)).max() < 1e-6
@@ -91,7 +91,9 @@ FLAT = gocator_profiles().decode()
         (GOCATOR + "End\n", "line 19 ends a section that has no beginning"),
         (GOCATOR + "Part\nEnd\n", "doesn't start with the frame's header"),
         (gocator(gocator_surface(), gocator_surface()).decode(), "a frame of a source twice"),
-        (FLAT.replace("27.5,,24.25", "27.5,24.25"), "line 23 has 2 cells, need 3"),
+        (FLAT.replace("27.5,,24.25", "27.5,24.25"), "line 23 has 11 cells, need 12 as in line 22"),
+        (FLAT.replace("27.5,,24.25", ""), "line 23 has 10 cells, need 12"),
+        (FLAT.replace(",-1.5,-1.2,-0.9", ""), "has no data under a header with Axis"),
         (FLAT.replace(",Z,", ",Q,", 1), "line 23 has axis 'Q'"),
         (FLAT.replace(",I,", ",Z,", 1), "line 24 has axis 'Z' of frame 4"),
         (FLAT.replace("6,0,54486,600,0,0,1000.0,0.25,I,200,,100\n", ""), "Z but no I"),

@@ -150,10 +150,11 @@ def _surface(block: list[Row], file: _File) -> Recording:
 
 def _sources(section: str, rows: list[Row], file: _File) -> dict[str, list[Row]]:
     """The lines of data of every source of profiles."""
-    if len(rows) < 4 or b"Axis" not in _cells(rows[2]):
+    if len(rows) < 4 or b"Axis" not in _cells(rows[2])[:-1]:
         raise UnreadableFile(f"{file.name}: the section {section} has no data under a header with Axis; {ADVICE}")
     found: dict[str, list[Row]] = {}
     for row in rows[3:]:
+        _refuse_other_length(row, rows[2], file)
         source = _stamp(rows[2], row, b"Source", file)
         found.setdefault(f"{section.lower()}-source{source}", []).append(row)
     return found
@@ -216,12 +217,17 @@ def _cut(row: Row, first: int) -> Row:
     return row[0], b",".join(row[1].split(b",")[first:])
 
 
+def _refuse_other_length(row: Row, like: Row, file: _File) -> None:
+    found, needed = (text.count(b",") + 1 for _, text in (row, like))
+    if found != needed:
+        raise file.refuse(row[0], f"has {found} cells, need {needed} as in line {like[0]}")
+
+
 def _numbers(rows: list[Row], file: _File, like: Row) -> Array:
     """Lines as numbers, each of as many cells as the line ``like``; an empty cell is NaN."""
     cells = like[1].count(b",") + 1
-    for line, text in rows:
-        if text.count(b",") + 1 != cells:
-            raise file.refuse(line, f"has {text.count(b',') + 1} cells, need {cells} as in line {like[0]}")
+    for row in rows:
+        _refuse_other_length(row, like, file)
     filled = [written_out(text, cells) for _, text in rows]
     try:
         values = np.loadtxt(io.BytesIO(b"\n".join(filled)), delimiter=",", ndmin=2, comments=None)

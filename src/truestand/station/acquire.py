@@ -170,7 +170,8 @@ class _Run:
         began = time.monotonic()
         watch = TableWatch(self.order.speed, target, table.limits.tolerance, began)
         self.encoders = [
-            EncoderWatch(p.name, self.station.stand.counts_per_turn, began) if p.encoder else None for p in self.plans
+            EncoderWatch(p.name, self.station.stand.counts_per_turn, self.order.speed, began) if p.encoder else None
+            for p in self.plans
         ]
         while not self._arrived(watch, recorders):
             time.sleep(TICK)
@@ -187,7 +188,7 @@ class _Run:
         _demand(watch.see(state.time, state.position, state.moving))
         for sensor, encoder in zip(self.watches, self.encoders, strict=True):
             if encoder is not None:
-                _demand(encoder.see(state.time, state.position, sensor.encoder))
+                _demand(encoder.see(state.time, state.position, sensor.encoder, sensor.fresh(state.time)))
         self._show(state.position)
         return watch.arrived(state.position, state.moving)
 

@@ -17,6 +17,7 @@ class State(Enum):
     IDLE = "idle"
     CHECKING = "checking"
     CHECKED = "checked"
+    WATCHING = "watching"
     HOMING = "homing"
     READY = "ready"
     STARTING = "starting"
@@ -30,6 +31,7 @@ class Event(Enum):
 
     CHECK = "check"
     PASSED = "passed"
+    WATCH = "watch"
     HOME = "home"
     HOMED = "homed"
     START = "start"
@@ -45,6 +47,9 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.CHECKING, Event.PASSED): State.CHECKED,
     (State.CHECKED, Event.CHECK): State.CHECKING,
     (State.CHECKED, Event.HOME): State.HOMING,
+    (State.CHECKED, Event.WATCH): State.WATCHING,
+    (State.READY, Event.WATCH): State.WATCHING,
+    (State.WATCHING, Event.STOP): State.STOPPING,
     (State.HOMING, Event.HOMED): State.READY,
     (State.READY, Event.CHECK): State.CHECKING,
     (State.READY, Event.HOME): State.HOMING,
@@ -61,7 +66,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
 
 MAY_MOVE = frozenset({State.HOMING, State.STARTING, State.RECORDING})
 """States in which a motion may be begun; a halt is allowed in all."""
-MAY_SHINE = frozenset({State.STARTING, State.RECORDING})
+MAY_SHINE = frozenset({State.WATCHING, State.STARTING, State.RECORDING})
 """States in which a laser may be switched on; off is allowed in all."""
 
 

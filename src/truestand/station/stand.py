@@ -15,7 +15,7 @@ from truestand.devices.sensor import LineSensor
 from truestand.devices.sensors.recipe import open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.station.gates import GatedDrive, GatedSensor
-from truestand.station.machine import Event, Machine, State
+from truestand.station.machine import TRANSITIONS, Event, Machine
 from truestand.station.recipe import DevicesRecipe, sensor_of
 
 RETURN_SPEED = 0.5
@@ -116,7 +116,7 @@ class Station:
         failed = self.make_safe()
         if failed:
             self.machine.fire(Event.FAIL, "; ".join(failed))
-        elif self.machine.state in (State.CHECKING, State.HOMING, State.STARTING, State.RECORDING):
+        elif (self.machine.state, Event.STOP) in TRANSITIONS:
             self.machine.fire(Event.STOP)
             self.machine.fire(Event.STOPPED)
 

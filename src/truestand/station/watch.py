@@ -15,6 +15,8 @@ from truestand.devices.sensor import Frame, Layout
 
 SILENCE = 0.5
 """s without a frame."""
+FRESH = 0.15
+"""s after a frame within which its encoder count is compared with the table."""
 WINDOW = 0.5
 """s over which table and encoder must get on."""
 SETTLING = 1.0
@@ -83,10 +85,14 @@ class SensorWatch:
         return ""
 
     def _follow_encoder(self, raw: int) -> None:
-        half = self.layout.encoder_modulus // 2
-        if self._raw_encoder is not None:
-            self.encoder += (raw - self._raw_encoder + half) % self.layout.encoder_modulus - half
+        modulus = self.layout.encoder_modulus
+        if self._raw_encoder is not None and modulus:
+            self.encoder += (raw - self._raw_encoder + modulus // 2) % modulus - modulus // 2
         self._raw_encoder = raw
+
+    def fresh(self, now: float) -> bool:
+        """Whether a frame came just now (s)."""
+        return self._last_frame is not None and now - self._last_frame.received < FRESH
 
     def overdue(self, now: float) -> str:
         """What is wrong at ``now`` (s) with how long nothing came."""
@@ -134,31 +140,36 @@ class TableWatch:
 
 @dataclass(slots=True)
 class EncoderWatch:
-    """Whether a sensor's encoder counts what the table turns."""
+    """Whether a sensor's encoder counts what the table turns; asked only while both turn and send."""
 
     name: str
     counts_per_turn: int
+    speed: float
     began: float
     _seen: deque[tuple[float, tuple[float, int]]] = field(default_factory=deque)
 
-    def see(self, now: float, position: float, counts: int) -> str:
-        """What is wrong with the encoder at a table position (rad); empty = nothing."""
+    def see(self, now: float, position: float, counts: int, fresh: bool) -> str:
+        """What is wrong with the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
+        if not fresh:
+            self._seen.clear()
+            return ""
         self._seen.append((now, (position, counts)))
         while self._seen and now - self._seen[0][0] > WINDOW:
             self._seen.popleft()
         if now - self.began < SETTLING + WINDOW or len(self._seen) < 2:
             return ""
         first, last = self._seen[0][1], self._seen[-1][1]
-        expected = (last[0] - first[0]) / tau * self.counts_per_turn
-        if abs(expected) < LEAST_LOST:
+        turned = last[0] - first[0]
+        if abs(turned) < 0.5 * WINDOW * self.speed:
             return ""
+        expected = turned / tau * self.counts_per_turn
         share = (last[1] - first[1]) / expected
         if share < 0:
             return f"the encoder at sensor {self.name} counts against the table's sense; swap its tracks A and B"
         if not ENCODER_SHARE[0] <= share <= ENCODER_SHARE[1]:
             return (
-                f"the encoder at sensor {self.name} counts {100 * share:.0f} % of what the table turns: it is stuck, "
-                "not wired, or counts_per_turn in stand.toml is wrong"
+                f"the encoder at sensor {self.name} counted {100 * share:.0f} % of what the table turned in the last "
+                "half second: it is stuck, not wired, or counts_per_turn in stand.toml is wrong"
             )
         return ""
 

@@ -21,6 +21,14 @@ def open_table(recipe: TableRecipe) -> RotaryTable:
 
 
 def _drive(recipe: TableRecipe) -> Drive:
-    from truestand.devices.tables.modbus import ModbusTable
+    if recipe.protocol == "modbus":
+        from truestand.devices.tables.modbus import ModbusTable
 
-    return ModbusTable(recipe.address, recipe.modbus, recipe.timeout_s)
+        return ModbusTable(recipe.address, recipe.modbus, recipe.timeout_s)
+    if recipe.protocol == "zaber":
+        from truestand.devices.tables.zaber import ZaberTable
+
+        return ZaberTable(recipe.address, recipe.zaber, recipe.timeout_s)
+    from truestand.devices.tables.grbl import GrblTable
+
+    return GrblTable(recipe.address, recipe.grbl, recipe.timeout_s)

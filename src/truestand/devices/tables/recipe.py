@@ -94,9 +94,7 @@ class ZaberRecipe(Recipe):
     device: Annotated[int, Field(ge=1, le=99)] = 1
     axis: Annotated[int, Field(ge=1, le=9)] = 1
     counts_per_turn: Annotated[int, Field(gt=0)] = 576000
-    """Microsteps: 576,000 for a RSW or RST with 0.000625 deg."""
-    reversed: bool = False
-    """The stage counts clockwise as positive."""
+    """360 deg over the microstep size in the stage's data sheet; 0.000625 deg gives 576,000."""
     baud: Annotated[int, Field(gt=0)] = 115200
 
 

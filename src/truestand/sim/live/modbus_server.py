@@ -41,7 +41,8 @@ class ModbusServer(Serving):
         device = SimDevice(id=self.map.unit, simdata=[memory], action=self._act)
         server = ModbusTcpServer(device, address=self._where)
         await server.serve_forever(background=True)
-        self.port = server.transport.sockets[0].getsockname()[1]  # type: ignore[attr-defined]
+        host, port = server.transport.sockets[0].getsockname()[:2]  # type: ignore[attr-defined]
+        self.address = f"{host}:{port}"
         started.set()
         while not self._ended.is_set():
             await asyncio.sleep(WATCH)

@@ -8,10 +8,11 @@ PATIENCE = 10.0
 
 
 class Serving:
-    """What the servers share. They run ``_serve`` until ``_ended``; ``port`` is known once they started."""
+    """What the servers share. They run ``_serve`` until ``_ended``."""
 
     def __init__(self) -> None:
-        self.port = 0
+        self.address = ""
+        """Where a driver finds it, known once it started: the ``address`` of its recipe."""
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._trouble: BaseException | None = None

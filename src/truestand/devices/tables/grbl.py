@@ -1,0 +1,212 @@
+"""A table turned by a motion controller with GRBL 1.1, on a serial port or TCP. It moves by jogs only.
+
+What GRBL doesn't know is kept here: whether it was homed since it was started, and where home is. A jog has an end:
+a table that turns endlessly is sent an hour ahead. While GRBL looks for home it answers nothing; it isn't lost then.
+"""
+
+import threading
+import time
+from contextlib import suppress
+from math import copysign, degrees, radians
+from typing import Literal
+
+from truestand.devices.axis import DriveState
+from truestand.devices.tables.line import Line
+from truestand.devices.tables.messages import refused
+from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
+from truestand.devices.wire import grbl
+from truestand.devices.wire.grbl import Alarm, Message, Note, Ok, Refused, Report, Welcome
+from truestand.devices.wire.malformed import Malformed
+
+BOOT = 3.0
+"""s that a board needs which a serial port resets when it is opened."""
+AHEAD = 3600.0
+"""s for which it turns."""
+SETTLE = 2.0
+"""s that it may take to come to rest before it takes another motion."""
+LOOK = 0.01
+"""s between two looks meanwhile."""
+SILENT = 0.05
+"""s to listen to a board that looks for home; a halt waits no longer."""
+
+
+class GrblTable:
+    """A ``Drive``; safe to use from two threads."""
+
+    def __init__(self, address: str, recipe: GrblRecipe, timeout: float) -> None:
+        self.name = f"table at {address} (GRBL)"
+        self._recipe = recipe
+        self._line = Line(self.name, address, timeout, PORTS["grbl"], recipe.baud)
+        self._boot = timeout if is_network(address) else max(timeout, BOOT)
+        self._index = recipe.axes.index(recipe.axis)
+        self._lock = threading.RLock()
+        self._opened = 0
+        self._home: Literal["unknown", "searching", "found", "known"] = "unknown"
+        self._zero = 0.0
+        self._last = 0.0
+        self._alarm = ""
+
+    def start_home(self) -> None:
+        """Begin to look for the home position; its end is the answer."""
+        with self._lock:
+            self._rest()
+            self._home, self._alarm = "searching", ""
+            self._line.send(grbl.HOME)
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
+        with self._lock:
+            self._rest()
+            self._jog(grbl.jog_to(self._recipe.axis, self._zero + self._units(position), 60 * self._units(speed)))
+
+    def start_turn(self, speed: float) -> None:
+        """Begin to turn for an hour at ``speed`` (rad/s, signed)."""
+        with self._lock:
+            self._rest()
+            feed = 60 * self._units(abs(speed))
+            self._jog(grbl.jog_by(self._recipe.axis, copysign(feed / 60 * AHEAD, speed), feed))
+
+    def halt(self) -> None:
+        """Begin to slow down to rest; the search for home ends at once, and home is unknown then."""
+        with self._lock:
+            if self._home == "searching":
+                self._home = "unknown"
+                self._line.send(grbl.RESET)
+                return
+            self._line.send(grbl.JOG_CANCEL)
+            if self._report().state == "Run":  # somebody else's program
+                self._line.send(grbl.HOLD)
+
+    def reset(self) -> None:
+        """Start it anew and unlock it; it has to be homed again."""
+        with self._lock:
+            self._home, self._alarm = "unknown", ""
+            self._line.send(grbl.RESET)
+            self._until(self._boot, Welcome)
+            self._alarm = ""
+            self._line.send(grbl.UNLOCK)
+            self._until(self._line.timeout, Ok)
+
+    def state(self) -> DriveState:
+        """Ask the board."""
+        with self._lock:
+            before = time.monotonic()
+            report = self._report()
+            after = time.monotonic()
+            moving = report.state in ("Run", "Jog", "Home") or (report.state in ("Hold", "Door") and report.detail != 0)
+            if report.position is not None or report.state != "Home":  # a silent search has none
+                self._last = self._units_of(report)
+            if self._home == "found" and not moving:
+                self._home, self._zero = "known", self._last
+            return DriveState(
+                radians((self._last - self._zero) * self._recipe.degrees_per_unit),
+                moving,
+                self._home == "known",
+                (before + after) / 2,
+                (after - before) / 2,
+                self._fault(report),
+            )
+
+    def close(self) -> None:
+        """Leave the connection."""
+        with self._lock:
+            self._line.close()
+
+    def _units(self, angle: float) -> float:
+        """Board units of an angle (rad) or speed (rad/s)."""
+        return degrees(angle) / self._recipe.degrees_per_unit
+
+    def _units_of(self, report: Report) -> float:
+        position = report.position or ()
+        if len(position) <= self._index:
+            raise refused(
+                self.name,
+                f"found {len(position)} axes in its report, need axis {self._recipe.axis}",
+                "check axis and axes in [devices.table.grbl], and that the board reports machine positions ($10=1)",
+            )
+        return position[self._index]
+
+    def _fault(self, report: Report) -> str:
+        """An alarm that it was switched on with only wants to be homed: that is no fault."""
+        if self._alarm or (report.state == "Alarm" and self._home == "known"):
+            return self._alarm or "locked by an alarm"
+        words = {"Hold": "held", "Door": "the safety door is open", "Sleep": "asleep", "Check": "in check mode"}
+        return words.get(report.state, "") if report.detail in (None, 0) else ""
+
+    def _rest(self) -> None:
+        """Come to rest first: a jog that is sent while another runs would only follow it."""
+        end = time.monotonic() + SETTLE
+        if self._report().state == "Jog":
+            self._line.send(grbl.JOG_CANCEL)
+        while self._report().state in ("Jog", "Hold", "Home"):
+            if time.monotonic() > end:
+                raise refused(self.name, f"it doesn't come to rest within {SETTLE:g} s", "stop it, or reset")
+            time.sleep(LOOK)
+
+    def _jog(self, command: bytes) -> None:
+        self._line.send(command)
+        answer = self._until(self._line.timeout, Ok)
+        if isinstance(answer, Refused):
+            raise refused(self.name, str(answer), "reset, or check the board's settings ($$)")
+
+    def _report(self) -> Report:
+        """The board's state now; while it looks for home it may say nothing."""
+        self._listen()
+        self._line.send(grbl.ASK)
+        if self._line.opened != self._opened:
+            self._opened, self._home = self._line.opened, "unknown"
+            answer = self._until(self._boot, Report, booting=True)
+        else:
+            searching = self._home == "searching"
+            answer = self._until(SILENT if searching else self._line.timeout, Report)
+        if isinstance(answer, Refused):
+            self._home = "unknown"
+            raise refused(self.name, str(answer), "check the board's settings ($$)")
+        return answer if isinstance(answer, Report) else Report("Home", None)
+
+    def _listen(self) -> None:
+        """What was said unasked; an old report would be taken for the answer."""
+        while (line := self._line.receive(0.0)) is not None:
+            with suppress(Malformed):  # the answer to a question will tell
+                self._understood(line)
+
+    def _until(self, seconds: float, wanted: type[Ok | Report | Welcome], booting: bool = False) -> Message:
+        """The first ``wanted`` message or refusal; a note where it is silent because it looks for home.
+
+        A board that boots says what is no GRBL, and doesn't hear the first questions.
+
+        Raises:
+            DeviceLost: silence, or a broken connection.
+            DeviceError: bytes that are no GRBL.
+        """
+        end, odd = time.monotonic() + seconds, b""
+        while time.monotonic() < end:
+            line = self._line.receive(min(end, time.monotonic() + self._line.timeout))
+            try:
+                message = Note("") if line is None else self._understood(line)
+            except Malformed:
+                odd = line or b""
+                if not booting:
+                    break
+                continue
+            if isinstance(message, wanted | Refused):
+                return message
+            if line is None and booting:
+                self._line.send(grbl.ASK)
+        if odd:
+            raise self._line.not_understood(repr(odd[:40]), "a line of GRBL 1.1")
+        if self._home == "searching":
+            return Note("")
+        raise self._line.silent()
+
+    def _understood(self, line: bytes) -> Message:
+        """A message; what it says of homing and alarms is kept."""
+        message = grbl.decode_line(line)
+        if isinstance(message, Ok) and self._home == "searching":
+            self._home = "found"
+            self._line.send(grbl.ASK)
+        elif isinstance(message, Alarm):
+            self._home, self._alarm = "unknown", str(message)
+        elif isinstance(message, Welcome):
+            self._home = "unknown"
+        return message

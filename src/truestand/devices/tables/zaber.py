@@ -1,0 +1,126 @@
+"""A Zaber stage over TCP or a serial port: the ASCII protocol. Angles travel as microsteps."""
+
+import threading
+import time
+from math import isfinite, nan, tau
+
+from truestand.devices.axis import DriveState
+from truestand.devices.tables.line import Line
+from truestand.devices.tables.messages import nonsense, refused
+from truestand.devices.tables.recipe import PORTS, ZaberRecipe
+from truestand.devices.wire.malformed import Malformed
+from truestand.devices.wire.zaber import MEANING, NOT_HOMED, SPEED_UNIT, Command, Reply, decode_reply
+
+REASONS = {
+    "BADDATA": "check counts_per_turn in [devices.table.zaber] and the stage's limit.min, limit.max and limit.speed",
+    "BADAXIS": "check axis in [devices.table.zaber]",
+    "PARKED": "unpark the stage with Zaber Launcher",
+    "DRIVERDISABLED": "mend the cause, then reset",
+}
+"""What to do about a rejection."""
+
+
+class ZaberTable:
+    """A ``Drive``; safe to use from two threads."""
+
+    def __init__(self, address: str, recipe: ZaberRecipe, timeout: float) -> None:
+        self.name = f"table at {address} (Zaber ASCII)"
+        self._recipe = recipe
+        self._line = Line(self.name, address, timeout, PORTS["zaber"], recipe.baud)
+        self._lock = threading.RLock()
+        self._id = 0
+
+    def start_home(self) -> None:
+        """Begin to look for the home position."""
+        self._ask("home")
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
+        with self._lock:
+            self._ask(f"set maxspeed {max(1, self._speed(speed))}")
+            self._ask(f"move abs {self._counts(position)}")
+
+    def start_turn(self, speed: float) -> None:
+        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
+        self._ask(f"move vel {self._speed(speed)}")
+
+    def halt(self) -> None:
+        """Begin to slow down to rest."""
+        self._ask("stop")
+
+    def reset(self) -> None:
+        """Clear the warnings, and enable the driver where a fault disabled it."""
+        with self._lock:
+            self._ask("warnings clear")
+            if any(flag in ("FO", "FD") for flag in self._flags()):
+                self._ask("driver enable")
+
+    def state(self) -> DriveState:
+        """Ask for the warnings, then for the position; whether it moves comes with the position."""
+        with self._lock:
+            flags = self._flags()
+            before = time.monotonic()
+            reply = self._ask("get pos")
+            after = time.monotonic()
+        faults = [f"{MEANING.get(flag, 'fault')} ({flag})" for flag in flags if flag.startswith("F")]
+        return DriveState(
+            self._number(reply.data) * tau / self._recipe.counts_per_turn,
+            reply.busy,
+            not any(flag in NOT_HOMED for flag in flags),
+            (before + after) / 2,
+            (after - before) / 2,
+            ", ".join(faults),
+        )
+
+    def close(self) -> None:
+        """Leave the connection."""
+        with self._lock:
+            self._line.close()
+
+    def _counts(self, angle: float) -> int:
+        return round(angle * self._recipe.counts_per_turn / tau)
+
+    def _speed(self, speed: float) -> int:
+        return round(speed * self._recipe.counts_per_turn / tau * SPEED_UNIT)
+
+    def _number(self, data: str) -> float:
+        """A position, in counts."""
+        try:
+            number = float(data)
+        except ValueError:
+            number = nan
+        if not isfinite(number):
+            raise nonsense(self.name, f"position {data[:20]!r}", "a number")
+        return number
+
+    def _flags(self) -> list[str]:
+        """All warning flags: a count, then the flags."""
+        return self._ask("warnings").data.split()[1:]
+
+    def _ask(self, text: str) -> Reply:
+        """A command and its reply.
+
+        Raises:
+            DeviceLost: silence, or a broken connection.
+            DeviceError: rejected, or an answer that is none.
+        """
+        with self._lock:
+            self._id = self._id % 99 + 1
+            end = time.monotonic() + self._line.timeout
+            self._line.send(Command(text, self._recipe.device, self._recipe.axis, self._id).encode())
+            reply = self._reply(end)
+        if not reply.accepted:
+            advice = REASONS.get(reply.data, "see Zaber's protocol manual for the reason")
+            raise refused(self.name, f"{text!r} is {reply.data}", advice)
+        return reply
+
+    def _reply(self, end: float) -> Reply:
+        """The reply to the last command; alerts, infos and late replies to others are passed over."""
+        while (line := self._line.receive(end)) is not None and time.monotonic() < end:
+            try:
+                message = decode_reply(line)
+            except Malformed as wrong:
+                raise self._line.not_understood(repr(line[:40]), "a reply of the Zaber ASCII protocol") from wrong
+            if isinstance(message, Reply) and message.kind == "@" and message.id == self._id:
+                return message
+        raise self._line.silent()
