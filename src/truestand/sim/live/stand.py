@@ -42,6 +42,9 @@ class Place:
 class Server(Protocol):
     """A table behind a protocol."""
 
+    address: str
+    """Where a driver finds it, known once it started."""
+
     def start(self) -> None:
         """Bind its sockets and answer."""
 
@@ -56,7 +59,7 @@ class VirtualStand:
         clock: the stand's time.
         table: what turns.
         sensors: by name; their faults may be those of the table too.
-        servers: the table's protocol, by what people may call it.
+        servers: the table's, by protocol.
     """
 
     def __init__(
@@ -100,7 +103,7 @@ class VirtualStand:
 
     def addresses(self) -> list[str]:
         """Where everything is: "table modbus 127.0.0.1:5020", "sensor front 127.0.0.11:3956"."""
-        tables = [f"table {name}" for name in self.servers]
+        tables = [f"table {protocol} {server.address}" for protocol, server in self.servers.items()]
         return tables + [f"sensor {name} {device.identity.address}:{PORT}" for name, device in self.sensors.items()]
 
     def begin(self, kind: Kind, strength: float | None = None) -> None:
@@ -155,7 +158,7 @@ def virtual_stand(
         place.name: _sensor(place, stand, simulation, artefact, turning, part, clock, top, seed + number)
         for number, place in enumerate(sensors)
     }
-    return VirtualStand(clock, turning, devices, {f"{table.protocol} {table.address}": table_server(turning, table)})
+    return VirtualStand(clock, turning, devices, {table.protocol: table_server(turning, table)})
 
 
 def table_server(table: VirtualTable, recipe: TableRecipe) -> Server:
@@ -168,7 +171,15 @@ def table_server(table: VirtualTable, recipe: TableRecipe) -> Server:
         from truestand.sim.live.modbus_server import ModbusServer
 
         return ModbusServer(table, recipe)
-    raise BadRecipe(f'[devices.table] found protocol "{recipe.protocol}", the virtual stand speaks modbus')
+    if recipe.protocol == "zaber":
+        from truestand.sim.live.zaber_server import ZaberServer
+
+        return ZaberServer(table, recipe)
+    if recipe.protocol == "grbl":
+        from truestand.sim.live.grbl_server import GrblServer
+
+        return GrblServer(table, recipe)
+    raise BadRecipe(f'[devices.table] found protocol "{recipe.protocol}", the virtual stand has no such server')
 
 
 def _sensor(
