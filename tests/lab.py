@@ -23,7 +23,6 @@ from truestand.station.scan import Taken, take_scan
 
 _worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
 _hosts = itertools.count(10)
-COUNTS = 360_000
 
 
 @dataclass
@@ -116,11 +115,12 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
 
 
 def _recipe(text, table, names, addresses, points, turns, encoder, rate, acquire, device):
+    before, _, rest = text.partition("# Only `truestand acquire`")
+    text = before + "# Only `truestand simulate`" + rest.partition("# Only `truestand simulate`")[2]
     head, sensor, rest = text.partition("[[sensor]]")
     block, scan, rest = rest.partition("[scan]")
     block = block.replace("points = 640", f"points = {points}").replace("= 200.0", f"= {rate}")
     blocks = "".join(sensor + block.replace('"front"', f'"{name}"') for name in names)
-    rest = rest.replace("counts_per_turn = 0 ", f"counts_per_turn = {COUNTS} ")
     keys = "".join(
         f"{key} = {value!r}\n".replace("True", "true").replace("False", "false") for key, value in device.items()
     )

@@ -5,13 +5,23 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from truestand.cli import devices
+
 if TYPE_CHECKING:
     from truestand.core.stand import Sensor
     from truestand.devices.sensors.recipe import SensorRecipe
     from truestand.sim.live.faults import Kind
     from truestand.sim.live.stand import Place, VirtualStand
 
-app = typer.Typer(no_args_is_help=True, help="The stand's devices: simulate them.")
+app = typer.Typer(
+    no_args_is_help=True,
+    help="The stand's devices: list, test, identify and watch them, reset a fault, or simulate a stand.",
+)
+app.command("list")(devices.list_devices)
+app.command("test")(devices.test_devices)
+app.command("identify")(devices.identify_device)
+app.command("watch")(devices.watch_devices)
+app.command("reset")(devices.reset_fault)
 
 LOOK = 0.05
 """s between two looks at the time."""
@@ -67,14 +77,14 @@ def _described(stand: Path, artefact: Path | None, part: Path | None, pace: floa
     from truestand.sim.live.stand import virtual_stand
     from truestand.station.recipe import read_devices, sensor_of
 
-    described, devices = read_devices(stand)
-    places = [_place(recipe, sensor_of(described, recipe.name)) for recipe in devices.sensor]
+    described, recipes = read_devices(stand)
+    places = [_place(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
     on = None
     if part is not None:
         on = virtual_part_from(read_part(part), read_part_simulation(part), f"{part}: [simulation]")
     shaft = paper_shaft() if artefact is None else read_shaft(artefact)
     simulation = simulation_from(read_simulation(stand))
-    return virtual_stand(described, simulation, shaft, devices.table, places, on, pace, seed)
+    return virtual_stand(described, simulation, shaft, recipes.table, places, on, pace, seed)
 
 
 def _place(recipe: "SensorRecipe", sensor: "Sensor") -> "Place":

@@ -224,10 +224,12 @@ def watching(stand: Stand, devices: DevicesRecipe, seconds: float, light: bool) 
             station.lasers({s.name: s.laser for s in devices.sensor}.__getitem__)
         began = time.monotonic()
         watches = [SensorWatch(s.name, s.start(), began) for s in station.sensors]
+        looked = dict.fromkeys((w.name for w in watches), began)
         while time.monotonic() - began < seconds:
             rows = {"table": _table_row(station)}
             for sensor, watch in zip(station.sensors, watches, strict=True):
-                rows[sensor.name] = _sensor_row(sensor, watch)
+                rows[sensor.name] = _sensor_row(sensor, watch, looked[sensor.name])
+                looked[sensor.name] = time.monotonic()
             yield rows
         station.make_safe()
 
@@ -238,17 +240,18 @@ def _table_row(station: Station) -> dict[str, str]:
     return {"position": f"{degrees(state.position):.3f} deg", "state": doing}
 
 
-def _sensor_row(sensor: LineSensor, watch: SensorWatch) -> dict[str, str]:
-    """Take what came in the next fifth of a second."""
-    before, problem, payload, frames = watch.profiles, "", b"", 0
+def _sensor_row(sensor: LineSensor, watch: SensorWatch, before: float) -> dict[str, str]:
+    """Take what comes in a fifth of a second, and what came since the last look ``before`` (s)."""
+    had, problem, payload, frames = watch.profiles, "", b"", 0
     until = time.monotonic() + LOOK
     while time.monotonic() < until:
         frame = sensor.next_frame(LOOK / 4)
         if frame is not None:
             problem, payload, frames = problem or watch.see(frame), frame.payload, frames + 1
+    seconds = time.monotonic() - before
     return {
-        "frames/s": f"{frames / LOOK:.0f}",
-        "profiles/s": f"{(watch.profiles - before) / LOOK:.0f}",
+        "frames/s": f"{frames / seconds:.0f}",
+        "profiles/s": f"{(watch.profiles - had) / seconds:.0f}",
         "lost": str(watch.lost),
         "seen": f"{100 * share_seen(watch.layout, payload):.0f} %",
         "encoder": str(watch.encoder),

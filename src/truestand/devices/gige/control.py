@@ -21,8 +21,8 @@ ATTEMPTS = 3
 """Of each request: UDP may lose it, or its answer."""
 LONGEST_PENDING = 2.0
 """s that a device may ask for with a PENDING acknowledge."""
-LONGEST_TAKE = 4.0
-"""s to wait for a device that somebody else controls: a program that died lets go when its heartbeat runs out."""
+LONGEST_TAKE = 10.5
+"""s, at most, to wait for a device that somebody else controls: one that died lets go when its heartbeat runs out."""
 DEFAULT_HEARTBEAT = 1000
 """ms."""
 GONE = "check that it is switched on, its cable, and its address in stand.toml"
@@ -63,8 +63,8 @@ class Control:
             DeviceLost: no answer.
             DeviceError: another program controls it and goes on.
         """
-        self.read(Register.VERSION)
-        end = time.monotonic() + LONGEST_TAKE
+        held = self.read(Register.HEARTBEAT) / 1000.0
+        end = time.monotonic() + min(held + 0.5, LONGEST_TAKE)
         while not self._taken():
             if time.monotonic() > end:
                 raise DeviceError(

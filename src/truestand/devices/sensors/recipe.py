@@ -4,7 +4,7 @@ from collections.abc import Callable
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from truestand.core import scancontrol
 from truestand.core.errors import BadRecipe
@@ -65,14 +65,17 @@ class SensorRecipe(Recipe):
         for key in needed.get(self.driver, ("file",)):
             if getattr(self, key) in ("", None):
                 raise ValueError(f"driver {self.driver} needs the key {key}")
-        if self.driver != "replay":
-            IPv4Address(self.address)
         if self.driver == "scancontrol":
             try:
                 scancontrol.scale_of(self.model)
             except BadRecipe as wrong:
-                raise ValueError(str(wrong)) from None
+                raise ValueError(f"model: {wrong}") from None
         return self
+
+    @field_validator("address")
+    @classmethod
+    def _numeric(cls, address: str) -> str:
+        return str(IPv4Address(address)) if address else address
 
     def shape(self, sensor: Sensor) -> tuple[int, float]:
         """Points of a profile, and profiles per second.
