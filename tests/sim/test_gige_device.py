@@ -1,5 +1,6 @@
 """The virtual sensor: its bytes, its registers, and libaravis' client, which nobody here wrote, talking to it."""
 
+import os
 import socket
 import struct
 import time
@@ -32,6 +33,8 @@ from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.registers import BY_ENCODER, ENCODER_ACTIVE, EXTERNAL, Identity, Own, Refused, Registers
 from truestand.sim.live.source import LiveSource, RecordedSource
 
+NET = f"127.37.{os.getpid() % 250}"
+"""Addresses of this process: the port is fixed, and tests run side by side."""
 COUNTS = 36000
 SPEED = 0.5
 
@@ -66,7 +69,7 @@ def noise_frames(points=640, profiles=100):
 
 def device(last, source=None, faults=None, **more):
     source = source or RecordedSource(noise_frames(more.get("points", 640)), Steady())
-    return GigeDevice(Identity(f"127.0.37.{last}", serial="V123"), source, Clock(), faults, **more)
+    return GigeDevice(Identity(f"{NET}.{last}", serial="V123"), source, Clock(), faults, **more)
 
 
 def stamp_of(payload, profile, length):
@@ -406,7 +409,7 @@ class Plain:
 
 
 def test_it_streams_stamped_frames_in_time_and_stops():
-    with device(1) as virtual, Plain("127.0.37.1") as plain:
+    with device(1) as virtual, Plain(f"{NET}.1") as plain:
         assert gvcp.identity_of(plain.ask(Command.DISCOVERY, b"").body)["serial"] == "V123"
         began = time.monotonic()
         plain.begin(exposure=10, idle=40)  # 2,000 profiles/s, 100 frames/s
@@ -435,7 +438,7 @@ def test_it_streams_stamped_frames_in_time_and_stops():
 
 
 def test_start_is_refused_where_nothing_could_come_out():
-    with device(2) as virtual, Plain("127.0.37.2") as plain:
+    with device(2) as virtual, Plain(f"{NET}.2") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
         assert plain.write(Own.ACQUISITION_START, 1) == Status.INVALID_PARAMETER, "the sensor wakes up in another mode"
         plain.write(Own.TRANSMISSION, 1)
@@ -445,12 +448,12 @@ def test_start_is_refused_where_nothing_could_come_out():
         assert plain.write(Own.MOUNTED, 1) == 0
         assert plain.write(Own.FAULT, 10) == Status.INVALID_PARAMETER, "no table here"
         assert plain.write(Own.FAULT, 99) == Status.INVALID_PARAMETER
-        with pytest.raises(DeviceError, match=r"127\.0\.37\.2"):
+        with pytest.raises(DeviceError, match=f"{NET}.2:3956"):
             device(2).start()
 
 
 def test_without_heartbeat_control_ends_stream_stops_laser_goes_off():
-    with device(3) as virtual, Plain("127.0.37.3") as plain:
+    with device(3) as virtual, Plain(f"{NET}.3") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 500)
         assert (virtual.laser, virtual.streaming, virtual.controlled) == (2, True, True)
@@ -460,7 +463,7 @@ def test_without_heartbeat_control_ends_stream_stops_laser_goes_off():
 
 def test_frozen_and_garbage_frames():
     faults = Faults()
-    with device(4, faults=faults), Plain("127.0.37.4") as plain:
+    with device(4, faults=faults), Plain(f"{NET}.4") as plain:
         plain.begin(exposure=10, idle=40)
         faults.begin(Kind.FROZEN)
         plain.frames(2)
@@ -477,7 +480,7 @@ def test_frozen_and_garbage_frames():
 def test_packets_out_of_order_and_twice():
     faults = Faults()
     faults.begin(Kind.DISORDER)
-    with device(7, faults=faults), Plain("127.0.37.7") as plain:
+    with device(7, faults=faults), Plain(f"{NET}.7") as plain:
         plain.begin(exposure=10, idle=40)
         headers = [(h.block, h.packet) for h, _ in plain.packets(60)]
         assert headers != sorted(headers)
@@ -485,7 +488,7 @@ def test_packets_out_of_order_and_twice():
 
 
 def test_latency_by_the_node():
-    with device(8), Plain("127.0.37.8") as plain:
+    with device(8), Plain(f"{NET}.8") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
         plain.write(Own.LATENCY, 300)
         plain.write(Own.FAULT, Kind.LATENCY)
@@ -498,7 +501,7 @@ def test_latency_by_the_node():
 
 def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
     faults = Faults()
-    with device(9, faults=faults) as virtual, Plain("127.0.37.9") as plain:
+    with device(9, faults=faults) as virtual, Plain(f"{NET}.9") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 1000)
         plain.control.settimeout(0.3)
@@ -516,7 +519,7 @@ def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
 
 
 def test_packets_come_again_and_what_is_gone_is_said_to_be():
-    with device(5) as virtual, Plain("127.0.37.5") as plain:
+    with device(5) as virtual, Plain(f"{NET}.5") as plain:
         plain.begin()
         payload = plain.frames(1)[0]
         plain.write(Own.ACQUISITION_STOP, 1)
@@ -538,7 +541,7 @@ def test_the_clock_waits_for_the_drawing():
             time.sleep(0.0025 * times.size)
             return super().profiles(times, shape, lit)
 
-    with device(6, Slow(noise_frames())) as virtual, Plain("127.0.37.6") as plain:
+    with device(6, Slow(noise_frames())) as virtual, Plain(f"{NET}.6") as plain:
         plain.begin(exposure=10, idle=40)  # 100 frames/s of which 20 can be drawn
         began, shown = time.monotonic(), virtual.clock.now()
         plain.frames(10)
@@ -557,7 +560,7 @@ def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
             return self.speed * np.asarray(times)
 
     table = Turned()
-    with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain("127.0.37.10") as plain:
+    with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain(f"{NET}.10") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
         plain.write(Own.SIZE, 1920 << 16 | 4)
         plain.write(Own.TRIGGER, EXTERNAL | BY_ENCODER)
@@ -578,7 +581,7 @@ def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
 
 @pytest.mark.parametrize(("last", "rate", "packet"), [(11, 200, 1500), (12, 10_000, 9000)])
 def test_aravis_receives_every_frame(last, rate, packet):
-    with device(last) as virtual, Client(f"127.0.37.{last}") as client:
+    with device(last) as virtual, Client(f"{NET}.{last}") as client:
         client.text("TransmissionType", "TypeContainer")
         client.number("ExposureTime", 40.0)
         assert client.number("ProfileRate", float(rate)) == rate
@@ -595,7 +598,7 @@ def test_aravis_receives_every_frame(last, rate, packet):
 
 
 def test_aravis_reads_and_writes_nodes():
-    with device(13), Client("127.0.37.13") as client:
+    with device(13), Client(f"{NET}.13") as client:
         assert client.text("DeviceVendorName") == "truestand (virtual)"
         assert client.text("DeviceModelName") == "scanCONTROL 29xx-50"
         assert client.text("DeviceUserID", "left") == "left"
@@ -619,12 +622,12 @@ def test_aravis_reads_and_writes_nodes():
         assert 0 < client.integer("GevTimestampValue") - first < 1_000_000_000
         with pytest.raises(AravisError):
             client.register(Own.LASER, 7)
-        with pytest.raises(AravisError, match="denied"), Client("127.0.37.13") as second:
+        with pytest.raises(AravisError, match="denied"), Client(f"{NET}.13") as second:
             second.call("arv_gv_device_take_control")
 
 
 def test_aravis_gets_lost_packets_again():
-    with device(14) as virtual, Client("127.0.37.14") as client:
+    with device(14) as virtual, Client(f"{NET}.14") as client:
         client.text("TransmissionType", "TypeContainer")
         client.number("ExposureTime", 100.0)
         client.number("ProfileRate", 1000.0)

@@ -1,6 +1,7 @@
 """The virtual stand as a whole: what its sensor sees is where its table is; the command that serves it."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -24,7 +25,9 @@ from truestand.sim.live.stand import Place, virtual_stand
 
 COUNTS = 360_000
 EXACT = Simulation(optics=Optics(noise=0.0))
-RECIPE = """
+NET = f"127.38.{os.getpid() % 250}"
+"""Addresses of this process: the port is fixed, and tests run side by side."""
+RECIPE = f"""
 [table]
 speed_rad_per_s = 1.0
 [[sensor]]
@@ -35,11 +38,11 @@ points = 640
 counts_per_turn = 36000
 [devices.table]
 protocol = "modbus"
-address = "127.0.38.9:0"
+address = "{NET}.9:0"
 [[devices.sensor]]
 name = "front"
 driver = "scancontrol"
-address = "127.0.38.9"
+address = "{NET}.9"
 model = "LLT2950-50"
 """
 
@@ -50,13 +53,13 @@ def stand(direction="ccw"):
 
 
 def virtual(last, direction="ccw", protocol="modbus", **more):
-    place = Place("front", f"127.0.38.{last}")
-    table = TableRecipe(protocol=protocol, address=f"127.0.38.{last}:0")
+    place = Place("front", f"{NET}.{last}")
+    table = TableRecipe(protocol=protocol, address=f"{NET}.{last}:0")
     return virtual_stand(stand(direction), EXACT, paper_shaft(), table, [place], **more)
 
 
 def sensor_at(last):
-    recipe = SensorRecipe(name="front", driver="scancontrol", address=f"127.0.38.{last}", model="29xx-50")
+    recipe = SensorRecipe(name="front", driver="scancontrol", address=f"{NET}.{last}", model="29xx-50")
     return open_sensor(recipe, Sensor("front", 200.0, 640))
 
 
@@ -99,6 +102,19 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
     assert np.isfinite(z).mean() > 0.7
 
 
+@pytest.mark.parametrize(("last", "protocol"), [(6, "grbl"), (7, "opcua")])
+def test_the_other_protocols_are_served_too(last, protocol):
+    address = f"{NET}.{last}:0" if protocol == "grbl" else f"opc.tcp://{NET}.{last}:48400"
+    place = Place("front", f"{NET}.{last}")
+    recipe = TableRecipe(protocol=protocol, address=address)
+    with virtual_stand(stand(), EXACT, paper_shaft(), recipe, [place]) as made:
+        where = made.addresses()[0].split()[-1]
+        assert f"{NET}.{last}" in where
+        table = open_table(TableRecipe(protocol=protocol, address=where))
+        assert not table.state().moving
+        table.close()
+
+
 def test_faults_of_the_table_reach_the_sensor():
     with virtual(3) as made:
         sensor = sensor_at(3)
@@ -125,16 +141,16 @@ def test_faults_of_the_table_reach_the_sensor():
 
 def test_what_can_not_be_served_is_refused():
     for place, table, match in (
-        (Place("front", "192.168.1.5"), "127.0.38.4:0", "127.0.0.x"),
-        (Place("front", "127.0.38.4"), "10.0.0.1:502", "127.0.0.x"),
-        (Place("front", "127.0.38.4", "gocator"), "127.0.38.4:0", "29xx-50"),
+        (Place("front", "192.168.1.5"), f"{NET}.4:0", "127.0.0.x"),
+        (Place("front", f"{NET}.4"), "10.0.0.1:502", "127.0.0.x"),
+        (Place("front", f"{NET}.4", "gocator"), f"{NET}.4:0", "29xx-50"),
     ):
         with pytest.raises(BadRecipe, match=match):
             virtual_stand(
                 stand(), EXACT, paper_shaft(), TableRecipe(protocol="modbus", address=table), [place]
             )  # fmt: skip
     with virtual(5) as made:
-        with pytest.raises(DeviceError, match=r"127\.0\.38\.5:3956"):
+        with pytest.raises(DeviceError, match=f"{NET}.5:3956"):
             virtual(5).start()
         with pytest.raises(BadRecipe, match="no part"):
             made.mount(True)
@@ -151,8 +167,8 @@ def test_the_command_serves_until_it_is_told_to_end(tmp_path):
         assert process.stdout is not None
         try:
             ready = process.stdout.readline()
-            assert ready.startswith("ready · table modbus 127.0.38.9:")
-            assert ready.endswith("sensor front 127.0.38.9:3956\n")
+            assert ready.startswith(f"ready · table modbus {NET}.9:")
+            assert ready.endswith(f"sensor front {NET}.9:3956\n")
             time.sleep(0.7)
             with pytest.raises(DeviceError):
                 sensor_at(9)

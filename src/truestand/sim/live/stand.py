@@ -162,11 +162,7 @@ def virtual_stand(
 
 
 def table_server(table: VirtualTable, recipe: TableRecipe) -> Server:
-    """The table behind the protocol of its recipe.
-
-    Raises:
-        BadRecipe: one that the virtual stand doesn't speak.
-    """
+    """The table behind the protocol of its recipe. Only what is needed is loaded."""
     if recipe.protocol == "modbus":
         from truestand.sim.live.modbus_server import ModbusServer
 
@@ -179,7 +175,9 @@ def table_server(table: VirtualTable, recipe: TableRecipe) -> Server:
         from truestand.sim.live.grbl_server import GrblServer
 
         return GrblServer(table, recipe)
-    raise BadRecipe(f'[devices.table] found protocol "{recipe.protocol}", the virtual stand has no such server')
+    from truestand.sim.live.opcua_server import OpcUaServer
+
+    return OpcUaServer(table, recipe)
 
 
 def _sensor(
