@@ -21,6 +21,10 @@ import pytest
 NAME = "libaravis-0.8.so.0"
 
 
+NO_PACKET_SOCKET = 1
+"""Stream option. As root the library sniffs the interface, and takes what others send there for the camera's."""
+
+
 class GError(ctypes.Structure):
     _fields_ = [("domain", c_uint32), ("code", c_int), ("message", c_char_p)]
 
@@ -38,6 +42,7 @@ def library():
     error = POINTER(POINTER(GError))
     for name, result, *arguments in (
         ("arv_gv_device_new", c_void_p, c_void_p, c_void_p, error),
+        ("arv_gv_device_set_stream_options", None, c_void_p, c_int),
         ("arv_gv_device_get_timestamp_tick_frequency", c_uint64, c_void_p, error),
         ("arv_gv_device_set_packet_size", None, c_void_p, c_int, error),
         ("arv_gv_device_auto_packet_size", c_uint, c_void_p, error),
@@ -82,6 +87,7 @@ class Client:
         self.stream = None
         self.device = None
         self.device = self.call("arv_gv_device_new", *(c_void_p(e) for e in ends), on=())
+        self.arv.arv_gv_device_set_stream_options(self.device, NO_PACKET_SOCKET)
         for end in ends:
             self.gobject.g_object_unref(end)
 
@@ -121,6 +127,13 @@ class Client:
     def start(self, buffers=50):
         """Create the stream and begin."""
         self.stream = self.call("arv_device_create_stream", None, None)
+        for name, value in (
+            (b"socket-buffer", c_int(0)),
+            (b"socket-buffer-size", c_int(4_000_000)),
+            (b"packet-request-ratio", c_double(1.0)),
+            (b"frame-retention", c_uint(1_000_000)),
+        ):
+            self.gobject.g_object_set(c_void_p(self.stream), name, value, None)
         for _ in range(buffers):
             self.arv.arv_stream_push_buffer(self.stream, self.arv.arv_buffer_new_allocate(self.integer("PayloadSize")))
         self.command("AcquisitionStart")

@@ -23,7 +23,6 @@ from truestand.station.scan import Taken, take_scan
 
 _worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
 _hosts = itertools.count(10)
-COUNTS = 360_000
 
 
 @dataclass
@@ -93,7 +92,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     table = VirtualTable(clock)
     server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
     faults = Faults(table)
-    addresses = [f"127.{20 + _worker}.0.{next(_hosts)}" for _ in sensors]
+    addresses = [f"127.{20 + _worker}.{os.getpid() % 250}.{next(_hosts)}" for _ in sensors]
     server.start()
     recipe = folder / "stand.toml"
     recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
@@ -116,11 +115,12 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
 
 
 def _recipe(text, table, names, addresses, points, turns, encoder, rate, acquire, device):
+    before, _, rest = text.partition("# Only `truestand acquire`")
+    text = before + "# Only `truestand simulate`" + rest.partition("# Only `truestand simulate`")[2]
     head, sensor, rest = text.partition("[[sensor]]")
     block, scan, rest = rest.partition("[scan]")
     block = block.replace("points = 640", f"points = {points}").replace("= 200.0", f"= {rate}")
     blocks = "".join(sensor + block.replace('"front"', f'"{name}"') for name in names)
-    rest = rest.replace("counts_per_turn = 0 ", f"counts_per_turn = {COUNTS} ")
     keys = "".join(
         f"{key} = {value!r}\n".replace("True", "true").replace("False", "false") for key, value in device.items()
     )

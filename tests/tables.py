@@ -11,21 +11,37 @@ from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.grbl_server import GrblServer
 from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.opcua_server import OpcUaServer
 from truestand.sim.live.table import VirtualTable
 from truestand.sim.live.zaber_server import ZaberServer
 
 PACE = 20.0
-SERVERS = {"modbus": ModbusServer, "zaber": ZaberServer, "grbl": GrblServer}
-ADDRESSES = {"modbus": "127.0.0.1:{port}", "zaber": "127.0.0.1:{port}", "grbl": "127.0.0.1:{port}"}
+SERVERS = {"modbus": ModbusServer, "zaber": ZaberServer, "grbl": GrblServer, "opcua": OpcUaServer}
+ADDRESSES = {
+    "modbus": "127.0.0.1:{port}",
+    "zaber": "127.0.0.1:{port}",
+    "grbl": "127.0.0.1:{port}",
+    "opcua": "opc.tcp://127.0.0.1:{port}/truestand",
+}
+
+
+KEPT: list[OpcUaServer] = []
+"""An OPC UA server needs seconds to start: one with the default names is kept, and given another table."""
 
 
 @contextmanager
-def served(protocol, motion=None, pace=PACE, tables=None, address=None, **limits):
-    """A virtual table, its server, and the recipe that finds it."""
-    clock = Clock(pace)
-    virtual = VirtualTable(clock, motion)
+def served(protocol, motion=None, pace=PACE, tables=None, address=None, mortal=False, **limits):
+    """A virtual table, its server, and the recipe that finds it; only what is ``mortal`` may be stopped."""
+    virtual = VirtualTable(Clock(pace), motion)
     settings = {"protocol": protocol, **limits, **({protocol: tables} if tables else {})}
-    server = SERVERS[protocol](virtual, TableRecipe(address=address or ADDRESSES[protocol].format(port=0), **settings))
+    if protocol == "opcua" and not (mortal or tables):
+        server = kept()
+        server.table = virtual
+        yield virtual, server, TableRecipe(address=server.address, **settings)
+        virtual.halt()
+        return
+    wanted = TableRecipe(address=address or ADDRESSES[protocol].format(port=0), **settings)
+    server = SERVERS[protocol](virtual, wanted)
     server.start()
     try:
         yield virtual, server, TableRecipe(address=server.address, **settings)
@@ -33,10 +49,18 @@ def served(protocol, motion=None, pace=PACE, tables=None, address=None, **limits
         server.stop()
 
 
+def kept() -> OpcUaServer:
+    if not KEPT:
+        recipe = TableRecipe(protocol="opcua", address=ADDRESSES["opcua"].format(port=0))
+        KEPT.append(OpcUaServer(VirtualTable(Clock()), recipe))
+        KEPT[0].start()
+    return KEPT[0]
+
+
 @contextmanager
-def table_at(protocol, motion=None, pace=PACE, tables=None, **limits):
+def table_at(protocol, motion=None, pace=PACE, tables=None, mortal=False, **limits):
     """A virtual table, its server, and the table that the driver opens; waiting goes by the virtual clock."""
-    with served(protocol, motion, pace, tables, **limits) as (virtual, server, recipe):
+    with served(protocol, motion, pace, tables, mortal=mortal, **limits) as (virtual, server, recipe):
         table = on_virtual_time(open_table(recipe), virtual.clock)
         try:
             yield virtual, server, table

@@ -112,7 +112,7 @@ def test_a_fault_of_the_controller_is_told_until_reset(protocol):
 
 @EACH
 def test_a_server_that_dies_while_it_moves_is_lost_within_a_second(protocol):
-    with table_at(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (_, server, table):
+    with table_at(protocol, pace=1.0, motion=Motion(power_on=0.02), mortal=True) as (_, server, table):
         table.home()
         table.turn(0.5)
         assert table.state().moving
@@ -127,7 +127,7 @@ def test_a_server_that_dies_while_it_moves_is_lost_within_a_second(protocol):
 
 @EACH
 def test_a_stop_gets_through_when_the_server_is_back(protocol):
-    with served(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (virtual, server, recipe):
+    with served(protocol, pace=1.0, motion=Motion(power_on=0.02), mortal=True) as (virtual, server, recipe):
         table = open_table(recipe)
         table.home()
         table.turn(0.5)

@@ -8,8 +8,8 @@ import time
 from dataclasses import dataclass
 
 import pytest
-from lab import lab
 
+from lab import lab
 from truestand.core.errors import Fault
 from truestand.station.convert import convert
 from truestand.station.latch import Latch, reset_latch

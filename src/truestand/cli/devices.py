@@ -134,6 +134,7 @@ def reset_fault(stand: StandFile, quiet: QuietOption = False) -> None:
 
 
 def _print_answers(answers: list["Answer"]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     from truestand.cli.talk import print_table
@@ -141,11 +142,12 @@ def _print_answers(answers: list["Answer"]) -> None:
     table = Table("device", "name", "address", "answers", "says", title="Devices")
     for a in answers:
         says = a.problem or "  ".join(f"{key} {value}" for key, value in a.told.items() if value)
-        table.add_row(a.device, a.name, a.address, "yes" if a.answers else "[red]no[/red]", says)
+        table.add_row(a.device, a.name, a.address, "yes" if a.answers else "[red]no[/red]", escape(says))
     print_table(table)
 
 
 def _print_streams(streams: dict[str, "StreamReport"]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     from truestand.cli.talk import print_table
@@ -154,18 +156,19 @@ def _print_streams(streams: dict[str, "StreamReport"]) -> None:
     for name, r in streams.items():
         table.add_row(
             name, f"{r.profiles_per_s:.0f}", str(r.profiles), str(r.lost_profiles), str(r.statistics.resent),
-            f"{100 * r.seen:.0f} %", r.problem or "well",
+            f"{100 * r.seen:.0f} %", escape(r.problem) or "well",
         )  # fmt: skip
     print_table(table)
 
 
 def _live_table(rows: dict[str, dict[str, str]]) -> Any:
+    from rich.markup import escape
     from rich.table import Table
 
     columns = list(dict.fromkeys(key for row in rows.values() for key in row))
     table = Table("device", *columns)
     for name, row in rows.items():
-        table.add_row(name, *(row.get(key, "") for key in columns))
+        table.add_row(name, *(escape(row.get(key, "")) for key in columns))
     return table
 
 

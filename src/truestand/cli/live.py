@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def live_bar(quiet: bool) -> Iterator[Callable[["Live"], None]]:
+def live_bar(quiet: bool, what: str = "") -> Iterator[Callable[["Live"], None]]:
     """A bar with position, frames per second and lost profiles on a terminal's stderr; silent elsewhere."""
     if quiet or not sys.stderr.isatty():
         yield lambda live: None
@@ -24,7 +24,8 @@ def live_bar(quiet: bool) -> Iterator[Callable[["Live"], None]]:
                TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("Checking and homing", total=1.0)
-        yield lambda live: progress.update(task, completed=live.done, description=told(live))
+        start = f"{what}: " if what else ""
+        yield lambda live: progress.update(task, completed=live.done, description=start + told(live))
 
 
 def told(live: "Live") -> str:

@@ -22,6 +22,7 @@ from truestand.cli import (
     roll,
     schema,
     simulate,
+    stand,
     verify,
 )
 from truestand.core.errors import TruestandError
@@ -53,6 +54,7 @@ app.command("form")(form.form)
 app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
+app.add_typer(stand.app, name="stand")
 app.command("schema")(schema.schema)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from truestand.core.errors import BadRecipe, DeviceError, TruestandError
 from truestand.core.stand import Stand
+from truestand.devices.axis import RotaryTable
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
@@ -24,6 +25,8 @@ from truestand.station.watch import SensorWatch
 
 TURN, MOST_OFF = radians(10.0), 0.01
 """Angle that a table is turned by in a test, in a second; and the share by which an encoder's counts may be off."""
+REST = 0.4
+"""s of rest before and after that."""
 LOOK = 0.2
 """s between two looks of a person."""
 BLINKS, BLINK = 3, 0.4
@@ -179,8 +182,8 @@ def _turned(station: Station, devices: DevicesRecipe) -> dict[str, str]:
     told, expected = {}, TURN / tau * station.stand.counts_per_turn
     for sensor, recipe in zip(station.sensors, devices.sensor, strict=True):
         if recipe.encoder and expected:
-            table.start_move(here + TURN, TURN)
-            counts = stream_while(sensor, lambda: table.state().moving).encoder
+            steps = _rest_turn_rest(table, here + TURN)
+            counts = stream_while(sensor, lambda steps=steps: next(steps, False)).encoder  # type: ignore[misc]
             table.move_to(here, TURN)
             told[f"encoder_at_{sensor.name}"] = f"{counts} counts in 10 degrees, {expected:.0f} expected"
             if abs(counts - expected) > MOST_OFF * expected:
@@ -191,6 +194,21 @@ def _turned(station: Station, devices: DevicesRecipe) -> dict[str, str]:
     station.machine.fire(Event.STOPPED)
     station.check()
     return {"moved": "10 degrees and back", **told}
+
+
+def _rest_turn_rest(table: RotaryTable, target: float) -> Iterator[bool]:
+    """True as long as a turn to ``target`` goes on, with rest before and after, so that all of it is seen."""
+    yield from _for_a_while()
+    table.start_move(target, TURN)
+    while table.state().moving:
+        yield True
+    yield from _for_a_while()
+
+
+def _for_a_while() -> Iterator[bool]:
+    until = time.monotonic() + REST
+    while time.monotonic() < until:
+        yield True
 
 
 def watching(stand: Stand, devices: DevicesRecipe, seconds: float, light: bool) -> Iterator[dict[str, dict[str, str]]]:
@@ -206,10 +224,12 @@ def watching(stand: Stand, devices: DevicesRecipe, seconds: float, light: bool) 
             station.lasers({s.name: s.laser for s in devices.sensor}.__getitem__)
         began = time.monotonic()
         watches = [SensorWatch(s.name, s.start(), began) for s in station.sensors]
-        while (now := time.monotonic()) - began < seconds:
+        looked = dict.fromkeys((w.name for w in watches), began)
+        while time.monotonic() - began < seconds:
             rows = {"table": _table_row(station)}
             for sensor, watch in zip(station.sensors, watches, strict=True):
-                rows[sensor.name] = _sensor_row(sensor, watch, now)
+                rows[sensor.name] = _sensor_row(sensor, watch, looked[sensor.name])
+                looked[sensor.name] = time.monotonic()
             yield rows
         station.make_safe()
 
@@ -220,16 +240,18 @@ def _table_row(station: Station) -> dict[str, str]:
     return {"position": f"{degrees(state.position):.3f} deg", "state": doing}
 
 
-def _sensor_row(sensor: LineSensor, watch: SensorWatch, now: float) -> dict[str, str]:
-    """Take what came in the next fifth of a second."""
-    before, problem, payload, frames = watch.profiles, "", b"", 0
-    while time.monotonic() - now < LOOK:
+def _sensor_row(sensor: LineSensor, watch: SensorWatch, before: float) -> dict[str, str]:
+    """Take what comes in a fifth of a second, and what came since the last look ``before`` (s)."""
+    had, problem, payload, frames = watch.profiles, "", b"", 0
+    until = time.monotonic() + LOOK
+    while time.monotonic() < until:
         frame = sensor.next_frame(LOOK / 4)
         if frame is not None:
             problem, payload, frames = problem or watch.see(frame), frame.payload, frames + 1
+    seconds = time.monotonic() - before
     return {
-        "frames/s": f"{frames / LOOK:.0f}",
-        "profiles/s": f"{(watch.profiles - before) / LOOK:.0f}",
+        "frames/s": f"{frames / seconds:.0f}",
+        "profiles/s": f"{(watch.profiles - had) / seconds:.0f}",
         "lost": str(watch.lost),
         "seen": f"{100 * share_seen(watch.layout, payload):.0f} %",
         "encoder": str(watch.encoder),

@@ -179,7 +179,7 @@ class GrblTable:
             DeviceLost: silence, or a broken connection.
             DeviceError: bytes that are no GRBL.
         """
-        end, odd = time.monotonic() + seconds, b""
+        end, odd, patient = time.monotonic() + seconds, b"", self._home == "searching"
         while time.monotonic() < end:
             line = self._line.receive(min(end, time.monotonic() + self._line.timeout))
             try:
@@ -195,7 +195,7 @@ class GrblTable:
                 self._line.send(grbl.ASK)
         if odd:
             raise self._line.not_understood(repr(odd[:40]), "a line of GRBL 1.1")
-        if self._home == "searching":
+        if patient:
             return Note("")
         raise self._line.silent()
 

@@ -25,6 +25,10 @@ def _drive(recipe: TableRecipe) -> Drive:
         from truestand.devices.tables.modbus import ModbusTable
 
         return ModbusTable(recipe.address, recipe.modbus, recipe.timeout_s)
+    if recipe.protocol == "opcua":
+        from truestand.devices.tables.opcua import OpcUaTable
+
+        return OpcUaTable(recipe.address, recipe.opcua, recipe.timeout_s)
     if recipe.protocol == "zaber":
         from truestand.devices.tables.zaber import ZaberTable
 

@@ -52,6 +52,10 @@ class GigeDevice:
             Own.MOUNTED: self._mount,
             Own.FAULT: self._fault,
         }
+        self.registers.on_read = {
+            Own.MOUNTED: lambda: int(self.source.mounted),
+            Own.FAULT: lambda: int(self.faults.latest),
+        }
         self._seed = seed
         self._power_on = 3.0 + crc32(identity.serial.encode()) % 100_000 / 1000
         """What the sensor's own clock shows when the stand's shows 0: like a real one's, it means nothing."""
@@ -183,7 +187,7 @@ class GigeDevice:
 
     def _mount(self, value: int) -> None:
         try:
-            self.source.mount(value)
+            self.source.mount(bool(value))
         except TruestandError:
             raise Refused(Status.INVALID_PARAMETER) from None
 

@@ -49,12 +49,16 @@ class Own(IntEnum):
     EXPOSURE = 0xF0F0081C
     LASER = 0xF0F00824
     TRIGGER = 0xF0F00830
+    MAINTENANCE = 0xF0F0088C
+    DIGITAL_IO = 0xF0F008C0
     SIZE = 0xF0E0070C
 
 
 PROFILE, CONTAINER = 0, 1
 """What may be transmitted. A sensor wakes up with PROFILE, which the virtual one can't stream."""
 LASER_OFF, LASER_FULL = 0, 2
+ENCODER_ACTIVE = 1 << 3
+"""Of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
 
 WRITABLE: dict[int, tuple[int, int]] = {
     Register.HEARTBEAT: (500, 600_000),
@@ -78,6 +82,8 @@ WRITABLE: dict[int, tuple[int, int]] = {
     Own.EXPOSURE: (1, LONGEST),
     Own.LASER: (LASER_OFF, LASER_FULL),
     Own.TRIGGER: (0, 0xFFFFFFFF),
+    Own.MAINTENANCE: (0, 0xFFFFFFFF),
+    Own.DIGITAL_IO: (0, 0xFFFFFFFF),
     Own.SIZE: (0, 0xFFFFFFFF),
 }
 """Lowest and highest value of each register that can be written."""
@@ -110,11 +116,13 @@ class Identity:
 class Registers:
     """The device's memory.
 
-    ``on_write`` maps an address to what happens before a new value is kept; it may refuse by ``Refused``.
+    ``on_write`` maps an address to what happens before a new value is kept; it may refuse by ``Refused``. ``on_read``
+    gives the value of a register that changes by itself.
     """
 
     def __init__(self, identity: Identity, description: bytes, points: int = 640, profiles: int = 20) -> None:
         self.on_write: dict[int, Callable[[int], None]] = {}
+        self.on_read: dict[int, Callable[[], int]] = {}
         self.streaming = False
         self._description = description.ljust(-(-len(description) // 4) * 4, b"\0")
         self._low = bytearray(0x1000)
@@ -192,9 +200,12 @@ class Registers:
         if offset >= 0 and offset + count <= len(self._description):
             return self._description[offset : offset + count]
         try:
-            return b"".join(self._words[at].to_bytes(4, "big") for at in range(address, address + count, 4))
+            return b"".join(self._word(at).to_bytes(4, "big") for at in range(address, address + count, 4))
         except KeyError:
             raise Refused(Status.INVALID_ADDRESS) from None
+
+    def _word(self, address: int) -> int:
+        return self.on_read[address]() if address in self.on_read else self._words[address]
 
     def write(self, address: int, value: int) -> None:
         """Write a register, and let happen what that brings about.

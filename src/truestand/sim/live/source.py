@@ -1,5 +1,6 @@
 """What a virtual sensor looks at: the stand as it is at this moment, or profiles made before."""
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -28,14 +29,30 @@ class Turning(Protocol):
         """What its encoder has counted (n,) at those times."""
 
 
+@dataclass(slots=True)
+class TableTop:
+    """What stands on the table, the same for all sensors."""
+
+    part: bool = False
+    """With the part on the shaft."""
+
+
 class Source(Protocol):
     """What a sensor sees. Called by the streaming thread, in the order of time."""
+
+    @property
+    def mounted(self) -> bool:
+        """Whether the part is on the shaft."""
 
     def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
         """Profiles (n, fields, points), not yet stamped, and encoder counts (n,) at times (n,) s; unlit = nothing."""
 
-    def mount(self, what: int) -> None:
-        """Put ``what`` (0 shaft, 1 part on it) on the table."""
+    def mount(self, part: bool) -> None:
+        """Put the shaft alone, or with the part, on the table.
+
+        Raises:
+            BadRecipe: there is no part.
+        """
 
 
 class LiveSource:
@@ -55,6 +72,7 @@ class LiveSource:
         part: VirtualPart | None = None,
         seed: int = 0,
         latch: float = 0.0,
+        top: TableTop | None = None,
     ) -> None:
         self._table, self._scale, self._latch = table, scale, latch
         self._stand, self._artefact, self._part = stand, artefact, part
@@ -64,21 +82,26 @@ class LiveSource:
         self._casters = [
             Caster(stand, simulation, artefact, on, rng) for on in ((None,) if part is None else (None, part))
         ]
-        self._mounted = len(self._casters) - 1
+        self._top = top or TableTop()
 
-    def mount(self, what: int) -> None:
-        """Put the shaft alone (0) or the part on it (1) on the table.
+    @property
+    def mounted(self) -> bool:
+        """Whether the part is on the shaft."""
+        return self._top.part
+
+    def mount(self, part: bool) -> None:
+        """Put the shaft alone, or with the part, on the table.
 
         Raises:
             BadRecipe: there is no part.
         """
-        if not 0 <= what < len(self._casters):
+        if part and self._part is None:
             raise BadRecipe("there is no part to put on the virtual stand; give it one with --part")
-        self._mounted = what
+        self._top.part = part
 
     def rows(self, times: Array) -> tuple[Array, Array, Ints]:
         """x, z (n, M) mm as the sensor reports them, and encoder counts (n,), latched ``latch`` s after ``times``."""
-        caster = self._casters[self._mounted]
+        caster = self._casters[self.mounted]
         x, z = caster.rows(self._sign * self._table.angle_at(times))
         return -x if caster.mirrored else x, z, self._counts(times)
 
@@ -111,7 +134,12 @@ class RecordedSource:
         self._raw, self._table, self._counts_per_turn = raw, table, counts_per_turn
         self._next = 0
 
-    def mount(self, what: int) -> None:
+    @property
+    def mounted(self) -> bool:
+        """Nobody knows."""
+        return False
+
+    def mount(self, part: bool) -> None:
         """It shows what it shows."""
 
     def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:

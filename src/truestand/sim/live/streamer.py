@@ -8,13 +8,13 @@ import numpy as np
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.container import Shape, frame_bytes
 from truestand.sim.live.outlet import Outlet
-from truestand.sim.live.registers import LASER_OFF, TICKS, Own, Registers
+from truestand.sim.live.registers import ENCODER_ACTIVE, LASER_OFF, TICKS, Own, Registers
 from truestand.sim.live.source import Source
 
-MOST_AT_ONCE = 64
-"""Profiles drawn at once."""
+MOST_AT_ONCE = 32
+"""Profiles drawn at once, where the drawing is behind."""
 LONGEST_AT_ONCE = 0.05
-"""s of the stand's clock drawn at once, if that is more than one profile."""
+"""s of the stand's clock to wait for before a part of a frame is drawn, if that is more than one profile."""
 AHEAD = 0.05
 """Real s that the stand's clock may run ahead of what is due to be drawn next."""
 NAP = 0.02
@@ -56,20 +56,23 @@ class Streamer:
 
     def _run(self, opened: float, shape: Shape) -> None:
         """``opened``: when the next exposure begins."""
+        full = bytearray()
         try:
             while not self._stop.is_set():
-                parts: list[bytes] = []
-                left = shape.height
-                while left and not self._stop.is_set():
-                    exposure, idle = self._registers.timing
-                    some = min(left, MOST_AT_ONCE, max(int(LONGEST_AT_ONCE / (exposure + idle)), 1))
-                    if not self._await(opened + (some - 1) * (exposure + idle) + exposure):
-                        return
-                    parts.append(self._drawn(opened, some, exposure, idle, shape))
-                    opened += some * (exposure + idle)
-                    left -= some
-                if not left:
-                    self._outlet.offer(b"".join(parts), shape, int((opened + self._power_on) * TICKS))
+                exposure, idle = self._registers.timing
+                period = exposure + idle
+                needed = min(shape.height, max(int(LONGEST_AT_ONCE / period), 1))
+                if not self._await(opened + (needed - 1) * period + exposure):
+                    return
+                due = int((self._clock.now() - opened - exposure) / period) + 1
+                some = min(max(due, needed), MOST_AT_ONCE)
+                full += self._drawn(opened, some, exposure, idle, shape)
+                opened += some * period
+                while len(full) >= shape.frame_bytes:
+                    ahead = (len(full) - shape.frame_bytes) // (2 * shape.width)
+                    ended = opened - ahead * period - idle
+                    self._outlet.offer(bytes(full[: shape.frame_bytes]), shape, int((ended + self._power_on) * TICKS))
+                    del full[: shape.frame_bytes]
         finally:
             self._clock.allow(self._name, inf)
 
@@ -89,6 +92,8 @@ class Streamer:
         begins = np.asarray(opened + np.arange(some) * (exposure + idle), np.float64)
         lit = self._registers.value(Own.LASER) != LASER_OFF
         raw, encoder = self._source.profiles(begins + exposure / 2, shape, lit)
+        if not self._registers.value(Own.MAINTENANCE) & ENCODER_ACTIVE:
+            encoder = np.zeros_like(encoder)
         counter = self.counter + np.arange(some)
         self.counter += some
         own = begins + self._power_on
