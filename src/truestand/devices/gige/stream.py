@@ -122,7 +122,10 @@ class Stream:
         while self._running:
             try:
                 size, source = receive(packet)
-            except (BlockingIOError, TimeoutError, ConnectionResetError):
+            except (BlockingIOError, TimeoutError):
+                now = clock()
+            except OSError:  # e.g. the network port went down: the heartbeat tells
+                time.sleep(TICK)
                 now = clock()
             else:
                 now = clock()
