@@ -95,7 +95,7 @@ def test_its_stream_arrives_and_every_loss_is_told(camera, height, rate, seconds
         ("ExposureTimeAbs", 10_000.0), ("GainRaw", 0),
     ):  # fmt: skip
         nodes.set(feature, value)
-    camera.start(width * height, width, resend=False)
+    camera.start(width * height, width)
     frames, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         frame = camera.next_frame(0.2)

@@ -232,6 +232,21 @@ def test_a_slow_reader_loses_frames_and_is_told(stand):
     assert numbers[-1] + 1 - len(numbers) >= found.overrun > 0
 
 
+def test_two_sensors_stream_at_once(stand):
+    first, _ = stand
+    other = Identity("127.0.41.8", serial="V78")
+    with GigeDevice(other, RecordedSource(ramp(), Steady()), Clock(), Faults()) as second:
+        sensors = [open_sensor(recipe(d, profile_rate_hz=500.0), SENSOR) for d in (first, second)]
+        try:
+            layouts = [sensor.start() for sensor in sensors]
+            frames = [frames_of(sensor, 20) for sensor in sensors]
+        finally:
+            for sensor in sensors:
+                sensor.close()
+    assert all([f.number for f in seen] == list(range(20)) for seen in frames)
+    assert all(decode(layouts[i], frames[i][0].payload).counter.size == 10 for i in range(2))
+
+
 def test_only_one_program_controls_a_sensor(stand, monkeypatch):
     device, _ = stand
     monkeypatch.setattr("truestand.devices.gige.control.LONGEST_TAKE", 0.5)

@@ -8,7 +8,7 @@ from truestand.devices.gige.control import DEFAULT_HEARTBEAT, Control
 from truestand.devices.gige.nodes import Nodes
 from truestand.devices.gige.stream import Stream
 from truestand.devices.sensor import Frame, StreamStatistics
-from truestand.devices.wire.gvcp import Register
+from truestand.devices.wire.gvcp import RESEND_SUPPORTED, Register
 
 
 class Camera:
@@ -48,12 +48,14 @@ class Camera:
     ) -> None:
         """Begin to receive frames of ``payload`` bytes in rows of ``row``, and tell the camera to send them.
 
-        ``packet_size`` 0 = the largest that arrives; ``silence`` (s) as ``Assembler``. Errors as ``Control.read``.
+        ``packet_size`` 0 = the largest that arrives; ``resend`` counts where the camera can; ``silence`` (s) as
+        ``Assembler``. Errors as ``Control.read``.
         """
         self.end()
         self._stream = Stream(self.control)
         try:
             size = self._stream.open(packet_size, delay)
+            resend = resend and bool(self.control.read(Register.CAPABILITY) & RESEND_SUPPORTED)
             self._stream.start(Assembler(payload, size, row, resend, silence))
             self.nodes.execute("AcquisitionStart")
         except DeviceError:

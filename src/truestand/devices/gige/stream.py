@@ -13,6 +13,7 @@ from collections import deque
 from contextlib import suppress
 from dataclasses import replace
 
+from truestand.core.errors import DeviceError
 from truestand.devices.gige.assembly import Assembler
 from truestand.devices.gige.control import Control
 from truestand.devices.sensor import Frame, StreamStatistics
@@ -52,9 +53,9 @@ class Stream:
         try:
             self._socket.bind((control.host, 0))
             self._enlarge()
-        except OSError:
+        except OSError as wrong:
             self._socket.close()
-            raise
+            raise DeviceError(f"{control.name}: found no port to receive at {control.host} ({wrong})") from wrong
         control.on_gone = self._wake
 
     def _enlarge(self) -> None:
@@ -121,7 +122,10 @@ class Stream:
         while self._running:
             try:
                 size, source = receive(packet)
-            except (BlockingIOError, TimeoutError, ConnectionResetError):
+            except (BlockingIOError, TimeoutError):
+                now = clock()
+            except OSError:  # e.g. the network port went down: the heartbeat tells
+                time.sleep(TICK)
                 now = clock()
             else:
                 now = clock()

@@ -14,7 +14,7 @@ HEADER, EXTENDED_HEADER = 8, 20
 IP_UDP_HEADERS = 28
 """Bytes that the packet size of a device counts beside GVSP's own header and data."""
 BLOCKS = 65535
-"""Standard block ids run from 1 to this and again from 1; libaravis' fake camera counts from 0 to it instead."""
+"""Standard block ids run from 1 to this and again from 1; some devices count from 0 to it instead."""
 FAILED = 0x8000
 """Bit of a packet's status: the device can't send what it was asked for again."""
 
