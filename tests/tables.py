@@ -1,5 +1,6 @@
 """Virtual tables on loopback, each behind one protocol, with a clock that runs faster than ours."""
 
+import select
 import socket
 import threading
 import time
@@ -112,3 +113,42 @@ def _listen(server, answer, ended):
                 pass
     for connection in open_:
         connection.close()
+
+
+class Relay:
+    """Passes bytes on to a server, both ways, until it is ``frozen``: the connections stay, nothing moves."""
+
+    def __init__(self, port):
+        self._to = ("127.0.0.1", port)
+        self.frozen = threading.Event()
+        self._ended = threading.Event()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = self._server.getsockname()[1]
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self):
+        other = {}
+        while not self._ended.is_set():
+            ready = select.select([self._server, *(() if self.frozen.is_set() else other)], [], [], 0.01)[0]
+            for end in ready:
+                if end is self._server:
+                    here, there = self._server.accept()[0], socket.create_connection(self._to)
+                    other.update({here: there, there: here})
+                elif end in other and not self.frozen.is_set():
+                    data = end.recv(4096)
+                    if data:
+                        other[end].sendall(data)
+                    else:
+                        for gone in (other.pop(end), end):
+                            other.pop(gone, None)
+                            gone.close()
+        for end in (*other, self._server):
+            end.close()

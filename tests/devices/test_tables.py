@@ -5,13 +5,12 @@ from math import radians, tau
 
 import pytest
 
-from tables import ADDRESSES, PACE, SERVERS, listener, on_virtual_time, served, speed_of, table_at
+from tables import ADDRESSES, PACE, SERVERS, Relay, listener, on_virtual_time, served, speed_of, table_at
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
 from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.table import Motion
 
 EACH = pytest.mark.parametrize("protocol", sorted(SERVERS))
-NETWORK = pytest.mark.parametrize("protocol", sorted(SERVERS))
 
 
 @EACH
@@ -126,6 +125,27 @@ def test_a_server_that_dies_while_it_moves_is_lost_within_a_second(protocol):
 
 
 @EACH
+def test_a_server_that_hangs_while_it_moves_is_lost_within_a_second_and_found_again(protocol):
+    with (
+        served(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (virtual, server, _),
+        Relay(int(server.address.split(":")[-1].split("/")[0])) as relay,
+    ):
+        table = open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=relay.port)))
+        table.home()
+        table.turn(0.5)
+        assert table.state().moving
+        relay.frozen.set()
+        begin = time.monotonic()
+        with pytest.raises(DeviceLost, match=r"no answer within 0\.5 s"):
+            table.wait(20.0, "turning", halt=False)
+        assert time.monotonic() - begin < 1.0
+        relay.frozen.clear()
+        table.stop()
+        assert not virtual.status().moving
+        table.close()
+
+
+@EACH
 def test_a_stop_gets_through_when_the_server_is_back(protocol):
     with served(protocol, pace=1.0, motion=Motion(power_on=0.02), mortal=True) as (virtual, server, recipe):
         table = open_table(recipe)
@@ -142,7 +162,7 @@ def test_a_stop_gets_through_when_the_server_is_back(protocol):
         again.stop()
 
 
-@NETWORK
+@EACH
 def test_nobody_there_and_silence_are_lost_in_time(protocol):
     with listener(lambda _: None) as port:
         for address, limit in ((port, 1.0), (1, 1.0)):
@@ -152,7 +172,7 @@ def test_nobody_there_and_silence_are_lost_in_time(protocol):
             assert time.monotonic() - begin < limit
 
 
-@NETWORK
+@EACH
 @pytest.mark.parametrize(
     "garbage",
     [b"\x00" * 40, b"\xff" * 300, b"HTTP/1.1 400 Bad Request\r\n\r\n", b"hello\r\n", bytes(range(256)), b"\n\n\n\n"],
@@ -162,8 +182,8 @@ def test_garbage_is_an_error_of_the_device(protocol, garbage):
     with listener(lambda _: garbage) as port:
         begin = time.monotonic()
         with pytest.raises(DeviceError, match=r"need|refused"):
-            open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=port)))
-        assert time.monotonic() - begin < 1.5
+            open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=port), timeout_s=0.2))
+        assert time.monotonic() - begin < 1.0
 
 
 @EACH

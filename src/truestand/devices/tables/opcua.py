@@ -90,7 +90,7 @@ class OpcUaTable:
     def close(self) -> None:
         """Leave the server and end the thread."""
         with self._lock:
-            self._drop()
+            self._drop(politely=True)
 
     def _out(self, angle: float) -> ua.Variant:
         value = degrees(angle) if self._recipe.unit == "deg" else angle
@@ -152,11 +152,11 @@ class OpcUaTable:
             self._drop()
             raise
 
-    def _drop(self) -> None:
-        """Leave; a server that is gone costs one timeout at most."""
+    def _drop(self, politely: bool = False) -> None:
+        """End connection and thread; only who is polite waits for the server to say goodbye, a timeout at most."""
         if self._loop is None:
             return
-        asyncio.run_coroutine_threadsafe(self._leave(), self._loop).result()
+        asyncio.run_coroutine_threadsafe(self._leave(politely), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
@@ -166,10 +166,12 @@ class OpcUaTable:
         assert self._client is not None
         return await self._client.read_values(variables)
 
-    async def _leave(self) -> None:
+    async def _leave(self, politely: bool) -> None:
         if self._client is not None:
-            with suppress(TimeoutError, OSError, ua.UaError):
-                await asyncio.wait_for(self._client.disconnect(), self._timeout)
+            if politely:
+                with suppress(TimeoutError, OSError, ua.UaError):
+                    await asyncio.wait_for(self._client.disconnect(), self._timeout)
+            self._client.disconnect_socket()
         tasks = asyncio.all_tasks() - {asyncio.current_task()}
         for task in tasks:
             task.cancel()
