@@ -4,7 +4,7 @@ import select
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from truestand.devices.axis import RotaryTable
@@ -116,9 +116,14 @@ def _listen(server, answer, ended):
 
 
 class Relay:
-    """Passes bytes on to a server, both ways, until it is ``frozen``: the connections stay, nothing moves."""
+    """Passes bytes on to a server, both ways, until it is ``frozen``: the connections stay, nothing moves.
 
-    def __init__(self, port):
+    What the server says goes through ``spoil``.
+    """
+
+    def __init__(self, port, spoil=bytes):
+        self._spoil = spoil
+        self._servers = set()
         self._to = ("127.0.0.1", port)
         self.frozen = threading.Event()
         self._ended = threading.Event()
@@ -142,13 +147,22 @@ class Relay:
                 if end is self._server:
                     here, there = self._server.accept()[0], socket.create_connection(self._to)
                     other.update({here: there, there: here})
+                    self._servers.add(there)
                 elif end in other and not self.frozen.is_set():
-                    data = end.recv(4096)
+                    data = received(end)
                     if data:
-                        other[end].sendall(data)
+                        with suppress(OSError):
+                            other[end].sendall(self._spoil(data) if end in self._servers else data)
                     else:
                         for gone in (other.pop(end), end):
                             other.pop(gone, None)
                             gone.close()
         for end in (*other, self._server):
             end.close()
+
+
+def received(connection):
+    try:
+        return connection.recv(4096)
+    except OSError:
+        return b""

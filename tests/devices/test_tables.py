@@ -1,6 +1,8 @@
 """Each driver against its server: home, move, turn, stop, limits, and what happens when things go wrong."""
 
+import random
 import time
+from contextlib import suppress
 from math import radians, tau
 
 import pytest
@@ -11,6 +13,10 @@ from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.table import Motion
 
 EACH = pytest.mark.parametrize("protocol", sorted(SERVERS))
+
+
+def port_of(server):
+    return int(server.address.split(":")[-1].split("/")[0])
 
 
 @EACH
@@ -128,7 +134,7 @@ def test_a_server_that_dies_while_it_moves_is_lost_within_a_second(protocol):
 def test_a_server_that_hangs_while_it_moves_is_lost_within_a_second_and_found_again(protocol):
     with (
         served(protocol, pace=1.0, motion=Motion(power_on=0.02)) as (virtual, server, _),
-        Relay(int(server.address.split(":")[-1].split("/")[0])) as relay,
+        Relay(port_of(server)) as relay,
     ):
         table = open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=relay.port)))
         table.home()
@@ -184,6 +190,26 @@ def test_garbage_is_an_error_of_the_device(protocol, garbage):
         with pytest.raises(DeviceError, match=r"need|refused"):
             open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=port), timeout_s=0.2))
         assert time.monotonic() - begin < 1.0
+
+
+@EACH
+def test_damaged_answers_raise_nothing_else(protocol):
+    chance = random.Random(3)
+
+    def spoil(data):
+        place = chance.randrange(len(data))
+        return data if chance.random() < 0.9 else data[:place] + chance.randbytes(1) + data[place + 1 :]
+
+    with served(protocol) as (_, server, _), Relay(port_of(server), spoil) as relay:
+        recipe = TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=relay.port), timeout_s=0.05)
+        for _ in range(25):
+            with suppress(DeviceError):
+                table = open_table(recipe)
+                try:
+                    table.state()
+                    table.drive.halt()
+                finally:
+                    table.close()
 
 
 @EACH

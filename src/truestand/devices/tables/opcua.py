@@ -5,6 +5,7 @@ Everything that tells the state is read in one request. A connection that was lo
 
 import asyncio
 import logging
+import struct
 import threading
 import time
 from collections.abc import Coroutine
@@ -28,6 +29,8 @@ GONE = (
     ua.StatusCodes.BadShutdown, ua.StatusCodes.BadServerHalted, ua.StatusCodes.BadNotConnected,
 )  # fmt: skip
 """What a server says that leaves."""
+NOT_READ = (ValueError, TypeError, LookupError, AttributeError, AssertionError, struct.error)
+"""What asyncua raises at damaged answers, found by damaging them."""
 
 for name in ("asyncua", "asyncio"):  # what goes wrong is told by our own errors
     logging.getLogger(name).addHandler(logging.NullHandler())
@@ -145,12 +148,9 @@ class OpcUaTable:
             if wrong.code in GONE:
                 raise lost(self.name, f"it left ({type(wrong).__name__})") from wrong
             raise refused(self.name, type(wrong).__name__, ADVICE) from wrong
-        except ua.UaError as wrong:
+        except (ua.UaError, *NOT_READ) as wrong:
             self._drop()
-            raise nonsense(self.name, str(wrong)[:80], "an answer of OPC UA") from wrong
-        except BaseException:
-            self._drop()
-            raise
+            raise nonsense(self.name, repr(wrong)[:80], "an answer of OPC UA") from wrong
 
     def _drop(self, politely: bool = False) -> None:
         """End connection and thread; only who is polite waits for the server to say goodbye, a timeout at most."""
