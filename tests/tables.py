@@ -145,7 +145,12 @@ class Relay:
             ready = select.select([self._server, *(() if self.frozen.is_set() else other)], [], [], 0.01)[0]
             for end in ready:
                 if end is self._server:
-                    here, there = self._server.accept()[0], socket.create_connection(self._to)
+                    here, _ = self._server.accept()
+                    try:
+                        there = socket.create_connection(self._to)
+                    except OSError:
+                        here.close()
+                        continue
                     other.update({here: there, there: here})
                     self._servers.add(there)
                 elif end in other and not self.frozen.is_set():

@@ -1,9 +1,13 @@
 """Each driver against its server: home, move, turn, stop, limits, and what happens when things go wrong."""
 
 import random
+import subprocess
+import sys
+import threading
 import time
 from contextlib import suppress
 from math import radians, tau
+from pathlib import Path
 
 import pytest
 
@@ -214,8 +218,6 @@ def test_damaged_answers_raise_nothing_else(protocol):
 
 @EACH
 def test_a_halt_from_another_thread_gets_through_while_it_waits(protocol):
-    import threading
-
     with table_at(protocol) as (virtual, _, table):
         table.home()
         timer = threading.Timer(0.1, table.drive.halt)
@@ -224,6 +226,54 @@ def test_a_halt_from_another_thread_gets_through_while_it_waits(protocol):
             table.move_to(100.0, 1.5)
         timer.join()
         assert not virtual.status().moving
+
+
+def test_a_library_is_loaded_only_where_it_is_needed():
+    code = "import sys, truestand.devices.tables; print({'pymodbus', 'asyncua', 'serial'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"
+
+
+QUIET = """
+import sys, time
+sys.path.insert(0, {tests!r})
+from tables import KEPT, Relay, listener, served
+from truestand.core.errors import DeviceError
+from truestand.devices.tables import TableRecipe, open_table
+protocol = {protocol!r}
+prefix = "opc.tcp://" if protocol == "opcua" else ""
+with served(protocol, mortal=True) as (virtual, server, recipe):
+    with Relay(int(server.address.split(":")[-1].split("/")[0])) as relay:
+        table = open_table(TableRecipe(protocol=protocol, address=prefix + f"127.0.0.1:{{relay.port}}", timeout_s=0.2))
+        table.home()
+        relay.frozen.set()
+        try:
+            while True:
+                table.state()
+        except DeviceError:
+            relay.frozen.clear()
+        table.state()
+        server.stop()
+        for _ in range(2):
+            try:
+                table.stop()
+            except DeviceError:
+                pass
+        table.close()
+with listener(lambda _: bytes(range(256))) as port:
+    try:
+        open_table(TableRecipe(protocol=protocol, address=prefix + f"127.0.0.1:{{port}}", timeout_s=0.2))
+    except DeviceError:
+        pass
+print("done")
+"""
+
+
+@EACH
+def test_nothing_is_printed_or_logged_whatever_happens(protocol):
+    code = QUIET.format(protocol=protocol, tests=str(Path(__file__).parents[1]))
+    done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("done\n", "")
 
 
 def test_on_virtual_time_nothing_else_changes():

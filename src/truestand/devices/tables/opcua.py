@@ -32,8 +32,7 @@ GONE = (
 NOT_READ = (ValueError, TypeError, LookupError, AttributeError, AssertionError, struct.error)
 """What asyncua raises at damaged answers, found by damaging them."""
 
-for name in ("asyncua", "asyncio"):  # what goes wrong is told by our own errors
-    logging.getLogger(name).addHandler(logging.NullHandler())
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
 
 
 @dataclass(frozen=True, slots=True)
