@@ -1,9 +1,10 @@
 """Virtual tables on loopback, each behind one protocol, with a clock that runs faster than ours."""
 
+import select
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from truestand.devices.axis import RotaryTable
@@ -112,3 +113,61 @@ def _listen(server, answer, ended):
                 pass
     for connection in open_:
         connection.close()
+
+
+class Relay:
+    """Passes bytes on to a server, both ways, until it is ``frozen``: the connections stay, nothing moves.
+
+    What the server says goes through ``spoil``.
+    """
+
+    def __init__(self, port, spoil=bytes):
+        self._spoil = spoil
+        self._servers = set()
+        self._to = ("127.0.0.1", port)
+        self.frozen = threading.Event()
+        self._ended = threading.Event()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = self._server.getsockname()[1]
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self):
+        other = {}
+        while not self._ended.is_set():
+            ready = select.select([self._server, *(() if self.frozen.is_set() else other)], [], [], 0.01)[0]
+            for end in ready:
+                if end is self._server:
+                    here, _ = self._server.accept()
+                    try:
+                        there = socket.create_connection(self._to)
+                    except OSError:
+                        here.close()
+                        continue
+                    other.update({here: there, there: here})
+                    self._servers.add(there)
+                elif end in other and not self.frozen.is_set():
+                    data = received(end)
+                    if data:
+                        with suppress(OSError):
+                            other[end].sendall(self._spoil(data) if end in self._servers else data)
+                    else:
+                        for gone in (other.pop(end), end):
+                            other.pop(gone, None)
+                            gone.close()
+        for end in (*other, self._server):
+            end.close()
+
+
+def received(connection):
+    try:
+        return connection.recv(4096)
+    except OSError:
+        return b""

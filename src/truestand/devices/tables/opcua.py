@@ -5,6 +5,7 @@ Everything that tells the state is read in one request. A connection that was lo
 
 import asyncio
 import logging
+import struct
 import threading
 import time
 from collections.abc import Coroutine
@@ -28,9 +29,10 @@ GONE = (
     ua.StatusCodes.BadShutdown, ua.StatusCodes.BadServerHalted, ua.StatusCodes.BadNotConnected,
 )  # fmt: skip
 """What a server says that leaves."""
+NOT_READ = (ValueError, TypeError, LookupError, AttributeError, AssertionError, struct.error)
+"""What asyncua raises at damaged answers, found by damaging them."""
 
-for name in ("asyncua", "asyncio"):  # what goes wrong is told by our own errors
-    logging.getLogger(name).addHandler(logging.NullHandler())
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ class OpcUaTable:
     def close(self) -> None:
         """Leave the server and end the thread."""
         with self._lock:
-            self._drop()
+            self._drop(politely=True)
 
     def _out(self, angle: float) -> ua.Variant:
         value = degrees(angle) if self._recipe.unit == "deg" else angle
@@ -145,18 +147,15 @@ class OpcUaTable:
             if wrong.code in GONE:
                 raise lost(self.name, f"it left ({type(wrong).__name__})") from wrong
             raise refused(self.name, type(wrong).__name__, ADVICE) from wrong
-        except ua.UaError as wrong:
+        except (ua.UaError, *NOT_READ) as wrong:
             self._drop()
-            raise nonsense(self.name, str(wrong)[:80], "an answer of OPC UA") from wrong
-        except BaseException:
-            self._drop()
-            raise
+            raise nonsense(self.name, repr(wrong)[:80], "an answer of OPC UA") from wrong
 
-    def _drop(self) -> None:
-        """Leave; a server that is gone costs one timeout at most."""
+    def _drop(self, politely: bool = False) -> None:
+        """End connection and thread; only who is polite waits for the server to say goodbye, a timeout at most."""
         if self._loop is None:
             return
-        asyncio.run_coroutine_threadsafe(self._leave(), self._loop).result()
+        asyncio.run_coroutine_threadsafe(self._leave(politely), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
@@ -166,10 +165,12 @@ class OpcUaTable:
         assert self._client is not None
         return await self._client.read_values(variables)
 
-    async def _leave(self) -> None:
+    async def _leave(self, politely: bool) -> None:
         if self._client is not None:
-            with suppress(TimeoutError, OSError, ua.UaError):
-                await asyncio.wait_for(self._client.disconnect(), self._timeout)
+            if politely:
+                with suppress(TimeoutError, OSError, ua.UaError):
+                    await asyncio.wait_for(self._client.disconnect(), self._timeout)
+            self._client.disconnect_socket()
         tasks = asyncio.all_tasks() - {asyncio.current_task()}
         for task in tasks:
             task.cancel()

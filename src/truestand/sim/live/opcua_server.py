@@ -18,8 +18,7 @@ PUBLISH = 0.1
 Value = float | bool | str
 Method = Callable[..., bool | None]
 
-for name in ("asyncua", "asyncio"):
-    logging.getLogger(name).addHandler(logging.NullHandler())
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
 
 
 class OpcUaServer(Serving):
