@@ -20,6 +20,7 @@ from truestand.station.recipe import Order, order_from
 from truestand.station.sync import TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
 
 Array = NDArray[np.float64]
+Column = NDArray[Any] | None
 
 CUT_OFF = "the recording was cut off before its end"
 COVERAGE_SLACK = radians(0.2)
@@ -157,24 +158,31 @@ class Stream:
 
 
 def _decoded(layout: Layout, frames: list[Record]) -> Stream:
-    unwrapper = Unwrapper(layout)
-    found = [unwrapper.go_on(decode(layout, frame.payload)) for frame in frames]
-    n = [len(p.x) for p in found]
-    counters = [
-        np.arange(len(p.x)) + (frame.number - frames[0].number) * layout.profiles if p.counter is None else p.counter
-        for p, frame in zip(found, frames, strict=True)
-    ]
-    counter = np.concatenate(counters).astype(np.int64)
-    times = [p.time for p in found if p.time is not None]
-    encoders = [p.encoder for p in found if p.encoder is not None]
+    """All frames in one go on; x and z are filled in place, so that a long scan is in memory once."""
+    unwrapper, most = Unwrapper(layout), len(frames) * layout.profiles
+    x, z = np.empty((most, layout.points)), np.empty((most, layout.points))
+    columns: list[tuple[Column, ...]] = []
+    n = 0
+    for frame in frames:
+        found = unwrapper.go_on(decode(layout, frame.payload))
+        rows = slice(n, n := n + len(found.x))
+        x[rows], z[rows] = found.x, found.z
+        first = (frame.number - frames[0].number) * layout.profiles
+        counter = np.arange(len(found.x)) + first if found.counter is None else found.counter
+        columns.append((counter, found.time, found.encoder, np.full(len(found.x), frame.time)))
+    numbers, time, encoder, arrived = (_joined(column) for column in zip(*columns, strict=True))
+    assert numbers is not None and arrived is not None
+    counts = numbers.astype(np.int64)
     return Stream(
-        np.concatenate([p.x for p in found]),
-        np.concatenate([p.z for p in found]),
-        counter,
-        np.concatenate(times) if len(times) == len(found) else counter / layout.rate,
-        np.concatenate(encoders) if len(encoders) == len(found) else None,
-        np.repeat([frame.time for frame in frames], n),
-    )
+        x[:n], z[:n], counts, counts / layout.rate if time is None else time,
+        None if encoder is None else encoder.astype(np.int64), arrived,
+    )  # fmt: skip
+
+
+def _joined(column: tuple[Column, ...]) -> NDArray[Any] | None:
+    """One column of the whole stream; None where a frame lacks it."""
+    pieces = [piece for piece in column if piece is not None]
+    return np.concatenate(pieces) if len(pieces) == len(column) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +219,14 @@ def _scan(log: Log, i: int) -> Converted:
         "synchronisation": placed.told,
     }
     stand = _stand_of(log.stand, plan, placed)
-    return Converted(plan.name, stand, _recording(decoded, placed, kept, acquisition, stand))
+    return Converted(plan.name, stand, _recording(decoded, placed, _rows(kept), acquisition, stand))
+
+
+def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
+    """What is kept, as a slice where it is one piece: a slice costs no copy of millions of points."""
+    rows = np.flatnonzero(kept)
+    whole = rows[-1] - rows[0] + 1 == rows.size
+    return slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
 
 
 def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
@@ -272,17 +287,17 @@ def _stand_of(stand: Stand, plan: SensorPlan, placed: Placed) -> Stand:
 
 
 def _recording(
-    decoded: Stream, placed: Placed, kept: NDArray[np.bool_], acquisition: Mapping[str, Any], stand: Stand
+    decoded: Stream, placed: Placed, rows: slice | NDArray[np.intp], acquisition: Mapping[str, Any], stand: Stand
 ) -> Recording:
     counts = placed.position / tau * stand.counts_per_turn if placed.source == "encoder" else None
     return Recording(
-        decoded.x[kept],
-        decoded.z[kept],
+        decoded.x[rows],
+        decoded.z[rows],
         "recorded",
         "",
-        time=decoded.time[kept],
-        angle=placed.position[kept] if placed.source == "clock" else None,
-        encoder=None if counts is None else np.rint(counts[kept]),
-        counter=decoded.counter[kept],
+        time=decoded.time[rows],
+        angle=placed.position[rows] if placed.source == "clock" else None,
+        encoder=None if counts is None else np.rint(counts[rows]),
+        counter=decoded.counter[rows],
         acquisition=acquisition,
     )
