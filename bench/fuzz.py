@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from exports import gocator, gocator_profiles, joescan, joescan_profile, packed, scancontrol, sick
+
 TOKENS = (
     b"1e309", b"-1e309", b"nan", b"inf", b"-", b"", b"1,5", b"1.5", b"\0", b"\xef\xbb\xbf", b"2147483648", b"-1",
     b"9" * 400, b"9" * 5000, b"1_0", b"0x10", b"1e-400", b"1e308", b"true", b"null", b'"', b"{}", b"\r", b"\n", b"\r\n",
@@ -51,9 +53,22 @@ def read_or_refused(kind: str, path: Path) -> str | None:
 
 
 def _scan(path: Path) -> None:
-    from truestand.files.read import info, read_recording
+    from truestand.files.read import recordings
 
-    recording = read_recording(path)
+    for read in recordings(path).values():
+        _valid(read())
+
+
+def _raw(path: Path) -> None:
+    from truestand.files.read import read_recording
+    from truestand.files.scancontrol_raw import RawLayout
+
+    _valid(read_recording(path, layout=RawLayout("29xx-50", 16)))
+
+
+def _valid(recording: Any) -> None:
+    from truestand.files.read import info
+
     shape = recording.x.shape
     matrices = [m for m in (recording.x, recording.z, recording.intensity) if m is not None]
     assert all(m.shape == shape and m.dtype == np.float64 and m.size and not np.isinf(m).any() for m in matrices)
@@ -252,6 +267,10 @@ FORMATS = {
         b"profile\tpoint\tx_mm\tz_mm\r0\t1\t1.5\t90\r",
     ]),
     "native": Format(_native, _native_files),
+    "gocator": Format(_scan, lambda: [gocator(), gocator_profiles(), gocator_profiles(raw=True)]),
+    "joescan": Format(_scan, lambda: [joescan(), packed(joescan(1)), joescan_profile([(1, 2, 3)], encoders=())]),
+    "sick": Format(_scan, lambda: [sick(), sick(order="little")]),
+    "raw": Format(_raw, lambda: [scancontrol()]),
     "points": Format(_points, lambda: [
         b"# c\nx;y;z\n1,5;-2;3\n4;5;0,006\n", b"1.5 -2 3 9\r\n4 5 6e-3 9\r\n", b"1.5,-2.0,3.0\r4.0,5.0,nan\r",
     ]),

@@ -144,6 +144,19 @@ def test_every_key_of_the_recipes_is_explained():
             assert re.search(rf"`[^`]*\b{key}[`\]]", text), key
 
 
+def test_every_key_of_a_sensor_device_is_explained():
+    from truestand.devices.sensors.recipe import SensorRecipe
+    from truestand.files.checking import checked
+
+    page = ROOT / "docs" / "protocols-sensors.md"
+    text = page.read_text(encoding="utf-8")
+    for key in SensorRecipe.model_fields:
+        assert f"`{key}`" in text, key
+    (example,) = code(page, "toml")
+    for given in tomllib.loads(example)["devices"]["sensor"]:
+        checked(SensorRecipe, given, page.name)
+
+
 def test_nothing_names_a_machine_or_a_package_host_and_no_figure_is_missing():
     for page in PAGES:
         text = page.read_text(encoding="utf-8")

@@ -9,8 +9,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from command import run
+from exports import scancontrol
 from truestand.files.points import read_ply
 
+LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
 COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "form", "compare", "schema"]
 
 
@@ -184,6 +186,35 @@ def test_info(bench):
     assert plain["format"] == "xyz blocks"
     assert plain["revolutions"] is None
     assert plain["points_seen"] == facts["points_seen"]
+
+
+def test_a_file_of_several_heads_is_listed_and_taken_apart(tmp_path):
+    facts = json.loads(run("info", LOG, "--json").stdout)
+    Draft202012Validator(json.loads(run("schema", "info").stdout)).validate(facts)
+    assert (facts["format"], facts["profiles"], len(facts["recordings"])) == ("joescan raw", 24, 6)
+    assert "--pick head2-camera1  4 profiles" in run("info", LOG).stdout
+    refused = run("import", LOG, "-o", tmp_path / "log.h5")
+    assert refused.returncode == 2
+    assert "head2-camera1" in refused.stderr
+    assert run("import", LOG, "--pick", "head2-camera1", "-o", tmp_path / "log.h5", "-q").returncode == 0
+    taken = [json.loads(run("info", path, "--json").stdout) for path in (tmp_path / "log.h5", LOG)]
+    own = {key: taken[0][key] for key in ("profiles", "points_per_profile", "points_seen")}
+    assert own == {key: taken[1]["recordings"][5][key] for key in own}
+    one = json.loads(run("info", LOG, "--pick", "head2-camera1", "--json").stdout)
+    assert one["points_seen"] == own["points_seen"]
+
+
+def test_a_raw_dump_is_imported_as_told_and_refused_with_what_to_tell(tmp_path):
+    (tmp_path / "dump.raw").write_bytes(scancontrol(20, 640))
+    refused = run("import", "dump.raw", "-o", "k.h5", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "--points 640" in refused.stderr
+    assert "--raw-type" in run("info", "dump.raw", "--points", "640", cwd=tmp_path).stderr
+    layout = ("--raw-type", "2950-50", "--points", "640")
+    assert run("import", "dump.raw", *layout, "-o", "k.h5", cwd=tmp_path).returncode == 0
+    facts = [json.loads(run("info", *f, "--json", cwd=tmp_path).stdout) for f in (("k.h5",), ("dump.raw", *layout))]
+    assert [f["format"] for f in facts] == ["native", "scancontrol raw"]
+    assert all((f["profiles"], f["points_seen"], f["angle_source"]) == (20, 12800, "encoder") for f in facts)
 
 
 def test_the_report_is_one_file_that_explains_itself(bench):

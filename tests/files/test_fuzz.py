@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from exports import gocator, joescan, joescan_profile, packed, sick
 from fuzz import FORMATS, PLY, TOKENS, calibration, edit_native, native, read_or_refused
 from truestand.core.errors import TruestandError
 from truestand.files.points import read_points
@@ -331,6 +332,23 @@ def hollow(path, **shapes):
 
 HUGE = 2**31 - 1
 CLAIMS = {
+    "joescan, points": ("joescan", lambda path: path.write_bytes(joescan_profile()[:-4] + struct.pack("<i", HUGE))),
+    "joescan, encoders": (
+        "joescan",
+        lambda path: path.write_bytes(joescan()[:14] + struct.pack("<i", HUGE) + joescan()[18:]),
+    ),
+    "joescan, a bomb": ("joescan", lambda path: path.write_bytes(packed(joescan_profile() * 150_000))),
+    "joescan, a bomb of nothing": ("joescan", lambda path: path.write_bytes(packed(joescan() + bytes(10**8)))),
+    "joescan, one long profile": (
+        "joescan",
+        lambda path: path.write_bytes(joescan_profile() * 5_000 + joescan_profile([(1, 2, 3)] * 5_000)),
+    ),
+    "sick": ("sick", lambda path: path.write_bytes(sick(Width=HUGE, Height=HUGE))),
+    "gocator": ("gocator", lambda path: path.write_bytes(gocator().replace(b",2,3,", b",%d,%d," % (HUGE, HUGE)))),
+    "gocator, a frame's number": (
+        "gocator",
+        lambda path: path.write_bytes(gocator().replace(b"\n1,0,", b"\n" + b"9" * 5000 + b",0,")),
+    ),
     "ply": ("ply", lambda path: path.write_bytes((PLY % b"binary_little_endian").replace(b"x 2", b"x %d" % HUGE))),
     "ascii ply": ("ply", lambda path: path.write_text(ply_of(HUGE, "1 2 3\n"))),
     "ds": ("ds", lambda path: path.write_text(f"{HUGE}\n1 2 3\n")),

@@ -1,5 +1,10 @@
 """``truestand demo``: the main job on the virtual stand, from nothing to the verdict on a gear and its report."""
 
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,9 +17,12 @@ if TYPE_CHECKING:
     from truestand.core.artefact import Artefact
     from truestand.core.calibration import Calibration
     from truestand.core.inspection import Inspection
+    from truestand.core.scan import Scan
     from truestand.core.stand import Stand
-    from truestand.sim import Simulation
+    from truestand.station.recipe import DevicesRecipe
 
+PACE = 20.0
+"""Times real time; the virtual stand is slower where the machine can't draw as fast."""
 MADE = (
     "k1.h5", "truth.json", "calibration.json", "calibration-paper.json", "cloud.ply", "report.html",
     "gear.h5", "gear-truth.json", "inspection.json", "gear.ply", "gear-report.html",
@@ -30,17 +38,21 @@ def demo(
 ) -> None:
     """Scan a shaft on the virtual stand, calibrate, scan a gear with a few errors, inspect it, report.
 
+    Table and sensor answer over Modbus TCP and GigE Vision on this machine, as real ones would, only faster.
+
     Example: truestand demo --open
     """
+    from truestand.cli.live import ended_by_signals
     from truestand.cli.talk import print_table
     from truestand.files.recipes import STARTERS, write_starters
     from truestand.report.terminal import inspection_table, summary_table
 
     _refuse_real_scans(out)
     write_starters(out, force=True)
-    bench = _bench(out)
-    calibration, paper, truth = _calibrate(bench, quiet)
-    inspection, gear_truth = _inspect(bench, calibration, quiet)
+    bench = _bench(out, quiet)
+    with ended_by_signals(), _virtual_stand(out):
+        calibration, paper, truth = _calibrate(bench)
+        inspection, gear_truth = _inspect(bench, calibration)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
         print_table(inspection_table(inspection, gear_truth))
@@ -53,23 +65,96 @@ def demo(
 
 @dataclass(frozen=True)
 class Bench:
-    """The virtual stand of the starter recipes, and the folder that it writes to."""
+    """The recipes of the demo, and the folder that it writes to."""
 
     out: Path
     stand: "Stand"
+    devices: "DevicesRecipe"
     shaft: "Artefact"
-    simulation: "Simulation"
+    quiet: bool
+
+    def scan(self, name: str, what: str) -> "Scan":
+        """Take a scan with the stand at its addresses, into the folder."""
+        from truestand.cli.live import live_bar
+        from truestand.core.errors import DeviceError
+        from truestand.files.read import read_scan
+        from truestand.station.recipe import order_of
+        from truestand.station.scan import take_scan
+
+        order = order_of(self.stand, self.devices.acquire)
+        with live_bar(self.quiet, what) as show:
+            taken = take_scan(self.out / "stand.toml", self.stand, self.devices, order, self.out / name, show)
+        if taken.interrupted:
+            raise KeyboardInterrupt
+        if not taken.complete:
+            reasons = "; ".join(r for w in taken.written for r in w.scan.reasons)
+            raise DeviceError(f"the virtual stand gave no complete scan: {reasons}; close other programs and try again")
+        return read_scan(self.out / name)
+
+    def mount_part(self) -> None:
+        """What an operator's hands do: put the gear on the shaft."""
+        from truestand.devices.gige.camera import Camera
+
+        device = self.devices.sensor[0]
+        camera = Camera(device.name, device.address, device.heartbeat_ms)
+        try:
+            camera.nodes.set("VirtualMounted", "Part")
+        finally:
+            camera.close()
 
 
-def _bench(out: Path) -> Bench:
-    from truestand.files.recipes import read_shaft, read_simulation, read_stand
-    from truestand.sim import simulation_from
+def _bench(out: Path, quiet: bool) -> Bench:
+    from truestand.files.recipes import read_shaft
+    from truestand.station.latch import latch_path
+    from truestand.station.recipe import read_devices
 
-    stand, shaft = read_stand(out / "stand.toml"), read_shaft(out / "shaft.toml")
-    return Bench(out, stand, shaft, simulation_from(read_simulation(out / "stand.toml")))
+    _move_to_free_addresses(out / "stand.toml")
+    latch_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
+    stand, devices = read_devices(out / "stand.toml")
+    for left in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
+        (out / left).unlink(missing_ok=True)
+    return Bench(out, stand, devices, read_shaft(out / "shaft.toml"), quiet)
 
 
-def _calibrate(bench: Bench, quiet: bool) -> tuple["Calibration", "Calibration", dict[str, Any]]:
+def _move_to_free_addresses(recipe: Path) -> None:
+    """Have the demo's stand answer where nobody else does, so that demos can run side by side."""
+    import os
+    import socket
+    import sys
+
+    from truestand.files.atomic import write_text_atomic
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        table = f"127.0.0.1:{free.getsockname()[1]}"
+    own = os.getpid() % 65_000
+    sensor = f"127.77.{own // 250}.{own % 250 + 1}" if sys.platform == "linux" else "127.0.0.1"
+    text = recipe.read_text(encoding="utf-8")
+    text = text.replace('address = "127.0.0.1:5020"', f'address = "{table}"')
+    write_text_atomic(recipe, text.replace('address = "127.0.0.1"', f'address = "{sensor}"'))
+
+
+@contextmanager
+def _virtual_stand(out: Path) -> Iterator[None]:
+    """The virtual stand, in a process of its own, as ``truestand stand simulate`` serves it."""
+    from truestand.core.errors import DeviceLost
+
+    command = [
+        sys.executable, "-m", "truestand", "stand", "simulate", str(out / "stand.toml"),
+        "--artefact", str(out / "shaft.toml"), "--part", str(out / "gear.toml"), "--mounted", "shaft",
+        "--pace", str(PACE), "--truth", str(out / "gear-truth.json"),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    assert process.stdout is not None and process.stderr is not None
+    try:
+        if not process.stdout.readline():
+            raise DeviceLost(process.stderr.read().decode(errors="replace").removeprefix("truestand: ").strip())
+        yield
+    finally:
+        process.terminate()
+        process.communicate(timeout=10)
+
+
+def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, Any]]:
     """Scan the shaft, calibrate by both methods, write all of it: ours, the paper's, the truth."""
     from truestand.cli.talk import now, working
     from truestand.core.calibrate import calibrate
@@ -77,19 +162,14 @@ def _calibrate(bench: Bench, quiet: bool) -> tuple["Calibration", "Calibration",
     from truestand.core.surface import roll
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
-    from truestand.files.read import read_scan
     from truestand.files.records import write_calibration
-    from truestand.files.write_scan import write_recording
     from truestand.report.calibration import calibration_report
-    from truestand.sim import simulate, truth_record
 
-    out = bench.out
-    with working("Scanning the shaft on the virtual stand", quiet) as advance:
-        simulated = simulate(bench.stand, bench.simulation, bench.shaft, 0, advance)
-        write_recording(simulated.recording, out / "k1.h5", bench.stand, force=True)
-    truth = truth_record(simulated.truth)
+    out, quiet = bench.out, bench.quiet
+    truth = json.loads((out / "gear-truth.json").read_text(encoding="utf-8"))
+    truth.pop("part")
     write_json_atomic(out / "truth.json", truth)
-    scan = read_scan(out / "k1.h5")
+    scan = bench.scan("k1.h5", "Scanning the shaft")
     with working("Calibrating", quiet):
         calibration = replace(calibrate(scan, bench.shaft), created=now())
         paper = calibrate(scan, bench.shaft, "paper")
@@ -104,35 +184,27 @@ def _calibrate(bench: Bench, quiet: bool) -> tuple["Calibration", "Calibration",
     return calibration, paper, truth
 
 
-def _inspect(bench: Bench, calibration: "Calibration", quiet: bool) -> tuple["Inspection", dict[str, Any]]:
+def _inspect(bench: Bench, calibration: "Calibration") -> tuple["Inspection", dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
     from truestand.cli.inspect import Written, write
     from truestand.cli.talk import now, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.surface import roll
     from truestand.core.transfer import transfer
-    from truestand.files.atomic import write_json_atomic
     from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_part, read_part_simulation
-    from truestand.files.read import read_scan, sha256_of
-    from truestand.files.write_scan import write_recording
+    from truestand.files.parts import read_part
+    from truestand.files.read import sha256_of
     from truestand.parts.inspect import inspect
-    from truestand.sim import simulate, truth_record, virtual_part_from
 
-    out = bench.out
-    part = read_part(out / "gear.toml")
-    virtual = virtual_part_from(part, read_part_simulation(out / "gear.toml"), "gear.toml: [simulation]")
-    with working("Scanning the gear on the virtual stand", quiet) as advance:
-        simulated = simulate(bench.stand, bench.simulation, bench.shaft, 1, advance, virtual)
-        write_recording(simulated.recording, out / "gear.h5", bench.stand, force=True)
-    truth = truth_record(simulated.truth)
-    write_json_atomic(out / "gear-truth.json", truth)
-    scan = read_scan(out / "gear.h5")
+    out, quiet = bench.out, bench.quiet
+    bench.mount_part()
+    scan = bench.scan("gear.h5", "Scanning the gear")
+    truth = json.loads((out / "gear-truth.json").read_text(encoding="utf-8"))
     with working("Inspecting", quiet):
         tied = transfer(scan, calibration)
         surface = roll(tied.scan, tied.calibration)
         created = now()
-        inspection = replace(inspect(surface, part), created=created)
+        inspection = replace(inspect(surface, read_part(out / "gear.toml")), created=created)
         sha256 = sha256_of(out / "calibration.json")
         record = inspection_record(inspection, tied.calibration, ScanSummary.of(scan), sha256, created)
     with working("Writing the gear's report", quiet):

@@ -8,6 +8,7 @@ import typer
 
 from truestand._version import __version__
 from truestand.cli import (
+    acquire,
     calibrate,
     compare,
     demo,
@@ -17,9 +18,11 @@ from truestand.cli import (
     info,
     init,
     inspect,
+    recover,
     roll,
     schema,
     simulate,
+    stand,
     verify,
 )
 from truestand.core.errors import TruestandError
@@ -49,6 +52,9 @@ app.command("inspect")(inspect.inspect)
 app.command("identify")(identify.identify)
 app.command("form")(form.form)
 app.command("compare")(compare.compare)
+app.command("acquire")(acquire.acquire)
+app.command("recover")(recover.recover)
+app.add_typer(stand.app, name="stand")
 app.command("schema")(schema.schema)
 
 

@@ -1,5 +1,7 @@
 """The calibration: one scan of the artefact in; where the sensor stands and how the shaft runs out."""
 
+from dataclasses import replace
+
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Method
 from truestand.core.conclude import conclude
@@ -22,8 +24,13 @@ def calibrate(scan: Scan, artefact: Artefact, method: Method = "stand") -> Calib
     """
     segments = segment(scan, artefact)
     if method == "paper":
-        return calibrate_paper(scan, artefact, segments)
+        return _doubted(calibrate_paper(scan, artefact, segments), scan)
     start = rough_stand(scan, segments, artefact)
     fit = refine(scan, segments, artefact, start)
     fit = with_height(scan, artefact, fit)
-    return conclude(scan, artefact, fit)
+    return _doubted(conclude(scan, artefact, fit), scan)
+
+
+def _doubted(calibration: Calibration, scan: Scan) -> Calibration:
+    """A scan that isn't proven whole carries its doubts on."""
+    return replace(calibration, reasons=(*calibration.reasons, *scan.doubts)) if scan.doubts else calibration

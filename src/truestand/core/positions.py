@@ -68,7 +68,7 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
     checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(differ))
-    reasons = [*found.reasons, *_reasons_of_others(scans, fits, artefact)]
+    reasons = [*found.reasons, *(d for scan in scans for d in scan.doubts), *_reasons_of_others(scans, fits, artefact)]
     reasons += [f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok]
     return replace(found, positions=positions, checks=(*found.checks, *checks), reasons=tuple(reasons))
 

@@ -3,9 +3,10 @@
 NaN = not seen. No point is ever dropped; a row is a profile, in the order of the file.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import tau
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ class Recording:
     format: str
     sha256: str
     y: Array | None = None
-    """The Y block of an XYZ file: its meaning is ``[scan] y`` in stand.toml."""
+    """The Y block of an XYZ file, or a height map's Y in mm: its meaning is ``[scan] y`` in stand.toml."""
     time: Array | None = None
     """s."""
     angle: Array | None = None
@@ -41,6 +42,8 @@ class Recording:
     """(N, M), sensor units."""
     stand: Stand | None = None
     """The stand that the file carries (native files)."""
+    acquisition: Mapping[str, Any] | None = None
+    """How it was recorded, where truestand did: ``complete``, ``reasons``, what was lost (docs/formats.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +63,8 @@ class Scan:
     time: Array | None = None
     counter: NDArray[np.int64] | None = None
     intensity: Array | None = None
+    doubts: tuple[str, ...] = ()
+    """Why it isn't proven to be whole; empty where it is, or where nobody says."""
 
     @property
     def profiles(self) -> int:
@@ -98,7 +103,17 @@ def interpret(recording: Recording, stand: Stand | None = None, start_angle: flo
     angle, source = table_angle(recording, stand, start_angle)
     x = -recording.x if stand.sensor.mirrored else recording.x
     z = _within_range(recording.z, stand.sensor.range)
-    return Scan(x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity)
+    return Scan(
+        x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity,
+        _doubts(recording),
+    )  # fmt: skip
+
+
+def _doubts(recording: Recording) -> tuple[str, ...]:
+    if recording.acquisition is None or recording.acquisition.get("complete") is True:
+        return ()
+    told = recording.acquisition.get("reasons") or ["nothing proves it whole"]
+    return tuple(f"the scan is incomplete: {reason}; scan again" for reason in told)
 
 
 def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:
@@ -108,7 +123,7 @@ def table_angle(recording: Recording, stand: Stand, start_angle: float | None = 
         BadRecipe: the stand lacks what the available source needs.
     """
     sign = stand.table.sign
-    encoder = recording.y if stand.y == "encoder" else recording.encoder
+    encoder = recording.y if stand.y == "encoder" and recording.encoder is None else recording.encoder
     if encoder is not None:
         if stand.counts_per_turn <= 0:
             raise BadRecipe("the scan has encoder counts but [scan] counts_per_turn is 0; state the counts of one turn")

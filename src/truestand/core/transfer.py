@@ -63,8 +63,8 @@ def _doubted(calibration: Calibration, doubts: tuple[str, ...]) -> Calibration:
 
 
 def configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
-    """Settings of the scan's stand that can't both be right."""
-    doubts = []
+    """A scan that isn't whole, and settings of its stand that can't both be right."""
+    doubts = list(scan.doubts)
     if scan.stand.table.direction != calibration.stand.table.direction:
         doubts.append(
             f"the scan's table turns {scan.stand.table.direction}, the calibration's "

@@ -37,8 +37,9 @@ class DriveState:
 class Drive(Protocol):
     """What a driver must do. Every call returns at once, or raises ``DeviceLost`` within its connection's timeout."""
 
-    name: str
-    """For people: protocol and address."""
+    @property
+    def name(self) -> str:
+        """For people: protocol and address."""
 
     def start_home(self) -> None:
         """Begin to look for the home position."""

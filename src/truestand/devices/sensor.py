@@ -24,7 +24,7 @@ class Frame:
     """s of the host's monotonic clock, when its last byte was there."""
     payload: bytes
     missing: int = 0
-    """Bytes that never came, even when asked for again; they are zero in ``payload``."""
+    """Bytes that never came, even when asked for again. Each profile that lacks some is all zero in ``payload``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Profiles:
     """(n, points) mm; NaN = not seen."""
     z: Array
     counter: NDArray[np.int64] | None = None
-    """(n,) as the sensor counts, before unwrapping."""
+    """(n,) as the sensor counts, before unwrapping; -1 = came incomplete, without a stamp."""
     time: Array | None = None
     """(n,) s of the sensor's clock, middle of the exposure, before unwrapping."""
     encoder: NDArray[np.int64] | None = None
@@ -46,7 +46,8 @@ class Profiles:
 class Layout:
     """How to read a payload; it stands in the head of every log, so that a log explains itself."""
 
-    kind: Literal["scancontrol", "range-camera"]
+    kind: Literal["scancontrol", "range-camera", "plain"]
+    """``plain``: numbers in mm as they are, from a recorded scan."""
     model: str
     """Sensor type, which gives the scale."""
     points: int
@@ -64,7 +65,8 @@ class Layout:
     @property
     def frame_bytes(self) -> int:
         """Size of a whole payload."""
-        return self.profiles * self.points * 2 * (3 if self.kind == "scancontrol" else 1)
+        of_profile = {"scancontrol": 6 * self.points, "range-camera": 2 * self.points, "plain": 24 + 16 * self.points}
+        return self.profiles * of_profile[self.kind]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +75,28 @@ class StreamStatistics:
 
     frames: int = 0
     lost: int = 0
-    """Frames of which nothing, or too little, arrived."""
+    """Frames of which nothing arrived, or that nobody took in time."""
     incomplete: int = 0
     """Frames handed on with bytes missing."""
     resent: int = 0
     """Packets that came after they had been asked for again."""
     packets: int = 0
     duplicates: int = 0
+    """Packets that came twice, or too late for their frame."""
+    foreign: int = 0
+    """Packets from another address than the sensor's: not looked at."""
+    malformed: int = 0
+    """Packets that don't fit the stream: not used."""
+    overrun: int = 0
+    """Those of ``lost`` that arrived, but the program was too slow to take."""
 
 
 class LineSensor(Protocol):
     """What a sensor driver must do. Calls raise ``DeviceLost`` within the connection's timeout, or ``DeviceError``."""
 
-    name: str
-    """As in stand.toml."""
+    @property
+    def name(self) -> str:
+        """As in stand.toml."""
 
     def identity(self) -> dict[str, str]:
         """Maker, model, serial, firmware: what the device says of itself."""

@@ -1,7 +1,7 @@
 """Recipes checked key by key: an unknown key is refused with the nearest right one, a wrong value is named."""
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from types import UnionType
@@ -67,9 +67,11 @@ def _is(value: Any, hint: Any) -> bool:
 def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
     """The first problem of a recipe in one plain line; unknown keys before everything else."""
     first = min(wrong.errors(), key=lambda e: e["type"] != "extra_forbidden")
+    message = str(first["msg"]).removeprefix("Value error, ")
+    if first["type"] == "value_error" and isinstance(first["input"], Mapping):  # about a table as a whole
+        return f"{_inside(first['loc'])}{message}"
     *parents, key = first["loc"] or ("",)
-    place = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in parents).lstrip(".")
-    inside = f"[{place}] " if place else ""
+    inside = _inside(parents)
     if first["type"] == "extra_forbidden":
         known = _keys(model, tuple(parents))
         near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.4)
@@ -77,8 +79,13 @@ def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
         return f"{inside}unknown key {key!r}; {advice}"
     if first["type"] == "missing":
         return f"{inside}key {key!r} is missing"
-    message = str(first["msg"]).removeprefix("Value error, ")
     return f"{inside}{key}: found {first['input']!r}; {message[0].lower()}{message[1:]}"
+
+
+def _inside(place: Sequence[int | str]) -> str:
+    """Where in the recipe, e.g. ``[devices.sensor[1]] ``; tables of a list count from 1."""
+    words = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in place).lstrip(".")
+    return f"[{words}] " if words else ""
 
 
 def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:

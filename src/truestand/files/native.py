@@ -58,6 +58,8 @@ def write_native(recording: Recording, path: Path, stand: Stand | None = None) -
         file.attrs["source_sha256"] = recording.sha256
         if stand is not None:
             file.attrs["stand"] = json.dumps(stand_recipe(stand))
+        if recording.acquisition is not None:
+            file.attrs["acquisition"] = json.dumps(dict(recording.acquisition), allow_nan=False)
         _write_scales(file, *recording.x.shape)
         for name in ("x", "z"):
             _write_matrix(file, name, getattr(recording, name), "mm")
@@ -95,7 +97,7 @@ def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
     x, z = _dataset(file, "x", name), _dataset(file, "z", name)
     if len(z.shape) != 2 or x.shape != z.shape or not 0 < z.shape[0] * z.shape[1] < MOST_READINGS:
         raise UnreadableFile(f"{name}: found x {x.shape} and z {z.shape}, need two equal matrices of readings")
-    stand = file.attrs.get("stand")
+    stand, acquisition = file.attrs.get("stand"), file.attrs.get("acquisition")
     columns: dict[str, Any] = {key: _read_column(file, key, z.shape[:1], name) for key in COLUMNS if key in file}
     return Recording(
         _read_matrix(x, name),
@@ -104,6 +106,7 @@ def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
         sha256,
         intensity=_read_intensity(file, z.shape, name) if "intensity" in file else None,
         stand=None if stand is None else stand_from_recipe(json.loads(stand)),
+        acquisition=None if acquisition is None else dict(json.loads(acquisition)),
         **columns,
     )
 

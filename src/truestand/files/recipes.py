@@ -61,12 +61,13 @@ class ScanRecipe(Recipe):
 
 
 class StandRecipe(Recipe):
-    """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand."""
+    """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station."""
 
     table: TableRecipe = TableRecipe()
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
     scan: ScanRecipe = ScanRecipe()
     simulation: dict[str, Any] = Field(default_factory=dict)
+    devices: dict[str, Any] = Field(default_factory=dict)
     serial: str | None = None
     order: str | None = None
     operator: str | None = None
@@ -137,6 +138,11 @@ def read_shaft(path: Path | str) -> Artefact:
 def read_simulation(path: Path | str) -> dict[str, Any]:
     """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
     return checked(StandRecipe, read_toml(path), str(path)).simulation
+
+
+def read_devices_table(path: Path | str) -> dict[str, Any]:
+    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none."""
+    return checked(StandRecipe, read_toml(path), str(path)).devices
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:

@@ -4,13 +4,11 @@ Records are versioned and append-only: a reader here understands every version e
 keeps its meaning (docs/decisions/0003).
 """
 
-import json
 import math
-import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,13 +30,12 @@ from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
+from truestand.files.json_text import parse_json
 from truestand.files.positions import positions_record, read_positions
 from truestand.files.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
 
 FORMAT = "truestand.calibration"
 VERSION = 1
-LONGEST_WHOLE = 300
-"""Digits of a whole number that float64 still holds."""
 LEAST_UPRIGHT = 1e-3
 """Cosine of a shaft's tilt."""
 LONGEST_MOVE = 1e9
@@ -172,41 +169,14 @@ def read_json(path: Path) -> Record:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-        record = json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_refuse)
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong})") from wrong
-    except _NoNumber as wrong:
-        place = re.search(rf"[:,\[]\s*{re.escape(wrong.found)}(?=\s*[,\]}}])", text)
-        line = text.count("\n", 0, place.end() if place else 0) + 1
-        raise UnreadableFile(
-            f"{path}: found {wrong.found[:40]} in line {line}, need finite numbers; give a record written by truestand"
-        ) from wrong
-    except (ValueError, RecursionError) as wrong:
+    except UnicodeDecodeError as wrong:
         raise UnreadableFile(f"{path}: no JSON ({wrong})") from wrong
+    record = parse_json(text, str(path), "give a record written by truestand")
     if not isinstance(record, dict):
         raise UnreadableFile(f"{path}: found JSON that is no object; give a record written by truestand")
     return record
-
-
-class _NoNumber(Exception):
-    """What JSON's grammar or Python's parser lets pass as a number, and is none."""
-
-    def __init__(self, found: str) -> None:
-        super().__init__(found)
-        self.found = found
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    return value if math.isfinite(value) else _refuse(text)
-
-
-def _whole(text: str) -> int:
-    return int(text) if len(text) <= LONGEST_WHOLE else _refuse(text)
-
-
-def _refuse(text: str) -> NoReturn:
-    raise _NoNumber(text)
 
 
 def _calibration(record: Record) -> Calibration:

@@ -75,6 +75,15 @@ def normal(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
     return block
 
 
+def written_out(row: bytes, cells: int) -> bytes:
+    """A comma-separated line with ``nan`` in its empty cells and at its end up to ``cells`` values."""
+    if not row.strip():
+        return b",".join([b"nan"] * cells)
+    if b",," in row or row.startswith(b",") or row.endswith(b",") or b", " in row:
+        row = b",".join(cell.strip() or b"nan" for cell in row.split(b","))
+    return row + b",nan" * (cells - row.count(b",") - 1)
+
+
 def check_text(data: bytes, name: str) -> None:
     """Refuse what is no number text.
 

@@ -26,6 +26,7 @@ from truestand.files.text import (
     refuse_cut_number,
     refuse_infinite,
     refuse_words,
+    written_out,
 )
 
 Array = NDArray[np.float64]
@@ -139,7 +140,7 @@ def _careful(lines: Lines, block: range, dialect: Dialect, name: str) -> Array:
             f"{name}: found {longest} values in line {block.start + cells.index(longest) + 1} and fewer than a "
             f"{MOST_FILLED}th of it in most others, need lines of like length; export it again"
         )
-    filled = [_written_out(row, longest) for row in rows]
+    filled = [written_out(row, longest) for row in rows]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "block.csv"
         file.write_bytes(b"\n".join(filled))
@@ -150,15 +151,6 @@ def _careful(lines: Lines, block: range, dialect: Dialect, name: str) -> Array:
             raise UnreadableFile(f"{name}: lines {block.start + 1} to {block.stop}: {wrong}") from wrong
     refuse_infinite(values, name, block.start + 1)
     return values
-
-
-def _written_out(row: bytes, cells: int) -> bytes:
-    """A line with ``nan`` in its empty cells and at its end up to ``cells`` values."""
-    if not row.strip():
-        return b",".join([b"nan"] * cells)
-    if b",," in row or row.startswith(b",") or row.endswith(b",") or b", " in row:
-        row = b",".join(cell.strip() or b"nan" for cell in row.split(b","))
-    return row + b",nan" * (cells - row.count(b",") - 1)
 
 
 def _same_shape(x: Array, z: Array, lines: Lines, blocks: tuple[range, range, range], name: str) -> tuple[Array, Array]:

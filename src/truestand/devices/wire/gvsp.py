@@ -14,7 +14,9 @@ HEADER, EXTENDED_HEADER = 8, 20
 IP_UDP_HEADERS = 28
 """Bytes that the packet size of a device counts beside GVSP's own header and data."""
 BLOCKS = 65535
-"""Standard block ids run from 1 to this and again from 1."""
+"""Standard block ids run from 1 to this and again from 1; some devices count from 0 to it instead."""
+FAILED = 0x8000
+"""Bit of a packet's status: the device can't send what it was asked for again."""
 
 
 class Kind(IntEnum):
@@ -74,11 +76,11 @@ def decode_header(data: bytes | bytearray | memoryview) -> Header:
     status, block, word = struct.unpack_from(">HHI", data)
     kind = word >> 24
     if not kind & 0x80:
-        return Header(block, word & 0xFFFFFF, kind & 0x0F, status)
+        return Header(block, word & 0xFFFFFF, kind & 0x7F, status)
     if len(data) < EXTENDED_HEADER:
         raise Malformed(f"found {len(data)} bytes, need {EXTENDED_HEADER} for an extended GVSP header")
     block, packet = struct.unpack_from(">QI", data, 8)
-    return Header(block, packet, kind & 0x0F, status, extended=True)
+    return Header(block, packet, kind & 0x7F, status, extended=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,50 @@
+"""JSON of others: no NaN, no infinity, no number of thousands of digits, no endless nesting."""
+
+import json
+import math
+import re
+from typing import Any, NoReturn
+
+from truestand.core.errors import UnreadableFile
+
+LONGEST_WHOLE = 300
+"""Digits of a whole number that float64 still holds."""
+
+
+def parse_json(text: str, name: str, advice: str) -> Any:
+    """What a JSON text holds.
+
+    Raises:
+        UnreadableFile: no JSON, or a number that isn't finite; ``name`` and ``advice`` stand in the message.
+    """
+    try:
+        return json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_refuse)
+    except _NoNumber as wrong:
+        place = re.search(rf"[:,\[]\s*{re.escape(wrong.found)}(?=\s*[,\]}}])", text)
+        line = text.count("\n", 0, place.end() if place else 0) + 1
+        raise UnreadableFile(
+            f"{name}: found {wrong.found[:40]} in line {line}, need finite numbers; {advice}"
+        ) from wrong
+    except (ValueError, RecursionError) as wrong:
+        raise UnreadableFile(f"{name}: no JSON ({wrong})") from wrong
+
+
+class _NoNumber(Exception):
+    """What JSON's grammar or Python's parser lets pass as a number, and is none."""
+
+    def __init__(self, found: str) -> None:
+        super().__init__(found)
+        self.found = found
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _refuse(text)
+
+
+def _whole(text: str) -> int:
+    return int(text) if len(text) <= LONGEST_WHOLE else _refuse(text)
+
+
+def _refuse(text: str) -> NoReturn:
+    raise _NoNumber(text)

@@ -1,0 +1,98 @@
+"""What one sensor of the virtual stand sees at given table angles: cast the fan, add what the optics add."""
+
+from math import tan
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from truestand.core.artefact import Artefact
+from truestand.core.stand import Stand
+from truestand.sim.cast import Hits, Rays, first_hits, hidden, rays_in_shaft
+from truestand.sim.cast_mesh import hidden_by, meet_body
+from truestand.sim.incidence import cosines, grazing, mixed
+from truestand.sim.parts import VirtualPart, scene_of
+from truestand.sim.simulation import Simulation
+from truestand.sim.trouble import Speckle, false_and_lost, noise, quantised, range_error
+from truestand.sim.truth import rotor_from_shaft, sensor_pose
+
+Array = NDArray[np.float64]
+
+
+class Caster:
+    """Draws profiles on demand; ``rng`` gives the noise, in the order of the calls.
+
+    Raises:
+        BadRecipe: a part that can't be, or not on this shaft.
+    """
+
+    def __init__(
+        self, stand: Stand, simulation: Simulation, artefact: Artefact, part: VirtualPart | None, rng: Generator
+    ) -> None:
+        self.simulation = simulation
+        self.table_from_sensor = sensor_pose(simulation.mounting, artefact)
+        """(4, 4)."""
+        self.shaft_from_rotor = _shaft_from_rotor(simulation)
+        """(4, 4)."""
+        self.points = stand.sensor.points or 640
+        self.mirrored = stand.sensor.mirrored
+        """The sensor reports -x."""
+        self._limits = stand.sensor.range or (0.0, 1e6)
+        self._rng = rng
+        self._scene = scene_of(artefact, simulation.workpiece, part)
+        self._has_part = part is not None
+        self._shoulder = artefact.base.top
+        reach = tan(simulation.optics.fan / 2)
+        self._slopes = np.linspace(-reach, reach, self.points)
+        pose = self.table_from_sensor
+        self._ways = pose[:3, 0, None] * self._slopes + pose[:3, 2, None]  # one unit of range along each ray
+        self._speckle = Speckle(simulation.optics, rng)
+
+    def rows(self, angle: Array) -> tuple[Array, Array]:
+        """x, not yet mirrored, and z (n, M) mm at true table angles (n,) rad; NaN in z = not seen."""
+        optics, rng, limits = self.simulation.optics, self._rng, self._limits
+        rays = rays_in_shaft(self.table_from_sensor[:3, 3], self._ways, angle, self.shaft_from_rotor)
+        hits = self._hits(rays)
+        true = self._visible(hits, rays, angle)
+        added: Array | float = 0.0
+        if self._has_part or optics.incidence_noise or optics.incidence_bias:
+            true, added = grazing(true, cosines(rays, hits, self._scene), optics, rng)
+        true = mixed(true, optics.mixed_pixels, rng)
+        seen = true + range_error(true, optics, limits) + noise(true.shape, optics, rng)
+        seen = seen + self._speckle(hits.psi, hits.height) + added
+        seen = false_and_lost(seen, hits.height, optics, limits, self._shoulder, rng)
+        with np.errstate(invalid="ignore"):
+            seen[(seen < limits[0]) | (seen > limits[1])] = np.nan
+        x = quantised(np.where(np.isfinite(true), true, seen) * self._slopes, optics.step_x)
+        return x, quantised(seen, optics.step_z)
+
+    def _hits(self, rays: Rays) -> Hits:
+        """The first hits on shaft and part."""
+        hits = first_hits(rays, self._scene.steps, self._scene.faces)
+        if self._scene.body is not None:
+            meet_body(rays, self._scene.body, hits)
+        return hits
+
+    def _visible(self, hits: Hits, rays: Rays, angle: Array) -> Array:
+        """Range of the hits, NaN where there is none or the camera does not see it."""
+        distance = np.where(np.isfinite(hits.distance), hits.distance, np.nan)
+        triangulation = self.simulation.optics.triangulation
+        if not triangulation:
+            return distance
+        pose = self.table_from_sensor
+        sideways = self.simulation.mounting.standoff * tan(triangulation)
+        camera = pose[:3, 3] + sideways * pose[:3, 1]
+        eye = rays_in_shaft(camera, np.zeros((3, 1)), angle, self.shaft_from_rotor).origin
+        points = rays.origin + distance * rays.direction
+        unseen = hidden(points, eye, self._scene.steps)
+        if self._scene.body is not None:
+            unseen |= hidden_by(points, eye, hits, self._scene.body)
+        return np.where(unseen, np.nan, distance)
+
+
+def _shaft_from_rotor(simulation: Simulation) -> Array:
+    back = rotor_from_shaft(simulation.running, simulation.mounting.azimuth)
+    pose = np.eye(4)
+    pose[:3, :3] = back[:3, :3].T
+    pose[:3, 3] = -back[:3, :3].T @ back[:3, 3]
+    return pose

@@ -1,0 +1,109 @@
+"""Faults on request: what a sensor, its network and the table may do wrong."""
+
+from enum import IntEnum
+from typing import Protocol
+
+from truestand.core.errors import BadRecipe
+
+
+class Kind(IntEnum):
+    """A fault; the numbers are those of the node VirtualFault."""
+
+    NONE = 0
+    LOSE_PACKETS = 1
+    """Strength: share of the packets, 0..1."""
+    LATENCY = 2
+    """Strength: ms by which frames come later."""
+    FROZEN = 3
+    """The same content again and again, in frames with new numbers."""
+    GARBAGE = 4
+    """Frames of random bytes."""
+    DISORDER = 5
+    """Packets out of order, some of them twice."""
+    UNPLUGGED = 6
+    """Not a byte on any socket, in or out."""
+    HEARTBEAT_IGNORED = 7
+    """Commands are neither answered nor counted as a heartbeat; what streams goes on until the heartbeat's timeout."""
+    NO_RESEND = 8
+    """Packets that are asked for again do not come."""
+    STUCK_ENCODER = 9
+    STALLED_TABLE = 10
+
+
+STRENGTH = {Kind.LOSE_PACKETS: 0.02, Kind.LATENCY: 200.0}
+"""Where none is given."""
+WORDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+"""As on the command line."""
+
+
+class FaultyTable(Protocol):
+    """The table's part."""
+
+    def stick_encoder(self) -> None:
+        """The encoder counts no further."""
+
+    def stall(self) -> None:
+        """The table stands still, whatever it is told."""
+
+    def release(self) -> None:
+        """All well again."""
+
+
+class Faults:
+    """What is wrong at the moment; read by the device's threads, so each change is one assignment."""
+
+    def __init__(self, table: FaultyTable | None = None) -> None:
+        self._table = table
+        self._active: dict[Kind, float] = {}
+
+    def __contains__(self, kind: Kind) -> bool:
+        return kind in self._active
+
+    def strength(self, kind: Kind) -> float:
+        """Of an active fault; 0 where there is none."""
+        return self._active.get(kind, 0.0)
+
+    @property
+    def latest(self) -> Kind:
+        """The fault set last."""
+        return next(reversed(self._active), Kind.NONE)
+
+    def begin(self, kind: Kind, strength: float | None = None) -> None:
+        """Add a fault; ``NONE`` ends all.
+
+        Raises:
+            BadRecipe: a share of packets beyond 0..1, a fault of the table where there is none.
+        """
+        if kind is Kind.NONE:
+            self.clear()
+            return
+        given = STRENGTH.get(kind, 1.0) if strength is None else strength
+        if given < 0 or (kind is Kind.LOSE_PACKETS and given > 1):
+            raise BadRecipe(f"found a strength of {given:g} for {kind.name}, need a share 0..1 or ms")
+        if kind in (Kind.STUCK_ENCODER, Kind.STALLED_TABLE):
+            if self._table is None:
+                raise BadRecipe(f"{kind.name} is a fault of the table, and this stand has none")
+            self._table.stick_encoder() if kind is Kind.STUCK_ENCODER else self._table.stall()
+        self._active = {**self._active, kind: given}
+
+    def clear(self) -> None:
+        """All well again."""
+        self._active = {}
+        if self._table is not None:
+            self._table.release()
+
+
+def fault_at(text: str) -> tuple[Kind, float | None, float]:
+    """A fault, its strength and its moment (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
+
+    Raises:
+        BadRecipe: something else.
+    """
+    what, at, when = text.partition("@")
+    name, _, strength = what.partition(":")
+    try:
+        return WORDS[name], float(strength) if strength else None, float(when) if at else 0.0
+    except (KeyError, ValueError):
+        raise BadRecipe(
+            f"found --fault {text}, need KIND@SECONDS or KIND:STRENGTH@SECONDS with KIND one of {', '.join(WORDS)}"
+        ) from None

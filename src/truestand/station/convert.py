@@ -1,0 +1,303 @@
+"""From a log to scans: the same way after a good end and after a crash. A scan is incomplete until proven complete."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from math import degrees, radians, tau
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import NotEnoughData, UnreadableFile
+from truestand.core.scan import Recording
+from truestand.core.stand import Stand
+from truestand.devices.layout import Unwrapper, decode
+from truestand.devices.sensor import Layout
+from truestand.files.recipes import stand_from_recipe
+from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
+from truestand.station.recipe import Order, order_from
+from truestand.station.sync import TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
+
+Array = NDArray[np.float64]
+Column = NDArray[Any] | None
+
+CUT_OFF = "the recording was cut off before its end"
+COVERAGE_SLACK = radians(0.2)
+"""rad that may be missing at the end of a scan that is called complete: some profiles' worth."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPlan:
+    """One sensor of a log."""
+
+    name: str
+    layout: Layout
+    encoder: bool
+
+
+@dataclass(slots=True)
+class Log:
+    """A log's content, sorted."""
+
+    stand: Stand
+    order: Order
+    sensors: tuple[SensorPlan, ...]
+    created: str
+    software: str
+    frames: list[list[Record]]
+    track: list[Record] = field(default_factory=list)
+    end: Mapping[str, Any] | None = None
+    damages: list[Damage] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """One sensor's scan out of a log."""
+
+    sensor: str
+    stand: Stand
+    recording: Recording
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is proven complete."""
+        return self.recording.acquisition is not None and bool(self.recording.acquisition["complete"])
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not."""
+        return () if self.recording.acquisition is None else tuple(self.recording.acquisition["reasons"])
+
+
+def convert(path: Path) -> tuple[Converted, ...]:
+    """The scans of a log, one a sensor.
+
+    Raises:
+        UnreadableFile: no log, or nothing valid in it.
+        NotEnoughData: a log without a whole profile.
+    """
+    log = sort_log(path)
+    found = tuple(_scan(log, i) for i in range(len(log.sensors)) if _good(log, i))
+    if not found:
+        raise NotEnoughData(f"{path.name}: found no whole profile in the log, need at least one; scan again")
+    return found
+
+
+def sort_log(path: Path) -> Log:
+    """A log's records, by kind.
+
+    Raises:
+        UnreadableFile: no log, or without its first record.
+    """
+    damages: list[Damage] = []
+    records = read_log(path, damages)
+    first = next(records, None)
+    if first is None or first.kind is not Kind.BEGIN:
+        raise UnreadableFile(f"{path.name}: the log lost its first record, which says how to read it; scan again")
+    log = _begun(first.json(), path.name)
+    log.damages = damages
+    for record in records:
+        if record.kind is Kind.FRAME and record.source < len(log.frames):
+            log.frames[record.source].append(record)
+        elif record.kind is Kind.TABLE and len(record.payload) == TABLE.size:
+            log.track.append(record)
+        elif record.kind is Kind.END:
+            log.end = record.json()
+    return log
+
+
+def begin_record(
+    stand: Mapping[str, Any], order: Order, sensors: tuple[SensorPlan, ...], created: str, software: str
+) -> dict[str, Any]:
+    """What a log's BEGIN holds; ``stand`` as in stand.toml."""
+    plans = [{"name": s.name, "encoder": s.encoder, "layout": asdict(s.layout)} for s in sensors]
+    return {"stand": stand, "order": order.record(), "sensors": plans, "created": created, "software": software}
+
+
+def _begun(told: Mapping[str, Any], name: str) -> Log:
+    try:
+        plans = tuple(SensorPlan(str(s["name"]), _layout(s["layout"]), bool(s["encoder"])) for s in told["sensors"])
+        stand = stand_from_recipe(told["stand"])
+        order = order_from(told["order"])
+        created, software = str(told["created"]), str(told["software"])
+    except (KeyError, TypeError, ValueError, AttributeError) as wrong:
+        raise UnreadableFile(
+            f"{name}: the log's first record lacks {wrong}; it was written by another version"
+        ) from wrong
+    return Log(stand, order, plans, created, software, [[] for _ in plans])
+
+
+def _layout(told: Mapping[str, Any]) -> Layout:
+    scale = told.get("scale")
+    return Layout(**{**told, "scale": None if scale is None else tuple(scale)})
+
+
+def _good(log: Log, i: int) -> list[Record]:
+    """A sensor's frames, each once, in order; without those that the watch found wrong."""
+    size = log.sensors[i].layout.frame_bytes
+    by_number = {r.number: r for r in log.frames[i] if not r.flags & SUSPECT and len(r.payload) == size}
+    return [by_number[number] for number in sorted(by_number)]
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The profiles of a whole stream, in order."""
+
+    x: Array
+    """(N, points) mm; NaN = not seen."""
+    z: Array
+    counter: NDArray[np.int64]
+    """(N,): a step of more than 1 = profiles lost."""
+    time: Array
+    """(N,) s of the sensor's clock, the middle of the exposure; from counter and rate where it sends none."""
+    encoder: NDArray[np.int64] | None
+    """(N,) counts."""
+    arrived: Array
+    """(N,) s of the host's clock."""
+
+
+def _decoded(layout: Layout, frames: list[Record]) -> Stream:
+    """All frames in one go on; x and z are filled in place, so that a long scan is in memory once."""
+    unwrapper, most = Unwrapper(layout), len(frames) * layout.profiles
+    x, z = np.empty((most, layout.points)), np.empty((most, layout.points))
+    columns: list[tuple[Column, ...]] = []
+    n = 0
+    for frame in frames:
+        found = unwrapper.go_on(decode(layout, frame.payload))
+        rows = slice(n, n := n + len(found.x))
+        x[rows], z[rows] = found.x, found.z
+        first = (frame.number - frames[0].number) * layout.profiles
+        counter = np.arange(len(found.x)) + first if found.counter is None else found.counter
+        columns.append((counter, found.time, found.encoder, np.full(len(found.x), frame.time)))
+    numbers, time, encoder, arrived = (_joined(column) for column in zip(*columns, strict=True))
+    assert numbers is not None and arrived is not None
+    counts = numbers.astype(np.int64)
+    return Stream(
+        x[:n], z[:n], counts, counts / layout.rate if time is None else time,
+        None if encoder is None else encoder.astype(np.int64), arrived,
+    )  # fmt: skip
+
+
+def _joined(column: tuple[Column, ...]) -> NDArray[Any] | None:
+    """One column of the whole stream; None where a frame lacks it."""
+    pieces = [piece for piece in column if piece is not None]
+    return np.concatenate(pieces) if len(pieces) == len(column) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Profiles with the table angle that belongs to each."""
+
+    position: Array
+    """(n,) rad of the table; NaN where nothing tells it."""
+    source: str
+    """encoder, clock or none."""
+    told: dict[str, Any]
+    """What the record says of the synchronisation."""
+
+
+def _scan(log: Log, i: int) -> Converted:
+    plan, frames = log.sensors[i], _good(log, i)
+    decoded = _decoded(plan.layout, frames)
+    placed = _placed(log, plan, decoded)
+    begin = placed.position[0] + log.order.run_up
+    end = begin + log.order.turns * tau
+    kept = (placed.position >= begin) & (placed.position < end)
+    if not kept.any():  # broken off before the scan proper: better what there is than nothing
+        kept = np.ones(placed.position.shape, dtype=np.bool_)
+    lost = _lost(decoded.counter[kept])
+    reasons = _reasons(log, lost, placed, kept, end)
+    acquisition = {
+        "complete": not reasons,
+        "reasons": reasons,
+        "recorded": log.created,
+        "software": log.software,
+        "order": log.order.record(),
+        "profiles": int(kept.sum()),
+        "lost_profiles": lost,
+        "synchronisation": placed.told,
+    }
+    stand = _stand_of(log.stand, plan, placed)
+    return Converted(plan.name, stand, _recording(decoded, placed, _rows(kept), acquisition, stand))
+
+
+def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
+    """What is kept, as a slice where it is one piece: a slice costs no copy of millions of points."""
+    rows = np.flatnonzero(kept)
+    whole = rows[-1] - rows[0] + 1 == rows.size
+    return slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
+
+
+def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
+    track = _track(log)
+    start = float(track.position[0]) if track.position.size else 0.0
+    offset, rate = clock_line(decoded.time, decoded.arrived)
+    moment = offset + rate * decoded.time
+    told: dict[str, Any] = {"clock_rate": rate, "table_samples": int(track.time.size)}
+    if plan.encoder and decoded.encoder is not None and log.stand.counts_per_turn:
+        position = angle_by_encoder(decoded.encoder, log.stand.counts_per_turn, start)
+        skew = latch_skew(moment, position, track)
+        told |= {"source": "encoder", "latch_skew_ms": None if skew is None else 1e3 * skew.seconds,
+                 "latch_skew_spread_ms": None if skew is None else 1e3 * skew.spread}  # fmt: skip
+        return Placed(position, "encoder", told)
+    if track.time.size < 2:
+        return Placed(np.full(moment.shape, np.nan), "none", {**told, "source": "none"})
+    within = (start + log.order.run_up, start + log.order.run_up + log.order.turns * tau)
+    position, steady = angle_by_clock(moment, track, within)
+    doubt = 1e3 * float(np.median(track.doubt))
+    return Placed(position, "clock", {**told, "source": "clock", "steady": steady, "doubt_ms": doubt})
+
+
+def _track(log: Log) -> TableTrack:
+    values = np.array([TABLE.unpack(r.payload) for r in log.track], dtype=np.float64).reshape(-1, 3)
+    time = np.array([r.time for r in log.track], dtype=np.float64)
+    return TableTrack(time, values[:, 0], values[:, 1], values[:, 2] > 0)
+
+
+def _lost(counter: NDArray[np.int64]) -> int:
+    """Profiles that the counter skips."""
+    return int(counter[-1] - counter[0]) + 1 - counter.size
+
+
+def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: float) -> list[str]:
+    """Why the scan isn't complete; empty where it is proven."""
+    reasons = []
+    if log.end is None:
+        reasons.append(CUT_OFF)
+    elif not log.end.get("complete"):
+        reasons += [str(reason) for reason in log.end.get("reasons", [])] or ["it was stopped before its end"]
+    if log.damages:
+        reasons.append(f"the log is damaged: {sum(d.bytes for d in log.damages)} bytes at byte {log.damages[0].start}")
+    if lost > log.order.most_lost * np.count_nonzero(kept):
+        reasons.append(f"{lost} profiles were lost, at most {100 * log.order.most_lost:g} % may be")
+    missing = end - float(placed.position[kept].max())
+    if placed.source == "none":
+        reasons.append("nothing tells the table's angle: no encoder, and no position of the table was recorded")
+    elif missing > COVERAGE_SLACK and not reasons:
+        reasons.append(f"the last {degrees(missing):.1f} deg of {360 * log.order.turns:g} were not seen")
+    return reasons
+
+
+def _stand_of(stand: Stand, plan: SensorPlan, placed: Placed) -> Stand:
+    """The stand as this sensor saw it."""
+    own = tuple(s for s in stand.sensors if s.name == plan.name) or stand.sensors[:1]
+    counts = stand.counts_per_turn if placed.source == "encoder" else 0
+    return replace(stand, sensors=own, counts_per_turn=counts)
+
+
+def _recording(
+    decoded: Stream, placed: Placed, rows: slice | NDArray[np.intp], acquisition: Mapping[str, Any], stand: Stand
+) -> Recording:
+    counts = placed.position / tau * stand.counts_per_turn if placed.source == "encoder" else None
+    return Recording(
+        decoded.x[rows],
+        decoded.z[rows],
+        "recorded",
+        "",
+        time=decoded.time[rows],
+        angle=placed.position[rows] if placed.source == "clock" else None,
+        encoder=None if counts is None else np.rint(counts[rows]),
+        counter=decoded.counter[rows],
+        acquisition=acquisition,
+    )

@@ -1,0 +1,110 @@
+"""A second process that stops the stand when the first one dies: ``python -m truestand.station.guard STAND.toml``.
+
+Its standard input is a pipe from the recording process. ``done`` on it, and the guard ends; the end of the pipe without
+it means that the process was killed: the guard halts the table over a connection of its own, and switches the lasers
+off as soon as the sensors have noticed the loss and give control free. Not a safety function.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+from truestand.core.errors import DeviceLost, TruestandError
+from truestand.core.stand import Stand
+from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.tables.opening import open_table
+from truestand.devices.tables.recipe import TableRecipe
+from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
+
+READY, DONE = b"ready\n", b"done\n"
+STARTS_WITHIN = 20.0
+"""s for the guard to be ready; a Python with numpy on a loaded machine."""
+TRIES, PAUSE = 20, 0.25
+"""How often, and s between: a sensor keeps control for the dead process until its heartbeat is over."""
+
+
+@contextmanager
+def guard(stand: Path) -> Iterator[None]:
+    """Have a guard stand by while the block runs.
+
+    Raises:
+        DeviceLost: the guard doesn't start.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", "truestand.station.guard", str(stand)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is for the recording process
+    )
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        if process.stdout.readline() != READY:
+            raise DeviceLost(f"the guard of {stand} doesn't start; see the lines above")
+        yield
+    finally:
+        process.stdin.write(DONE)
+        process.stdin.close()
+        process.stdout.close()
+        process.wait(STARTS_WITHIN)
+
+
+def main(arguments: list[str]) -> int:
+    """Stand by, and stop the stand where the other process dies."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    stand, devices = read_devices(Path(arguments[0]))
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    if sys.stdin.buffer.readline() == DONE:
+        return 0
+    return stop_all(stand, devices)
+
+
+def stop_all(stand: Stand, devices: DevicesRecipe) -> int:
+    """Table and lasers off, each tried until it obeys; how many did not."""
+    jobs: list[Callable[[], None]] = [lambda: _halt(devices.table)]
+    jobs += [_darkener(stand, sensor) for sensor in devices.sensor]
+    with ThreadPoolExecutor(len(jobs)) as together:
+        results = [together.submit(_until_done, job) for job in jobs]
+    return sum(not result.result() for result in results)
+
+
+def _darkener(stand: Stand, sensor: SensorRecipe) -> Callable[[], None]:
+    return lambda: _darken(stand, sensor)
+
+
+def _until_done(job: Callable[[], None]) -> bool:
+    for _ in range(TRIES):
+        try:
+            job()
+        except TruestandError:
+            time.sleep(PAUSE)
+        else:
+            return True
+    return False
+
+
+def _halt(recipe: TableRecipe) -> None:
+    table = open_table(recipe)
+    try:
+        table.drive.halt()
+    finally:
+        table.close()
+
+
+def _darken(stand: Stand, recipe: SensorRecipe) -> None:
+    sensor = open_sensor(recipe, sensor_of(stand, recipe.name))
+    try:
+        sensor.set_laser("off")
+    finally:
+        sensor.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,115 @@
+"""The mark beside a stand.toml that the stand is in use, or in a fault that nobody has reset yet.
+
+The process that uses the stand holds a lock on it, which ends with the process, however that ends: a mark that says
+*in use* and isn't locked is that of a process that died.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from truestand.core.errors import DeviceError, Fault
+
+WORDS = "mend the cause, then `truestand stand reset`"
+
+
+def latch_path(stand: Path) -> Path:
+    """Where a stand's mark stands: beside its stand.toml."""
+    return stand.with_name(f".{stand.name}.state")
+
+
+class Latch:
+    """The mark, taken for as long as the stand is used.
+
+    Raises:
+        DeviceError: another process uses the stand.
+        Fault: a fault that nobody has reset.
+    """
+
+    def __init__(self, stand: Path) -> None:
+        self.path = latch_path(stand)
+        self._file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
+        self._fault = False
+        try:
+            if not _lock(self._file):
+                raise DeviceError(f"{stand}: another program uses this stand; end it first, or wait")
+            told = self._read()
+            if told.get("state") == "fault":
+                raise Fault(f"the stand is in fault since {told.get('since')}: {told.get('reason')}; {WORDS}")
+            if told.get("state") == "in use":
+                raise Fault(
+                    f"the program that used the stand since {told.get('since')} died; see that the table stands still, "
+                    f"`truestand recover {told.get('log')}`, then `truestand stand reset`"
+                )
+        except BaseException:
+            os.close(self._file)
+            raise
+
+    def use(self, since: str, log: Path) -> None:
+        """Say that the stand is in use now, recording to ``log``."""
+        self._write({"state": "in use", "since": since, "log": str(log)})
+
+    def fault(self, since: str, reason: str) -> None:
+        """Keep a fault until ``reset``."""
+        self._fault = True
+        self._write({"state": "fault", "since": since, "reason": reason})
+
+    def close(self) -> None:
+        """Give the stand free; a fault stays."""
+        if not self._fault:
+            self._write({})
+        os.close(self._file)
+
+    def _read(self) -> dict[str, Any]:
+        os.lseek(self._file, 0, os.SEEK_SET)
+        content = os.read(self._file, 65536)
+        if not content.strip():
+            return {}
+        try:
+            told = json.loads(content)
+        except ValueError:
+            told = None
+        return told if isinstance(told, dict) else {"state": "fault", "reason": f"{self.path.name} holds no JSON"}
+
+    def _write(self, content: dict[str, Any]) -> None:
+        os.lseek(self._file, 0, os.SEEK_SET)
+        os.ftruncate(self._file, 0)
+        if content:
+            os.write(self._file, json.dumps(content).encode())
+        os.fsync(self._file)
+
+
+def reset_latch(stand: Path) -> str:
+    """Forget a latched fault; its reason, or nothing where there was none.
+
+    Raises:
+        DeviceError: the stand is in use.
+    """
+    path = latch_path(stand)
+    if not path.exists():
+        return ""
+    try:
+        Latch(stand).close()
+    except Fault as latched:
+        path.unlink()
+        return str(latched)
+    return ""
+
+
+def _lock(file: int) -> bool:
+    """Take the file's lock, which ends with this process; whether it was free."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            os.lseek(file, 1 << 20, os.SEEK_SET)  # beyond the content, which others may read
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,183 @@
+"""What must be true while a scan is recorded; each look says in plain words what is not, or nothing.
+
+Pure: times are passed in. The station turns the first complaint into a fault. Thresholds leave the half of the second
+that a fault may take for stopping.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from math import degrees, tau
+
+import numpy as np
+
+from truestand.core.scancontrol import decode_stamps
+from truestand.devices.sensor import Frame, Layout
+
+SILENCE = 0.5
+"""s without a frame."""
+FRESH = 0.15
+"""s after a frame within which its encoder count is compared with the table."""
+WINDOW = 0.5
+"""s over which table and encoder must get on."""
+SETTLING = 1.0
+"""s after the start of a motion in which the table may still be getting up to speed."""
+LEAST_PROGRESS = 0.1
+"""Share of the ordered speed below which the table counts as stalled."""
+ENCODER_SHARE = (0.5, 2.0)
+"""Encoder counts over what the table's own position says."""
+LEAST_LOST = 20
+"""Profiles that may be lost in any scan before their share counts."""
+
+
+@dataclass(slots=True)
+class SensorWatch:
+    """One sensor's stream."""
+
+    name: str
+    layout: Layout
+    began: float
+    """s; when the stream was started."""
+    profiles: int = 0
+    lost: int = 0
+    encoder: int = 0
+    """Counts since the first profile, unwrapped."""
+    _last_frame: Frame | None = None
+    _counter: int | None = None
+    _raw_encoder: int | None = None
+
+    def see(self, frame: Frame) -> str:
+        """What is wrong with a frame; empty = nothing."""
+        before, self._last_frame = self._last_frame, frame
+        if len(frame.payload) != self.layout.frame_bytes:
+            return (
+                f"sensor {self.name} sends {len(frame.payload)} bytes a frame, {self.layout.frame_bytes} were agreed: "
+                "garbage, or its settings were changed from elsewhere"
+            )
+        if self.layout.kind == "scancontrol":
+            return self._see_stamps(frame)
+        gone = 0 if before is None else frame.number - before.number - 1
+        self.lost += (gone + bool(frame.missing)) * self.layout.profiles
+        self.profiles += self.layout.profiles
+        if before is not None and before.payload == frame.payload and any(frame.payload):
+            return f"sensor {self.name} sends the same image again and again: it is frozen; switch it off and on"
+        return ""
+
+    def _see_stamps(self, frame: Frame) -> str:
+        stamps = decode_stamps(frame.payload, self.layout.points)
+        whole = (
+            np.flatnonzero((stamps.opened > 0) | (stamps.closed > 0))
+            if frame.missing
+            else np.arange(len(stamps.counter))
+        )
+        if not whole.size:
+            return ""
+        counter, modulus = stamps.counter[whole], self.layout.counter_modulus
+        steps = np.diff(counter) % modulus
+        step = 1 if self._counter is None else (int(counter[0]) - self._counter) % modulus
+        if (steps != np.diff(whole)).any() or (np.diff(stamps.opened[whole]) % self.layout.time_modulus > 1.0).any():
+            return f"sensor {self.name} sends garbage: profile counters and times don't follow each other"
+        if step == 0 or step > modulus // 2:
+            return f"sensor {self.name} sends the same profiles again: it is frozen; switch it off and on"
+        self.lost += step - 1 + int((steps - 1).sum())
+        self.profiles += whole.size
+        self._counter = int(counter[-1])
+        self._follow_encoder(int(stamps.encoder[whole[-1]]))
+        return ""
+
+    def _follow_encoder(self, raw: int) -> None:
+        modulus = self.layout.encoder_modulus
+        if self._raw_encoder is not None and modulus:
+            self.encoder += (raw - self._raw_encoder + modulus // 2) % modulus - modulus // 2
+        self._raw_encoder = raw
+
+    def fresh(self, now: float) -> bool:
+        """Whether a frame came just now (s)."""
+        return self._last_frame is not None and now - self._last_frame.received < FRESH
+
+    def overdue(self, now: float) -> str:
+        """What is wrong at ``now`` (s) with how long nothing came."""
+        last = self.began if self._last_frame is None else self._last_frame.received
+        if now - last > SILENCE:
+            return f"sensor {self.name} has sent nothing for {now - last:.1f} s; check its cable, power and trigger"
+        return ""
+
+    def wasteful(self, most_lost: float, ordered: int) -> str:
+        """Whether more profiles were lost than may be, of ``ordered``."""
+        if self.lost > max(LEAST_LOST, most_lost * ordered):
+            return (
+                f"sensor {self.name} lost {self.lost} profiles, at most {max(LEAST_LOST, int(most_lost * ordered))} "
+                "may be: check cable, switch and packet_size, or slow the sensor down"
+            )
+        return ""
+
+
+@dataclass(slots=True)
+class TableWatch:
+    """The table's motion to ``target`` (rad) at ``speed`` (rad/s), begun at ``began`` (s)."""
+
+    speed: float
+    target: float
+    tolerance: float
+    began: float
+    _seen: deque[tuple[float, float]] = field(default_factory=deque)
+
+    def see(self, now: float, position: float, moving: bool) -> str:
+        """What is wrong with where the table is; empty = nothing."""
+        if not moving and abs(position - self.target) > self.tolerance and now - self.began > WINDOW:
+            return f"the table stopped by itself at {degrees(position):.2f} deg, before the end of the scan"
+        span = _span(self._seen, now, position)
+        if not moving or now - self.began < SETTLING or span is None:
+            return ""
+        seconds, angle = span
+        if abs(angle) < LEAST_PROGRESS * self.speed * seconds and not self.arrived(position, moving=False):
+            return f"the table stands still at {degrees(position):.2f} deg though it was told to turn: it is blocked"
+        return ""
+
+    def arrived(self, position: float, moving: bool) -> bool:
+        """Whether the motion is over, at its target."""
+        return not moving and abs(position - self.target) <= self.tolerance
+
+
+@dataclass(slots=True)
+class EncoderWatch:
+    """Whether a sensor's encoder counts what the table turns; asked only while both turn and send."""
+
+    name: str
+    counts_per_turn: int
+    speed: float
+    began: float
+    _seen: deque[tuple[float, tuple[float, int]]] = field(default_factory=deque)
+
+    def see(self, now: float, position: float, counts: int, fresh: bool) -> str:
+        """What is wrong with the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
+        if not fresh:
+            self._seen.clear()
+            return ""
+        self._seen.append((now, (position, counts)))
+        while self._seen and now - self._seen[0][0] > WINDOW:
+            self._seen.popleft()
+        if now - self.began < SETTLING + WINDOW or len(self._seen) < 2:
+            return ""
+        first, last = self._seen[0][1], self._seen[-1][1]
+        turned = last[0] - first[0]
+        if abs(turned) < 0.5 * WINDOW * self.speed:
+            return ""
+        expected = turned / tau * self.counts_per_turn
+        share = (last[1] - first[1]) / expected
+        if share < 0:
+            return f"the encoder at sensor {self.name} counts against the table's sense; swap its tracks A and B"
+        if not ENCODER_SHARE[0] <= share <= ENCODER_SHARE[1]:
+            return (
+                f"the encoder at sensor {self.name} counted {100 * share:.0f} % of what the table turned in the last "
+                "half second: it is stuck, not wired, or counts_per_turn in stand.toml is wrong"
+            )
+        return ""
+
+
+def _span(seen: deque[tuple[float, float]], now: float, value: float) -> tuple[float, float] | None:
+    """Over the last ``WINDOW``: seconds, and by how much the value went on; None until there is most of one."""
+    seen.append((now, value))
+    while len(seen) > 2 and now - seen[1][0] >= WINDOW:
+        seen.popleft()
+    seconds = now - seen[0][0]
+    return (seconds, value - seen[0][1]) if seconds >= 0.8 * WINDOW else None

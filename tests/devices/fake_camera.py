@@ -1,0 +1,68 @@
+"""libaravis' fake GigE Vision camera in a process of its own: a device that nobody here wrote.
+
+    python fake_camera.py
+
+It runs until its standard input ends. libaravis offers it on the loopback interface only, that is on 127.0.0.1.
+"""
+
+import ctypes
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+LIBRARY = "libaravis-0.8.so.0"
+ADDRESS = "127.0.0.1"
+
+
+def library():
+    try:
+        return ctypes.CDLL(LIBRARY)
+    except OSError:
+        return None
+
+
+@contextmanager
+def fake_camera(patience=60.0):
+    """Its address and process. One at a time on this machine: two would both get the port, and each other's packets."""
+    with (Path(tempfile.gettempdir()) / "truestand-fake-camera.lock").open("w") as lock:
+        wait_for(lock, time.monotonic() + patience)
+        process = subprocess.Popen(
+            [sys.executable, str(Path(__file__).resolve())],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        try:
+            assert process.stdout.readline().strip() == "running", f"{ADDRESS}:3956 is taken"
+            yield ADDRESS, process
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def wait_for(lock, end):
+    import fcntl  # not on Windows, where the camera isn't either
+
+    while True:
+        try:
+            return fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            assert time.monotonic() < end, "another test run on this machine holds the fake camera"
+            time.sleep(0.2)
+
+
+def main():
+    arv = library()
+    arv.arv_gv_fake_camera_new.restype = ctypes.c_void_p
+    arv.arv_gv_fake_camera_is_running.argtypes = [ctypes.c_void_p]
+    camera = arv.arv_gv_fake_camera_new(b"lo", b"GV07")
+    print("running" if arv.arv_gv_fake_camera_is_running(camera) else "not running", flush=True)
+    sys.stdin.read()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""A virtual lab in this process: table and sensors behind their real protocols on loopback, and their stand.toml."""
+
+import itertools
+import os
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from truestand.devices.tables.recipe import TableRecipe
+from truestand.files.recipes import read_shaft, read_simulation, read_stand, write_starters
+from truestand.sim import simulation_from
+from truestand.sim.live.clock import Clock
+from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.registers import Identity
+from truestand.sim.live.source import LiveSource
+from truestand.sim.live.table import VirtualTable
+from truestand.station.recipe import order_of, read_devices
+from truestand.station.scan import Taken, take_scan
+
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+_hosts = itertools.count(10)
+
+
+@dataclass
+class Lab:
+    folder: Path
+    clock: Clock
+    table: VirtualTable
+    server: ModbusServer
+    sensors: list[GigeDevice]
+    faults: Faults
+    since_fault: float | None = None
+    """Real s from the fault's begin to table at rest and lasers off."""
+    _watching: list[threading.Thread] = field(default_factory=list)
+
+    @property
+    def recipe(self) -> Path:
+        return self.folder / "stand.toml"
+
+    @property
+    def at_rest(self) -> bool:
+        now = self.clock.now()
+        before, after = self.table.angle_at([now - 0.02, now])
+        return before == after
+
+    @property
+    def safe(self) -> bool:
+        return self.at_rest and not any(sensor.laser for sensor in self.sensors)
+
+    def take(self, name="k1.h5", show=lambda live: None, **options) -> Taken:
+        stand, devices = read_devices(self.recipe)
+        order = order_of(stand, devices.acquire, options.pop("turns", None))
+        taken = take_scan(self.recipe, stand, devices, order, self.folder / name, show, **options)
+        for thread in self._watching:
+            thread.join()
+        return taken
+
+    def failing(self, begin, at=0.4):
+        """A ``show`` that begins something at a share of the scan, and measures how long the stand then goes on."""
+        begun = []
+
+        def show(live) -> None:
+            if live.done > at and not begun:
+                begun.append(time.monotonic())
+                thread = threading.Thread(target=self._until_safe, args=(begun[0],))
+                self._watching.append(thread)
+                thread.start()
+                begin()
+
+        return show
+
+    def _until_safe(self, since: float) -> None:
+        while time.monotonic() - since < 5.0:
+            if self.safe and time.monotonic() - since > 0.05:
+                self.since_fault = time.monotonic() - since
+                return
+            time.sleep(0.01)
+
+    def fault(self, kind: Kind, strength: float | None = None):
+        return lambda: self.faults.begin(kind, strength)
+
+
+@contextmanager
+def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=True, rate=200.0, acquire="", **device):
+    """The starter stand with few points, on ports and loopback addresses of its own."""
+    write_starters(folder, force=True)
+    clock = Clock(pace)
+    table = VirtualTable(clock)
+    server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
+    faults = Faults(table)
+    addresses = [f"127.{20 + _worker}.{os.getpid() % 250}.{next(_hosts)}" for _ in sensors]
+    server.start()
+    recipe = folder / "stand.toml"
+    recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
+                              acquire, device))  # fmt: skip
+    described = read_stand(recipe)
+    simulation = simulation_from(read_simulation(recipe))
+    shaft = read_shaft(folder / "shaft.toml")
+    devices = []
+    try:
+        for i, address in enumerate(addresses):
+            one = type(described)(described.table, described.sensors[i : i + 1], described.y, described.counts_per_turn)
+            source = LiveSource(one, simulation, shaft, table, (0.002, 95.0), seed=i)
+            devices.append(GigeDevice(Identity(address, serial=f"V{i}"), source, clock, faults, points=points))
+            devices[-1].start()
+        yield Lab(folder, clock, table, server, devices, faults)
+    finally:
+        for device_ in devices:
+            device_.close()
+        server.stop()
+
+
+def _recipe(text, table, names, addresses, points, turns, encoder, rate, acquire, device):
+    before, _, rest = text.partition("# Only `truestand acquire`")
+    text = before + "# Only `truestand simulate`" + rest.partition("# Only `truestand simulate`")[2]
+    head, sensor, rest = text.partition("[[sensor]]")
+    block, scan, rest = rest.partition("[scan]")
+    block = block.replace("points = 640", f"points = {points}").replace("= 200.0", f"= {rate}")
+    blocks = "".join(sensor + block.replace('"front"', f'"{name}"') for name in names)
+    keys = "".join(
+        f"{key} = {value!r}\n".replace("True", "true").replace("False", "false") for key, value in device.items()
+    )
+    found = f'[devices.table]\nprotocol = "modbus"\naddress = "{table}"\n'
+    for name, address in zip(names, addresses, strict=True):
+        found += f'[[devices.sensor]]\nname = "{name}"\ndriver = "scancontrol"\naddress = "{address}"\n'
+        found += f'model = "29xx-50"\nencoder = {str(encoder).lower()}\n{keys}'
+    return f"{head}{blocks}{scan}{rest}\n{found}[devices.acquire]\nturns = {turns}\n{acquire}\n"

@@ -1,0 +1,193 @@
+"""The virtual stand as a whole: what its sensor sees is where its table is; the command that serves it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from math import radians, tau
+
+import numpy as np
+import pytest
+
+from truestand.core.errors import BadRecipe, DeviceError
+from truestand.core.scancontrol import decode_container, unwrap_encoder
+from truestand.core.stand import Sensor
+from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.tables.opening import open_table
+from truestand.devices.tables.recipe import TableRecipe
+from truestand.sim import Optics, Simulation, paper_shaft, paper_stand
+from truestand.sim.caster import Caster
+from truestand.sim.live.faults import Kind
+from truestand.sim.live.stand import Place, virtual_stand
+
+COUNTS = 360_000
+EXACT = Simulation(optics=Optics(noise=0.0))
+NET = f"127.38.{os.getpid() % 250}"
+"""Addresses of this process: the port is fixed, and tests run side by side."""
+RECIPE = f"""
+[table]
+speed_rad_per_s = 1.0
+[[sensor]]
+name = "front"
+profile_rate_hz = 200.0
+points = 640
+[scan]
+counts_per_turn = 36000
+[devices.table]
+protocol = "modbus"
+address = "{NET}.9:0"
+[[devices.sensor]]
+name = "front"
+driver = "scancontrol"
+address = "{NET}.9"
+model = "LLT2950-50"
+"""
+
+
+def stand(direction="ccw"):
+    base = paper_stand()
+    return replace(base, table=replace(base.table, direction=direction), counts_per_turn=COUNTS)
+
+
+def virtual(last, direction="ccw", protocol="modbus", **more):
+    place = Place("front", f"{NET}.{last}")
+    table = TableRecipe(protocol=protocol, address=f"{NET}.{last}:0")
+    return virtual_stand(stand(direction), EXACT, paper_shaft(), table, [place], **more)
+
+
+def sensor_at(last):
+    recipe = SensorRecipe(name="front", driver="scancontrol", address=f"{NET}.{last}", model="29xx-50")
+    return open_sensor(recipe, Sensor("front", 200.0, 640))
+
+
+def seen(sensor, seconds):
+    """z (N, M) mm, encoder (N,) counts, counter (N,) of what comes in ``seconds``."""
+    end, frames = time.monotonic() + seconds, []
+    while time.monotonic() < end:
+        frame = sensor.next_frame(1.0)
+        assert frame is not None
+        frames.append(decode_container(frame.payload, 640, "29xx-50"))
+    stamps = [f.stamps for f in frames]
+    return (
+        np.concatenate([f.z for f in frames]),
+        unwrap_encoder(np.concatenate([s.encoder for s in stamps])),
+        np.concatenate([s.counter for s in stamps]),
+    )
+
+
+@pytest.mark.parametrize(("last", "direction", "protocol"), [(1, "ccw", "modbus"), (2, "cw", "zaber")])
+def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction, protocol):
+    with virtual(last, direction, protocol, pace=4.0) as made:
+        where = made.addresses()[0].split()[-1]
+        table = open_table(TableRecipe(protocol=protocol, address=where))
+        sensor = sensor_at(last)
+        try:
+            table.home()
+            sensor.set_laser("full")
+            sensor.start()
+            table.turn(radians(80.0))
+            z, encoder, counter = seen(sensor, 1.0)
+        finally:
+            sensor.close()
+            table.close()
+    assert np.all(np.diff(counter) == 1)
+    assert encoder[-1] - encoder[0] > COUNTS / 3
+    sign = 1.0 if direction == "ccw" else -1.0
+    caster = Caster(stand(direction), EXACT, paper_shaft(), None, np.random.default_rng(0))
+    drawn = caster.rows(sign * encoder / COUNTS * tau)[1]
+    off = np.abs(z - drawn)
+    assert np.nanquantile(off, 0.999) < 0.0045, "one step of the virtual optics; a count may tip a ray over an edge"
+    assert np.isfinite(z).mean() > 0.7
+
+
+@pytest.mark.parametrize(("last", "protocol"), [(6, "grbl"), (7, "opcua")])
+def test_the_other_protocols_are_served_too(last, protocol):
+    address = f"{NET}.{last}:0" if protocol == "grbl" else f"opc.tcp://{NET}.{last}:48400"
+    place = Place("front", f"{NET}.{last}")
+    recipe = TableRecipe(protocol=protocol, address=address)
+    with virtual_stand(stand(), EXACT, paper_shaft(), recipe, [place]) as made:
+        where = made.addresses()[0].split()[-1]
+        assert f"{NET}.{last}" in where
+        table = open_table(TableRecipe(protocol=protocol, address=where))
+        assert not table.state().moving
+        table.close()
+
+
+def test_faults_of_the_table_reach_the_sensor():
+    with virtual(3) as made:
+        sensor = sensor_at(3)
+        try:
+            sensor.set_laser("full")
+            sensor.start()
+            made.table.turn(1.0)
+            seen(sensor, 0.3)
+            made.begin(Kind.STUCK_ENCODER)
+            seen(sensor, 0.3)
+            z, encoder, _ = seen(sensor, 0.3)
+            assert np.ptp(encoder) == 0
+            assert np.nanmax(np.ptp(z, axis=0)) > 0.01, "the table turns on"
+            made.begin(Kind.NONE)
+            made.begin(Kind.STALLED_TABLE)
+            seen(sensor, 0.3)
+            z, encoder, counter = seen(sensor, 0.3)
+            assert np.ptp(encoder) == 0
+            assert np.nanmax(np.ptp(z, axis=0)) < 0.001
+            assert np.ptp(counter) > 30
+        finally:
+            sensor.close()
+
+
+def test_what_can_not_be_served_is_refused():
+    for place, table, match in (
+        (Place("front", "192.168.1.5"), f"{NET}.4:0", "127.0.0.x"),
+        (Place("front", f"{NET}.4"), "10.0.0.1:502", "127.0.0.x"),
+        (Place("front", f"{NET}.4", "gocator"), f"{NET}.4:0", "29xx-50"),
+    ):
+        with pytest.raises(BadRecipe, match=match):
+            virtual_stand(
+                stand(), EXACT, paper_shaft(), TableRecipe(protocol="modbus", address=table), [place]
+            )  # fmt: skip
+    with virtual(5) as made:
+        with pytest.raises(DeviceError, match=f"{NET}.5:3956"):
+            virtual(5).start()
+        with pytest.raises(BadRecipe, match="no part"):
+            made.mount(True)
+        assert made.truth().table_from_sensor.shape == (4, 4)
+
+
+def test_the_command_serves_until_it_is_told_to_end(tmp_path):
+    (tmp_path / "stand.toml").write_text(RECIPE)
+    command = [
+        sys.executable, "-W", "error", "-m", "truestand", "stand", "simulate", "stand.toml", "--truth", "truth.json",
+        "--fault", "unplugged@0.5", "--fault", "none@1",
+    ]  # fmt: skip
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            ready = process.stdout.readline()
+            assert ready.startswith(f"ready · table modbus {NET}.9:")
+            assert ready.endswith(f"sensor front {NET}.9:3956\n")
+            time.sleep(0.7)
+            with pytest.raises(DeviceError):
+                sensor_at(9)
+            sensor = sensor_at(9)
+            assert sensor.identity()["model"] == "LLT2950-50"
+            sensor.close()
+        finally:
+            process.send_signal(signal.SIGTERM)
+            rest, complaints = process.communicate(timeout=10)
+    assert (process.returncode, rest, complaints) == (0, "", "")
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    assert truth["shaft"]["eccentricity_um"] == pytest.approx(878.9)
+
+
+def test_the_command_refuses_a_fault_that_is_none(tmp_path):
+    from command import run
+
+    (tmp_path / "stand.toml").write_text(RECIPE)
+    done = run("stand", "simulate", "stand.toml", "--fault", "fire@2", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "KIND@SECONDS" in done.stderr

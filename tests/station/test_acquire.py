@@ -1,0 +1,175 @@
+"""Scans taken over the real protocols from the virtual stand in this process, and what can go wrong with one."""
+
+import re
+
+import numpy as np
+import pytest
+
+from lab import lab
+from truestand.core.errors import DeviceError, Fault, NoSpace
+from truestand.files.read import read_recording, read_scan
+from truestand.sim.live.faults import Kind
+from truestand.station.latch import latch_path, reset_latch
+
+
+def test_a_scan_is_what_was_ordered(tmp_path):
+    with lab(tmp_path) as stand:
+        taken = stand.take()
+        assert stand.safe
+        assert not stand.sensors[0].controlled
+    assert taken.complete and not taken.fault
+    recording = read_recording(taken.written[0].path)
+    assert recording.acquisition["lost_profiles"] == 0
+    turned = recording.encoder / 360_000
+    assert recording.x.shape[0] == pytest.approx(0.25 * 4000, abs=2)
+    assert 0 <= turned[0] - 0.05 < 3e-4  # the run-up of 18 degrees; a profile is 2.5e-4 turns
+    assert np.ptp(turned) == pytest.approx(0.25, abs=1e-3)
+    assert (np.diff(recording.counter) == 1).all()
+    assert not (tmp_path / "k1.log").exists()
+    assert latch_path(stand.recipe).read_bytes() == b""
+
+
+def test_the_encoder_counts_where_the_table_is(tmp_path):
+    """A second scan begins a whole number of turns later, at the same angle of the table."""
+    with lab(tmp_path, turns=0.1) as stand:
+        first = read_recording(stand.take("a.h5").written[0].path)
+        second = read_recording(stand.take("b.h5").written[0].path)
+    assert (second.encoder[0] - first.encoder[0]) / 360_000 == pytest.approx(1.0, abs=1e-4)
+
+
+def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
+    with lab(tmp_path, encoder=False) as stand:
+        taken = stand.take()
+    assert taken.complete
+    told = taken.written[0].scan.recording.acquisition["synchronisation"]
+    assert told["source"] == "clock" and told["steady"]
+    scan = read_scan(taken.written[0].path)
+    assert scan.angle_source == "angle"
+    assert scan.step == pytest.approx(0.1 * np.pi / 200, rel=2e-3)
+
+
+def test_two_sensors_give_two_scans(tmp_path):
+    with lab(tmp_path, sensors=("front", "back"), turns=0.1) as stand:
+        taken = stand.take()
+    assert taken.complete
+    assert [w.path.name for w in taken.written] == ["k1-front.h5", "k1-back.h5"]
+    assert [read_scan(w.path).stand.sensor.name for w in taken.written] == ["front", "back"]
+
+
+HARMLESS = {"lost packets that come again": (Kind.LOSE_PACKETS, 0.02), "disorder": (Kind.DISORDER, None)}
+
+
+@pytest.mark.parametrize("kind", HARMLESS)
+def test_what_the_transport_mends_costs_nothing(tmp_path, kind):
+    with lab(tmp_path) as stand:
+        taken = stand.take(show=stand.failing(stand.fault(*HARMLESS[kind]), at=0.1))
+    assert taken.complete, taken.fault
+    assert taken.written[0].scan.recording.acquisition["lost_profiles"] == 0
+
+
+FAULTS = {
+    "unplugged": (Kind.UNPLUGGED, None, "has sent nothing|no answer|doesn't answer"),
+    "frozen": (Kind.FROZEN, None, "same profiles again: it is frozen"),
+    "garbage": (Kind.GARBAGE, None, "garbage"),
+    "latency": (Kind.LATENCY, 3000.0, "has sent nothing for"),
+    "control lost": (Kind.HEARTBEAT_IGNORED, None, "sent nothing|no answer|doesn't answer|control"),
+    "stuck encoder": (Kind.STUCK_ENCODER, None, "the encoder at sensor front counted .* % of what the table turned"),
+    "stalled table": (Kind.STALLED_TABLE, None, "stands still at .* though it was told to turn"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_stops_the_stand_within_a_second(tmp_path, name):
+    kind, strength, words = FAULTS[name]
+    with lab(tmp_path, turns=1.0, pace=3.0, heartbeat_ms=500) as stand:
+        taken = stand.take(show=stand.failing(stand.fault(kind, strength), at=0.2))
+    assert re.search(words, taken.fault), taken.fault
+    assert stand.since_fault is not None and stand.since_fault < 1.3
+    assert not taken.complete
+    assert taken.fault in taken.written[0].scan.reasons
+    scan = read_scan(taken.written[0].path)
+    assert scan.doubts and 0.1 < scan.revolutions < 0.9
+    with pytest.raises(Fault, match="in fault since"):
+        stand.take("b.h5")
+    assert taken.fault in reset_latch(stand.recipe)
+
+
+def test_packets_lost_for_good_end_the_scan(tmp_path):
+    def lose() -> None:
+        stand.faults.begin(Kind.NO_RESEND)
+        stand.faults.begin(Kind.LOSE_PACKETS, 0.5)
+
+    with lab(tmp_path, turns=1.0, packet_size=1500) as stand:
+        taken = stand.take(show=stand.failing(lose, at=0.2))
+    assert "lost" in taken.fault and "profiles" in taken.fault
+    assert stand.since_fault < 1.3
+    assert read_recording(taken.written[0].path).acquisition["lost_profiles"] > 0
+
+
+def test_a_dead_controller_is_a_fault(tmp_path):
+    with lab(tmp_path, turns=1.0, pace=3.0) as stand:
+        taken = stand.take(show=stand.failing(stand.server.stop, at=0.2))
+        assert not any(sensor.laser for sensor in stand.sensors)
+    assert "127.0.0.1" in taken.fault
+    assert not taken.complete
+
+
+def test_an_interruption_stops_the_stand_and_keeps_what_came(tmp_path):
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    with lab(tmp_path) as stand:
+        taken = stand.take(show=stand.failing(interrupt, at=0.5))
+        assert stand.safe
+    assert taken.interrupted and not taken.complete
+    assert taken.written[0].scan.reasons == ("it was interrupted by the operator",)
+    assert latch_path(stand.recipe).read_bytes() == b""
+
+
+def test_no_room_on_the_disk_is_said_before_anything_moves(tmp_path, monkeypatch):
+    import shutil
+
+    real = shutil.disk_usage
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: real(path)._replace(free=10_000_000))
+    with lab(tmp_path) as stand:
+        with pytest.raises(NoSpace, match="found 10 MB free, the scan needs"):
+            stand.take()
+        assert stand.safe
+    assert not (tmp_path / "k1.log").exists()
+
+
+def test_a_disk_that_fills_up_ends_the_scan_and_keeps_what_is_valid(tmp_path, monkeypatch):
+    import os
+
+    real, room = os.write, [0]
+
+    def write(file, data):
+        if len(data) > 300 and room[0]:
+            raise OSError(28, "No space left on device")
+        return real(file, data)
+
+    monkeypatch.setattr(os, "write", write)
+    with lab(tmp_path, turns=0.5) as stand:
+        taken = stand.take(show=stand.failing(lambda: room.__setitem__(0, 1), at=0.4))
+        assert stand.safe
+    assert "No space left on device" in taken.fault
+    assert not taken.complete
+    assert 0.1 < read_scan(taken.written[0].path).revolutions < 0.4
+
+
+def test_a_sensor_that_is_not_there_is_said_before_anything_moves(tmp_path):
+    with lab(tmp_path) as stand:
+        stand.faults.begin(Kind.UNPLUGGED)
+        with pytest.raises(DeviceError, match="front"):
+            stand.take()
+    assert not list(tmp_path.glob("k1*"))
+
+
+def test_one_stand_serves_one_program(tmp_path):
+    from truestand.station.latch import Latch
+
+    with lab(tmp_path) as stand:
+        held = Latch(stand.recipe)
+        with pytest.raises(DeviceError, match="another program uses this stand"):
+            stand.take()
+        held.close()

@@ -1,0 +1,126 @@
+"""The table of states: nothing moves or shines in FAULT, whatever is asked in whatever order."""
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from station.doubles import MemoryDrive, MemorySensor
+from truestand.core.errors import DeviceError, Fault, TruestandError
+from truestand.core.stand import Stand
+from truestand.devices.axis import RotaryTable
+from truestand.station.machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, Machine, State
+from truestand.station.stand import Station
+
+
+class StandUnderAnyHand(RuleBasedStateMachine):
+    """Anyone asks for anything, devices come and go; the rules hold after every step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.drive, self.sensor = MemoryDrive(), MemorySensor()
+        table = RotaryTable(self.drive, clock=lambda: 0.0, sleep=lambda s: None)
+        self.station = Station(Stand(), table, [self.sensor])
+
+    @property
+    def machine(self) -> Machine:
+        return self.station.machine
+
+    def attempt(self, what) -> None:
+        before, begun, laser = self.machine.state, len(self.drive.begun), self.sensor.laser
+        with suppress(TruestandError):
+            what()
+        if before is State.FAULT:
+            assert len(self.drive.begun) == begun
+            assert self.sensor.laser in (laser, "off")
+
+    @rule(event=st.sampled_from(sorted(Event, key=str)))
+    def fire(self, event) -> None:
+        self.attempt(lambda: self.machine.fire(event, "for a reason"))
+
+    @rule()
+    def check(self) -> None:
+        self.attempt(self.station.check)
+
+    @rule()
+    def home(self) -> None:
+        self.attempt(self.station.home)
+
+    @rule(position=st.floats(-10, 10), speed=st.floats(0.1, 1.0))
+    def move(self, position, speed) -> None:
+        allowed = self.machine.state in MAY_MOVE
+        begun = len(self.drive.begun)
+        self.attempt(lambda: self.station.table.start_move(position, speed))
+        assert allowed or len(self.drive.begun) == begun
+
+    @rule(speed=st.floats(-1.0, 1.0))
+    def turn(self, speed) -> None:
+        allowed = self.machine.state in MAY_MOVE
+        begun = len(self.drive.begun)
+        self.attempt(lambda: self.station.table.turn(speed))
+        assert allowed or len(self.drive.begun) == begun
+
+    @rule(power=st.sampled_from(["off", "reduced", "full"]))
+    def light(self, power) -> None:
+        allowed = self.machine.state in MAY_SHINE or power == "off"
+        before = self.sensor.laser
+        self.attempt(lambda: self.station.sensors[0].set_laser(power))
+        assert allowed or self.sensor.laser == before
+
+    @rule()
+    def broken_off(self) -> None:
+        """Something fails within a guarded stretch: halted and dark afterwards, or in fault."""
+
+        def fail() -> None:
+            with self.station.guarded():
+                raise DeviceError("the test says so")
+
+        self.attempt(fail)
+        assert self.machine.state is State.FAULT
+        assert self.drive.gone or not self.drive.moving
+        assert self.sensor.gone or self.sensor.laser == "off"
+
+    @rule(gone=st.booleans())
+    def table_comes_and_goes(self, gone) -> None:
+        self.drive.gone = gone
+
+    @rule(gone=st.booleans())
+    def sensor_comes_and_goes(self, gone) -> None:
+        self.sensor.gone = gone
+
+    @invariant()
+    def a_fault_has_a_reason_and_nothing_else_has(self) -> None:
+        assert (self.machine.state is State.FAULT) == bool(self.machine.reason)
+
+
+TestStandUnderAnyHand = StandUnderAnyHand.TestCase
+TestStandUnderAnyHand.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
+
+
+@pytest.mark.slow
+class TestFiftyThousandSteps(StandUnderAnyHand.TestCase):
+    settings = settings(max_examples=200, stateful_step_count=250, deadline=None)
+
+
+def test_only_a_reset_leads_out_of_fault():
+    assert {event for state, event in TRANSITIONS if state is State.FAULT} == {Event.FAIL, Event.RESET}
+    assert TRANSITIONS[State.FAULT, Event.FAIL] is State.FAULT
+
+
+def test_the_first_reason_stays():
+    machine = Machine()
+    machine.fire(Event.FAIL, "cable")
+    machine.fire(Event.FAIL, "everything else, then")
+    with pytest.raises(Fault, match=r"cable.*stand reset"), machine.motion():
+        pass
+    machine.fire(Event.RESET)
+    assert machine.state is State.IDLE
+
+
+def test_a_state_is_left_as_it_is_where_an_event_has_no_place():
+    machine = Machine()
+    with pytest.raises(Fault, match="'start' is not possible while the stand is idle"):
+        machine.fire(Event.START)
+    assert machine.state is State.IDLE
