@@ -75,13 +75,13 @@ def _keep(result: Result, told: Mapping[str, Any], tell: Tell) -> int | None:
     """Into the results store, where one is given; the entry's number."""
     if not told.get("store"):
         return None
-    from truestand.store import Store  # type: ignore[import-not-found]
+    from truestand.store import Store
 
     _step(tell, "keep", "running")
     store = Store.open(Path(told["store"]), create=True)
     entry = store.add(result.kind, result.record, result.evidence, operator=told.get("operator"))
     _step(tell, "keep", "done")
-    return int(entry.number)
+    return entry.number
 
 
 def _step(tell: Tell, name: str, state: str) -> None:
