@@ -2,7 +2,8 @@
 
     python bench/faults.py [--times 3]
 
-Each fault is begun at a fifth of a turn's scan; the time is from there until the table stands still and the laser is off.
+Each fault is begun at a fifth of a turn's scan; the time is from there until the table stands still and the laser is
+off.
 """
 
 import argparse
@@ -41,8 +42,8 @@ def main():
         results = [once(kind, strength) for _ in range(times)]
         seconds = sorted(s for s, _ in results)
         complete = sum(taken.complete for _, taken in results)
-        print(f"{name:22} safe after {seconds[0]:.2f} to {seconds[-1]:.2f} s; complete: {complete}; {results[0][1].fault}",
-              flush=True)  # fmt: skip
+        took = f"safe after {seconds[0]:.2f} to {seconds[-1]:.2f} s; complete: {complete}"
+        print(f"{name:22} {took}; {results[0][1].fault}", flush=True)
 
 
 if __name__ == "__main__":
