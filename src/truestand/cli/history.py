@@ -97,7 +97,8 @@ def _course(s: "Series") -> Any:
     from truestand.report.history import Course
 
     title = f"{s.sensor}: {s.quantity}"
-    return Course(title, s.unit, tuple(e.time for e in s.entries), tuple(e.number for e in s.entries), s.chart)
+    times, numbers = tuple(e.time for e in s.entries), tuple(e.number for e in s.entries)
+    return Course(title, s.unit, times, numbers, s.chart, s.clamping)
 
 
 def _line(i: "Inspected") -> Any:
@@ -116,7 +117,8 @@ def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]")
         "quantities": [
             {
                 "sensor": s.sensor, "name": s.quantity, "unit": s.unit, "mean": s.chart.mean, "lower": s.chart.lower,
-                "upper": s.chart.upper, "drift": s.chart.drift, "provisional": s.chart.provisional,
+                "upper": s.chart.upper, "drift": s.chart.drift, "by_clamping": s.clamping,
+                "provisional": s.chart.provisional,
                 "readings": [
                     {"entry": e.number, "time": e.time, "value": p.value, "U": p.U, "change": p.change, "ok": p.ok,
                      "flags": list(p.flags)}

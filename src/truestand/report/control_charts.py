@@ -31,6 +31,7 @@ def individuals(chart: ControlChart, times: Sequence[str], label: str) -> Figure
         if limit is not None:
             upper.axhline(limit, color=PAPER, lw=1.0, ls=(0, (5, 3)), zorder=2)
     upper.set_ylabel(label)
+    upper.ticklabel_format(axis="y", useOffset=False)
     lower.plot(x[1:], [abs(p.change or 0.0) for p in chart.points[1:]], "-o", ms=3.0, lw=0.8, color=GREY)
     lower.set_ylabel("moving\nrange")
     lower.set_ylim(bottom=0.0)

@@ -21,6 +21,8 @@ class Course:
     numbers: tuple[int, ...]
     """Of the store's entries."""
     chart: ControlChart
+    clamping: bool = False
+    """Whether it changes whenever the shaft is clamped again: it says nothing about the stand then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +42,8 @@ def history_report(
     courses: Sequence[Course], inspected: Sequence[Inspected], head: str, company: str | None = None
 ) -> str:
     """The HTML text; ``head`` names the store's last entry and its hash."""
-    marked = [c for c in courses if c.chart.points and not c.chart.points[-1].ok]
-    verdict = "Something to look at" if marked else "Steady" if courses else "No calibrations"
+    marked = [c for c in courses if not c.clamping and not c.chart.points[-1].ok]
+    verdict = "Something to look at" if marked else "Steady at the last calibration" if courses else "No calibrations"
     over = "" if company is None else f'<p class="over">{escape(company)}</p>'
     parts = [
         f'<header>{over}<h1>History of the stand</h1><div class="verdict {"untrusted" if marked else "valid"}">'
@@ -85,7 +87,8 @@ def _course(c: Course) -> str:
         f'<th class="n">value ({c.unit})</th><th class="n">U</th><th class="n">change</th><th></th></tr>{rows}</table>'
         "</details>"
     )
-    svg = individuals(c.chart, c.times, f"{c.title} ({c.unit})")
+    limits += "; changes whenever the shaft is clamped again" if c.clamping else ""
+    svg = individuals(c.chart, c.times, c.unit)
     return f"<h3>{escape(c.title)}</h3>{framed(svg, escape(limits))}{table}"
 
 

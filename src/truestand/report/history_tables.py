@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from truestand.core.control import Point
 from truestand.core.gage import GageStudy
 from truestand.report.history import Course, Inspected
 from truestand.report.numbers import number, places
@@ -20,7 +21,7 @@ def series_table(courses: Sequence[Course]) -> "Table":
         d = places(last.U)
         table.add_row(
             c.title, str(len(c.chart.points)), number(last.value, d), number(last.U, d), number(last.change, d),
-            number(c.chart.drift, d), _limits(c, d), c.unit, "ok" if last.ok else ", ".join(last.flags),
+            number(c.chart.drift, d), _limits(c, d), c.unit, _told(c, last),
         )  # fmt: skip
     return table
 
@@ -56,6 +57,10 @@ def study_table(studies: Mapping[str, GageStudy], source: str) -> "Table":
         share = number(s.share(s.GRR), 1)
         table.add_row(name, *(f"{v:.4g}" for v in values), share, "" if s.ndc is None else str(s.ndc))
     return table
+
+
+def _told(c: Course, last: Point) -> str:
+    return "by clamping" if c.clamping else "ok" if last.ok else ", ".join(last.flags)
 
 
 def _limits(c: Course, decimals: int) -> str:

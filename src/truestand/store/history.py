@@ -34,6 +34,11 @@ class Series:
     """One a reading, as it stands today."""
     chart: ControlChart
 
+    @property
+    def clamping(self) -> bool:
+        """Whether it changes whenever the shaft is clamped again."""
+        return QUANTITIES[self.quantity][0] == "shaft"
+
 
 @dataclass(frozen=True, slots=True)
 class Inspected:
