@@ -181,12 +181,13 @@ class RotaryTable:
         """
         end = self.clock() + seconds
         while True:
+            late = self.clock() > end  # before the question: a busy computer is no late table
             state = self.state()
             if state.fault:
                 raise DeviceError(f"{self.drive.name}: {state.fault} while {what}; mend the cause, then reset")
             if not state.moving:
                 return
-            if self.clock() > end:
+            if late:
                 if halt:
                     self.drive.halt()
                 raise MoveTimeout(
