@@ -38,7 +38,7 @@ def test_the_encoder_counts_where_the_table_is(tmp_path):
 
 
 def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
-    with lab(tmp_path, encoder=False) as stand:
+    with lab(tmp_path, encoder=False, pace=1.0) as stand:
         taken = stand.take()
     assert taken.complete
     told = taken.written[0].scan.recording.acquisition["synchronisation"]
