@@ -30,10 +30,12 @@ def recorded(
     silent=(),
     encoder=True,
     late=0.0,
+    hurried=0.0,
 ):
     """A log as ``acquire`` writes it: rest, a turn at ``speed`` (deg/s), rest; ``lost``: profiles that never came.
 
-    ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on.
+    ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on,
+    ``hurried``: sooner before the table turns.
     """
     order = Order(turns, radians(speed), radians(speed), 0.001)
     layout = Layout("plain", "test", 2, 1, rate)
@@ -50,11 +52,12 @@ def recorded(
             log.append(Kind.TABLE, TABLE.pack(angle(time), 1e-4, REST <= time < end), time)
         for i in range(int((end + REST) * rate)):
             time = np.array([i / rate])
+            arrived = i / rate + 1e-3 + late * (i / rate > end / 2) - hurried * (i / rate < REST)
             seen = Profiles(np.zeros((1, 2)), np.ones((1, 2)), np.array([i]), time,
                             np.rint(angle(time) / tau * counts).astype(np.int64))  # fmt: skip
             for source in range(len(names)):
                 if i not in lost and names[source] not in silent:
-                    log.append(Kind.FRAME, encode_plain(seen), time[0] + 1e-3 + late * (time[0] > end / 2), source, i)
+                    log.append(Kind.FRAME, encode_plain(seen), arrived, source, i)
         log.append_json(Kind.END, {"complete": True, "reasons": []}, end)
     return path
 
@@ -91,6 +94,13 @@ def test_clocks_that_jump_prove_no_angle(tmp_path, late, complete):
     scan = only(recorded(tmp_path / "k1.log", encoder=False, late=late))
     assert scan.complete == complete, scan.reasons
     assert complete or "the clocks of sensor and host left their line by 42 ms, 0.8 deg" in scan.reasons[0]
+
+
+def test_what_the_clocks_do_at_rest_does_not_matter(tmp_path):
+    scan = only(recorded(tmp_path / "k1.log", encoder=False, turns=1.0, hurried=0.08))
+    assert scan.complete, scan.reasons
+    true = (scan.recording.time - REST) * radians(18.0)
+    assert np.abs(scan.recording.angle - true).max() < radians(0.1)
 
 
 def test_angles_by_even_clocks_are_those_of_the_table(tmp_path):

@@ -239,7 +239,8 @@ def _scan(log: Log, i: int, decoded: Stream) -> Converted:
 def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
     track = _track(log)
     start = float(track.position[0]) if track.position.size else 0.0
-    clocks = clock_line(decoded.time, decoded.arrived)
+    turning = _turning(decoded.arrived, track)
+    clocks = clock_line(decoded.time[turning], decoded.arrived[turning])
     moment = clocks.offset + clocks.rate * decoded.time
     told: dict[str, Any] = {"clock_rate": clocks.rate, "table_samples": int(track.time.size)}
     if plan.encoder and decoded.encoder is not None and log.stand.counts_per_turn:
@@ -255,6 +256,15 @@ def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
     told |= {"source": "clock", "steady": steady, "doubt_ms": 1e3 * float(np.median(track.doubt)),
              "clock_misfit_ms": 1e3 * clocks.misfit}  # fmt: skip
     return Placed(position, "clock", told, _uneven(clocks, log.order.speed))
+
+
+def _turning(arrived: Array, track: TableTrack) -> NDArray[np.bool_]:
+    """Profiles (n,) that came while the table turned: at rest their moment doesn't matter. All, where it never did."""
+    times = track.time[track.moving]
+    if times.size < 2:
+        return np.ones(arrived.shape, dtype=np.bool_)
+    turning = (arrived >= times[0]) & (arrived <= times[-1])
+    return turning if np.count_nonzero(turning) > 1 else np.ones(arrived.shape, dtype=np.bool_)
 
 
 def _track(log: Log) -> TableTrack:
