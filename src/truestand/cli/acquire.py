@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, QuietOption
+from truestand.cli.options import ForceOption, JsonOption, OperatorOption, QuietOption, StoreOption
 
 if TYPE_CHECKING:
     from truestand.station.scan import Taken
@@ -20,6 +20,8 @@ def acquire(
         float | None, typer.Option(min=0.01, max=1000.0, help="Turns to scan; default: [devices.acquire] turns.")
     ] = None,
     keep_log: Annotated[bool, typer.Option("--keep-log", help="Keep the log beside the scan.")] = False,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
@@ -30,6 +32,7 @@ def acquire(
 
     Example: truestand acquire --stand stand.toml -o k1.h5
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.live import ended_by_signals, live_bar
     from truestand.core.errors import BadRecipe
     from truestand.files.write_scan import NATIVE, check_output
@@ -39,11 +42,16 @@ def acquire(
     if output.suffix.lower() not in NATIVE:
         raise BadRecipe(f"{output}: found suffix {output.suffix!r}, need .h5; `truestand import` writes others")
     described, devices = read_devices(stand)
+    into = keeping(store, stand, operator, quiet)
     order = order_of(described, devices.acquire, turns)
     for name in (d.name for d in devices.sensor):
         check_output(output_of(output, name, len(devices.sensor)), force)
     with ended_by_signals(), live_bar(quiet) as show:
         taken = take_scan(stand, described, devices, order, output, show, keep_log)
+    if taken.written:
+        scans = {f"scan {one.scan.sensor}": one.path for one in taken.written}
+        status = "complete" if taken.complete else "incomplete"
+        into.keep("scan", {"status": status, **record_of(taken)}, {**scans, "stand": stand})
     tell(taken, as_json, quiet)
 
 

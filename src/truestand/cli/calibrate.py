@@ -10,9 +10,11 @@ import typer
 from truestand.cli.options import (
     ArtefactOption,
     JsonOption,
+    OperatorOption,
     QuietOption,
     StandOption,
     StartAngleOption,
+    StoreOption,
     radians_or_none,
 )
 
@@ -52,6 +54,8 @@ def calibrate(
         ),
     ] = None,
     start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -62,6 +66,7 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibrate import calibrate as find
     from truestand.core.positions import calibrate_positions
@@ -71,6 +76,7 @@ def calibrate(
 
     clamped = _clamped(scans, clamped_at_deg, method)
     shaft = read_shaft(artefact)
+    into = keeping(store, stand, operator, quiet)
     described = None if stand is None else read_stand(stand)
     known = None if truth is None else read_json(truth)
     seen = []
@@ -86,6 +92,7 @@ def calibrate(
     if report is not None:
         with working("Writing the report", quiet):
             write_report(report, scan, shaft, calibration, known)
+    into.keep("calibration", record, evidence_of(scans) | {"artefact": artefact, "stand": stand, "report": report})
     if as_json:
         print_json(record)
     elif not quiet:
@@ -96,6 +103,12 @@ def calibrate(
             print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
     tell_doubts(calibration, quiet)
+
+
+def evidence_of(scans: list[Path]) -> dict[str, Path | None]:
+    """The scans by role; the last one gives the pose."""
+    earlier = {f"scan {k + 1}": path for k, path in enumerate(scans[:-1])}
+    return {"scan": scans[-1], **earlier}
 
 
 def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import (
+    JsonOption,
+    OperatorOption,
+    QuietOption,
+    StandOption,
+    StartAngleOption,
+    StoreOption,
+    radians_or_none,
+)
 
 if TYPE_CHECKING:
     from truestand.core.inspection import Inspection
@@ -34,6 +42,11 @@ def inspect(
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
     ] = None,
     start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="Serial number of the part; default: that of PART.toml.")
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -41,6 +54,7 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.scan import interpret
@@ -48,7 +62,7 @@ def inspect(
     from truestand.core.transfer import transfer
     from truestand.files.clouds import check_suffix
     from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_identity, read_part
+    from truestand.files.parts import read_part
     from truestand.files.read import read_recording, sha256_of
     from truestand.files.recipes import read_stand
     from truestand.files.records import read_calibration, read_json
@@ -57,6 +71,7 @@ def inspect(
 
     if cloud is not None:
         check_suffix(cloud)
+    into = keeping(store, stand, operator, quiet)
     drawn, known = read_part(part), read_calibration(calibration)
     described = None if stand is None else read_stand(stand)
     true = None if truth is None else read_json(truth)
@@ -67,10 +82,11 @@ def inspect(
     with working("Inspecting", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
         surface = roll(tied.scan, tied.calibration)
-        inspection = replace(judge(surface, drawn), created=created, identity=read_identity(part))
+        inspection = replace(judge(surface, drawn), created=created, identity=_identity(part, serial, operator))
     record = inspection_record(inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), created)
     with working("Writing", quiet):
         write(Written(output, cloud, report), record, inspection, surface, true)
+    into.keep("inspection", record, _evidence(scan, calibration, part) | {"stand": stand, "report": report})
     if as_json:
         print_json(record)
     elif not quiet:
@@ -78,6 +94,23 @@ def inspect(
         typer.echo("\n".join(str(path) for path in (output, cloud, report) if path is not None))
     tell(inspection, quiet)
     raise typer.Exit(EXIT_CODES[inspection.verdict])
+
+
+def _identity(part: Path, serial: str | None, operator: str | None) -> dict[str, str]:
+    """Serial number, order and operator: what the options say, otherwise the recipe."""
+    from truestand.files.parts import read_identity
+
+    told = {"serial": serial, "operator": operator}
+    return read_identity(part) | {key: value for key, value in told.items() if value is not None}
+
+
+def _evidence(scan: Path, calibration: Path, part: Path) -> dict[str, Path | None]:
+    """What an inspection rests on, by role; a CAD model stands in a file of its own."""
+    from truestand.files.recipes import read_toml
+
+    recipe = read_toml(part)
+    model = part.parent / str(recipe["file"]) if recipe.get("kind") == "cad" else None
+    return {"scan": scan, "calibration": calibration, "part": part, "model": model}
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,12 @@ import typer
 from truestand._version import __version__
 from truestand.cli import (
     acquire,
+    audit,
     calibrate,
     compare,
     demo,
     form,
+    history,
     identify,
     importing,
     info,
@@ -23,6 +25,7 @@ from truestand.cli import (
     schema,
     simulate,
     stand,
+    store,
     verify,
 )
 from truestand.core.errors import TruestandError
@@ -55,6 +58,9 @@ app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
 app.add_typer(stand.app, name="stand")
+app.command("history")(history.history)
+app.command("audit")(audit.audit)
+app.add_typer(store.app, name="store")
 app.command("schema")(schema.schema)
 
 
