@@ -34,7 +34,7 @@ def test_the_encoder_counts_where_the_table_is(tmp_path):
     with lab(tmp_path, turns=0.1) as stand:
         first = read_recording(stand.take("a.h5").written[0].path)
         second = read_recording(stand.take("b.h5").written[0].path)
-    assert (second.encoder[0] - first.encoder[0]) / 360_000 == pytest.approx(1.0, abs=1e-4)
+    assert (second.encoder[0] - first.encoder[0]) / 360_000 == pytest.approx(1.0, abs=3e-4)  # a profile is 2.5e-4
 
 
 def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
