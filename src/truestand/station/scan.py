@@ -99,7 +99,7 @@ def _record(
     """Record, and say what ended it; an error before there is a log is passed on."""
     try:
         with guard(recipe), open_station(stand, devices, Machine()) as station:
-            jobs = {s.name: SensorJob(s.laser, s.encoder) for s in devices.sensor}
+            jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
             acquire(station, order, jobs, log, _now(), show)
     except TruestandError as wrong:
         if isinstance(wrong, Fault) or log.exists():
