@@ -1,15 +1,28 @@
 """Scans taken over the real protocols from the virtual stand in this process, and what can go wrong with one."""
 
 import re
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from lab import lab
-from truestand.core.errors import BadRecipe, DeviceError, Fault, LimitExceeded, NoSpace
+from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, LimitExceeded, NoSpace
 from truestand.files.read import read_recording, read_scan
 from truestand.sim.live.faults import Kind
+from truestand.station import stand as stand_module
 from truestand.station.latch import latch_path, reset_latch
+
+
+@dataclass
+class Silent:
+    """A drive that can't be reached."""
+
+    inner: object
+
+    def halt(self) -> None:
+        raise DeviceLost("silent")
 
 
 def test_a_scan_is_what_was_ordered(tmp_path):
@@ -112,6 +125,77 @@ def test_a_dead_controller_is_a_fault(tmp_path):
         assert not any(sensor.laser for sensor in stand.sensors)
     assert "127.0.0.1" in taken.fault
     assert not taken.complete
+
+
+def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeypatch):
+    """The controller is silent for a moment, just when the stand has to stop."""
+    real = stand_module.Station.make_safe
+
+    def make_safe(station):
+        failed = real(replace(station, table=replace(station.table, drive=Silent(station.table.drive))))
+        station.left = failed
+        return failed
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stand_module.Station, "make_safe", make_safe)
+    with lab(tmp_path, turns=10.0, pace=1.0) as stand:
+        taken = stand.take(show=stand.failing(interrupt, at=0.002))
+        assert taken.left == ("table: silent",)
+        until = time.monotonic() + 10.0
+        while not stand.safe:
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        with pytest.raises(Fault, match="interrupted by the operator; not stopped: table: silent"):
+            stand.take("b.h5")
+
+
+def test_nothing_recorded_tells_the_fault_and_not_the_empty_log(tmp_path):
+    with lab(tmp_path) as stand:
+        stand.faults.begin(Kind.LATENCY, 60_000.0)
+        with pytest.raises(Fault, match=r"found no profile in 3 s, .*check trigger mode.*`truestand stand reset`"):
+            stand.take()
+        assert stand.safe
+    assert not (tmp_path / "k1.log").exists()
+
+
+def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
+    import shutil
+
+    def gone(path):
+        raise FileNotFoundError(2, "No such file or directory", str(path))
+
+    with lab(tmp_path, turns=1.0) as stand:
+        taken = stand.take(show=stand.failing(lambda: monkeypatch.setattr(shutil, "disk_usage", gone), at=0.2))
+        assert stand.safe
+    assert "No such file" in taken.fault and not taken.complete
+    assert taken.fault in reset_latch(stand.recipe)
+
+
+def test_a_scan_that_can_not_be_written_stays_in_its_log(tmp_path, monkeypatch):
+    from truestand.station import scan
+
+    def full(*args, **options):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(scan, "write_recording", full)
+    with lab(tmp_path, turns=0.1) as stand, pytest.raises(NoSpace, match=r"what was recorded is in .*k1.log.*recover"):
+        stand.take()
+    assert (tmp_path / "k1.log").exists()
+
+
+def test_a_stand_in_use_is_not_reset(tmp_path):
+    from truestand.station.examine import reset
+    from truestand.station.latch import Latch
+
+    with lab(tmp_path) as stand:
+        stand.table.trip("a door is open")
+        held = Latch(stand.recipe)
+        with pytest.raises(DeviceError, match="another program uses this stand"):
+            reset(stand.recipe)
+        assert stand.table.status().fault
+        held.close()
 
 
 def test_an_interruption_stops_the_stand_and_keeps_what_came(tmp_path):

@@ -1,5 +1,6 @@
 """``truestand acquire``: take a scan with the stand."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,15 +66,23 @@ def tell(taken: "Taken", as_json: bool, quiet: bool) -> None:
     elif not quiet:
         for one in taken.written:
             typer.echo(one.path)
-    for one in taken.written:
-        for reason in one.scan.reasons:
-            hint(f"truestand: incomplete: {reason}", quiet)
-    if taken.fault:
-        hint("truestand: the stand stays in fault: mend the cause, then `truestand stand reset`", quiet)
+    for line in _hints(taken):
+        hint(f"truestand: {line}", quiet)
     if taken.interrupted:
         raise typer.Exit(INTERRUPTED)
     if not taken.complete:
         raise typer.Exit(UNDECIDED)
+
+
+def _hints(taken: "Taken") -> Iterator[str]:
+    """What people need to know besides the paths."""
+    for one in taken.written:
+        yield from (f"incomplete: {reason}" for reason in one.scan.reasons)
+    if taken.fault and taken.complete:
+        yield f"the scan is complete; after it {taken.fault}"
+    yield from (f"NOT STOPPED, look at the stand: {what}" for what in taken.left)
+    if taken.fault or taken.left:
+        yield "the stand stays in fault: mend the cause, then `truestand stand reset`"
 
 
 def record_of(taken: "Taken") -> dict[str, Any]:
@@ -81,6 +90,7 @@ def record_of(taken: "Taken") -> dict[str, Any]:
     return {
         "complete": taken.complete,
         "fault": taken.fault or None,
+        "not_stopped": list(taken.left),
         "scans": [
             {"path": str(one.path), "sensor": one.scan.sensor, **(one.scan.recording.acquisition or {})}
             for one in taken.written
