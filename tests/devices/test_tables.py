@@ -1,6 +1,7 @@
 """Each driver against its server: home, move, turn, stop, limits, and what happens when things go wrong."""
 
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -206,6 +207,37 @@ def test_damaged_answers_raise_nothing_else(protocol):
                     table.drive.halt()
                 finally:
                     table.close()
+
+
+class Interrupted(BaseException):
+    """What Ctrl-C raises, but for pytest."""
+
+
+@pytest.fixture
+def alarm_interrupts():
+    def interrupt(*_):
+        raise Interrupted
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@EACH
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="needs timers that interrupt")
+def test_a_stop_gets_through_after_an_interrupt_at_any_moment(protocol, alarm_interrupts):
+    chance = random.Random(4)
+    with table_at(protocol, tolerance_deg=360.0) as (virtual, _, table):
+        table.home()
+        for _ in range(20):
+            table.turn(radians(chance.choice([-60, 60])))
+            with pytest.raises(Interrupted):
+                signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-4, 4e-3))
+                while True:
+                    table.state()
+            table.stop()
+            assert not virtual.status().moving
 
 
 @EACH

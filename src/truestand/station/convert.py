@@ -1,6 +1,6 @@
 """From a log to scans: the same way after a good end and after a crash. A scan is incomplete until proven complete."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import degrees, radians, tau
 from pathlib import Path
@@ -14,6 +14,7 @@ from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensor import Layout
+from truestand.files.checking import refuse_other_types
 from truestand.files.recipes import stand_from_recipe
 from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
@@ -24,7 +25,9 @@ Column = NDArray[Any] | None
 
 CUT_OFF = "the recording was cut off before its end"
 COVERAGE_SLACK = radians(0.2)
-"""rad that may be missing at the end of a scan that is called complete: some profiles' worth."""
+"""rad that may be missing at the end of a scan that is called complete, or two profiles' worth, if that is more."""
+MOST_APART, APART_SHARE = radians(0.3), 0.001
+"""rad, and share of the travel, by which encoder and table may differ at the end of a scan that is called complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,8 @@ class Converted:
     sensor: str
     stand: Stand
     recording: Recording
+    sensors: int = 1
+    """How many took part, whether or not anything came of each."""
 
     @property
     def complete(self) -> bool:
@@ -78,7 +83,7 @@ def convert(path: Path) -> tuple[Converted, ...]:
         NotEnoughData: a log without a whole profile.
     """
     log = sort_log(path)
-    found = tuple(_scan(log, i) for i in range(len(log.sensors)) if _good(log, i))
+    found = tuple(_scan(log, i, stream) for i, stream in _streams(log))
     if not found:
         raise NotEnoughData(f"{path.name}: found no whole profile in the log, need at least one; scan again")
     return found
@@ -88,7 +93,7 @@ def sort_log(path: Path) -> Log:
     """A log's records, by kind.
 
     Raises:
-        UnreadableFile: no log, or without its first record.
+        UnreadableFile: no log, without its first record, or with two of them.
     """
     damages: list[Damage] = []
     records = read_log(path, damages)
@@ -104,6 +109,8 @@ def sort_log(path: Path) -> Log:
             log.track.append(record)
         elif record.kind is Kind.END:
             log.end = record.json()
+        elif record.kind is Kind.BEGIN:
+            raise UnreadableFile(f"{path.name}: found two recordings, need one; recover each from the log of its own")
     return log
 
 
@@ -123,14 +130,27 @@ def _begun(told: Mapping[str, Any], name: str) -> Log:
         created, software = str(told["created"]), str(told["software"])
     except (KeyError, TypeError, ValueError, AttributeError) as wrong:
         raise UnreadableFile(
-            f"{name}: the log's first record lacks {wrong}; it was written by another version"
+            f"{name}: the log's first record lacks {wrong}; it was written by another version "
+            f"({told.get('software')}): recover it with that one"
         ) from wrong
     return Log(stand, order, plans, created, software, [[] for _ in plans])
 
 
 def _layout(told: Mapping[str, Any]) -> Layout:
     scale = told.get("scale")
-    return Layout(**{**told, "scale": None if scale is None else tuple(scale)})
+    layout = Layout(**{**told, "scale": None if scale is None else tuple(scale)})
+    refuse_other_types(layout, Layout, "layout")
+    if min(layout.points, layout.profiles, layout.rate) <= 0:
+        raise ValueError("points, profiles and rate above 0")
+    return layout
+
+
+def _streams(log: Log) -> Iterator[tuple[int, "Stream"]]:
+    """Each sensor of which a whole profile came, by its place, one after the other."""
+    for i, plan in enumerate(log.sensors):
+        frames = _good(log, i)
+        if frames and (stream := _decoded(plan.layout, frames)).counter.size:
+            yield i, stream
 
 
 def _good(log: Log, i: int) -> list[Record]:
@@ -195,19 +215,21 @@ class Placed:
     """encoder, clock or none."""
     told: dict[str, Any]
     """What the record says of the synchronisation."""
+    contradiction: str = ""
+    """Why the angles can't be right; empty where nothing says so."""
 
 
-def _scan(log: Log, i: int) -> Converted:
-    plan, frames = log.sensors[i], _good(log, i)
-    decoded = _decoded(plan.layout, frames)
+def _scan(log: Log, i: int, decoded: Stream) -> Converted:
+    plan = log.sensors[i]
     placed = _placed(log, plan, decoded)
     begin = placed.position[0] + log.order.run_up
     end = begin + log.order.turns * tau
     kept = (placed.position >= begin) & (placed.position < end)
     if not kept.any():  # broken off before the scan proper: better what there is than nothing
         kept = np.ones(placed.position.shape, dtype=np.bool_)
-    lost = _lost(decoded.counter[kept])
-    reasons = _reasons(log, lost, placed, kept, end)
+    lost = _lost(decoded.counter, kept)
+    slack = max(COVERAGE_SLACK, 2 * log.order.speed / plan.layout.rate)
+    reasons = _reasons(log, lost, placed, kept, end, slack)
     acquisition = {
         "complete": not reasons,
         "reasons": reasons,
@@ -219,7 +241,7 @@ def _scan(log: Log, i: int) -> Converted:
         "synchronisation": placed.told,
     }
     stand = _stand_of(log.stand, plan, placed)
-    return Converted(plan.name, stand, _recording(decoded, placed, _rows(kept), acquisition, stand))
+    return Converted(plan.name, stand, _recording(decoded, placed, _rows(kept), acquisition, stand), len(log.sensors))
 
 
 def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
@@ -240,7 +262,7 @@ def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
         skew = latch_skew(moment, position, track)
         told |= {"source": "encoder", "latch_skew_ms": None if skew is None else 1e3 * skew.seconds,
                  "latch_skew_spread_ms": None if skew is None else 1e3 * skew.spread}  # fmt: skip
-        return Placed(position, "encoder", told)
+        return Placed(position, "encoder", told, _contradiction(position, track))
     if track.time.size < 2:
         return Placed(np.full(moment.shape, np.nan), "none", {**told, "source": "none"})
     within = (start + log.order.run_up, start + log.order.run_up + log.order.turns * tau)
@@ -255,13 +277,28 @@ def _track(log: Log) -> TableTrack:
     return TableTrack(time, values[:, 0], values[:, 1], values[:, 2] > 0)
 
 
-def _lost(counter: NDArray[np.int64]) -> int:
-    """Profiles that the counter skips."""
-    return int(counter[-1] - counter[0]) + 1 - counter.size
+def _contradiction(position: Array, track: TableTrack) -> str:
+    """What is wrong with the encoder's ``position`` where the table rested at both ends and tells another travel."""
+    if track.time.size < 2 or track.moving[-1]:
+        return ""
+    counted, turned = position[-1] - position[0], track.position[-1] - track.position[0]
+    if abs(counted - turned) <= MOST_APART + APART_SHARE * abs(turned):
+        return ""
+    return (
+        f"the encoder counted {degrees(counted):.1f} deg where the table turned {degrees(turned):.1f}: counts were "
+        "lost, or counts_per_turn in stand.toml is wrong"
+    )
 
 
-def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: float) -> list[str]:
-    """Why the scan isn't complete; empty where it is proven."""
+def _lost(counter: NDArray[np.int64], kept: NDArray[np.bool_]) -> int:
+    """Profiles that the counter skips, from the last one before those that are kept to the first one after them."""
+    first, last = np.flatnonzero(kept)[[0, -1]]
+    around = counter[max(first - 1, 0) : last + 2]
+    return int(around[-1] - around[0]) + 1 - around.size
+
+
+def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: float, slack: float) -> list[str]:
+    """Why the scan isn't complete; empty where it is proven. It must have been seen up to ``end``, less ``slack``."""
     reasons = []
     if log.end is None:
         reasons.append(CUT_OFF)
@@ -269,12 +306,14 @@ def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: 
         reasons += [str(reason) for reason in log.end.get("reasons", [])] or ["it was stopped before its end"]
     if log.damages:
         reasons.append(f"the log is damaged: {sum(d.bytes for d in log.damages)} bytes at byte {log.damages[0].start}")
+    if placed.contradiction and not reasons:
+        reasons.append(placed.contradiction)
     if lost > log.order.most_lost * np.count_nonzero(kept):
         reasons.append(f"{lost} profiles were lost, at most {100 * log.order.most_lost:g} % may be")
     missing = end - float(placed.position[kept].max())
     if placed.source == "none":
         reasons.append("nothing tells the table's angle: no encoder, and no position of the table was recorded")
-    elif missing > COVERAGE_SLACK and not reasons:
+    elif missing > slack and not reasons:
         reasons.append(f"the last {degrees(missing):.1f} deg of {360 * log.order.turns:g} were not seen")
     return reasons
 

@@ -1,8 +1,8 @@
 """The jobs of a stand from start to evidence: calibrate, inspect, verify. Each takes a scan and makes its record."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -39,6 +39,8 @@ class Job:
     part: Path | None = None
     calibration: Path | None = None
     """calibration.json that inspections and verifications rest on."""
+    identity: Mapping[str, str] = field(default_factory=dict)
+    """``serial``, ``order``, ``operator`` of what is inspected, where they differ from the recipe's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,7 @@ def _inspect(job: Job, watching: Watching) -> Result:
         tied = transfer(scan, calibration)
         surface = roll(tied.scan, tied.calibration)
         created = now()
-        found = replace(inspect(surface, drawing), created=created, identity=read_identity(part))
+        found = replace(inspect(surface, drawing), created=created, identity={**read_identity(part), **job.identity})
         record = inspection_record(found, tied.calibration, ScanSummary.of(scan), sha256_of(against), created)
         write_json_atomic(job.folder / "inspection.json", record)
     files = {"scan": job.folder / "part.h5", "stand": job.stand, "part": part, "calibration": against}

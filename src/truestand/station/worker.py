@@ -67,21 +67,21 @@ def job_from(told: Mapping[str, Any]) -> Job:
     if not told.get("stand") or not told.get("folder"):
         raise BadRecipe("found a job without stand or folder; it needs both")
     paths = {name: Path(told[name]) for name in PATHS if told.get(name)}
-    return Job(kind=told["kind"], **paths)
+    known = {key: str(told[key]) for key in ("serial", "order", "operator") if told.get(key)}
+    return Job(kind=told["kind"], identity=known, **paths)
 
 
 def _keep(result: Result, told: Mapping[str, Any], tell: Tell) -> int | None:
     """Into the results store, where one is given; the entry's number."""
     if not told.get("store"):
         return None
-    from truestand.store import Store  # type: ignore[import-not-found]
+    from truestand.store import Store
 
     _step(tell, "keep", "running")
-    people = {key: told[key] for key in ("operator", "order", "serial") if told.get(key)}
-    with Store.open(Path(told["store"]), create=True) as store:
-        entry = store.add(result.kind, result.record, result.evidence, **people)
+    store = Store.open(Path(told["store"]), create=True)
+    entry = store.add(result.kind, result.record, result.evidence, operator=told.get("operator"))
     _step(tell, "keep", "done")
-    return int(entry.number)
+    return entry.number
 
 
 def _step(tell: Tell, name: str, state: str) -> None:
