@@ -32,6 +32,8 @@ class Listed:
     title: str
     part_kind: str = ""
     """gear, turned or cad."""
+    called: str = ""
+    """The part's name in records."""
 
     @property
     def name(self) -> str:
@@ -103,7 +105,10 @@ class Folder:
         if kind is None:
             return None
         title = str(told.get("name") or name.removesuffix(".toml"))
-        return Listed(name, kind, title, str(told["kind"]) if kind == "part" else "")
+        if kind != "part":
+            return Listed(name, kind, title)
+        unnamed = {"gear": "gear", "turned": "turned part", "cad": Path(str(told.get("file", ""))).stem}
+        return Listed(name, kind, title, told["kind"], str(told.get("name") or unnamed[told["kind"]]))
 
 
 def kind_of(told: Mapping[str, Any]) -> Kind | None:

@@ -6,6 +6,7 @@ makes the worker wait.
 
 import json
 import secrets
+import shutil
 import signal
 import subprocess
 import sys
@@ -55,6 +56,8 @@ class Running:
     number: int | None = None
     verdict: str | None = None
     status: str | None = None
+    folder: str | None = None
+    """Where it works; kept unless its result is in the store."""
     aborted: float | None = None
     """When an abort was asked for first."""
 
@@ -109,9 +112,8 @@ class Runner:
         hub: Hub,
         command: Sequence[str] = WORKER,
         clock: Callable[[], float] = time.monotonic,
-        ended: Callable[[str, State], None] = lambda job, state: None,
     ) -> None:
-        self._hub, self._command, self._clock, self._ended = hub, tuple(command), clock, ended
+        self._hub, self._command, self._clock = hub, tuple(command), clock
         self._lock = threading.Lock()
         self._job: Running | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -140,7 +142,8 @@ class Runner:
                 raise Busy("the page is being ended; start it again first")
             if self._reader is not None and self._reader.is_alive():
                 raise Busy("a job runs already; wait for its end, or abort it")
-            job = Running(str(order["kind"]), part, title, dict(steps), {name: "waiting" for name, _ in steps})
+            waiting = {name: "waiting" for name, _ in steps}
+            job = Running(order["kind"], part, title, dict(steps), waiting, folder=order.get("folder"))
             process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                 start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
@@ -198,7 +201,8 @@ class Runner:
         for line_said in said:
             print(f"worker: {line_said}", file=sys.stderr)
         self._hub.publish("live", None)
-        self._ended(job.id, job.state)
+        if job.number is not None and job.folder is not None:
+            shutil.rmtree(job.folder, ignore_errors=True)  # the store has copies of all that counts
         self._publish(job)
 
     def _take(self, job: Running, line: bytes) -> None:

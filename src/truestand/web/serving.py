@@ -14,8 +14,8 @@ from truestand.core.errors import BadRecipe
 from truestand.web.app import create_app
 from truestand.web.connections import HEAD, Keeper, protocols
 from truestand.web.hub import Hub
+from truestand.web.kept import Kept
 from truestand.web.page import Page, Settings
-from truestand.web.results import NoResults
 from truestand.web.runner import Runner
 from truestand.web.security import names_of
 from truestand.web.tasks import ask
@@ -45,7 +45,7 @@ def make_page(settings: Settings) -> Page:
     """The page of a stand with its worker and store."""
     hub = Hub()
     gatekeeper = Gatekeeper(users_path(settings.store))
-    return Page(settings, NoResults(), Runner(hub), hub, gatekeeper, ask)
+    return Page(settings, Kept(settings.store), Runner(hub), hub, gatekeeper, ask)
 
 
 def serve(page: Page, binding: Binding, tell: Callable[[str], None], open_browser: bool = False) -> None:

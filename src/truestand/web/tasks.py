@@ -102,7 +102,26 @@ def reset(stand: str) -> str:
     return clear(Path(stand))
 
 
-TASKS: dict[str, Callable[..., Any]] = {"check": check, "devices": devices, "reset": reset}
+def audit(store: str) -> list[dict[str, str]]:
+    """What isn't as it was written; every byte is read."""
+    from truestand.store import audit as check_all
+
+    return [
+        {"what": f.what, "where": f"{f.where} ({f.detail})" if f.detail else f.where}
+        for f in check_all(Path(store)).findings
+    ]
+
+
+def cloud(source: str, target: str, points: str) -> int:
+    """A cloud made small enough to show; how many points it has."""
+    from truestand.web.clouds import thin_out
+
+    return thin_out(Path(source), Path(target), int(points))
+
+
+TASKS: dict[str, Callable[..., Any]] = {
+    "audit": audit, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
+}  # fmt: skip
 
 
 def main(arguments: list[str]) -> int:

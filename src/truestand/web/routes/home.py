@@ -31,10 +31,9 @@ def home(page: ThePage) -> dict[str, Any]:
 
 def calibration_state(page: Page, now: datetime) -> CalibrationState:
     """Of the newest calibration."""
-    newest = page.results.entries(kinds=("calibration",), limit=1)
-    if not newest:
+    entry = page.results.calibration()
+    if entry is None:
         return CalibrationState(state="none")
-    entry = newest[0]
     record = page.results.record(entry.number)
     until = record.get("valid_until")
     state = "untrusted" if record.get("status") != "valid" else "expired" if _over(until, now) else "valid"

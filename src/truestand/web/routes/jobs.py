@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from datetime import UTC, datetime
 from typing import Any
 
@@ -55,11 +54,6 @@ def abort(id: str, page: ThePage) -> dict[str, Any]:
     return found
 
 
-def forget(page: Page, order: dict[str, Any]) -> None:
-    """Remove the folder of a job whose result is in the store."""
-    shutil.rmtree(order["folder"], ignore_errors=True)
-
-
 def _part(page: Page, body: JobBody) -> Listed | None:
     if body.kind == "inspect" and not body.part:
         raise Problem(422, "found no part, an inspection needs one; choose it from the list of parts")
@@ -90,9 +84,9 @@ def _order(page: Page, body: JobBody, who: Who, part: Listed | None) -> dict[str
 
 
 def _calibration(page: Page) -> str:
-    """The newest one's record."""
-    newest = page.results.entries(kinds=("calibration",), limit=1)
-    path = page.results.file(newest[0].number, "record") if newest else None
+    """The record of the one that counts."""
+    newest = page.results.calibration()
+    path = None if newest is None else page.results.file(newest.number, "record")
     if path is None:
         raise Problem(409, "found no calibration of this stand, need one first; calibrate with the shaft")
     return str(path)

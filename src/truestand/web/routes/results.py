@@ -33,7 +33,7 @@ def results(
     before: Number | None = None,
 ) -> list[Entry]:
     """``before``: the last number of the page before."""
-    return page.results.entries((kind,) if kind else (), part, limit, before)
+    return page.results.entries((kind,) if kind else (), _names(page, part), limit, before)
 
 
 def result(number: int, page: ThePage) -> dict[str, Any]:
@@ -62,7 +62,12 @@ def history(
     page: ThePage, kind: Literal["calibration", "inspection"] = "calibration", part: str | None = None
 ) -> dict[str, Any]:
     """Of calibrations, or of the inspections of one part."""
-    return {"quantities": page.results.history(kind, part)}
+    return {"quantities": page.results.history(kind, _names(page, part))}
+
+
+def _names(page: Page, part: str | None) -> tuple[str, ...]:
+    """Under which names a part's results are kept: the recipe's file may have another one than the part."""
+    return () if part is None else (part, *(r.called for r in page.folder.recipes() if r.name == part))
 
 
 def _entry(page: Page, number: int) -> Entry:
