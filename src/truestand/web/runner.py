@@ -192,8 +192,9 @@ class Runner:
         listening = threading.Thread(target=_keep_said, args=(process.stderr, said), name="worker says", daemon=True)
         listening.start()
         assert process.stdout is not None
-        while line := process.stdout.readline(LONGEST_LINE):
-            self._take(job, line)
+        with process.stdout as told:
+            while line := told.readline(LONGEST_LINE):
+                self._take(job, line)
         code = process.wait()
         listening.join(1.0)
         with self._lock:
@@ -244,5 +245,7 @@ def _interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def _keep_said(stderr: IO[bytes] | None, said: deque[str]) -> None:
-    while stderr is not None and (line := stderr.readline(LONGEST_LINE)):
-        said.append(line.decode("utf-8", "replace").rstrip()[:500])
+    assert stderr is not None
+    with stderr:
+        while line := stderr.readline(LONGEST_LINE):
+            said.append(line.decode("utf-8", "replace").rstrip()[:500])
