@@ -23,6 +23,7 @@ from truestand.cli import (
     recover,
     roll,
     schema,
+    serve,
     simulate,
     stand,
     store,
@@ -61,6 +62,7 @@ app.add_typer(stand.app, name="stand")
 app.command("history")(history.history)
 app.command("audit")(audit.audit)
 app.add_typer(store.app, name="store")
+app.command("serve")(serve.serve)
 app.command("schema")(schema.schema)
 
 

@@ -1,5 +1,6 @@
 """Point clouds to disk, by suffix: PLY, XYZ, npz, E57. Only points that were seen are written."""
 
+import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -7,12 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.errors import BadRecipe, MissingExtra
+from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.atomic import replacing
 
 Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".xyz", ".npz", ".e57")
+_HEADER = re.compile(
+    rb"ply\nformat binary_little_endian 1\.0\n(comment .*\n)*element vertex (?P<count>\d{1,12})\n"
+    rb"(?P<properties>(property (float|int) \w+\n){3,9})end_header\n"
+)
 BLOCK = 512
 """Profiles written at once."""
 
@@ -111,3 +116,25 @@ def _write_e57(path: Path, x: Array, y: Array, z: Array, deviation: Array | None
     finally:
         file.close()
     return int(profile.size)
+
+
+def open_cloud(path: Path | str) -> "np.memmap[Any, np.dtype[np.void]]":
+    """The points of a PLY that ``write_cloud`` wrote, by column, without reading them yet.
+
+    Raises:
+        UnreadableFile: it is another file, or cut off.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        found = _HEADER.match(file.read(2048))
+    if found is None:
+        raise UnreadableFile(f"{path.name}: no cloud of truestand's; `truestand roll` and `inspect` write them")
+    properties = re.findall(rb"property (float|int) (\w+)\n", found["properties"])
+    kind = np.dtype([(name.decode(), "<f4" if of == b"float" else "<i4") for of, name in properties])
+    count = int(found["count"])
+    needed = found.end() + count * kind.itemsize
+    if path.stat().st_size != needed or count == 0:
+        raise UnreadableFile(
+            f"{path.name}: found {count} points in {path.stat().st_size} bytes, need {needed}, and a point"
+        )
+    return np.memmap(path, dtype=kind, mode="r", offset=found.end(), shape=(count,))
