@@ -127,7 +127,7 @@ class View {
 
   camera() {
     const { width, height } = this.canvas;
-    const distance = (2.9 * this.frame.radius * Math.max(1, height / width)) / this.zoomed;
+    const distance = (2.5 * this.frame.radius * Math.max(1, height / width)) / this.zoomed;
     const near = Math.max(distance - 2 * this.frame.radius, 0.01 * this.frame.radius);
     const far = distance + 2 * this.frame.radius;
     const look = orbit(this.turn, this.lift, distance, this.shift);
@@ -148,7 +148,7 @@ class View {
     gl.uniformMatrix4fv(p.at("matrix"), false, matrix);
     gl.uniform1f(p.at("range"), this.range);
     gl.uniform3fv(p.at("colours"), COLOURS.flat());
-    gl.uniform1f(p.at("size"), (canvas.height * this.frame.spacing * 1.7) / 0.75);
+    gl.uniform1f(p.at("size"), (canvas.height * this.frame.spacing * 2.3) / 0.75);
     gl.uniform1f(p.at("most"), 14 * this.sharp);
     gl.bindVertexArray(this.array);
     gl.drawArrays(gl.POINTS, 0, this.count);

@@ -51,11 +51,16 @@ export function symbol(name) {
   return h("span", { class: "symbol" }, h("i", {}, stem), below && h("sub", {}, below));
 }
 
-/** The same as plain text, for charts and lists of choices. */
+/** The same as plain text, for lists of choices. */
 export function plainSymbol(name) {
+  return known(`name.${name}`) ? t(`name.${name}`) : greek(name);
+}
+
+/** The same for plotly, which reads these two tags; anything else in the name is kept from it. */
+export function chartSymbol(name) {
   if (known(`name.${name}`)) return t(`name.${name}`);
-  const [stem, ...rest] = name.split("_");
-  return rest.length ? `${stem} ${greek(rest.join(" "))}` : stem;
+  const [stem, ...rest] = name.replace(/[<>&]/g, "").split("_");
+  return rest.length ? `<i>${stem}</i><sub>${greek(rest.join(" "))}</sub>` : stem;
 }
 
 export function meaning(name) {

@@ -4,7 +4,7 @@ import { chart, plain, series } from "./charts.js";
 import { colour, h, put } from "./dom.js";
 import { empty, select } from "./parts.js";
 import { known, t } from "./texts.js";
-import { line, plainSymbol, usage, where, whole } from "./lines.js";
+import { chartSymbol, line, plainSymbol, usage, where, whole } from "./lines.js";
 
 export async function resultCharts(panel, entry, record, signal) {
   put(panel);
@@ -45,14 +45,15 @@ async function chosen(panel, title, options, draw, signal) {
 
 function limits(panel, lines, signal) {
   const tones = { conforms: "good", does_not_conform: "bad", undecided: "open" };
-  const label = (c) => `${plain(plainSymbol(c.name))} ${plain(where(c))}`;
+  const label = (c) => `${chartSymbol(c.name)} ${plain(where(c))} `;
+  const end = 105 * Math.max(1.1, ...lines.map((c) => usage(c).value + usage(c).U));
   return chart(panel, t("charts.limits"), () => [{
     type: "bar", orientation: "h", y: lines.map(label), x: lines.map((c) => 100 * usage(c).value),
     error_x: { type: "data", array: lines.map((c) => 100 * usage(c).U), color: colour("ink"), thickness: 2, width: 5 },
     marker: { color: lines.map((c) => colour(tones[c.verdict] ?? "none")), pattern: { shape: lines.map((c) => ({ bad: "x", open: "/" })[tones[c.verdict]] ?? ""), fgcolor: colour("paper"), size: 7 } },
     hovertemplate: "%{y}: %{x:.0f} %<extra></extra>",
   }], () => ({
-    height: 90 + 30 * lines.length, xaxis: { title: { text: t("charts.limits.axis") }, rangemode: "tozero", ticksuffix: " %" }, yaxis: { tickfont: { size: 15 } }, bargap: 0.35,
+    height: 90 + 30 * lines.length, xaxis: { title: { text: t("charts.limits.axis") }, range: [0, Math.min(end, 300)], ticksuffix: " %" }, yaxis: { tickfont: { size: 15 } }, bargap: 0.35,
     shapes: [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: 100, x1: 100, line: { color: colour("ink"), width: 3 } }],
   }), signal);
 }

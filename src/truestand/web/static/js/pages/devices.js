@@ -16,7 +16,7 @@ export async function show(page, _, signal) {
     put(list, busy(t("devices.asking")));
     try {
       const devices = await get("api/devices", signal);
-      put(list, devices.length ? h("ul", { class: "devices" }, devices.map(device)) : empty(t("devices.none"), store.engineer && link(t("page.recipes"), "/recipes/stand.toml", { kind: "primary" })));
+      put(list, devices.length ? h("ul", { class: "device-list" }, devices.map(device)) : empty(t("devices.none"), store.engineer && link(t("page.recipes"), "/recipes/stand.toml", { kind: "primary" })));
     } catch (wrong) {
       if (wrong.name === "AbortError") return;
       put(list, alertBox(wrong.message, wrong.status === 409 ? "open" : "bad"), wrong.status === 409 && link(t("job.show"), "/job", { kind: "primary" }));

@@ -47,7 +47,7 @@ function identify(page, part) {
   if (said.part !== part.name) Object.assign(said, { part: part.name, serial: "" });
   said.operator ??= localStorage.getItem("operator") ?? store.session.user ?? "";
   const input = (key, more = {}) => h("input", { type: "text", id: `i-${key}`, maxlength: 80, autocomplete: "off", spellcheck: "false", prop: { value: said[key] }, on: { input: (e) => (said[key] = e.target.value.trim()) }, ...more });
-  const form = h("form", { class: "card form", on: { submit: onward } },
+  const form = h("form", { class: "card form identify", on: { submit: onward } },
     field(t("inspect.serial"), input("serial"), t("inspect.serial.note")), field(t("inspect.order"), input("order")), field(t("inspect.operator"), input("operator")),
     h("div", { class: "actions" }, link(t("action.back"), "/inspect", { sign: "back" }), button(t("action.next"), null, { kind: "primary", type: "submit", sign: "next" })));
   add(page, stepper(names(), 1), heading(part.title || part.name), h("p", { class: "lead" }, t("inspect.identify")), form);

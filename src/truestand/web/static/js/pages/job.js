@@ -143,7 +143,7 @@ async function ended(page, first, signal) {
   const job = store.job;
   const word = job.state === "done" ? (job.verdict ?? job.status ?? "done") : job.state;
   const why = h("div", { class: "why" });
-  put(page, guide(job, 1), stamp(word, title(job), job.message), why, h("div", { class: "actions wide" }, onward(job)));
+  put(page, guide(job, 1), stamp(word, title(job), job.message), why, h("div", { class: "actions large" }, onward(job)));
   say(`${title(job)}: ${page.querySelector(".word").textContent}`);
   if (!first) page.querySelector("h1")?.setAttribute("tabindex", "-1");
   if (!first) page.querySelector("h1")?.focus();
