@@ -2,10 +2,10 @@
 
     python bench/live_path.py [--seconds 10] [--rate 10000] [--points 640] [--packet 0] [--check]
 
-The virtual stand (scanCONTROL over GigE Vision, table over Modbus TCP) is a process of its own on another core and sends
-profiles made before. What is measured is the station's own path: client, watch, log. ``--check`` ends with 1 where a
-profile was lost or the 99th percentile from a frame's last packet to its write is beyond 50 ms, with 2 where the machine
-was too busy to send at full rate.
+The virtual stand (scanCONTROL over GigE Vision, table over Modbus TCP) is a process of its own on another core and
+sends profiles made before. What is measured is the station's own path: client, watch, log. ``--check`` ends with 1 if
+a profile was lost or the 99th percentile from a frame's last packet to its write is beyond 50 ms, with 2 where the
+machine was too busy to send at full rate.
 """
 
 import argparse

@@ -18,21 +18,24 @@ def live_bar(quiet: bool, what: str = "") -> Iterator[Callable[["Live"], None]]:
         yield lambda live: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"),
-               TimeElapsedColumn(), TimeRemainingColumn())  # fmt: skip
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(20),
+        TextColumn("{task.percentage:.0f} %"),
+        TimeRemainingColumn(),
+    )
+    start = f"{what}: " if what else ""
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("Checking and homing", total=1.0)
-        start = f"{what}: " if what else ""
+        task = progress.add_task(f"{start}checking and homing", total=1.0)
         yield lambda live: progress.update(task, completed=live.done, description=start + told(live))
 
 
 def told(live: "Live") -> str:
     """One line of live numbers."""
-    words = [live.state.value.capitalize(), f"{degrees(live.position):8.2f} deg"]
-    for rate, profiles, lost in zip(live.frames_per_s, live.profiles, live.lost, strict=True):
-        words.append(f"{rate:5.0f} frames/s {profiles} seen {lost} lost")
+    words = [live.state.value, f"{degrees(live.position):6.1f}°"]
+    words += [f"{rate:.0f} frames/s {lost} lost" for rate, lost in zip(live.frames_per_s, live.lost, strict=True)]
     return "  ".join(words)
 
 

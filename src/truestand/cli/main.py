@@ -21,6 +21,7 @@ from truestand.cli import (
     recover,
     roll,
     schema,
+    serve,
     simulate,
     stand,
     verify,
@@ -55,6 +56,7 @@ app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
 app.add_typer(stand.app, name="stand")
+app.command("serve")(serve.serve)
 app.command("schema")(schema.schema)
 
 

@@ -51,3 +51,7 @@ class Fault(TruestandError):
 
 class NoSpace(TruestandError):
     """A disk with no room, or no right, for what is to be written."""
+
+
+class BadStore(TruestandError):
+    """A results store that is missing, damaged, busy or newer than this version, or evidence that doesn't fit."""

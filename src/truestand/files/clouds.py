@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.errors import BadRecipe, MissingExtra
+from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.atomic import replacing
 
 Array = NDArray[np.float64]
@@ -111,3 +111,28 @@ def _write_e57(path: Path, x: Array, y: Array, z: Array, deviation: Array | None
     finally:
         file.close()
     return int(profile.size)
+
+
+def open_cloud(path: Path | str) -> "np.memmap[Any, np.dtype[np.void]]":
+    """The points of a PLY that ``write_cloud`` wrote, by column, without reading them yet.
+
+    Raises:
+        UnreadableFile: it is another file, or cut off.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        head = file.read(2048)
+    header, end, _ = head.partition(b"end_header\n")
+    lines = header.decode("ascii", "replace").split("\n")
+    count = next((int(n) for word, _, n in (x.rpartition(" ") for x in lines) if word == "element vertex"), None)
+    if not end or not lines[0].startswith("ply") or "format binary_little_endian 1.0" not in lines or count is None:
+        raise UnreadableFile(f"{path.name}: no cloud of truestand's; `truestand roll` and `inspect` write them")
+    types = {"float": "<f4", "int": "<i4"}
+    words = [line.split() for line in lines if line.startswith("property ")]
+    kind = np.dtype([(name, types[of]) for _, of, name in words])
+    start = len(header) + len(end)
+    if path.stat().st_size != start + count * kind.itemsize:
+        raise UnreadableFile(f"{path.name}: found {path.stat().st_size} bytes, need {start + count * kind.itemsize}")
+    if count == 0:
+        raise UnreadableFile(f"{path.name}: found no point in it; nothing was seen")
+    return np.memmap(path, dtype=kind, mode="r", offset=start, shape=(count,))

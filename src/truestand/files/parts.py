@@ -148,7 +148,11 @@ def read_part(path: Path | str) -> Part:
         UnreadableFile: a CAD model that can't be read.
         MissingExtra: a STEP model without its extra.
     """
-    table = read_toml(path)
+    return part_of(read_toml(path), path)
+
+
+def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
+    """The part of a recipe's tables, as if they stood in ``path``; errors as ``read_part``."""
     kind = table.get("kind")
     if kind not in KINDS:
         raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')

@@ -11,6 +11,7 @@ from pathlib import Path
 from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
+from truestand.devices.sensor import Layout
 from truestand.files.recipes import stand_recipe
 from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
 from truestand.station.convert import SensorPlan, begin_record
@@ -50,9 +51,14 @@ class Live:
     """0..1."""
     position: float
     """rad of the table."""
+    names: tuple[str, ...]
+    """Of the sensors; the rest likewise."""
     frames_per_s: tuple[float, ...]
     profiles: tuple[int, ...]
     lost: tuple[int, ...]
+    layouts: tuple[Layout, ...]
+    latest: tuple[bytes, ...]
+    """Payload of each sensor's newest frame; empty before the first."""
 
 
 Show = Callable[[Live], None]
@@ -118,6 +124,7 @@ class _Run:
     show: Show
     watches: list[SensorWatch] = field(default_factory=list)
     encoders: list[EncoderWatch | None] = field(default_factory=list)
+    latest: list[bytes] = field(default_factory=list)
     over: threading.Event = field(default_factory=threading.Event)
     start: float = 0.0
     _looked_at_disk: float = 0.0
@@ -127,6 +134,7 @@ class _Run:
         machine, table = self.station.machine, self.station.table
         now = time.monotonic()
         self.watches = [SensorWatch(p.name, p.layout, now) for p in self.plans]
+        self.latest = [b"" for _ in self.plans]
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
             recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
             try:
@@ -237,6 +245,7 @@ class _Run:
             flags = INCOMPLETE if frame.missing else SUSPECT if problem else 0
             self.log.append(Kind.FRAME, frame.payload, frame.received, i, frame.number, flags)
             _demand(problem)
+            self.latest[i] = frame.payload
 
     def _show(self, position: float) -> None:
         seconds = max(time.monotonic() - self.watches[0].began, 1e-3)
@@ -245,9 +254,12 @@ class _Run:
                 self.station.machine.state,
                 min(max((position - self.start) / self.order.travel, 0.0), 1.0),
                 position,
+                tuple(p.name for p in self.plans),
                 tuple(w.profiles / w.layout.profiles / seconds for w in self.watches),
                 tuple(w.profiles for w in self.watches),
                 tuple(w.lost for w in self.watches),
+                tuple(p.layout for p in self.plans),
+                tuple(self.latest),
             )
         )
 

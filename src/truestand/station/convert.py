@@ -1,6 +1,6 @@
 """From a log to scans: the same way after a good end and after a crash. A scan is incomplete until proven complete."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import degrees, radians, tau
 from pathlib import Path
@@ -14,16 +14,20 @@ from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensor import Layout
+from truestand.files.checking import refuse_other_types
 from truestand.files.recipes import stand_from_recipe
 from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
 from truestand.station.sync import TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
 
 Array = NDArray[np.float64]
+Column = NDArray[Any] | None
 
 CUT_OFF = "the recording was cut off before its end"
 COVERAGE_SLACK = radians(0.2)
-"""rad that may be missing at the end of a scan that is called complete: some profiles' worth."""
+"""rad that may be missing at the end of a scan that is called complete, or two profiles' worth, if that is more."""
+MOST_APART, APART_SHARE = radians(0.3), 0.001
+"""rad, and share of the travel, by which encoder and table may differ at the end of a scan that is called complete."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,8 @@ class Converted:
     sensor: str
     stand: Stand
     recording: Recording
+    sensors: int = 1
+    """How many took part, whether or not anything came of each."""
 
     @property
     def complete(self) -> bool:
@@ -77,7 +83,7 @@ def convert(path: Path) -> tuple[Converted, ...]:
         NotEnoughData: a log without a whole profile.
     """
     log = sort_log(path)
-    found = tuple(_scan(log, i) for i in range(len(log.sensors)) if _good(log, i))
+    found = tuple(_scan(log, i, stream) for i, stream in _streams(log))
     if not found:
         raise NotEnoughData(f"{path.name}: found no whole profile in the log, need at least one; scan again")
     return found
@@ -87,7 +93,7 @@ def sort_log(path: Path) -> Log:
     """A log's records, by kind.
 
     Raises:
-        UnreadableFile: no log, or without its first record.
+        UnreadableFile: no log, without its first record, or with two of them.
     """
     damages: list[Damage] = []
     records = read_log(path, damages)
@@ -103,6 +109,8 @@ def sort_log(path: Path) -> Log:
             log.track.append(record)
         elif record.kind is Kind.END:
             log.end = record.json()
+        elif record.kind is Kind.BEGIN:
+            raise UnreadableFile(f"{path.name}: found two recordings, need one; recover each from the log of its own")
     return log
 
 
@@ -122,14 +130,27 @@ def _begun(told: Mapping[str, Any], name: str) -> Log:
         created, software = str(told["created"]), str(told["software"])
     except (KeyError, TypeError, ValueError, AttributeError) as wrong:
         raise UnreadableFile(
-            f"{name}: the log's first record lacks {wrong}; it was written by another version"
+            f"{name}: the log's first record lacks {wrong}; it was written by another version "
+            f"({told.get('software')}): recover it with that one"
         ) from wrong
     return Log(stand, order, plans, created, software, [[] for _ in plans])
 
 
 def _layout(told: Mapping[str, Any]) -> Layout:
     scale = told.get("scale")
-    return Layout(**{**told, "scale": None if scale is None else tuple(scale)})
+    layout = Layout(**{**told, "scale": None if scale is None else tuple(scale)})
+    refuse_other_types(layout, Layout, "layout")
+    if min(layout.points, layout.profiles, layout.rate) <= 0:
+        raise ValueError("points, profiles and rate above 0")
+    return layout
+
+
+def _streams(log: Log) -> Iterator[tuple[int, "Stream"]]:
+    """Each sensor of which a whole profile came, by its place, one after the other."""
+    for i, plan in enumerate(log.sensors):
+        frames = _good(log, i)
+        if frames and (stream := _decoded(plan.layout, frames)).counter.size:
+            yield i, stream
 
 
 def _good(log: Log, i: int) -> list[Record]:
@@ -157,24 +178,31 @@ class Stream:
 
 
 def _decoded(layout: Layout, frames: list[Record]) -> Stream:
-    unwrapper = Unwrapper(layout)
-    found = [unwrapper.go_on(decode(layout, frame.payload)) for frame in frames]
-    n = [len(p.x) for p in found]
-    counters = [
-        np.arange(len(p.x)) + (frame.number - frames[0].number) * layout.profiles if p.counter is None else p.counter
-        for p, frame in zip(found, frames, strict=True)
-    ]
-    counter = np.concatenate(counters).astype(np.int64)
-    times = [p.time for p in found if p.time is not None]
-    encoders = [p.encoder for p in found if p.encoder is not None]
+    """All frames in one go on; x and z are filled in place, so that a long scan is in memory once."""
+    unwrapper, most = Unwrapper(layout), len(frames) * layout.profiles
+    x, z = np.empty((most, layout.points)), np.empty((most, layout.points))
+    columns: list[tuple[Column, ...]] = []
+    n = 0
+    for frame in frames:
+        found = unwrapper.go_on(decode(layout, frame.payload))
+        rows = slice(n, n := n + len(found.x))
+        x[rows], z[rows] = found.x, found.z
+        first = (frame.number - frames[0].number) * layout.profiles
+        counter = np.arange(len(found.x)) + first if found.counter is None else found.counter
+        columns.append((counter, found.time, found.encoder, np.full(len(found.x), frame.time)))
+    numbers, time, encoder, arrived = (_joined(column) for column in zip(*columns, strict=True))
+    assert numbers is not None and arrived is not None
+    counts = numbers.astype(np.int64)
     return Stream(
-        np.concatenate([p.x for p in found]),
-        np.concatenate([p.z for p in found]),
-        counter,
-        np.concatenate(times) if len(times) == len(found) else counter / layout.rate,
-        np.concatenate(encoders) if len(encoders) == len(found) else None,
-        np.repeat([frame.time for frame in frames], n),
-    )
+        x[:n], z[:n], counts, counts / layout.rate if time is None else time,
+        None if encoder is None else encoder.astype(np.int64), arrived,
+    )  # fmt: skip
+
+
+def _joined(column: tuple[Column, ...]) -> NDArray[Any] | None:
+    """One column of the whole stream; None where a frame lacks it."""
+    pieces = [piece for piece in column if piece is not None]
+    return np.concatenate(pieces) if len(pieces) == len(column) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,19 +215,21 @@ class Placed:
     """encoder, clock or none."""
     told: dict[str, Any]
     """What the record says of the synchronisation."""
+    contradiction: str = ""
+    """Why the angles can't be right; empty where nothing says so."""
 
 
-def _scan(log: Log, i: int) -> Converted:
-    plan, frames = log.sensors[i], _good(log, i)
-    decoded = _decoded(plan.layout, frames)
+def _scan(log: Log, i: int, decoded: Stream) -> Converted:
+    plan = log.sensors[i]
     placed = _placed(log, plan, decoded)
     begin = placed.position[0] + log.order.run_up
     end = begin + log.order.turns * tau
     kept = (placed.position >= begin) & (placed.position < end)
     if not kept.any():  # broken off before the scan proper: better what there is than nothing
         kept = np.ones(placed.position.shape, dtype=np.bool_)
-    lost = _lost(decoded.counter[kept])
-    reasons = _reasons(log, lost, placed, kept, end)
+    lost = _lost(decoded.counter, kept)
+    slack = max(COVERAGE_SLACK, 2 * log.order.speed / plan.layout.rate)
+    reasons = _reasons(log, lost, placed, kept, end, slack)
     acquisition = {
         "complete": not reasons,
         "reasons": reasons,
@@ -211,7 +241,14 @@ def _scan(log: Log, i: int) -> Converted:
         "synchronisation": placed.told,
     }
     stand = _stand_of(log.stand, plan, placed)
-    return Converted(plan.name, stand, _recording(decoded, placed, kept, acquisition, stand))
+    return Converted(plan.name, stand, _recording(decoded, placed, _rows(kept), acquisition, stand), len(log.sensors))
+
+
+def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
+    """What is kept, as a slice where it is one piece: a slice costs no copy of millions of points."""
+    rows = np.flatnonzero(kept)
+    whole = rows[-1] - rows[0] + 1 == rows.size
+    return slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
 
 
 def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
@@ -225,7 +262,7 @@ def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
         skew = latch_skew(moment, position, track)
         told |= {"source": "encoder", "latch_skew_ms": None if skew is None else 1e3 * skew.seconds,
                  "latch_skew_spread_ms": None if skew is None else 1e3 * skew.spread}  # fmt: skip
-        return Placed(position, "encoder", told)
+        return Placed(position, "encoder", told, _contradiction(position, track))
     if track.time.size < 2:
         return Placed(np.full(moment.shape, np.nan), "none", {**told, "source": "none"})
     within = (start + log.order.run_up, start + log.order.run_up + log.order.turns * tau)
@@ -240,13 +277,28 @@ def _track(log: Log) -> TableTrack:
     return TableTrack(time, values[:, 0], values[:, 1], values[:, 2] > 0)
 
 
-def _lost(counter: NDArray[np.int64]) -> int:
-    """Profiles that the counter skips."""
-    return int(counter[-1] - counter[0]) + 1 - counter.size
+def _contradiction(position: Array, track: TableTrack) -> str:
+    """What is wrong with the encoder's ``position`` where the table rested at both ends and tells another travel."""
+    if track.time.size < 2 or track.moving[-1]:
+        return ""
+    counted, turned = position[-1] - position[0], track.position[-1] - track.position[0]
+    if abs(counted - turned) <= MOST_APART + APART_SHARE * abs(turned):
+        return ""
+    return (
+        f"the encoder counted {degrees(counted):.1f} deg where the table turned {degrees(turned):.1f}: counts were "
+        "lost, or counts_per_turn in stand.toml is wrong"
+    )
 
 
-def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: float) -> list[str]:
-    """Why the scan isn't complete; empty where it is proven."""
+def _lost(counter: NDArray[np.int64], kept: NDArray[np.bool_]) -> int:
+    """Profiles that the counter skips, from the last one before those that are kept to the first one after them."""
+    first, last = np.flatnonzero(kept)[[0, -1]]
+    around = counter[max(first - 1, 0) : last + 2]
+    return int(around[-1] - around[0]) + 1 - around.size
+
+
+def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: float, slack: float) -> list[str]:
+    """Why the scan isn't complete; empty where it is proven. It must have been seen up to ``end``, less ``slack``."""
     reasons = []
     if log.end is None:
         reasons.append(CUT_OFF)
@@ -254,12 +306,14 @@ def _reasons(log: Log, lost: int, placed: Placed, kept: NDArray[np.bool_], end: 
         reasons += [str(reason) for reason in log.end.get("reasons", [])] or ["it was stopped before its end"]
     if log.damages:
         reasons.append(f"the log is damaged: {sum(d.bytes for d in log.damages)} bytes at byte {log.damages[0].start}")
+    if placed.contradiction and not reasons:
+        reasons.append(placed.contradiction)
     if lost > log.order.most_lost * np.count_nonzero(kept):
         reasons.append(f"{lost} profiles were lost, at most {100 * log.order.most_lost:g} % may be")
     missing = end - float(placed.position[kept].max())
     if placed.source == "none":
         reasons.append("nothing tells the table's angle: no encoder, and no position of the table was recorded")
-    elif missing > COVERAGE_SLACK and not reasons:
+    elif missing > slack and not reasons:
         reasons.append(f"the last {degrees(missing):.1f} deg of {360 * log.order.turns:g} were not seen")
     return reasons
 
@@ -272,17 +326,17 @@ def _stand_of(stand: Stand, plan: SensorPlan, placed: Placed) -> Stand:
 
 
 def _recording(
-    decoded: Stream, placed: Placed, kept: NDArray[np.bool_], acquisition: Mapping[str, Any], stand: Stand
+    decoded: Stream, placed: Placed, rows: slice | NDArray[np.intp], acquisition: Mapping[str, Any], stand: Stand
 ) -> Recording:
     counts = placed.position / tau * stand.counts_per_turn if placed.source == "encoder" else None
     return Recording(
-        decoded.x[kept],
-        decoded.z[kept],
+        decoded.x[rows],
+        decoded.z[rows],
         "recorded",
         "",
-        time=decoded.time[kept],
-        angle=placed.position[kept] if placed.source == "clock" else None,
-        encoder=None if counts is None else np.rint(counts[kept]),
-        counter=decoded.counter[kept],
+        time=decoded.time[rows],
+        angle=placed.position[rows] if placed.source == "clock" else None,
+        encoder=None if counts is None else np.rint(counts[rows]),
+        counter=decoded.counter[rows],
         acquisition=acquisition,
     )

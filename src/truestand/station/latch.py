@@ -35,14 +35,9 @@ class Latch:
         try:
             if not _lock(self._file):
                 raise DeviceError(f"{stand}: another program uses this stand; end it first, or wait")
-            told = self._read()
-            if told.get("state") == "fault":
-                raise Fault(f"the stand is in fault since {told.get('since')}: {told.get('reason')}; {WORDS}")
-            if told.get("state") == "in use":
-                raise Fault(
-                    f"the program that used the stand since {told.get('since')} died; see that the table stands still, "
-                    f"`truestand recover {told.get('log')}`, then `truestand stand reset`"
-                )
+            reason = _reason(self._read())
+            if reason:
+                raise Fault(reason)
         except BaseException:
             os.close(self._file)
             raise
@@ -64,14 +59,7 @@ class Latch:
 
     def _read(self) -> dict[str, Any]:
         os.lseek(self._file, 0, os.SEEK_SET)
-        content = os.read(self._file, 65536)
-        if not content.strip():
-            return {}
-        try:
-            told = json.loads(content)
-        except ValueError:
-            told = None
-        return told if isinstance(told, dict) else {"state": "fault", "reason": f"{self.path.name} holds no JSON"}
+        return _parsed(os.read(self._file, 65536), self.path.name)
 
     def _write(self, content: dict[str, Any]) -> None:
         os.lseek(self._file, 0, os.SEEK_SET)
@@ -95,6 +83,44 @@ def reset_latch(stand: Path) -> str:
     except Fault as latched:
         path.unlink()
         return str(latched)
+    return ""
+
+
+def latched_fault(stand: Path) -> str:
+    """Why the stand may not be used, or nothing; looks only, and says nothing of a stand that is in use."""
+    path = latch_path(stand)
+    try:
+        told = _parsed(path.read_bytes(), path.name)
+    except FileNotFoundError:
+        return ""
+    if told.get("state") != "in use":
+        return _reason(told)
+    file = os.open(path, os.O_RDWR)
+    try:
+        return _reason(told) if _lock(file) else ""
+    finally:
+        os.close(file)
+
+
+def _parsed(content: bytes, name: str) -> dict[str, Any]:
+    if not content.strip():
+        return {}
+    try:
+        told = json.loads(content)
+    except ValueError:
+        told = None
+    return told if isinstance(told, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
+
+
+def _reason(told: dict[str, Any]) -> str:
+    """Why a stand with this mark may not be used."""
+    if told.get("state") == "fault":
+        return f"the stand is in fault since {told.get('since')}: {told.get('reason')}; {WORDS}"
+    if told.get("state") == "in use":
+        return (
+            f"the program that used the stand since {told.get('since')} died; see that the table stands still, "
+            f"`truestand recover {told.get('log')}`, then `truestand stand reset`"
+        )
     return ""
 
 

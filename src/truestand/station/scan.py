@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from truestand.core.errors import BadRecipe, Fault, NotEnoughData, TruestandError
+from truestand.core.errors import BadRecipe, Fault, TruestandError
 from truestand.core.stand import Stand
 from truestand.files.read import read_recording
 from truestand.files.write_scan import write_recording
@@ -120,12 +120,9 @@ def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, 
     Raises:
         UnreadableFile, NotEnoughData: nothing to be made of the log.
     """
-    scans = convert(log)
-    if not scans:
-        raise NotEnoughData(f"{log.name}: found no profile")
     written = []
-    for scan in scans:
-        path = output_of(output, scan.sensor, len(scans))
+    for scan in convert(log):
+        path = output_of(output, scan.sensor, scan.sensors)
         write_recording(scan.recording, path, scan.stand, force=force)
         read_recording(path)
         written.append(Written(path, scan))

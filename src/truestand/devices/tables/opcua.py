@@ -8,10 +8,11 @@ import logging
 import struct
 import threading
 import time
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from math import degrees, isfinite, radians
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from asyncua import Client, Node, ua
@@ -23,6 +24,8 @@ from truestand.devices.tables.recipe import OpcUaRecipe
 T = TypeVar("T")
 CONNECTING = 6
 """Timeouts that the whole of connecting may take: it is some twenty requests, each within one timeout."""
+GRACE = 0.5
+"""s more for the thread to answer."""
 GONE = (
     ua.StatusCodes.BadConnectionClosed, ua.StatusCodes.BadSecureChannelClosed, ua.StatusCodes.BadSessionClosed,
     ua.StatusCodes.BadSessionIdInvalid, ua.StatusCodes.BadSecureChannelIdInvalid, ua.StatusCodes.BadTimeout,
@@ -55,6 +58,7 @@ class OpcUaTable:
         self._session: _Session | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread()
+        self._task: asyncio.Task[Any] | None = None
 
     def start_home(self) -> None:
         """Begin to look for the home position."""
@@ -81,7 +85,7 @@ class OpcUaTable:
         with self._lock:
             session = self._connected()
             before = time.monotonic()
-            values = self._run(self._read(session.variables), self._timeout)
+            values = self._run(lambda: self._read(session.variables), self._timeout)
             after = time.monotonic()
         position, moving, homed, fault = values
         if not (isinstance(position, float | int) and isfinite(position) and isinstance(fault, str | None)):
@@ -101,14 +105,15 @@ class OpcUaTable:
     def _call(self, method: str, *arguments: ua.Variant) -> None:
         with self._lock:
             session = self._connected()
-            self._run(session.table.call_method(session.methods[method].nodeid, *arguments), self._timeout)
+            node = session.methods[method].nodeid
+            self._run(lambda: session.table.call_method(node, *arguments), self._timeout)
 
     def _connected(self) -> _Session:
         if self._session is None:
             self._loop = asyncio.new_event_loop()
             self._thread = threading.Thread(target=self._loop.run_forever, name=self.name, daemon=True)
             self._thread.start()
-            self._session = self._run(self._connect(), CONNECTING * self._timeout)
+            self._session = self._run(self._connect, CONNECTING * self._timeout)
         return self._session
 
     async def _connect(self) -> _Session:
@@ -128,16 +133,15 @@ class OpcUaTable:
         methods = {name: await of(name) for name in (r.home, r.move, r.turn, r.halt, r.reset)}
         return _Session(table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
 
-    def _run(self, work: Coroutine[Any, Any, T], seconds: float) -> T:
+    def _run(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:
         """Do it on the loop.
 
         Raises:
             DeviceLost: silence, or a broken connection.
             DeviceError: refused, or an answer that is none.
         """
-        assert self._loop is not None
         try:
-            return asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, seconds), self._loop).result()
+            return self._on_loop(lambda: asyncio.wait_for(work(), seconds), seconds)
         except (TimeoutError, OSError) as wrong:
             self._drop()
             raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
@@ -151,14 +155,31 @@ class OpcUaTable:
             self._drop()
             raise nonsense(self.name, repr(wrong)[:80], "an answer of OPC UA") from wrong
 
+    def _on_loop(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:
+        """What comes of ``work``. No lock is held while waiting, so that an interrupt (Ctrl-C) leaves none behind."""
+        assert self._loop is not None
+        loop, done = self._loop, SimpleQueue[asyncio.Task[T]]()
+
+        def begin() -> None:
+            self._task = loop.create_task(work())
+            self._task.add_done_callback(done.put)
+
+        loop.call_soon_threadsafe(begin)
+        try:
+            return done.get(timeout=seconds + GRACE).result()
+        except Empty as wrong:
+            raise TimeoutError from wrong
+
     def _drop(self, politely: bool = False) -> None:
         """End connection and thread; only who is polite waits for the server to say goodbye, a timeout at most."""
         if self._loop is None:
             return
-        asyncio.run_coroutine_threadsafe(self._leave(politely), self._loop).result()
+        with suppress(TimeoutError):
+            self._on_loop(lambda: self._leave(politely), self._timeout)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
+        self._thread.join(GRACE)
+        if not self._thread.is_alive():
+            self._loop.close()
         self._loop, self._client, self._session = None, None, None
 
     async def _read(self, variables: list[Node]) -> list[Any]:

@@ -1,0 +1,144 @@
+"""``store.db``: the entries in SQLite. Nothing is ever updated or deleted; triggers refuse it.
+
+Readers open it read-only and leave every byte as it is. Writers hold the store's lock; what they write is moved from
+the log into the file before they let go, so that the file at rest is one file with one hash.
+"""
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from truestand.core.errors import BadStore
+from truestand.files.read import sha256_of
+
+NAME = "store.db"
+BUSY = 5.0
+"""s to wait for a reader; a longer one leaves the database unsealed until the next entry."""
+
+_FIRST = """
+CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE entry (number INTEGER PRIMARY KEY, kind TEXT NOT NULL, time TEXT NOT NULL, body TEXT NOT NULL,
+  hash TEXT NOT NULL UNIQUE);
+CREATE INDEX entry_by_kind ON entry (kind, time);
+CREATE TRIGGER meta_update BEFORE UPDATE ON meta BEGIN SELECT RAISE(ABORT, 'append only'); END;
+CREATE TRIGGER meta_delete BEFORE DELETE ON meta BEGIN SELECT RAISE(ABORT, 'append only'); END;
+CREATE TRIGGER meta_insert BEFORE INSERT ON meta WHEN EXISTS (SELECT 1 FROM meta WHERE name = NEW.name)
+  BEGIN SELECT RAISE(ABORT, 'append only'); END;
+CREATE TRIGGER entry_update BEFORE UPDATE ON entry BEGIN SELECT RAISE(ABORT, 'append only'); END;
+CREATE TRIGGER entry_delete BEFORE DELETE ON entry BEGIN SELECT RAISE(ABORT, 'append only'); END;
+CREATE TRIGGER entry_order BEFORE INSERT ON entry
+  WHEN NEW.number IS NOT (SELECT coalesce(max(number), 0) + 1 FROM entry)
+    OR EXISTS (SELECT 1 FROM entry WHERE hash = NEW.hash)
+  BEGIN SELECT RAISE(ABORT, 'append only'); END;
+"""
+MIGRATIONS: tuple[str, ...] = (_FIRST,)
+"""Statements that lead from schema version 0 to 1, from 1 to 2 and so on."""
+
+Row = tuple[int, str, str, str, str]
+"""number, kind, time, body, hash."""
+
+
+def schema_version() -> int:
+    """The version that this truestand writes."""
+    return len(MIGRATIONS)
+
+
+@contextmanager
+def reading(folder: Path, frozen: bool = False) -> Iterator[sqlite3.Connection]:
+    """A connection that can't change a byte. ``frozen``: nobody else writes, and the folder can't be written either.
+
+    Raises:
+        BadStore: no store, or no database.
+    """
+    path = (folder / NAME).absolute()
+    if not path.is_file():
+        raise BadStore(f"{folder}: found no results store; name the folder of one, or create it by storing a result")
+    immutable = "&immutable=1" if frozen else ""
+    with _told(path):
+        connection = sqlite3.connect(f"{path.as_uri()}?mode=ro{immutable}", uri=True, timeout=BUSY)
+        try:
+            yield connection
+        finally:
+            connection.close()
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[sqlite3.Connection]:
+    """A connection to write with, under the store's lock: statements count at once unless in a transaction."""
+    path = folder / NAME
+    with _told(path):
+        connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("PRAGMA wal_autocheckpoint = 0")
+            connection.execute("PRAGMA trusted_schema = OFF")
+            yield connection
+        finally:
+            connection.close()
+
+
+@contextmanager
+def copying(path: Path) -> Iterator[sqlite3.Connection]:
+    """A connection to a copy that nobody else knows of yet."""
+    with _told(path):
+        connection = sqlite3.connect(path)
+        try:
+            yield connection
+        finally:
+            connection.close()
+
+
+def migrate(connection: sqlite3.Connection, identity: str) -> None:
+    """Bring the schema to this version in one transaction; a new database gets its id."""
+    found = version_of(connection)
+    script = "".join(MIGRATIONS[found:])
+    named = f"INSERT INTO meta VALUES ('id', '{identity}');" if found == 0 else ""
+    connection.executescript(f"BEGIN IMMEDIATE;{script}{named}PRAGMA user_version = {len(MIGRATIONS)};COMMIT;")
+
+
+def version_of(connection: sqlite3.Connection) -> int:
+    """The schema version of a database; 0: empty.
+
+    Raises:
+        BadStore: it is newer than this truestand.
+    """
+    found = int(connection.execute("PRAGMA user_version").fetchone()[0])
+    if found > len(MIGRATIONS):
+        raise BadStore(f"found a store of version {found}, this truestand reads up to {len(MIGRATIONS)}; update it")
+    return found
+
+
+def head_of(connection: sqlite3.Connection) -> tuple[int, str] | None:
+    """Number and hash of the last entry; None where there is none."""
+    found: tuple[int, str] | None = connection.execute(
+        "SELECT number, hash FROM entry ORDER BY number DESC LIMIT 1"
+    ).fetchone()
+    return found
+
+
+def rows_of(connection: sqlite3.Connection, where: str = "", values: tuple[object, ...] = ()) -> list[Row]:
+    """Entries in their order."""
+    return list(connection.execute(f"SELECT number, kind, time, body, hash FROM entry {where} ORDER BY number", values))
+
+
+def at_rest(connection: sqlite3.Connection) -> bool:
+    """Move all that was written from the log into the file; False where a long reader is in the way."""
+    busy, _, _ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    return not busy
+
+
+def file_hash(folder: Path) -> str | None:
+    """SHA-256 of the database; None where a log beside it holds more."""
+    log = folder / f"{NAME}-wal"
+    return None if log.exists() and log.stat().st_size else sha256_of(folder / NAME)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """SQLite's errors in one line."""
+    try:
+        yield
+    except (sqlite3.Error, UnicodeDecodeError) as wrong:
+        raise BadStore(f"{path}: {wrong}; run truestand audit") from wrong

@@ -1,0 +1,97 @@
+"""Files by what they hold: ``evidence/ab/ab12...``, named by SHA-256, written once, read-only.
+
+They are copied to ``incoming/`` first, hashed on the way, brought to the disk and only then given their name.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from truestand.core.errors import BadStore
+from truestand.files.read import sha256_of
+from truestand.store.anchor import sync_folder
+
+EVIDENCE, INCOMING = "evidence", "incoming"
+BLOCK = 1 << 20
+
+
+def place(folder: Path, sha256: str) -> Path:
+    """Where the evidence with this hash lies."""
+    return folder / EVIDENCE / sha256[:2] / sha256
+
+
+def keep_file(folder: Path, source: Path) -> str:
+    """Keep a copy of a file; its SHA-256.
+
+    Raises:
+        BadStore: what the store already holds under this name isn't what it was.
+    """
+    with source.open("rb") as file:
+        return _keep(folder, iter(lambda: file.read(BLOCK), b""))
+
+
+def keep_text(folder: Path, text: str) -> str:
+    """Keep a text in UTF-8; its SHA-256."""
+    return _keep(folder, iter((text.encode("utf-8"),)))
+
+
+def read_evidence(folder: Path, sha256: str) -> bytes:
+    """What was kept under this hash.
+
+    Raises:
+        BadStore: missing, or not what it was.
+    """
+    path = place(folder, sha256)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise BadStore(f"{path}: missing; restore it from a backup") from None
+    if hashlib.sha256(data).hexdigest() != sha256:
+        raise BadStore(f"{path}: changed since it was kept; run truestand audit and restore it from a backup")
+    return data
+
+
+def sweep(folder: Path) -> None:
+    """Remove what writers that died left in ``incoming/``; only under the lock."""
+    for path in (folder / INCOMING).glob("*"):
+        path.unlink(missing_ok=True)
+
+
+def _keep(folder: Path, blocks: Iterator[bytes]) -> str:
+    (folder / INCOMING).mkdir(exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=folder / INCOMING)
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            sha256 = _copy(blocks, file)
+        return _name(folder, temporary, sha256)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _copy(blocks: Iterator[bytes], file: IO[bytes]) -> str:
+    """Write blocks through to the disk; their SHA-256."""
+    digest = hashlib.sha256()
+    for block in blocks:
+        digest.update(block)
+        file.write(block)
+    file.flush()
+    os.fsync(file.fileno())
+    return digest.hexdigest()
+
+
+def _name(folder: Path, temporary: Path, sha256: str) -> str:
+    path = place(folder, sha256)
+    if path.exists():
+        if sha256_of(path) != sha256:
+            raise BadStore(f"{path}: changed since it was kept; run truestand audit and restore it from a backup")
+        return sha256
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary.chmod(0o444)
+    temporary.replace(path)
+    for changed in (path.parent, folder / EVIDENCE, folder):
+        sync_folder(changed)
+    return sha256

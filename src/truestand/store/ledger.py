@@ -1,0 +1,95 @@
+"""How an entry gets into the store: nothing else writes to it.
+
+Under the lock: the anchor says what is about to come, the database commits it, is brought to rest and hashed, the
+anchor says what there is. A writer that dies anywhere in between leaves an anchor that says so, and the next one checks
+the whole chain before it goes on.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from truestand.core.errors import BadStore
+from truestand.store import database
+from truestand.store.anchor import NAME, Anchor, read_anchor, write_anchor
+from truestand.store.entry import Entry, entry_of, genesis, sealed
+
+
+def settled(folder: Path) -> Anchor:
+    """The anchor of a store that may be written to, after finishing what a writer that died had begun.
+
+    Raises:
+        BadStore: the database isn't what the anchor says, or its chain is broken.
+    """
+    anchor = read_anchor(folder)
+    if anchor.sealed:
+        if database.file_hash(folder) != anchor.file:
+            raise _damaged(folder, "changed since the last entry")
+        return anchor
+    with database.writing(folder) as connection:
+        if database.version_of(connection) == 0:
+            database.migrate(connection, anchor.id)
+        if connection.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
+            raise _damaged(folder, "its structure is damaged")
+        end = _chain(folder, anchor.id, database.rows_of(connection))
+    possible = [(anchor.number, anchor.head)] + ([] if anchor.pending is None else [anchor.pending])
+    if end not in possible:
+        raise _damaged(folder, f"it ends with entry {end[0]}, the anchor says {anchor.number}")
+    return _seal(folder, Anchor(anchor.id, *end))
+
+
+def append(folder: Path, anchor: Anchor, values: Mapping[str, object]) -> Entry:
+    """Add one entry to a settled store; it is on the disk when this returns."""
+    entry, body = sealed(**values, number=anchor.number + 1, previous=anchor.head)
+    following = (entry.number, entry.hash)
+    write_anchor(folder, Anchor(anchor.id, anchor.number, anchor.head, anchor.file, following))
+    with database.writing(folder) as connection:
+        connection.execute(
+            "INSERT INTO entry VALUES (?, ?, ?, ?, ?)", (entry.number, entry.kind, entry.time, body, entry.hash)
+        )
+    _seal(folder, Anchor(anchor.id, *following))
+    return entry
+
+
+def create(folder: Path, identity: str) -> None:
+    """An empty store in a folder; under the lock."""
+    first = genesis(identity)
+    write_anchor(folder, Anchor(identity, 0, first, None, (0, first)))
+    settled(folder)
+
+
+def migrate(folder: Path) -> None:
+    """Bring an older store's database to this version; the entries stay as they are. Under the lock."""
+    anchor = settled(folder)
+    write_anchor(folder, Anchor(anchor.id, anchor.number, anchor.head, anchor.file, (anchor.number, anchor.head)))
+    with database.writing(folder) as connection:
+        database.migrate(connection, anchor.id)
+    _seal(folder, Anchor(anchor.id, anchor.number, anchor.head))
+
+
+def has_anchor(folder: Path) -> bool:
+    """Whether there is a store here, or the beginning of one."""
+    return (folder / NAME).exists()
+
+
+def _seal(folder: Path, anchor: Anchor) -> Anchor:
+    """Bring the database to rest and put its hash into the anchor."""
+    with database.writing(folder) as connection:
+        database.at_rest(connection)
+    whole = Anchor(anchor.id, anchor.number, anchor.head, database.file_hash(folder))
+    write_anchor(folder, whole)
+    return whole
+
+
+def _chain(folder: Path, identity: str, rows: list[database.Row]) -> tuple[int, str]:
+    """Number and hash of the last entry of an unbroken chain."""
+    end = (0, genesis(identity))
+    for number, _, _, body, stated in rows:
+        entry = entry_of(body, stated)
+        if (number, entry.number, entry.previous) != (end[0] + 1, end[0] + 1, end[1]):
+            raise _damaged(folder, f"entry {number} doesn't follow entry {end[0]}")
+        end = (number, stated)
+    return end
+
+
+def _damaged(folder: Path, what: str) -> BadStore:
+    return BadStore(f"{folder / database.NAME}: {what}; run truestand audit, then restore a backup")

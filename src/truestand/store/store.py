@@ -1,0 +1,234 @@
+"""A results store: a folder in which results are kept with their evidence, and nothing is ever changed."""
+
+import json
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from truestand._version import __version__
+from truestand.core.errors import BadStore
+from truestand.store import database, evidence, ledger
+from truestand.store.anchor import Anchor
+from truestand.store.audit import Report, audit
+from truestand.store.backup import back_up
+from truestand.store.entry import RESULTS, Entry, entry_of, genesis, identity_of
+from truestand.store.lock import locked
+from truestand.store.medium import LOCK, is_frozen
+
+TIMEOUT = 60.0
+"""s to wait for another writer."""
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A result as it stands today."""
+
+    entry: Entry
+    """As it was stored."""
+    last: Entry
+    """Its last correction, or the entry itself."""
+
+    @property
+    def withdrawn(self) -> bool:
+        """Whether a correction took it back without another record."""
+        return self.last.record is None
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """The store in ``folder``. It holds nothing open: several processes and threads may use it at once."""
+
+    folder: Path
+    timeout: float = TIMEOUT
+
+    @classmethod
+    def open(cls, folder: Path | str, *, create: bool = False, timeout: float = TIMEOUT) -> "Store":
+        """The store of a folder; an older one is brought to this version where it may be written.
+
+        Raises:
+            BadStore: no store (without ``create``), a newer one, a damaged one, or one that is busy too long.
+        """
+        store = cls(Path(folder), timeout)
+        if create and not store._begun():
+            store.folder.mkdir(parents=True, exist_ok=True)
+            with locked(store.folder / LOCK, timeout):
+                store._create()
+        with store._reading() as connection:
+            old = database.version_of(connection) < database.schema_version()
+        if old and not is_frozen(store.folder):
+            with locked(store.folder / LOCK, timeout):
+                ledger.migrate(store.folder)
+        return store
+
+    def add(
+        self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path] | None = None, *,
+        operator: str | None = None, text: str | None = None, time: str | None = None,
+    ) -> Entry:  # fmt: skip
+        """Keep a result: its record, and a copy of each file that it rests on, by role. On the disk on return.
+
+        ``kind`` is calibration, verification, inspection or scan; ``time`` is ISO, the present one if left out.
+
+        Raises:
+            BadStore: another kind, a file that isn't the one the record names, a damaged or busy store.
+        """
+        if kind not in RESULTS:
+            raise BadStore(f"found kind {kind!r}, need one of {', '.join(RESULTS)}")
+        return self._append(kind, record, evidence or {}, operator=operator, text=text, time=time)
+
+    def correct(
+        self, number: int, record: Mapping[str, Any] | None, evidence: Mapping[str, Path] | None = None, *,
+        reason: str, operator: str | None = None, time: str | None = None,
+    ) -> Entry:  # fmt: skip
+        """Put another record, or none (the result is withdrawn), in the place of an entry, which stays.
+
+        Raises:
+            BadStore: no such entry, or one that is no result; no reason.
+        """
+        corrected = self.entry(number)
+        if corrected.kind == "note" or not reason.strip():
+            raise BadStore(
+                f"found {'a note' if reason.strip() else 'no reason'}; a correction corrects a result, for a reason"
+            )
+        return self._append(
+            "correction", record, evidence or {}, about=number, operator=operator, text=reason, time=time
+        )
+
+    def note(
+        self, text: str, about: int | None = None, *, operator: str | None = None, time: str | None = None
+    ) -> Entry:
+        """Add a remark, on an entry or on the store as a whole."""
+        if about is not None:
+            self.entry(about)
+        return self._append("note", None, {}, about=about, operator=operator, text=text, time=time)
+
+    def entries(self, kind: str | None = None, since: str | None = None, last: int | None = None) -> list[Entry]:
+        """Entries in their order, as stored; of one kind, from an ISO time on, the last ones only."""
+        tests = {"kind = ?": kind, "time >= ?": since}
+        given = {test: value for test, value in tests.items() if value is not None}
+        where = f"WHERE {' AND '.join(given)}" if given else ""
+        with self._reading() as connection:
+            rows = database.rows_of(connection, where, tuple(given.values()))
+        return [entry_of(row[3], row[4]) for row in (rows if last is None else rows[-last:] if last else [])]
+
+    def entry(self, number: int) -> Entry:
+        """One entry.
+
+        Raises:
+            BadStore: there is none of this number.
+        """
+        with self._reading() as connection:
+            rows = database.rows_of(connection, "WHERE number = ?", (number,))
+        if not rows:
+            raise BadStore(f"{self.folder}: found no entry {number}; truestand history lists them")
+        return entry_of(rows[0][3], rows[0][4])
+
+    def standing(self, kind: str, since: str | None = None) -> list[Standing]:
+        """Results of one kind with what corrections made of them, in the order of the originals."""
+        last = {}
+        for correction in self.entries("correction"):
+            last[correction.about] = correction
+        found = []
+        for entry in self.entries(kind, since):
+            end = entry
+            while end.number in last:
+                end = last[end.number]
+            found.append(Standing(entry, end))
+        return found
+
+    def record(self, entry: Entry) -> Record:
+        """The record of an entry, as it was stored.
+
+        Raises:
+            BadStore: it has none (a note, a withdrawal), or the evidence is missing or changed.
+        """
+        if entry.record is None:
+            raise BadStore(f"entry {entry.number} ({entry.kind}) has no record")
+        found: Record = json.loads(evidence.read_evidence(self.folder, entry.record))
+        return found
+
+    def evidence(self, entry: Entry) -> dict[str, Path]:
+        """The files that an entry rests on, by role, and its record."""
+        files = dict(entry.evidence) | ({} if entry.record is None else {"record": entry.record})
+        return {role: evidence.place(self.folder, sha256) for role, sha256 in files.items()}
+
+    def head(self) -> tuple[int, str]:
+        """Number and hash of the last entry. Noted elsewhere, it lets ``audit`` tell that nothing was cut off."""
+        with self._reading() as connection:
+            found = database.head_of(connection)
+            if found is not None:
+                return found
+            (identity,) = connection.execute("SELECT value FROM meta WHERE name = 'id'").fetchone()
+            return 0, genesis(identity)
+
+    def backup(self, target: Path | str) -> int:
+        """Copy the store into a folder while others use it, or bring an earlier copy up to date; entries in the copy.
+
+        Raises:
+            BadStore: the store is damaged, or the folder holds something else.
+        """
+        return back_up(self.folder, Path(target), self.timeout)
+
+    def audit(self, noted: tuple[str, ...] = ()) -> Report:
+        """Check every hash; ``noted``: heads written down earlier, which must be in the chain."""
+        return audit(self.folder, noted, timeout=self.timeout)
+
+    def _append(
+        self, kind: str, record: Mapping[str, Any] | None, files: Mapping[str, Path], *,
+        about: int | None = None, operator: str | None, text: str | None, time: str | None,
+    ) -> Entry:  # fmt: skip
+        known = identity_of(record or {})
+        with self._writing() as anchor:
+            kept = {role: evidence.keep_file(self.folder, Path(path)) for role, path in files.items()}
+            _check(record or {}, kept)
+            values = known | {
+                "kind": kind, "time": time or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+                "operator": operator or known["operator"], "record": self._keep_record(record), "evidence": kept,
+                "about": about, "text": text, "software": f"truestand {__version__}",
+            }  # fmt: skip
+            return ledger.append(self.folder, anchor, values)
+
+    def _keep_record(self, record: Mapping[str, Any] | None) -> str | None:
+        """Keep a record with the very bytes of its own file, so that both have one hash."""
+        if record is None:
+            return None
+        return evidence.keep_text(self.folder, json.dumps(record, indent=2, allow_nan=False) + "\n")
+
+    def _begun(self) -> bool:
+        return ledger.has_anchor(self.folder) and (self.folder / database.NAME).exists()
+
+    def _create(self) -> None:
+        """Make the store, or finish one whose maker died; another process may have been faster."""
+        if ledger.has_anchor(self.folder):
+            ledger.settled(self.folder)
+        elif (self.folder / database.NAME).exists():
+            raise BadStore(f"{self.folder}: found a database without its anchor; run truestand audit")
+        else:
+            ledger.create(self.folder, secrets.token_hex(16))
+
+    @contextmanager
+    def _reading(self) -> Iterator[Any]:
+        with database.reading(self.folder, is_frozen(self.folder)) as connection:
+            yield connection
+
+    @contextmanager
+    def _writing(self) -> Iterator[Anchor]:
+        """The settled anchor, under the lock."""
+        with locked(self.folder / LOCK, self.timeout):
+            evidence.sweep(self.folder)
+            yield ledger.settled(self.folder)
+
+
+def _check(record: Mapping[str, Any], kept: Mapping[str, str]) -> None:
+    """Refuse evidence that isn't the file the record was made from."""
+    for role in ("scan", "calibration"):
+        named = (record.get(role) or {}).get("sha256")
+        if named and kept.get(role, named) != named:
+            raise BadStore(
+                f"found another {role} ({kept[role][:12]}) than the result was made from ({named[:12]}): "
+                "the file changed since; run the command again"
+            )

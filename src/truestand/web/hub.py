@@ -1,0 +1,76 @@
+"""From one worker to any number of listeners: each gets the newest of every kind, never a backlog.
+
+Publishing costs the publisher a lock and nothing else, however many listen and however slow they are.
+"""
+
+import asyncio
+import threading
+
+
+class Hub:
+    """The newest message of each kind."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._newest: dict[str, tuple[int, str]] = {}
+        self._version = 0
+        self._woken = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._listeners: set[Listener] = set()
+
+    @property
+    def listeners(self) -> int:
+        """How many there are."""
+        return len(self._listeners)
+
+    def publish(self, kind: str, message: str | None) -> None:
+        """Take the place of the newest of this kind; from any thread. None: there is nothing of it any more."""
+        with self._lock:
+            self._version += 1
+            if message is None:
+                self._newest.pop(kind, None)
+                return
+            self._newest[kind] = (self._version, message)
+            if self._loop is None or self._woken:
+                return
+            self._woken = True
+            self._loop.call_soon_threadsafe(self._wake)
+
+    def listen(self) -> "Listener":
+        """A new listener, in the event loop."""
+        self._loop = asyncio.get_running_loop()
+        listener = Listener(self)
+        self._listeners.add(listener)
+        return listener
+
+    def leave(self, listener: "Listener") -> None:
+        """It listens no longer."""
+        self._listeners.discard(listener)
+
+    def newer(self, seen: int) -> tuple[int, list[str]]:
+        """The messages that came after version ``seen``, the oldest first, and the version to ask with next."""
+        with self._lock:
+            return self._version, [m for version, m in sorted(self._newest.values()) if version > seen]
+
+    def _wake(self) -> None:
+        with self._lock:
+            self._woken = False
+        for listener in self._listeners:
+            listener.news.set()
+
+
+class Listener:
+    """One who listens."""
+
+    def __init__(self, hub: Hub) -> None:
+        self.news = asyncio.Event()
+        self._hub, self._seen = hub, 0
+
+    async def next(self) -> list[str]:
+        """Wait for what is new since the last call; the first call gets what is there, if only nothing."""
+        while True:
+            self.news.clear()
+            self._seen, messages = self._hub.newer(self._seen)
+            if messages:
+                return messages
+            await self.news.wait()

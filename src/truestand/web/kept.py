@@ -1,0 +1,133 @@
+"""The results store as the page sees it: read only, and read again only where something came to it."""
+
+import threading
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from truestand.store import Entry as Stored
+from truestand.store import Store
+from truestand.web.models import Entry, Has, Quantity
+
+SHOWN = ("calibration", "verification", "inspection")
+ROLES = ("record", "report", "cloud")
+
+
+class Kept:
+    """The store of a folder, be it there yet or not."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._lock = folder, threading.Lock()
+        self._entries: list[Stored] = []
+        self._head = (0, "")
+        self._records: dict[str, Mapping[str, Any]] = {}
+
+    def entries(
+        self, kinds: Collection[str] = (), parts: Collection[str] = (), limit: int = 50, before: int | None = None
+    ) -> list[Entry]:
+        """Results and what corrected them, newest first."""
+        known = self._known()
+        found: list[Entry] = []
+        for number in sorted(known.results, reverse=True):
+            if len(found) == limit:
+                break
+            if before is not None and number >= before:
+                continue
+            kind = known.kind(number)
+            if kind in (kinds or SHOWN) and (not parts or known.results[number].part in parts):
+                found.append(known.told(number))
+        return found
+
+    def entry(self, number: int) -> Entry | None:
+        """One result."""
+        known = self._known()
+        return known.told(number) if number in known.results else None
+
+    def calibration(self) -> Entry | None:
+        """The newest that was not withdrawn, as last corrected."""
+        known = self._known()
+        for number in sorted((n for n, e in known.results.items() if e.kind == "calibration"), reverse=True):
+            last = known.last(number)
+            if known.results[last].record is not None:
+                return known.told(last)
+        return None
+
+    def record(self, number: int) -> Mapping[str, Any]:
+        """The record, checked against its hash; of a withdrawal there is none."""
+        stored = self._known().results[number]
+        if stored.record is None:
+            return {}
+        record = self._records.get(stored.record)
+        if record is None:
+            record = Store(self._folder).record(stored)
+            self._records = {stored.record: record}  # the newest calibration's is asked for again and again
+        return record
+
+    def file(self, number: int, role: str) -> Path | None:
+        """Where a file of a result lies."""
+        stored = self._known().results.get(number)
+        path = None if stored is None else Store(self._folder).evidence(stored).get(role)
+        return path if role in ROLES and path is not None and path.exists() else None
+
+    def history(self, kind: str, parts: Collection[str]) -> list[Quantity]:
+        """Trends."""
+        return []
+
+    def _known(self) -> "_Known":
+        """All entries, brought up to date."""
+        with self._lock:
+            if (self._folder / "store.db").exists():
+                store = Store.open(self._folder)
+                head = store.head()
+                if head != self._head:
+                    self._add(store)
+                    self._head = head
+            return _Known(self._entries)
+
+    def _add(self, store: Store) -> None:
+        """What came since; everything where the store isn't the one that was known."""
+        last = self._entries[-1] if self._entries else None
+        came = store.entries(since=None if last is None else last.time)
+        if last is not None and last.hash in {e.hash for e in came}:
+            self._entries = [*self._entries, *(e for e in came if e.number > last.number)]
+        else:
+            self._entries = store.entries()
+
+
+class _Known:
+    """Results with what became of them."""
+
+    def __init__(self, entries: list[Stored]) -> None:
+        self.results = {e.number: e for e in entries if e.kind in SHOWN or e.kind == "correction"}
+        self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
+
+    def kind(self, number: int) -> str:
+        """A correction is of the kind that it corrects."""
+        entry = self.results[number]
+        while entry.kind == "correction" and entry.about in self.results:
+            entry = self.results[entry.about]
+        return entry.kind
+
+    def last(self, number: int) -> int:
+        """The last correction's number, or its own."""
+        while number in self.corrected:
+            number = self.corrected[number]
+        return number
+
+    def told(self, number: int) -> Entry:
+        """As clients see it."""
+        entry, kind = self.results[number], self.kind(number)
+        return Entry(
+            number=number,
+            kind=kind,
+            time=entry.time,
+            operator=entry.operator,
+            order=entry.order,
+            serial=entry.serial,
+            part=entry.part,
+            title=entry.part or entry.text or kind,
+            verdict=None if kind == "calibration" else entry.status,
+            status=entry.status if kind == "calibration" else None,
+            corrected_by=self.corrected.get(number),
+            has=Has(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=False),
+        )

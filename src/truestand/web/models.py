@@ -1,0 +1,233 @@
+"""What goes over the wire, with types: the page's REST interface as /api/openapi.json documents it."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from truestand.web.users import Role
+
+JobKind = Literal["calibrate", "inspect", "verify"]
+Verdict = Literal["conforms", "does_not_conform", "undecided"]
+Text = Annotated[str, Field(max_length=120)]
+Toml = Annotated[str, Field(max_length=200_000)]
+
+
+class Body(BaseModel):
+    """A request's body: no unknown key."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class LoginBody(Body):
+    """Who logs in."""
+
+    user: Text
+    password: Annotated[str, Field(max_length=1024)]
+
+
+class JobBody(Body):
+    """What is to be done."""
+
+    kind: JobKind
+    part: Text | None = None
+    operator: Text | None = None
+    order: Text | None = None
+    serial: Text | None = None
+
+
+class RecipeBody(Body):
+    """A recipe's new text."""
+
+    text: Toml
+
+
+class ProblemBody(BaseModel):
+    """Any refusal: what was found, what is needed, what to do."""
+
+    problem: str
+
+
+class SessionTold(BaseModel):
+    """Who asks, and what a page needs to know at first."""
+
+    user: str | None
+    role: Role | None
+    login_needed: bool
+    csrf: str
+    company: str
+    version: str
+    stand: str
+
+
+class Part(BaseModel):
+    """A part that can be inspected."""
+
+    name: str
+    title: str
+    kind: Literal["gear", "turned", "cad"]
+    file: str
+
+
+class Step(BaseModel):
+    """One step of a job."""
+
+    name: str
+    label: str
+    state: Literal["waiting", "running", "done", "failed"]
+
+
+class Job(BaseModel):
+    """A job, running or over."""
+
+    id: str
+    kind: JobKind
+    part: str | None
+    title: str
+    state: Literal["running", "done", "failed", "aborted"]
+    step: str | None
+    steps: list[Step]
+    done: float
+    message: str
+    number: int | None
+    verdict: str | None
+    status: str | None
+
+
+class Has(BaseModel):
+    """What can be fetched of a result."""
+
+    report: bool
+    cloud: bool
+    certificate: bool
+
+
+class Entry(BaseModel):
+    """One result of the store."""
+
+    number: int
+    kind: str
+    time: str
+    operator: str | None
+    order: str | None
+    serial: str | None
+    part: str | None
+    title: str
+    verdict: str | None
+    status: str | None
+    corrected_by: int | None
+    has: Has
+
+
+class CalibrationState(BaseModel):
+    """What the stand's newest calibration is worth."""
+
+    state: Literal["valid", "untrusted", "expired", "none"]
+    number: int | None = None
+    time: str | None = None
+    valid_until: str | None = None
+    reasons: list[str] = []
+
+
+class Home(BaseModel):
+    """The first view."""
+
+    calibration: CalibrationState
+    last: list[Entry]
+    job: Job | None
+    fault: str | None
+    parts: list[Part]
+
+
+class Result(BaseModel):
+    """One result with its record."""
+
+    entry: Entry
+    record: dict[str, Any]
+
+
+class Point(BaseModel):
+    """One value of a trend."""
+
+    number: int
+    time: str
+    value: float
+    U: float | None
+
+
+class TrendFinding(BaseModel):
+    """What a control chart says."""
+
+    number: int
+    text: str
+
+
+class Quantity(BaseModel):
+    """One quantity over time, with its limits."""
+
+    name: str
+    label: str
+    unit: str
+    points: list[Point]
+    centre: float | None
+    lower: float | None
+    upper: float | None
+    limit: float | None = None
+    findings: list[TrendFinding] = []
+
+
+class History(BaseModel):
+    """Trends."""
+
+    quantities: list[Quantity]
+
+
+class Recipe(BaseModel):
+    """A file of the stand's folder."""
+
+    file: str
+    kind: Literal["stand", "artefact", "part"]
+    title: str
+
+
+class RecipeText(BaseModel):
+    """A recipe as it stands."""
+
+    file: str
+    text: str
+    problem: str | None
+
+
+class Checked(BaseModel):
+    """What is wrong with a recipe; null: nothing."""
+
+    problem: str | None
+
+
+class Device(BaseModel):
+    """What a device says when it is asked."""
+
+    device: str
+    name: str
+    address: str
+    answers: bool
+    problem: str | None
+    told: dict[str, str]
+
+
+class Reset(BaseModel):
+    """The fault that was cleared; null where there was none."""
+
+    fault: str | None
+
+
+class AuditFinding(BaseModel):
+    """Something of the store that isn't as it was."""
+
+    what: str
+    where: str
+
+
+class Audit(BaseModel):
+    """What an audit of the store found."""
+
+    findings: list[AuditFinding]

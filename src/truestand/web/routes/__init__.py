@@ -1,0 +1,1 @@
+"""What the page answers, one file a topic; each registers its routes with their policies."""

@@ -1,0 +1,139 @@
+"""The server: bound before it says so, ended in order. A job that runs is aborted first, and waited for."""
+
+import asyncio
+import ipaddress
+import socket
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+
+from truestand.core.errors import BadRecipe
+from truestand.web.app import create_app
+from truestand.web.connections import HEAD, Keeper, protocols
+from truestand.web.hub import Hub
+from truestand.web.kept import Kept
+from truestand.web.page import Page, Settings
+from truestand.web.runner import Runner
+from truestand.web.security import names_of
+from truestand.web.tasks import ask
+from truestand.web.users import Gatekeeper, users_path
+
+ENDING = 3
+"""s that open connections have when the server ends."""
+HEADERS = 16_384
+"""Bytes of a request's head."""
+MESSAGE = 4_096
+"""Bytes of a listener's message; none is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Binding:
+    """Where the page is served."""
+
+    host: str = "127.0.0.1"
+    port: int = 8620
+    names: tuple[str, ...] = ()
+    """Under which it may be reached besides its own."""
+    certificate: Path | None = None
+    key: Path | None = None
+
+
+def make_page(settings: Settings) -> Page:
+    """The page of a stand with its worker and store."""
+    hub = Hub()
+    gatekeeper = Gatekeeper(users_path(settings.store))
+    return Page(settings, Kept(settings.store), Runner(hub), hub, gatekeeper, ask)
+
+
+def serve(page: Page, binding: Binding, tell: Callable[[str], None], open_browser: bool = False) -> None:
+    """Serve until SIGINT or SIGTERM; ``tell`` gets the address as soon as it answers.
+
+    Raises:
+        BadRecipe: a bind that anyone can reach, and no users; or an address that can't be had.
+    """
+    if not is_loopback(binding.host) and not page.login_needed:
+        raise BadRecipe(
+            f"found --host {binding.host} and no users, need one for a page that others can reach; "
+            "run truestand serve --add-user NAME --role engineer"
+        )
+    listening = bind(binding)
+    host, port = listening.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+    address = f"{'http' if binding.certificate is None else 'https'}://{shown}:{port}/"
+
+    def ready() -> None:
+        tell(address)
+        if open_browser:
+            webbrowser.open(address)
+
+    server = Server(_config(page, binding), page.runner, ready)
+    asyncio.run(server.serve([listening]))
+
+
+def bind(binding: Binding) -> socket.socket:
+    """A socket that listens.
+
+    Raises:
+        BadRecipe: the address is taken, or none of this machine's.
+    """
+    family = socket.AF_INET6 if ":" in binding.host else socket.AF_INET
+    try:
+        return socket.create_server((binding.host, binding.port), family=family, backlog=256)
+    except OSError as wrong:
+        raise BadRecipe(
+            f"{binding.host}:{binding.port}: {wrong.strerror or wrong}; end what serves there, or choose another --port"
+        ) from wrong
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach it."""
+    try:
+        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+    except OSError:
+        return False
+    return all(ipaddress.ip_address(str(address).partition("%")[0]).is_loopback for address in found)
+
+
+class Server(uvicorn.Server):
+    """uvicorn's, which looks after its connections and stops the stand before it ends."""
+
+    def __init__(self, config: uvicorn.Config, runner: Runner, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self.keeper = Keeper()
+        config.http, config.ws = protocols(self.keeper)
+        self._runner, self._ready = runner, ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say so when it answers."""
+        await super().startup(sockets)
+        self._watching = asyncio.create_task(self.keeper.watch())
+        self._ready()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """The stand first; whoever listens sees it stop."""
+        await asyncio.to_thread(self._runner.close)
+        self._watching.cancel()
+        await super().shutdown(sockets)
+        self._captured_signals.clear()  # being asked to end is how a server ends well
+
+
+def _config(page: Page, binding: Binding) -> uvicorn.Config:
+    return uvicorn.Config(
+        create_app(page, names_of(binding.host, binding.names)),
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        loop="asyncio",
+        lifespan="on",
+        timeout_keep_alive=int(HEAD),
+        timeout_graceful_shutdown=ENDING,
+        h11_max_incomplete_event_size=HEADERS,
+        ws_max_size=MESSAGE,
+        ws_per_message_deflate=False,
+        ssl_certfile=binding.certificate,
+        ssl_keyfile=binding.key,
+    )

@@ -1,0 +1,139 @@
+"""Short jobs in a process of their own: ``python -m truestand.web.tasks NAME ...``, one JSON answer on standard output.
+
+What they load and what they break is theirs: a CAD model of a gigabyte, a device library, a cloud of seven million
+points never weigh on the process that serves.
+"""
+
+import asyncio
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from truestand.core.errors import BadRecipe, TruestandError
+from truestand.web.problem import Problem
+
+LARGEST = 64 << 20
+"""Bytes of an answer."""
+
+
+async def ask(*arguments: str, text: str = "", within: float = 30.0) -> Any:
+    """What a task answers.
+
+    Raises:
+        Problem: 409 it can't be done, and why; 504 it took too long.
+    """
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "truestand.web.tasks", *arguments,
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LARGEST,
+    )  # fmt: skip
+    try:
+        async with asyncio.timeout(within):
+            answer, _ = await process.communicate(text.encode("utf-8", "surrogatepass"))
+    except TimeoutError:
+        raise Problem(504, f"found no answer within {within:g} s; try again later") from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+    if process.returncode != 0:
+        raise Problem(500, f"found a task ending with code {process.returncode}; see what the server printed")
+    told = json.loads(answer)
+    if "problem" in told:
+        raise Problem(409, str(told["problem"]))
+    return told["answer"]
+
+
+def check(folder: str, name: str) -> str | None:
+    """What is wrong with the recipe on standard input, were it saved as ``name``; null: nothing."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / name
+        path.write_bytes(sys.stdin.buffer.read())
+        try:
+            _read(path, Path(folder) / name)
+        except TruestandError as wrong:
+            return str(wrong).replace(f"{path}: ", "").replace(f"{Path(folder) / name}: ", "")
+    return None
+
+
+def _read(path: Path, home: Path) -> None:
+    """As the worker will once it is ``home``: what it names stands beside it.
+
+    Raises:
+        TruestandError: it can't.
+    """
+    from truestand.files.parts import part_of
+    from truestand.files.recipes import read_devices_table, read_shaft, read_stand, read_toml
+    from truestand.station.recipe import read_devices
+    from truestand.web.folder import kind_of
+
+    told = read_toml(path)
+    kind = kind_of(told)
+    if kind is None:
+        raise BadRecipe("found no recipe, need [[sensor]] for a stand, [[cylinder]] for a shaft, or a part's kind")
+    if kind == "part":
+        part_of(told, home)
+    elif kind == "artefact":
+        read_shaft(path)
+    else:
+        read_stand(path)
+        if read_devices_table(path):
+            read_devices(path)
+
+
+def devices(stand: str) -> list[dict[str, Any]]:
+    """What table and sensors say; nothing moves."""
+    from truestand.station.examine import ask_all
+    from truestand.station.recipe import read_devices
+
+    return [
+        {"device": a.device, "name": a.name, "address": a.address, "answers": a.answers, "problem": a.problem or None,
+         "told": {key: str(value) for key, value in a.told.items() if value}}
+        for a in ask_all(*read_devices(stand))
+    ]  # fmt: skip
+
+
+def reset(stand: str) -> str:
+    """Clear a latched fault; its reason."""
+    from truestand.station.examine import reset as clear
+
+    return clear(Path(stand))
+
+
+def audit(store: str) -> list[dict[str, str]]:
+    """What isn't as it was written; every byte is read."""
+    from truestand.store import audit as check_all
+
+    return [
+        {"what": f.what, "where": f"{f.where} ({f.detail})" if f.detail else f.where}
+        for f in check_all(Path(store)).findings
+    ]
+
+
+def cloud(source: str, target: str, points: str) -> int:
+    """A cloud made small enough to show; how many points it has."""
+    from truestand.web.clouds import thin_out
+
+    return thin_out(Path(source), Path(target), int(points))
+
+
+TASKS: dict[str, Callable[..., Any]] = {
+    "audit": audit, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
+}  # fmt: skip
+
+
+def main(arguments: list[str]) -> int:
+    """Do one."""
+    name, *rest = arguments
+    try:
+        told = {"answer": TASKS[name](*rest)}
+    except (TruestandError, OSError) as wrong:
+        told = {"problem": str(wrong)}
+    sys.stdout.write(json.dumps(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,110 @@
+"""From a log to scans: what is called complete is, and the angles are those that the table had."""
+
+from math import radians, tau
+
+import numpy as np
+import pytest
+
+from truestand.core.errors import NotEnoughData, UnreadableFile
+from truestand.core.stand import Sensor, Stand, Table
+from truestand.devices.layout import encode_plain
+from truestand.devices.sensor import Layout, Profiles
+from truestand.files.recipes import stand_recipe
+from truestand.files.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
+from truestand.station.convert import SensorPlan, begin_record, convert
+from truestand.station.recipe import Order
+from truestand.station.scan import write_scans
+
+COUNTS = 360_000
+REST = 0.3
+
+
+def recorded(path, rate=200.0, speed=18.0, turns=0.25, counts=COUNTS, lost=(), names=("front",), silent=()):
+    """A log as ``acquire`` writes it: rest, a turn at ``speed`` (deg/s), rest; ``lost``: profiles that never came.
+
+    ``counts``: what the encoder really gives for a turn.
+    """
+    order = Order(turns, radians(speed), radians(speed), 0.001)
+    layout = Layout("plain", "test", 2, 1, rate)
+    plans = tuple(SensorPlan(name, layout, encoder=True) for name in names)
+    stand = Stand(Table(order.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
+    end = REST + order.seconds
+
+    def angle(time):
+        return np.clip((time - REST) * order.speed, 0.0, order.travel)
+
+    with LogWriter(path) as log:
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), order, plans, "now", "test"), 0.0)
+        for time in np.arange(0.0, end + 0.05, 0.02).tolist():
+            log.append(Kind.TABLE, TABLE.pack(angle(time), 1e-4, REST <= time < end), time)
+        for i in range(int((end + REST) * rate)):
+            time = np.array([i / rate])
+            seen = Profiles(np.zeros((1, 2)), np.ones((1, 2)), np.array([i]), time,
+                            np.rint(angle(time) / tau * counts).astype(np.int64))  # fmt: skip
+            for source in range(len(names)):
+                if i not in lost and names[source] not in silent:
+                    log.append(Kind.FRAME, encode_plain(seen), time[0] + 1e-3, source, i)
+        log.append_json(Kind.END, {"complete": True, "reasons": []}, end)
+    return path
+
+
+def only(path):
+    (scan,) = convert(path)
+    return scan
+
+
+@pytest.mark.parametrize("rate, speed", [(200.0, 18.0), (200.0, 86.0), (30.0, 90.0), (7.0, 18.0)])
+def test_a_whole_scan_is_complete_however_far_apart_its_profiles_are(tmp_path, rate, speed):
+    for i, turns in enumerate(np.linspace(0.25, 0.26, 9)):
+        scan = only(recorded(tmp_path / f"k{i}.log", rate, speed, float(turns)))
+        assert scan.complete, scan.reasons
+
+
+@pytest.mark.parametrize("first", [215, 700, 1255])
+def test_profiles_lost_anywhere_in_the_scan_count_at_its_ends_too(tmp_path, first):
+    """The scan goes from profile 260 to 1260; 100 lost profiles reach into it."""
+    scan = only(recorded(tmp_path / "k1.log", lost=range(first, first + 100)))
+    assert not scan.complete
+    assert scan.recording.acquisition["lost_profiles"] == 100
+
+
+@pytest.mark.parametrize("counts, complete", [(COUNTS, True), (300_000, False), (COUNTS + 10_000, False)])
+def test_an_encoder_that_tells_another_travel_than_the_table_proves_nothing(tmp_path, counts, complete):
+    scan = only(recorded(tmp_path / "k1.log", turns=1.0, counts=counts))
+    assert scan.complete == complete, scan.reasons
+    assert complete or "deg where the table turned 387.0: counts were lost, or counts_per_turn" in scan.reasons[0]
+
+
+def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_path):
+    log = recorded(tmp_path / "k1.log", names=("front", "back"), silent=("back",))
+    assert [w.path.name for w in write_scans(log, tmp_path / "k1.h5")] == ["k1-front.h5"]
+
+
+def test_frames_without_a_whole_profile_are_no_scan(tmp_path):
+    path = tmp_path / "k1.log"
+    order = Order(1.0, 0.1, 0.1, 0.001)
+    plan = SensorPlan("front", Layout("scancontrol", "29xx-50", 8, 4, 200.0, 1 << 24, 128.0, 1 << 15), encoder=True)
+    with LogWriter(path) as log:
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), order, (plan,), "now", "test"), 0.0)
+        log.append(Kind.FRAME, bytes(plan.layout.frame_bytes), 0.1, flags=INCOMPLETE)
+    with pytest.raises(NotEnoughData, match="no whole profile"):
+        convert(path)
+
+
+def test_two_logs_in_one_are_refused(tmp_path):
+    one, two = recorded(tmp_path / "a.log"), recorded(tmp_path / "b.log")
+    one.write_bytes(one.read_bytes() + two.read_bytes())
+    with pytest.raises(UnreadableFile, match="found two recordings"):
+        convert(one)
+
+
+@pytest.mark.parametrize("change", [{"kind": "hologram"}, {"points": 0}, {"rate": "fast"}, {"depth": 3}])
+def test_a_layout_of_another_version_is_said(tmp_path, change):
+    path = tmp_path / "k1.log"
+    plan = SensorPlan("front", Layout("plain", "test", 2, 1, 100.0), encoder=False)
+    begin = begin_record(stand_recipe(Stand()), Order(1.0, 0.1, 0.1, 0.001), (plan,), "now", "truestand 99")
+    begin["sensors"][0]["layout"].update(change)
+    with LogWriter(path) as log:
+        log.append_json(Kind.BEGIN, begin, 0.0)
+    with pytest.raises(UnreadableFile, match=r"another version \(truestand 99\)"):
+        convert(path)
