@@ -10,6 +10,7 @@ from truestand._version import __version__
 from truestand.cli import (
     acquire,
     calibrate,
+    certificate,
     compare,
     demo,
     form,
@@ -55,6 +56,7 @@ app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
 app.add_typer(stand.app, name="stand")
+app.command("certificate")(certificate.certificate)
 app.command("schema")(schema.schema)
 
 
