@@ -133,10 +133,17 @@ def test_every_error_of_a_virtual_gear_is_explained():
 
 def test_every_key_of_the_recipes_is_explained():
     from truestand.files import parts
-    from truestand.files.recipes import CertificateRecipe, CylinderRecipe, ScanRecipe, SensorRecipe, TableRecipe
+    from truestand.files.recipes import (
+        CertificateRecipe,
+        CompanyRecipe,
+        CylinderRecipe,
+        ScanRecipe,
+        SensorRecipe,
+        TableRecipe,
+    )
 
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    stand = (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe)
+    stand = (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe, CompanyRecipe)
     part = (parts.GearRecipe, parts.EvaluationRecipe, parts.ModificationRecipe, parts.SizeLimitsRecipe,
             parts.TurnedRecipe, parts.SectionRecipe, parts.CadRecipe, parts.PoseRecipe)  # fmt: skip
     for recipe in (*stand, *part):

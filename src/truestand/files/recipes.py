@@ -60,6 +60,14 @@ class ScanRecipe(Recipe):
     counts_per_turn: Annotated[int, Field(ge=0)] = 0
 
 
+class CompanyRecipe(Recipe):
+    """``[company]``; ``files/company.py`` reads the logo."""
+
+    name: str = ""
+    address: str = ""
+    logo: str | None = None
+
+
 class StandRecipe(Recipe):
     """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station."""
 
@@ -68,6 +76,7 @@ class StandRecipe(Recipe):
     scan: ScanRecipe = ScanRecipe()
     simulation: dict[str, Any] = Field(default_factory=dict)
     devices: dict[str, Any] = Field(default_factory=dict)
+    company: CompanyRecipe | None = None
     serial: str | None = None
     order: str | None = None
     operator: str | None = None
