@@ -217,10 +217,16 @@ def test_a_laboratory_is_asked_by_name(laboratory, tmp_path):
 
 def test_a_lapsed_certificate_of_the_artefact_is_named(laboratory):
     calibration = traced(found())
-    old = replace(calibration.artefact.certificate, valid_until="2026-03-02")
-    calibration = replace(calibration, artefact=replace(calibration.artefact, certificate=old))
-    with pytest.raises(BadRecipe, match="valid_until 2026-03-02"):
-        certificate(issue(calibration, laboratory))
+    for until in ("2026-03-02", "next spring"):
+        old = replace(calibration.artefact.certificate, valid_until=until)
+        lapsed = replace(calibration, artefact=replace(calibration.artefact, certificate=old))
+        with pytest.raises(BadRecipe, match=f"valid_until {until}"):
+            certificate(issue(lapsed, laboratory))
+
+
+def test_a_number_of_blanks_is_none():
+    assert issue(found(), None, "  ").identifier.startswith("truestand-2026-03-03-")
+    assert issue(found(), None, " 2026 / 17 ").identifier == "2026 / 17"
 
 
 def test_a_laboratory_s_certificate_says_who_what_and_where(laboratory):

@@ -74,7 +74,8 @@ class Issue:
     @property
     def identifier(self) -> str:
         """The certificate's number."""
-        return self.number or f"truestand-{self.performed[1]}-{self.sha256[:16]}"
+        own = " ".join((self.number or "").split())
+        return own or f"truestand-{self.performed[1]}-{self.sha256[:16]}"
 
 
 def refusals(record: Record) -> list[str]:
@@ -115,9 +116,17 @@ def traceability_lacks(issue: Issue) -> list[str]:
     keys = [key for key in ("id", "laboratory") if not known.get(key)]
     found = [f"[certificate] {', '.join(keys)} (shaft.toml)"] if keys else []
     until = known.get("valid_until")
-    if until and str(until)[:10] < issue.performed[1].isoformat():
+    if until and not _holds(str(until), issue.performed[1]):
         found.append(f"[certificate] valid on {issue.performed[1]} (shaft.toml has valid_until {until})")
     return found
+
+
+def _holds(until: str, day: date) -> bool:
+    """Whether that date is not past; a text that is no date says nothing."""
+    try:
+        return date.fromisoformat(until[:10]) >= day
+    except ValueError:
+        return False
 
 
 def certificate(issue: Issue) -> bytes:

@@ -111,7 +111,7 @@ def quantity(what: str, value: Node, meaning: str | None = None, **attributes: s
 def embedded(file_name: str, mime: str, content: bytes, meaning: str) -> Node:
     """``dcc:byteData``: a file inside the certificate."""
     return node(
-        "dcc:byteData", name(file_name), text("dcc:description", meaning), node("dcc:fileName", file_name),
+        "dcc:byteData", name(file_name), text("dcc:description", meaning), plain("dcc:fileName", file_name),
         node("dcc:mimeType", mime), node("dcc:dataBase64", base64.b64encode(content).decode("ascii")),
     )  # fmt: skip
 
