@@ -17,6 +17,7 @@ STATUS = {
     "valid": ("\N{CHECK MARK}", "Valid", "it may carry a verdict"),
     "untrusted": ("!", "Untrusted", "nothing may be decided on it"),
 }
+NO_U = '<p class="k">The published method states no uncertainty.</p>'
 WORDS = (
     ("eccentricity", "offset of the shaft axis from the rotation axis; a round shaft then shows twice as much run-out"),
     ("form", "deviation of a surface from a circle about its own axis, by undulations per revolution (UPR)"),
@@ -40,7 +41,7 @@ def calibration_report(
         _head(calibration, company),
         _open_questions(calibration, rows),
         tables.tiles(rows, calibration),
-        K_NOTE if exact else "",
+        K_NOTE if exact else NO_U,
         "<h2>Published method and exact model</h2>"
         "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and "
         "no laser plane; a dash says that it has no answer. It states no uncertainty.</p>",
@@ -194,11 +195,11 @@ def _why(c: Calibration) -> list[str]:
             "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless "
             "for pitch and run-out)."
         )
-    if {"eccentricity_direction_deg", "tilt_direction_deg"} & set(c.not_identifiable):
+    if c.method == "stand" and {"eccentricity_direction_deg", "tilt_direction_deg"} & set(c.not_identifiable):
         reasons.append("A shaft that runs nearly true has no direction to run out to.")
     if {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & set(c.not_identifiable):
         reasons.append(
-            "The method does not ask for the laser plane."
+            "The method does not ask for the laser plane or the shaft's tilt."
             if c.method == "paper"
             else "The laser plane shows only where an eccentric shaft with two steps turns: a larger eccentricity or a "
             "second step in view would help. Its doubt is carried on."
