@@ -166,6 +166,34 @@ def test_every_key_of_the_recipes_is_explained():
             assert re.search(rf"`[^`]*\b{key}[`\]]", text), key
 
 
+def test_the_certificate_page_shows_a_laboratory_that_lacks_nothing(bench, tmp_path):
+    from truestand.files import laboratory
+
+    page = ROOT / "docs" / "certificate.md"
+    text = page.read_text(encoding="utf-8")
+    (example,) = code(page, "toml")
+    (tmp_path / "laboratory.toml").write_text(example, encoding="utf-8")
+    shaft = (bench / "shaft.toml").read_text(encoding="utf-8")
+    (tmp_path / "shaft.toml").write_text(f'{shaft}\n[certificate]\nid = "7"\nlaboratory = "M"\n', encoding="utf-8")
+    scan = ("calibrate", bench / "k1.csv", "--stand", bench / "stand.toml", "--artefact", "shaft.toml")
+    assert run(*scan, cwd=tmp_path).returncode == 0
+    for command in code(page, "bash"):
+        name, *arguments = shlex.split(command.replace("--schema-dir schemas", ""))
+        assert name == "truestand"
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    tables = (
+        laboratory.LaboratoryTable,
+        laboratory.ResponsibleRecipe,
+        laboratory.StandTable,
+        laboratory.PerformanceRecipe,
+    )
+    for key in {k for table in tables for k in table.model_fields}:
+        assert re.search(rf"\b{key}\b", example), key
+        assert key in text
+
+
 def test_every_key_of_a_sensor_device_is_explained():
     from truestand.devices.sensors.recipe import SensorRecipe
     from truestand.files.checking import checked

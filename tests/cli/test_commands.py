@@ -13,7 +13,20 @@ from exports import scancontrol
 from truestand.files.points import read_ply
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
-COMMANDS = ["demo", "init", "simulate", "import", "info", "calibrate", "verify", "roll", "form", "compare", "schema"]
+COMMANDS = [
+    "demo",
+    "init",
+    "simulate",
+    "import",
+    "info",
+    "calibrate",
+    "verify",
+    "roll",
+    "form",
+    "compare",
+    "schema",
+    "certificate",
+]
 
 
 def test_help_is_quick_and_names_every_command():

@@ -199,7 +199,9 @@ async def run_jobs() -> None:
             job["message"] = "stopped on request; what was recorded is kept"
         elif PLAY.end == "failed" and job["done"] > 0.4:
             job["state"], job["steps"][at]["state"] = "failed", "failed"
-            job["message"] = "found 12 lost profiles, need all of them; check the network cable of front, then run again"
+            job["message"] = (
+                "found 12 lost profiles, need all of them; check the network cable of front, then run again"
+            )
         elif job["done"] >= 1.0:
             _finish(job)
 

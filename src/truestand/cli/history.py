@@ -82,14 +82,16 @@ def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | N
 
 def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.recipes import read_company
+    from truestand.files.company import read_company
     from truestand.report.history import history_report
 
     here = Path("stand.toml")
-    company, _ = read_company(here) if here.is_file() else (None, None)
+    company = read_company(here) if here.is_file() else None
     number, stated = store.head()
     head = f"{store.folder.name}: last entry {number}, hash {stated}"
-    text = history_report([_course(s) for s in found], [_line(i) for i in inspected], head, company)
+    text = history_report(
+        [_course(s) for s in found], [_line(i) for i in inspected], head, company.name if company else None
+    )
     write_text_atomic(path, text)
 
 

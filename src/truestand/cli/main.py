@@ -11,6 +11,7 @@ from truestand.cli import (
     acquire,
     audit,
     calibrate,
+    certificate,
     compare,
     demo,
     form,
@@ -63,6 +64,7 @@ app.command("history")(history.history)
 app.command("audit")(audit.audit)
 app.add_typer(store.app, name="store")
 app.command("serve")(serve.serve)
+app.command("certificate")(certificate.certificate)
 app.command("schema")(schema.schema)
 
 

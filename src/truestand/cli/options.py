@@ -29,6 +29,10 @@ StoreOption = Annotated[
 OperatorOption = Annotated[
     str | None, typer.Option("--operator", metavar="NAME", help="Who did it, for the results store.")
 ]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="REPORT", help="Write the report: one HTML file, or PDF where its name ends so."),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing scan or recipe.")]
 PickOption = Annotated[
     str | None,

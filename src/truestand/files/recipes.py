@@ -68,11 +68,11 @@ class StoreRecipe(Recipe):
 
 
 class CompanyRecipe(Recipe):
-    """``[company]``: who stands on the reports."""
+    """``[company]``; ``files/company.py`` reads the logo."""
 
-    name: str | None = None
+    name: str = ""
+    address: str = ""
     logo: str | None = None
-    """A picture, beside the stand.toml or a full path."""
 
 
 class StandRecipe(Recipe):
@@ -166,19 +166,6 @@ def read_store_folder(path: Path | str) -> Path | None:
     """The folder of ``[store]`` of a stand.toml; None where it keeps no results."""
     recipe = checked(StandRecipe, read_toml(path), str(path)).store
     return None if recipe is None else Path(path).parent / recipe.folder
-
-
-def read_company(path: Path | str) -> tuple[str | None, Path | None]:
-    """Name and logo of ``[company]`` of a stand.toml, as far as given.
-
-    Raises:
-        BadRecipe: a logo that isn't there.
-    """
-    recipe = checked(StandRecipe, read_toml(path), str(path)).company or CompanyRecipe()
-    logo = None if recipe.logo is None else Path(path).parent / recipe.logo
-    if logo is not None and not logo.is_file():
-        raise BadRecipe(f"{path}: [company] logo: found no file {logo}; give one beside the stand.toml")
-    return recipe.name, logo
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
