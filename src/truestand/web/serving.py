@@ -145,6 +145,7 @@ def config(page: Page, binding: Binding) -> uvicorn.Config:
     return uvicorn.Config(
         create_app(page, names_of(binding.host, binding.names)),
         log_config=None,
+        log_level="error",
         access_log=False,
         server_header=False,
         proxy_headers=False,

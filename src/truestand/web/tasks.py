@@ -73,11 +73,11 @@ def reset(stand: str) -> str:
 
 def audit(store: str) -> list[dict[str, str]]:
     """What isn't as it was written; every byte is read."""
-    from truestand.store import audit as check_all
+    from truestand.store import Store
 
     return [
         {"what": f.what, "where": f"{f.where} ({f.detail})" if f.detail else f.where}
-        for f in check_all(Path(store)).findings
+        for f in Store(Path(store)).audit().findings
     ]
 
 

@@ -1,0 +1,99 @@
+// Inspect, guided: choose the part, say which one it is, mount it, go. The job page takes over from there.
+
+import { get, loadHome, send } from "../api.js";
+import { add, h, put } from "../dom.js";
+import { icon } from "../marks.js";
+import { alertBox, button, empty, field, heading, link, stepper } from "../parts.js";
+import { to } from "../router.js";
+import { store } from "../store.js";
+import { t } from "../texts.js";
+
+/** What was said about the part so far; the operator and the order stay for the next one. */
+const said = { part: null, serial: "", order: "", operator: null };
+
+export const STEPS = ["choose", "identify", "mount", "measure", "verdict"];
+
+export async function show(page, { part, step }, signal) {
+  if (store.running) return to("/job", true);
+  if (!store.home) await loadHome(signal);
+  if (!part) return choose(page, signal);
+  const parts = await get("api/parts", signal);
+  const chosen = parts.find((p) => p.name === part);
+  if (!chosen) return to("/inspect", true);
+  return step === "mount" ? mount(page, chosen) : identify(page, chosen);
+}
+
+async function choose(page, signal) {
+  const parts = await get("api/parts", signal);
+  const list = parts.length
+    ? h("ul", { class: "choices" }, parts.map((p) => h("li", {}, choice(p))))
+    : empty(t("inspect.no_parts"), store.engineer && link(t("inspect.write_recipe"), "/recipes", { kind: "primary" }));
+  add(page, stepper(names(), 0), heading(t("inspect.choose")), warning(), list);
+}
+
+function choice(part) {
+  return h("a", { class: "choice", href: `#/inspect/${encodeURIComponent(part.name)}` }, icon(part.kind),
+    h("span", { class: "name" }, part.title || part.name), h("span", { class: "facts" }, `${t(`part.${part.kind}`)} · ${part.file}`));
+}
+
+/** Nothing can be decided on a stand that is not calibrated: said before the work, not after it. */
+function warning() {
+  const { state } = store.home.calibration;
+  if (state === "valid") return null;
+  return h("div", { class: "notice open" }, icon("warn"), h("p", {}, t(`inspect.warning.${state}`)), link(t("home.calibrate"), "/calibrate"));
+}
+
+function identify(page, part) {
+  if (said.part !== part.name) Object.assign(said, { part: part.name, serial: "" });
+  said.operator ??= localStorage.getItem("operator") ?? store.session.user ?? "";
+  const input = (key, more = {}) => h("input", { type: "text", id: `i-${key}`, maxlength: 80, autocomplete: "off", spellcheck: "false", prop: { value: said[key] }, on: { input: (e) => (said[key] = e.target.value.trim()) }, ...more });
+  const form = h("form", { class: "card form identify", on: { submit: onward } },
+    field(t("inspect.serial"), input("serial"), t("inspect.serial.note")), field(t("inspect.order"), input("order")), field(t("inspect.operator"), input("operator")),
+    h("div", { class: "actions" }, link(t("action.back"), "/inspect", { sign: "back" }), button(t("action.next"), null, { kind: "primary", type: "submit", sign: "next" })));
+  add(page, stepper(names(), 1), heading(part.title || part.name), h("p", { class: "lead" }, t("inspect.identify")), form);
+
+  function onward(event) {
+    event.preventDefault();
+    localStorage.setItem("operator", said.operator);
+    to(`/inspect/${encodeURIComponent(part.name)}/mount`);
+  }
+}
+
+function mount(page, part) {
+  if (said.part !== part.name) return to(`/inspect/${encodeURIComponent(part.name)}`, true);
+  const wrong = h("div", {});
+  add(page, stepper(names(), 2), heading(t("inspect.mount")), warning(),
+    h("section", { class: "card" }, h("dl", { class: "facts-list" }, fact(t("inspect.part"), part.title || part.name),
+      fact(t("inspect.serial"), said.serial), fact(t("inspect.order"), said.order), fact(t("inspect.operator"), said.operator)),
+    h("ol", { class: "todo" }, ["mount.part", "mount.clean", "mount.clear"].map((key) => h("li", {}, t(key)))), wrong,
+    h("div", { class: "actions" }, link(t("action.back"), `/inspect/${encodeURIComponent(part.name)}`, { sign: "back" }),
+      button(t("inspect.start"), start, { kind: "primary go", sign: "play" }))));
+
+  function start(event) {
+    return begin({ kind: "inspect", part: part.name, serial: said.serial, order: said.order, operator: said.operator }, event.currentTarget, wrong);
+  }
+}
+
+/** Order a job and go and watch it; a refusal is said beside the button. */
+export async function begin(order, pressed, wrong) {
+  pressed.disabled = true;
+  try {
+    store.live = null;
+    store.job = await send("POST", "api/jobs", order);
+    store.tell("job");
+    if (order.kind === "inspect") said.serial = "";
+    to("/job");
+  } catch (refused) {
+    put(wrong, alertBox(refused.message));
+    pressed.disabled = false;
+    pressed.focus();
+  }
+}
+
+export function names() {
+  return STEPS.map((name) => t(`step.${name}`));
+}
+
+function fact(name, value) {
+  return [h("dt", {}, name), h("dd", {}, value || "–")];
+}

@@ -1,0 +1,77 @@
+// One result: the verdict, then what could not be measured, then every line; charts, cloud and evidence behind tabs.
+
+import { get } from "../api.js";
+import { add, h, put } from "../dom.js";
+import { when } from "../format.js";
+import { alertBox, busy, heading, link, stamp, titled } from "../parts.js";
+import { t } from "../texts.js";
+import { decisive } from "../lines.js";
+import { details } from "../tables.js";
+
+export async function show(page, { number, tab = "values" }, signal) {
+  const { entry, record } = await get(`api/results/${number}`, signal);
+  const tabs = ["values", "charts", ...(entry.has?.cloud ? ["cloud"] : []), "evidence"];
+  const panel = h("div", { class: "panel", role: "tabpanel", id: "panel", tabindex: "0" });
+  const bar = h("div", { class: "tabs", role: "tablist", "aria-label": t("result.views"), on: { keydown: step } });
+  const word = record.verdict ?? record.status ?? entry.verdict ?? entry.status;
+  let inside = null;
+  add(page, heading(titled(entry)), corrected(entry),
+    stamp(word, [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"), decisive(record),
+    h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry))), panel);
+  signal.addEventListener("abort", () => inside?.abort());
+  open(tabs.includes(tab) ? tab : "values");
+
+  function open(name, focus = false) {
+    history.replaceState(null, "", `#/results/${number}${name === "values" ? "" : `/${name}`}`);
+    put(bar, tabs.map((tab) => h("button", { type: "button", role: "tab", id: `tab-${tab}`, "aria-selected": String(tab === name), "aria-controls": "panel", tabindex: tab === name ? "0" : "-1", on: { click: () => open(tab, true) } }, t(`result.tab.${tab}`))));
+    if (focus) bar.querySelector(`#tab-${name}`).focus();
+    page.classList.toggle("compact", name !== "values");
+    panel.setAttribute("aria-labelledby", `tab-${name}`);
+    inside?.abort();
+    inside = new AbortController();
+    fill(name, inside.signal);
+  }
+
+  async function fill(name, mine) {
+    put(panel, busy());
+    try {
+      if (name === "values" || name === "evidence") put(panel, details(name, entry, record));
+      if (name === "charts") await (await import("../result-charts.js")).resultCharts(panel, entry, record, mine);
+      if (name === "cloud") await (await import("../cloud.js")).cloud(panel, `api/results/${number}/cloud?points=200000`, mine);
+    } catch (wrong) {
+      if (mine.aborted || wrong.name === "AbortError") return;
+      if (!("status" in wrong)) console.error(wrong);
+      put(panel, alertBox(wrong.message));
+    }
+  }
+
+  function step(event) {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    const at = tabs.findIndex((tab) => bar.querySelector(`#tab-${tab}`) === document.activeElement);
+    const next = by ? tabs[(at + by + tabs.length) % tabs.length] : { Home: tabs[0], End: tabs.at(-1) }[event.key];
+    if (!next) return;
+    event.preventDefault();
+    open(next, true);
+  }
+}
+
+function facts(entry) {
+  const said = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order })];
+  return said.filter(Boolean).join(" · ");
+}
+
+function corrected(entry) {
+  if (!entry.corrected_by) return null;
+  return h("div", { class: "notice open" }, h("p", {}, t("result.corrected.long", { number: entry.corrected_by })), link(t("result.correction"), `/results/${entry.corrected_by}`));
+}
+
+function downloads(entry) {
+  const base = `api/results/${entry.number}`;
+  return [
+    entry.has?.report && link(t("result.report"), `${base}/report`, { sign: "open", target: "_blank", rel: "noopener" }),
+    entry.has?.report && link(t("result.report.save"), `${base}/report?download=1`, { sign: "down", download: "" }),
+    entry.kind === "inspection" && link("CSV", `${base}/characteristics.csv`, { sign: "down", download: "", "aria-label": t("result.csv") }),
+    entry.has?.certificate && link(t("result.certificate"), `${base}/certificate.xml`, { sign: "down", download: "" }),
+  ];
+}
+

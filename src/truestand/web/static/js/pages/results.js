@@ -1,0 +1,59 @@
+// All results, newest first.
+
+import { get } from "../api.js";
+import { add, h, put } from "../dom.js";
+import { mark } from "../marks.js";
+import { alertBox, button, empty, heading, rows, segments, select } from "../parts.js";
+import { store } from "../store.js";
+import { t } from "../texts.js";
+
+const MANY = 30;
+const KINDS = ["", "inspection", "calibration", "verification"];
+const wanted = { kind: "", part: "" };
+
+export async function show(page, _, signal) {
+  const parts = await get("api/parts", signal);
+  const list = h("div", { class: "list" });
+  const more = h("div", { class: "actions" });
+  const audit = h("div", { role: "status" });
+  const filters = h("div", { class: "filters" });
+  let entries = [];
+  add(page, heading(t("results.title"), store.engineer && button(t("audit.run"), check, { kind: "quiet" })), audit, filters, list, more);
+  filter();
+  await load();
+
+  function filter() {
+    put(filters, segments(t("results.kind"), KINDS.map((value) => ({ value, label: t(value ? `kinds.${value}` : "results.every") })), wanted.kind, (kind) => change({ kind })),
+      select(t("results.part"), [{ value: "", label: t("results.every_part") }, ...parts.map((p) => ({ value: p.name, label: p.title || p.name }))], wanted.part, (part) => change({ part })));
+  }
+
+  async function change(said) {
+    Object.assign(wanted, said);
+    entries = [];
+    await load();
+  }
+
+  async function load() {
+    const before = entries.at(-1)?.number;
+    const asked = new URLSearchParams({ limit: MANY, ...(wanted.kind && { kind: wanted.kind }), ...(wanted.part && { part: wanted.part }), ...(before && { before }) });
+    const found = await get(`api/results?${asked}`, signal);
+    entries = entries.concat(found);
+    put(list, entries.length ? rows(entries) : empty(t(wanted.kind || wanted.part ? "results.none_such" : "results.none")));
+    put(more, found.length === MANY ? button(t("results.more"), load) : "");
+  }
+
+  async function check(event) {
+    const pressed = event.currentTarget;
+    pressed.disabled = true;
+    put(audit, h("p", { class: "note" }, t("audit.running")));
+    try {
+      const { findings } = await get("api/audit", signal);
+      put(audit, findings.length
+        ? h("section", { class: "notice bad" }, mark("bad"), h("div", {}, h("h2", {}, t("audit.found", { n: findings.length })), h("ul", {}, findings.map((f) => h("li", {}, h("strong", {}, f.where), ": ", f.what)))))
+        : h("section", { class: "notice good" }, mark("good"), h("p", {}, t("audit.clean"))));
+    } catch (wrong) {
+      put(audit, alertBox(wrong.message));
+    }
+    pressed.disabled = false;
+  }
+}
