@@ -23,6 +23,8 @@ from truestand.web.users import Gatekeeper, make_user, users_path, write_users
 
 WORKER = (sys.executable, str(Path(__file__).with_name("page_worker.py")))
 PASSWORD = "correct horse battery"
+SERVERS = {}
+"""By port, to look into."""
 
 
 def make_page(folder, users=(), **more):
@@ -45,8 +47,10 @@ def served(page, **binding):
     thread = threading.Thread(target=lambda: asyncio.run(server.serve([listening])))
     thread.start()
     try:
-        assert ready.wait(10.0)
-        yield listening_port(server)
+        assert ready.wait(60.0)
+        port = listening_port(server)
+        SERVERS[port] = server
+        yield port
     finally:
         server.should_exit = True
         thread.join(60.0)
@@ -139,3 +143,16 @@ def raw(port, request, timeout=10.0):
 def snapshot(folder):
     """Every file of a folder and what is in it."""
     return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def main(folder):
+    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER`` prints the port."""
+    page, at = make_page(Path(folder)), Binding(port=0)
+    listening = bind(at)
+    server = Server(config(page, at), page.runner, lambda: print(listening_port(server), flush=True))
+    threading.Thread(target=lambda: (sys.stdin.read(), setattr(server, "should_exit", True)), daemon=True).start()
+    asyncio.run(server.serve([listening]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
