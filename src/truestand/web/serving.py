@@ -71,6 +71,7 @@ def serve(
             f"found --host {binding.host} and no users, need one for a page that others can reach; "
             "run truestand serve --add-user NAME --role engineer"
         )
+    page.guarded = page.login_needed
     listening = bind(binding)
     host, port = listening.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
