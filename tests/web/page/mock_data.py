@@ -11,7 +11,12 @@ PARTS: list[Json] = [
     {"name": "demo-wheel", "title": "Demo wheel", "kind": "gear", "file": "gear.toml"},
     {"name": "pump-shaft", "title": "Pump shaft", "kind": "turned", "file": "pump-shaft.toml"},
     {"name": "bracket", "title": "Bracket, cast", "kind": "cad", "file": "bracket.toml"},
-    {"name": "sun-wheel", "title": LONG_NAME, "kind": "gear", "file": "sun-wheel-of-the-second-stage-4711-0815-42.toml"},
+    {
+        "name": "sun-wheel",
+        "title": LONG_NAME,
+        "kind": "gear",
+        "file": "sun-wheel-of-the-second-stage-4711-0815-42.toml",
+    },
 ]
 CLASS = "ISO 1328-1:2013 class 7"
 HOSTILE = "<img src=x onerror=\"document.title='owned'\">"
@@ -89,7 +94,7 @@ def _line(
         "grade": None if limit is None else 7, "coverage": 0.62 if name == "C_beta" else 1.0,
         "status": "partial" if name == "C_beta" else "measured", "verdict": verdict,
         "capable": limit is None or limit > U, "standard": None if limit is None else CLASS,
-        "contributions": [{"name": text, "U_um": U * share} for text, share in zip(BUDGET, (0.9, 0.4, 0.1), strict=True)],
+        "contributions": [{"name": n, "U_um": U * share} for n, share in zip(BUDGET, (0.9, 0.4, 0.1), strict=True)],
     }  # fmt: skip
 
 
@@ -143,7 +148,8 @@ def calibration_record(status: str) -> Json:
         "format": "truestand.calibration",
         "version": 1,
         "status": status,
-        "reasons": ["residual, um rms: 141 is above 100; look at the residual map: dirt, a keyway, a loose shaft"] * bad,
+        "reasons": ["residual, um rms: 141 is above 100; look at the residual map: dirt, a keyway, a loose shaft"]
+        * bad,
         "method": "stand",
         "created": "2026-11-20T06:02:11Z",
         "valid_until": "2026-11-27T06:02:11Z",
@@ -226,7 +232,15 @@ def history(kind: str) -> Json:
 
 
 def _trend(
-    name: str, label: str, unit: str, value: float, U: float, limit: float | None, *, rng: np.random.Generator, finding: bool
+    name: str,
+    label: str,
+    unit: str,
+    value: float,
+    U: float,
+    limit: float | None,
+    *,
+    rng: np.random.Generator,
+    finding: bool,
 ) -> Json:
     drawn = value + 0.35 * U * rng.standard_normal(24)
     drawn[-1] += 2.2 * U if finding else 0.0
@@ -234,7 +248,9 @@ def _trend(
         {"number": 10 + i, "time": f"2026-11-{1 + i * 20 // 24:02d}T{6 + i % 12:02d}:02:11Z", "value": float(v), "U": U}
         for i, v in enumerate(drawn)
     ]
-    texts = [{"number": 33, "text": "outside the control limits: look whether the sensor was knocked"}] if finding else []
+    texts = (
+        [{"number": 33, "text": "outside the control limits: look whether the sensor was knocked"}] if finding else []
+    )
     found = {
         "name": name, "label": label, "unit": unit, "points": points, "centre": value, "lower": value - 1.05 * U,
         "upper": value + 1.05 * U, "findings": texts,
@@ -272,6 +288,6 @@ DEVICES: list[Json] = [
     {"device": "sensor", "name": "front", "address": "tcp://192.168.0.11:32001", "answers": True, "problem": None,
      "told": {"model": "JS-50 WX", "serial": "20731-A", "firmware": "16.3.0", "profiles/s": "1000"}},
     {"device": "sensor", "name": "back", "address": "tcp://192.168.0.12:32001", "answers": False,
-     "problem": "found no answer within 2 s, need the sensor on this address; check its cable and power, then ask again",
+     "problem": "found no answer within 2 s, need the sensor on this address; check its cable, then ask again",
      "told": {}},
 ]  # fmt: skip
