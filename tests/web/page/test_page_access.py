@@ -4,7 +4,8 @@ import pytest
 
 PATHS = [
     "#/", "#/inspect", "#/inspect/demo-wheel", "#/calibrate", "#/job", "#/results", "#/results/57",
-    "#/results/60/cloud",    "#/results/57/evidence", "#/results/49", "#/results/61", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
+    "#/results/60/cloud",    "#/results/57/evidence", "#/results/49",
+    "#/results/61", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
 ]  # fmt: skip
 SMALLEST = 48
 TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]

@@ -6,7 +6,8 @@ from truestand.web.routes.files import STATIC
 
 PAGES = {
     "#/": "Home", "#/inspect": "Which part?", "#/inspect/demo-wheel": "Demo wheel",
-    "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results", "#/results/60": "Demo wheel", "#/results/59/evidence": "Sun wheel",
+    "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results",
+    "#/results/60": "Demo wheel", "#/results/59/evidence": "Sun wheel",
     "#/results/49": "Calibration", "#/results/61": "Verification", "#/devices": "Devices", "#/recipes": "Recipes",
     "#/recipes/gear.toml": "Recipes", "#/login": "Log in to Stand 1",
 }  # fmt: skip
