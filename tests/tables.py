@@ -26,6 +26,8 @@ ADDRESSES = {
 }
 
 
+PATIENT = {"timeout_s": 2.0, "stop_timeout_s": 20.0}
+"""For tests that aren't about time, on machines that are busy; virtual seconds are short."""
 KEPT: list[OpcUaServer] = []
 """An OPC UA server needs seconds to start: one with the default names is kept, and given another table."""
 
@@ -34,7 +36,7 @@ KEPT: list[OpcUaServer] = []
 def served(protocol, motion=None, pace=PACE, tables=None, address=None, mortal=False, **limits):
     """A virtual table, its server, and the recipe that finds it; only what is ``mortal`` may be stopped."""
     virtual = VirtualTable(Clock(pace), motion)
-    settings = {"protocol": protocol, **limits, **({protocol: tables} if tables else {})}
+    settings = {"protocol": protocol, **PATIENT, **limits, **({protocol: tables} if tables else {})}
     if protocol == "opcua" and not (mortal or tables):
         server = kept()
         server.table = virtual

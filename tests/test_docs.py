@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -72,6 +73,19 @@ def test_the_page_runs_as_it_stands(page, tmp_path):
     assert (tmp_path / ("part.ply" if page == "start.md" else "gear.ply")).exists()
 
 
+def test_the_page_on_keeping_results_runs_as_it_stands(bench, tmp_path):
+    folder = Path(shutil.copytree(bench, tmp_path / "bench"))
+    codes = {"inspect": (1, 3), "verify": (0, 1, 3)}
+    for text in code(ROOT / "docs" / "keep-results.md", "bash"):
+        for command in text.splitlines():
+            name, *arguments = shlex.split(command)
+            assert name == "truestand"
+            gage = "--gage-rr" in arguments  # one inspection is no study, and it says so
+            done = run(*arguments, cwd=folder)
+            assert done.returncode in ((2,) if gage else codes.get(arguments[0], (0,))), (command, done.stderr)
+    assert run("audit", "--store", "copy-of-results", cwd=folder).returncode == 0
+
+
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
 def test_links_lead_somewhere(page):
     text = page.read_text(encoding="utf-8")
@@ -133,15 +147,51 @@ def test_every_error_of_a_virtual_gear_is_explained():
 
 def test_every_key_of_the_recipes_is_explained():
     from truestand.files import parts
-    from truestand.files.recipes import CertificateRecipe, CylinderRecipe, ScanRecipe, SensorRecipe, TableRecipe
+    from truestand.files.recipes import (
+        CertificateRecipe,
+        CompanyRecipe,
+        CylinderRecipe,
+        ScanRecipe,
+        SensorRecipe,
+        StoreRecipe,
+        TableRecipe,
+    )
 
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    stand = (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe)
+    stand = (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe, StoreRecipe, CompanyRecipe)
     part = (parts.GearRecipe, parts.EvaluationRecipe, parts.ModificationRecipe, parts.SizeLimitsRecipe,
             parts.TurnedRecipe, parts.SectionRecipe, parts.CadRecipe, parts.PoseRecipe)  # fmt: skip
     for recipe in (*stand, *part):
         for key in recipe.model_fields:
             assert re.search(rf"`[^`]*\b{key}[`\]]", text), key
+
+
+def test_the_certificate_page_shows_a_laboratory_that_lacks_nothing(bench, tmp_path):
+    from truestand.files import laboratory
+
+    page = ROOT / "docs" / "certificate.md"
+    text = page.read_text(encoding="utf-8")
+    (example,) = code(page, "toml")
+    (tmp_path / "laboratory.toml").write_text(example, encoding="utf-8")
+    shaft = (bench / "shaft.toml").read_text(encoding="utf-8")
+    (tmp_path / "shaft.toml").write_text(f'{shaft}\n[certificate]\nid = "7"\nlaboratory = "M"\n', encoding="utf-8")
+    scan = ("calibrate", bench / "k1.csv", "--stand", bench / "stand.toml", "--artefact", "shaft.toml")
+    assert run(*scan, cwd=tmp_path).returncode == 0
+    for command in code(page, "bash"):
+        name, *arguments = shlex.split(command.replace("--schema-dir schemas", ""))
+        assert name == "truestand"
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    tables = (
+        laboratory.LaboratoryTable,
+        laboratory.ResponsibleRecipe,
+        laboratory.StandTable,
+        laboratory.PerformanceRecipe,
+    )
+    for key in {k for table in tables for k in table.model_fields}:
+        assert re.search(rf"\b{key}\b", example), key
+        assert key in text
 
 
 def test_every_key_of_a_sensor_device_is_explained():

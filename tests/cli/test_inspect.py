@@ -1,6 +1,8 @@
 """``truestand inspect`` and ``identify`` from outside: files, keys, exit codes."""
 
+import csv
 import json
+import os
 import subprocess
 import sys
 from importlib.resources import files
@@ -55,6 +57,36 @@ def test_a_gear_with_errors_does_not_conform(bench):
     assert kinds == {(5, "left", "dent"), (16, "right", "dent"), (11, None, "chipped end")}
     assert "NaN" not in (bench / "inspection.json").read_text()
     assert "does not conform" in (bench / "r.html").read_text().lower()
+
+
+def test_the_characteristics_as_csv(bench):
+    assert inspect(bench, "--csv", "c.csv", "-o", "c.json", "-q").returncode == 1
+    with (bench / "c.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    lines = json.loads((bench / "c.json").read_text())["characteristics"]
+    assert [(r["name"], r["flank"]) for r in rows] == [(c["name"], c["flank"] or "") for c in lines]
+    assert float(rows[0]["value"]) == lines[0]["value_um"]
+    assert rows[0]["verdict"] == lines[0]["verdict"]
+
+
+def test_a_pdf_without_its_extra_is_refused_before_the_work(bench, tmp_path, monkeypatch):
+    (tmp_path / "weasyprint.py").write_text("raise ImportError('absent')")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    done = inspect(bench, "--report", "r.pdf", "-o", "never.json")
+    assert done.returncode == 2
+    assert "pip install 'truestand[pdf]'" in done.stderr
+    assert not (bench / "never.json").exists() and not (bench / "r.pdf").exists()
+
+
+def test_the_company_stands_at_the_head_of_the_report(bench):
+    text = (bench / "stand.toml").read_text().replace("[scan]", '[company]\nname = "Precis & Co"\n\n[scan]')
+    (bench / "company.toml").write_text(text)
+    assert inspect(bench, "--report", "k.html", "--stand", "company.toml", "-o", "k.json", "-q").returncode == 1
+    assert "Precis &amp; Co" in (bench / "k.html").read_text(encoding="utf-8")
+    (bench / "company.toml").write_text(text.replace('name = "Precis & Co"', 'logo = "none.png"'))
+    done = inspect(bench, "--stand", "company.toml", "-o", "k2.json")
+    assert done.returncode == 2
+    assert "none.png can't be read" in done.stderr
 
 
 def test_the_cloud_carries_the_deviations(bench):

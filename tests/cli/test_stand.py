@@ -12,6 +12,7 @@ import pytest
 from command import run
 from lab import lab
 from truestand.sim.live.faults import Kind
+from truestand.store import Store
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +89,16 @@ def test_watch_shows_live_numbers(stand):
 
 def test_acquire_ends_0_with_a_complete_scan_of_each_sensor(stand):
     target = stand.folder / "k1.h5"
-    done = run("acquire", "--stand", stand.recipe, "-o", target)
+    done = run("acquire", "--stand", stand.recipe, "-o", target, "--store", stand.folder / "results")
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(stand.folder / "k1-front.h5"), str(stand.folder / "k1-back.h5")]
     told = json.loads(run("info", stand.folder / "k1-front.h5", "--json").stdout)
     assert told["complete"] is True and told["lost_profiles"] == 0
     again = run("acquire", "--stand", stand.recipe, "-o", target)
     assert again.returncode == 2 and "never overwritten without --force" in again.stderr
+    (kept,) = Store.open(stand.folder / "results").entries()
+    assert (kept.kind, kept.status) == ("scan", "complete")
+    assert set(kept.evidence) == {"scan front", "scan back", "stand"}
 
 
 def test_a_fault_ends_3_and_stays_until_reset(single):

@@ -84,6 +84,19 @@ def test_a_move_that_takes_twice_its_time_and_more_is_stopped():
     assert now[0] == pytest.approx(2 * 2.0 + SLACK, abs=3 * POLL)
 
 
+def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
+    table, drive, now = table_of(at(), at(moving=True), at(1.0))
+    answer = drive.state
+
+    def slowly():
+        now[0] += 100.0
+        return answer()
+
+    drive.state = slowly
+    table.move_to(1.0, 0.5)
+    assert drive.told == [("move", 1.0, 0.5)]
+
+
 def test_homing_and_stopping_have_times_of_their_own():
     table, drive, now = table_of(at(moving=True), home_time=7.0, stop_time=1.5)
     with pytest.raises(MoveTimeout, match="homing"):

@@ -66,7 +66,21 @@ def test_what_can_not_be_told_is_said():
     text = page("centred")
     assert "laser_plane_offset_mm" in text
     assert "Its doubt is carried on" in text
-    assert "Nothing: every quantity of the stand was seen." in page("from above")
+    assert "Not identifiable: nothing. Every quantity of the stand was seen." in page("from above")
+
+
+def test_what_can_not_be_told_is_said_before_any_number():
+    text = page("centred")
+    assert text.index("Not identifiable from this scan") < text.index('class="tiles"') < text.index("<table")
+
+
+def test_every_u_has_its_k():
+    text = page("from above")
+    assert text.index("<i>k</i> = 2") < text.index("<table")
+    for head in re.findall(r"<thead>.*?</thead>", text):
+        if "± U" in head:
+            assert "k = 2" in head
+    assert "It states no uncertainty" in text
 
 
 def test_errors_against_the_truth_stand_there_only_with_a_truth():

@@ -19,14 +19,27 @@ COUNTS = 360_000
 REST = 0.3
 
 
-def recorded(path, rate=200.0, speed=18.0, turns=0.25, counts=COUNTS, lost=(), names=("front",), silent=()):
+def recorded(
+    path,
+    rate=200.0,
+    speed=18.0,
+    turns=0.25,
+    counts=COUNTS,
+    lost=(),
+    names=("front",),
+    silent=(),
+    encoder=True,
+    late=0.0,
+    hurried=0.0,
+):
     """A log as ``acquire`` writes it: rest, a turn at ``speed`` (deg/s), rest; ``lost``: profiles that never came.
 
-    ``counts``: what the encoder really gives for a turn.
+    ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on,
+    ``hurried``: sooner before the table turns.
     """
     order = Order(turns, radians(speed), radians(speed), 0.001)
     layout = Layout("plain", "test", 2, 1, rate)
-    plans = tuple(SensorPlan(name, layout, encoder=True) for name in names)
+    plans = tuple(SensorPlan(name, layout, encoder) for name in names)
     stand = Stand(Table(order.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
     end = REST + order.seconds
 
@@ -39,11 +52,12 @@ def recorded(path, rate=200.0, speed=18.0, turns=0.25, counts=COUNTS, lost=(), n
             log.append(Kind.TABLE, TABLE.pack(angle(time), 1e-4, REST <= time < end), time)
         for i in range(int((end + REST) * rate)):
             time = np.array([i / rate])
+            arrived = i / rate + 1e-3 + late * (i / rate > end / 2) - hurried * (i / rate < REST)
             seen = Profiles(np.zeros((1, 2)), np.ones((1, 2)), np.array([i]), time,
                             np.rint(angle(time) / tau * counts).astype(np.int64))  # fmt: skip
             for source in range(len(names)):
                 if i not in lost and names[source] not in silent:
-                    log.append(Kind.FRAME, encode_plain(seen), time[0] + 1e-3, source, i)
+                    log.append(Kind.FRAME, encode_plain(seen), arrived, source, i)
         log.append_json(Kind.END, {"complete": True, "reasons": []}, end)
     return path
 
@@ -73,6 +87,27 @@ def test_an_encoder_that_tells_another_travel_than_the_table_proves_nothing(tmp_
     scan = only(recorded(tmp_path / "k1.log", turns=1.0, counts=counts))
     assert scan.complete == complete, scan.reasons
     assert complete or "deg where the table turned 387.0: counts were lost, or counts_per_turn" in scan.reasons[0]
+
+
+@pytest.mark.parametrize("late, complete", [(0.0, True), (0.01, True), (0.05, False)])
+def test_clocks_that_jump_prove_no_angle(tmp_path, late, complete):
+    scan = only(recorded(tmp_path / "k1.log", encoder=False, late=late))
+    assert scan.complete == complete, scan.reasons
+    assert complete or "the clocks of sensor and host left their line by 42 ms, 0.8 deg" in scan.reasons[0]
+
+
+def test_what_the_clocks_do_at_rest_does_not_matter(tmp_path):
+    scan = only(recorded(tmp_path / "k1.log", encoder=False, turns=1.0, hurried=0.08))
+    assert scan.complete, scan.reasons
+    true = (scan.recording.time - REST) * radians(18.0)
+    assert np.abs(scan.recording.angle - true).max() < radians(0.1)
+
+
+def test_angles_by_even_clocks_are_those_of_the_table(tmp_path):
+    """What remains is the way of a frame, 1 ms here, and no one can tell it from a table that is late."""
+    recording = only(recorded(tmp_path / "k1.log", encoder=False, turns=2.75)).recording
+    true = (recording.time - REST) * radians(18.0)
+    assert np.abs(recording.angle - true - 1e-3 * radians(18.0)).max() < 1e-6
 
 
 def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_path):

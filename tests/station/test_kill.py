@@ -5,12 +5,15 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import pytest
 
 from lab import lab
 from truestand.core.errors import Fault
+from truestand.devices.gige import nodes
+from truestand.devices.gige.camera import Camera
 from truestand.station.convert import convert
 from truestand.station.latch import Latch, reset_latch
 
@@ -32,10 +35,13 @@ def kill_once(stand, name, wait) -> Killed:
     """Acquire in a process of its own, kill it ``wait`` s after the first frames, recover."""
     device = stand.sensors[0]
     log = stand.folder / f"{name}.log"
-    before = device.frames
     command = [sys.executable, "-m", "truestand", "acquire", "--stand", str(stand.recipe), "--quiet"]
     process = subprocess.Popen([*command, "--output", str(log.with_suffix(".h5"))], stdin=subprocess.DEVNULL)
-    while not log.exists() or stand.at_rest:
+    while not log.exists():
+        assert process.poll() is None
+        time.sleep(0.002)
+    before = device.frames
+    while stand.at_rest:
         assert process.poll() is None
         time.sleep(0.005)
     time.sleep(wait)
@@ -79,6 +85,62 @@ def check(results) -> None:
 
 def test_killed_recordings_are_recovered_and_the_guard_stops_the_stand(tmp_path):
     check(killed_often(tmp_path, 2, 1))
+
+
+def test_a_killed_look_at_the_devices_leaves_no_laser_on(tmp_path):
+    with lab(tmp_path, heartbeat_ms=500) as stand:
+        command = [sys.executable, "-m", "truestand", "stand", "watch", "--laser", "--stand", str(stand.recipe)]
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        while not stand.sensors[0].laser:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+        until = time.monotonic() + 5.0
+        while stand.sensors[0].laser:
+            assert time.monotonic() < until
+            time.sleep(0.01)
+
+
+@pytest.mark.parametrize("ended", [signal.SIGTERM, signal.SIGHUP])
+def test_a_test_that_is_ended_stops_and_darkens(tmp_path, ended):
+    with lab(tmp_path, pace=0.6) as stand:
+        command = [sys.executable, "-m", "truestand", "stand", "test", "--laser", "--seconds", "30"]
+        process = subprocess.Popen([*command, "--stand", str(stand.recipe)], stdin=subprocess.DEVNULL)
+        while not stand.sensors[0].laser:
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(ended)
+        assert process.wait(10) == 130
+        assert stand.safe
+
+
+def test_ctrl_c_is_not_lost_within_genicam(tmp_path, monkeypatch):
+    """While it is loaded, and at some other places, GenICam swallows what Python raises."""
+    real = nodes._genapi
+
+    def swallowing():
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.1)
+        return real()
+
+    monkeypatch.setattr(nodes, "_genapi", swallowing)
+    with lab(tmp_path) as stand:
+        camera = Camera("front", stand.sensors[0].identity.address, 10_000)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                camera.nodes.has("AcquisitionStart")
+        finally:
+            camera.close()
+
+
+def test_a_guard_that_dies_costs_no_scan(tmp_path, monkeypatch):
+    made, real = [], subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: made.append(real(*a, **k)) or made[-1])
+    with lab(tmp_path) as stand:
+        taken = stand.take(show=stand.failing(lambda: made[0].kill()))
+    assert taken.complete, taken.fault
 
 
 @pytest.mark.slow

@@ -10,9 +10,12 @@ import typer
 from truestand.cli.options import (
     ArtefactOption,
     JsonOption,
+    OperatorOption,
     QuietOption,
+    ReportOption,
     StandOption,
     StartAngleOption,
+    StoreOption,
     radians_or_none,
 )
 
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from truestand.core.calibration import Calibration
     from truestand.core.scan import Scan
     from truestand.core.transfer import Transfer
+    from truestand.files.company import Company
 
 
 class Method(StrEnum):
@@ -38,9 +42,7 @@ def calibrate(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="CALIBRATION.json", help="The record to write.")
     ] = Path("calibration.json"),
-    report: Annotated[
-        Path | None, typer.Option("--report", metavar="REPORT.html", help="Write the report, one HTML file.")
-    ] = None,
+    report: ReportOption = None,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
     ] = None,
@@ -52,6 +54,8 @@ def calibrate(
         ),
     ] = None,
     start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -62,16 +66,22 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibrate import calibrate as find
     from truestand.core.positions import calibrate_positions
+    from truestand.files.company import read_company
     from truestand.files.read import read_scan
     from truestand.files.recipes import read_shaft, read_stand
     from truestand.files.records import read_json, write_calibration
+    from truestand.report.pdf import check_report
 
+    check_report(report)
     clamped = _clamped(scans, clamped_at_deg, method)
     shaft = read_shaft(artefact)
+    into = keeping(store, stand, operator, quiet)
     described = None if stand is None else read_stand(stand)
+    company = None if stand is None else read_company(stand)
     known = None if truth is None else read_json(truth)
     seen = []
     for path in scans:
@@ -85,7 +95,8 @@ def calibrate(
     record = write_calibration(output, calibration)
     if report is not None:
         with working("Writing the report", quiet):
-            write_report(report, scan, shaft, calibration, known)
+            write_report(report, scan, shaft, calibration, known, company)
+    into.keep("calibration", record, evidence_of(scans) | {"artefact": artefact, "stand": stand, "report": report})
     if as_json:
         print_json(record)
     elif not quiet:
@@ -96,6 +107,12 @@ def calibrate(
             print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
     tell_doubts(calibration, quiet)
+
+
+def evidence_of(scans: list[Path]) -> dict[str, Path | None]:
+    """The scans by role; the last one gives the pose."""
+    earlier = {f"scan {k + 1}": path for k, path in enumerate(scans[:-1])}
+    return {"scan": scans[-1], **earlier}
 
 
 def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
@@ -121,17 +138,22 @@ def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[flo
 
 
 def write_report(
-    path: Path, scan: "Scan", artefact: "Artefact", calibration: "Calibration", truth: dict[str, Any] | None
+    path: Path,
+    scan: "Scan",
+    artefact: "Artefact",
+    calibration: "Calibration",
+    truth: dict[str, Any] | None,
+    company: "Company | None" = None,
 ) -> None:
-    """The HTML report with the published method's result beside the exact model's."""
+    """The report with the published method's result beside the exact model's."""
     from truestand.core.calibrate import calibrate as find
     from truestand.core.evidence import gather
-    from truestand.files.atomic import write_text_atomic
     from truestand.report.calibration import calibration_report
+    from truestand.report.pdf import write_report as write_file
 
     paper = calibration if calibration.method == "paper" else find(scan, artefact, "paper")
     evidence = gather(scan, artefact, calibration, paper)
-    write_text_atomic(path, calibration_report(calibration, evidence, paper, truth))
+    write_file(path, calibration_report(calibration, evidence, paper, truth, company))
 
 
 def tell_witness(tied: "Transfer", quiet: bool) -> None:

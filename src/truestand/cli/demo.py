@@ -162,6 +162,7 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
     from truestand.core.surface import roll
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
+    from truestand.files.company import read_company
     from truestand.files.records import write_calibration
     from truestand.report.calibration import calibration_report
 
@@ -179,8 +180,8 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
         surface = roll(scan, calibration)
         write_cloud(out / "cloud.ply", surface.x, surface.y, surface.z)
     with working("Writing the report", quiet):
-        evidence = gather(scan, bench.shaft, calibration, paper)
-        write_text_atomic(out / "report.html", calibration_report(calibration, evidence, paper, truth))
+        evidence, company = gather(scan, bench.shaft, calibration, paper), read_company(out / "stand.toml")
+        write_text_atomic(out / "report.html", calibration_report(calibration, evidence, paper, truth, company))
     return calibration, paper, truth
 
 

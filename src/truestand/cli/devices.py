@@ -1,5 +1,6 @@
 """``truestand stand``: list, test and identify devices, watch live numbers, reset a fault."""
 
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,6 +51,7 @@ def test_devices(
 
     Nothing moves without --move, and no laser goes on without --laser. Example: truestand stand test --stand stand.toml
     """
+    from truestand.cli.live import ended_by_signals
     from truestand.cli.talk import print_json, working
     from truestand.station.examine import try_all
     from truestand.station.latch import Latch
@@ -58,7 +60,7 @@ def test_devices(
     described, devices = read_devices(stand)
     latch = Latch(stand)
     try:
-        with working("Testing the devices", quiet):
+        with ended_by_signals(), _guarded(stand, light or move), working("Testing the devices", quiet):
             report = try_all(described, devices, seconds, light, move)
     finally:
         latch.close()
@@ -81,6 +83,7 @@ def identify_device(
 
     The table homes first where it is not homed. Example: truestand stand identify front --stand stand.toml
     """
+    from truestand.cli.live import ended_by_signals
     from truestand.station.examine import identify
     from truestand.station.latch import Latch
     from truestand.station.recipe import read_devices
@@ -88,7 +91,8 @@ def identify_device(
     described, devices = read_devices(stand)
     latch = Latch(stand)
     try:
-        identify(described, devices, device)
+        with ended_by_signals(), _guarded(stand, True):
+            identify(described, devices, device)
     finally:
         latch.close()
     if not quiet:
@@ -114,11 +118,23 @@ def watch_devices(
     described, devices = read_devices(stand)
     latch = Latch(stand)
     try:
-        with ended_by_signals(), Live(refresh_per_second=5) as screen:
-            for rows in watching(described, devices, seconds, light):
+        with (
+            ended_by_signals(),
+            _guarded(stand, light),
+            Live(refresh_per_second=5) as screen,
+            closing(watching(described, devices, seconds, light)) as looks,
+        ):
+            for rows in looks:
                 screen.update(_live_table(rows))
     finally:
         latch.close()
+
+
+def _guarded(stand: Path, active: bool) -> AbstractContextManager[object]:
+    """A guard for what moves or shines: it stops the stand where this program is killed."""
+    from truestand.station.guard import guard
+
+    return guard(stand) if active else nullcontext()
 
 
 def reset_fault(stand: StandFile, quiet: QuietOption = False) -> None:

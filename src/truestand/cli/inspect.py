@@ -6,11 +6,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import (
+    JsonOption,
+    OperatorOption,
+    QuietOption,
+    ReportOption,
+    StandOption,
+    StartAngleOption,
+    StoreOption,
+    radians_or_none,
+)
 
 if TYPE_CHECKING:
     from truestand.core.inspection import Inspection
     from truestand.core.surface import Surface
+    from truestand.files.company import Company
 
 EXIT_CODES = {"conforms": 0, "does_not_conform": 1, "undecided": 3}
 
@@ -23,8 +33,9 @@ def inspect(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="INSPECTION.json", help="The record to write.")
     ] = Path("inspection.json"),
-    report: Annotated[
-        Path | None, typer.Option("--report", metavar="REPORT.html", help="Write the report, one HTML file.")
+    report: ReportOption = None,
+    table: Annotated[
+        Path | None, typer.Option("--csv", metavar="CHARACTERISTICS.csv", help="Write the characteristics as CSV.")
     ] = None,
     cloud: Annotated[
         Path | None,
@@ -34,6 +45,11 @@ def inspect(
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
     ] = None,
     start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="Serial number of the part; default: that of PART.toml.")
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -41,22 +57,22 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.scan import interpret
     from truestand.core.surface import roll
     from truestand.core.transfer import transfer
-    from truestand.files.clouds import check_suffix
     from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_identity, read_part
+    from truestand.files.parts import read_part
     from truestand.files.read import read_recording, sha256_of
     from truestand.files.recipes import read_stand
     from truestand.files.records import read_calibration, read_json
     from truestand.parts.inspect import inspect as judge
     from truestand.report.terminal import inspection_table
 
-    if cloud is not None:
-        check_suffix(cloud)
+    to = planned(output, cloud, report, table, stand)
+    into = keeping(store, stand, operator, quiet)
     drawn, known = read_part(part), read_calibration(calibration)
     described = None if stand is None else read_stand(stand)
     true = None if truth is None else read_json(truth)
@@ -67,17 +83,35 @@ def inspect(
     with working("Inspecting", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
         surface = roll(tied.scan, tied.calibration)
-        inspection = replace(judge(surface, drawn), created=created, identity=read_identity(part))
+        inspection = replace(judge(surface, drawn), created=created, identity=_identity(part, serial, operator))
     record = inspection_record(inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), created)
     with working("Writing", quiet):
-        write(Written(output, cloud, report), record, inspection, surface, true)
+        write(to, record, inspection, surface, true)
+    into.keep("inspection", record, _evidence(scan, calibration, part) | {"stand": stand, "report": report})
     if as_json:
         print_json(record)
     elif not quiet:
         print_table(inspection_table(inspection, true))
-        typer.echo("\n".join(str(path) for path in (output, cloud, report) if path is not None))
+        typer.echo("\n".join(str(path) for path in to.paths))
     tell(inspection, quiet)
     raise typer.Exit(EXIT_CODES[inspection.verdict])
+
+
+def _identity(part: Path, serial: str | None, operator: str | None) -> dict[str, str]:
+    """Serial number, order and operator: what the options say, otherwise the recipe."""
+    from truestand.files.parts import read_identity
+
+    told = {"serial": serial, "operator": operator}
+    return read_identity(part) | {key: value for key, value in told.items() if value is not None}
+
+
+def _evidence(scan: Path, calibration: Path, part: Path) -> dict[str, Path | None]:
+    """What an inspection rests on, by role; a CAD model stands in a file of its own."""
+    from truestand.files.recipes import read_toml
+
+    recipe = read_toml(part)
+    model = part.parent / str(recipe["file"]) if recipe.get("kind") == "cad" else None
+    return {"scan": scan, "calibration": calibration, "part": part, "model": model}
 
 
 @dataclass(frozen=True)
@@ -87,6 +121,26 @@ class Written:
     record: Path
     cloud: Path | None = None
     report: Path | None = None
+    table: Path | None = None
+    company: "Company | None" = None
+    """At the head of the report."""
+
+    @property
+    def paths(self) -> list[Path]:
+        """What was asked for."""
+        return [p for p in (self.record, self.cloud, self.report, self.table) if p is not None]
+
+
+def planned(record: Path, cloud: Path | None, report: Path | None, table: Path | None, stand: Path | None) -> Written:
+    """Where the results go, refused before the work is done where one can't be written."""
+    from truestand.files.clouds import check_suffix
+    from truestand.files.company import read_company
+    from truestand.report.pdf import check_report
+
+    check_report(report)
+    if cloud is not None:
+        check_suffix(cloud)
+    return Written(record, cloud, report, table, None if stand is None else read_company(stand))
 
 
 def write(
@@ -96,18 +150,21 @@ def write(
     surface: "Surface",
     truth: dict[str, Any] | None = None,
 ) -> None:
-    """Record, cloud with deviations, report."""
-    from truestand.files.atomic import write_json_atomic, write_text_atomic
+    """Record, cloud with deviations, characteristics, report."""
+    from truestand.files.atomic import write_json_atomic
+    from truestand.files.characteristics_csv import write_characteristics
     from truestand.files.clouds import write_cloud
 
     write_json_atomic(to.record, record)
     if to.cloud is not None and inspection.deviation is not None:
         write_cloud(to.cloud, surface.x, surface.y, surface.z, 1000.0 * inspection.deviation)
+    if to.table is not None:
+        write_characteristics(to.table, inspection)
     if to.report is not None:
         from truestand.report.inspection import inspection_report
+        from truestand.report.pdf import write_report
 
-        calibration = surface.calibration
-        write_text_atomic(to.report, inspection_report(inspection, calibration, truth))
+        write_report(to.report, inspection_report(inspection, surface.calibration, truth, to.company))
 
 
 def tell(inspection: "Inspection", quiet: bool) -> None:

@@ -9,10 +9,13 @@ import typer
 from truestand._version import __version__
 from truestand.cli import (
     acquire,
+    audit,
     calibrate,
+    certificate,
     compare,
     demo,
     form,
+    history,
     identify,
     importing,
     info,
@@ -24,6 +27,7 @@ from truestand.cli import (
     serve,
     simulate,
     stand,
+    store,
     verify,
 )
 from truestand.core.errors import TruestandError
@@ -56,7 +60,11 @@ app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
 app.add_typer(stand.app, name="stand")
+app.command("history")(history.history)
+app.command("audit")(audit.audit)
+app.add_typer(store.app, name="store")
 app.command("serve")(serve.serve)
+app.command("certificate")(certificate.certificate)
 app.command("schema")(schema.schema)
 
 

@@ -22,6 +22,17 @@ StartAngleOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+StoreOption = Annotated[
+    Path | None,
+    typer.Option("--store", metavar="DIR", help="The results store; default: [store] of STAND.toml where it has one."),
+]
+OperatorOption = Annotated[
+    str | None, typer.Option("--operator", metavar="NAME", help="Who did it, for the results store.")
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="REPORT", help="Write the report: one HTML file, or PDF where its name ends so."),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing scan or recipe.")]
 PickOption = Annotated[
     str | None,

@@ -23,10 +23,13 @@ def recover(
     """
     from truestand.cli.acquire import tell
     from truestand.cli.talk import working
-    from truestand.files.write_scan import check_output
+    from truestand.core.errors import BadRecipe
+    from truestand.files.write_scan import NATIVE, check_output
     from truestand.station.scan import Taken, write_scans
 
     target = log.with_suffix(".h5") if output is None else output
+    if target.suffix.lower() not in NATIVE:
+        raise BadRecipe(f"{target}: found suffix {target.suffix!r}, need .h5, which says whether the scan is complete")
     check_output(target, force)
     with working(f"Reading {log.name}", quiet):
         written = write_scans(log, target, force)

@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import (
+    JsonOption,
+    OperatorOption,
+    QuietOption,
+    StandOption,
+    StartAngleOption,
+    StoreOption,
+    radians_or_none,
+)
 
 if TYPE_CHECKING:
     from truestand.core.verify import Verification
@@ -28,6 +36,8 @@ def verify(
     ] = None,
     limit_um: Annotated[float, typer.Option(min=0.0, help="How far a calibrated point may have moved.")] = 10.0,
     start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -35,6 +45,7 @@ def verify(
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
+    from truestand.cli.keeping import keeping
     from truestand.cli.talk import hint, now, print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.core.scan import interpret
@@ -46,6 +57,7 @@ def verify(
     from truestand.files.records import read_calibration
     from truestand.files.verification_record import verification_record
 
+    into = keeping(store, stand, operator, quiet)
     old = read_calibration(calibration)
     shaft = old.artefact if artefact is None else read_shaft(artefact)
     if shaft is None:
@@ -59,6 +71,7 @@ def verify(
     record = verification_record(verification, now(), sha256_of(calibration))
     if output is not None:
         write_json_atomic(output, record)
+    into.keep("verification", record, {"scan": scan, "calibration": calibration, "artefact": artefact, "stand": stand})
     if as_json:
         print_json(record)
     elif not quiet:

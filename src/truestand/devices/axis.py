@@ -124,17 +124,25 @@ class RotaryTable:
             LimitExceeded: beyond the limits; nothing moved.
             DeviceError: not homed.
         """
+        self.demand(position, speed)
+        state = self.state()
+        if not state.homed:
+            raise DeviceError(f"{self.drive.name}: the table is not homed; home it first")
+        self.drive.start_move(position, speed)
+        return abs(position - state.position) / speed
+
+    def demand(self, position: float, speed: float) -> None:
+        """Refuse a move to ``position`` (rad) at ``speed`` (rad/s) that is beyond the limits.
+
+        Raises:
+            LimitExceeded: it is.
+        """
         self._allowed(speed)
         if not (isfinite(position) and self.limits.lowest <= position <= self.limits.highest):
             raise LimitExceeded(
                 f"found a target of {degrees(position):.3f} deg, the table goes from {degrees(self.limits.lowest):.3f} "
                 f"to {degrees(self.limits.highest):.3f} deg; change the scan or the limits in stand.toml"
             )
-        state = self.state()
-        if not state.homed:
-            raise DeviceError(f"{self.drive.name}: the table is not homed; home it first")
-        self.drive.start_move(position, speed)
-        return abs(position - state.position) / speed
 
     def turn(self, speed: float) -> None:
         """Begin to turn endlessly at ``speed`` (rad/s, signed).
@@ -181,12 +189,13 @@ class RotaryTable:
         """
         end = self.clock() + seconds
         while True:
+            late = self.clock() > end  # before the question: a busy computer is no late table
             state = self.state()
             if state.fault:
                 raise DeviceError(f"{self.drive.name}: {state.fault} while {what}; mend the cause, then reset")
             if not state.moving:
                 return
-            if self.clock() > end:
+            if late:
                 if halt:
                     self.drive.halt()
                 raise MoveTimeout(

@@ -47,6 +47,12 @@ def write_text_atomic(path: Path | str, text: str) -> None:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
+def write_bytes_atomic(path: Path | str, content: bytes) -> None:
+    """A file's content, as a whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+
+
 def write_json_atomic(path: Path | str, record: Any) -> None:
     """A JSON record, as a whole or not at all; NaN and infinity are refused."""
     write_text_atomic(path, json.dumps(record, indent=2, allow_nan=False) + "\n")

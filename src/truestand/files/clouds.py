@@ -1,5 +1,6 @@
 """Point clouds to disk, by suffix: PLY, XYZ, npz, E57. Only points that were seen are written."""
 
+import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,10 @@ from truestand.files.atomic import replacing
 Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".xyz", ".npz", ".e57")
+_HEADER = re.compile(
+    rb"ply\nformat binary_little_endian 1\.0\n(comment .*\n)*element vertex (?P<count>\d{1,12})\n"
+    rb"(?P<properties>(property (float|int) \w+\n){3,9})end_header\n"
+)
 BLOCK = 512
 """Profiles written at once."""
 
@@ -121,18 +126,15 @@ def open_cloud(path: Path | str) -> "np.memmap[Any, np.dtype[np.void]]":
     """
     path = Path(path)
     with path.open("rb") as file:
-        head = file.read(2048)
-    header, end, _ = head.partition(b"end_header\n")
-    lines = header.decode("ascii", "replace").split("\n")
-    count = next((int(n) for word, _, n in (x.rpartition(" ") for x in lines) if word == "element vertex"), None)
-    if not end or not lines[0].startswith("ply") or "format binary_little_endian 1.0" not in lines or count is None:
+        found = _HEADER.match(file.read(2048))
+    if found is None:
         raise UnreadableFile(f"{path.name}: no cloud of truestand's; `truestand roll` and `inspect` write them")
-    types = {"float": "<f4", "int": "<i4"}
-    words = [line.split() for line in lines if line.startswith("property ")]
-    kind = np.dtype([(name, types[of]) for _, of, name in words])
-    start = len(header) + len(end)
-    if path.stat().st_size != start + count * kind.itemsize:
-        raise UnreadableFile(f"{path.name}: found {path.stat().st_size} bytes, need {start + count * kind.itemsize}")
-    if count == 0:
-        raise UnreadableFile(f"{path.name}: found no point in it; nothing was seen")
-    return np.memmap(path, dtype=kind, mode="r", offset=start, shape=(count,))
+    properties = re.findall(rb"property (float|int) (\w+)\n", found["properties"])
+    kind = np.dtype([(name.decode(), "<f4" if of == b"float" else "<i4") for of, name in properties])
+    count = int(found["count"])
+    needed = found.end() + count * kind.itemsize
+    if path.stat().st_size != needed or count == 0:
+        raise UnreadableFile(
+            f"{path.name}: found {count} points in {path.stat().st_size} bytes, need {needed}, and a point"
+        )
+    return np.memmap(path, dtype=kind, mode="r", offset=found.end(), shape=(count,))

@@ -60,6 +60,21 @@ class ScanRecipe(Recipe):
     counts_per_turn: Annotated[int, Field(ge=0)] = 0
 
 
+class StoreRecipe(Recipe):
+    """``[store]``: where results are kept."""
+
+    folder: str = "results"
+    """Beside the stand.toml, or a full path."""
+
+
+class CompanyRecipe(Recipe):
+    """``[company]``; ``files/company.py`` reads the logo."""
+
+    name: str = ""
+    address: str = ""
+    logo: str | None = None
+
+
 class StandRecipe(Recipe):
     """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station."""
 
@@ -68,6 +83,8 @@ class StandRecipe(Recipe):
     scan: ScanRecipe = ScanRecipe()
     simulation: dict[str, Any] = Field(default_factory=dict)
     devices: dict[str, Any] = Field(default_factory=dict)
+    store: StoreRecipe | None = None
+    company: CompanyRecipe | None = None
     serial: str | None = None
     order: str | None = None
     operator: str | None = None
@@ -143,6 +160,12 @@ def read_simulation(path: Path | str) -> dict[str, Any]:
 def read_devices_table(path: Path | str) -> dict[str, Any]:
     """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none."""
     return checked(StandRecipe, read_toml(path), str(path)).devices
+
+
+def read_store_folder(path: Path | str) -> Path | None:
+    """The folder of ``[store]`` of a stand.toml; None where it keeps no results."""
+    recipe = checked(StandRecipe, read_toml(path), str(path)).store
+    return None if recipe is None else Path(path).parent / recipe.folder
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:

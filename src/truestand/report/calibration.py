@@ -7,11 +7,17 @@ from typing import Any
 from truestand.core.calibration import Calibration
 from truestand.core.evidence import Evidence
 from truestand.core.units import um
+from truestand.files.company import Company
 from truestand.report import figures, tables
 from truestand.report.numbers import number
-from truestand.report.page import framed, page
-from truestand.report.quantities import quantities
+from truestand.report.page import K_NOTE, framed, head, page, stamp, unseen
+from truestand.report.quantities import Quantity, quantities
 
+STATUS = {
+    "valid": ("\N{CHECK MARK}", "Valid", "it may carry a verdict"),
+    "untrusted": ("!", "Untrusted", "nothing may be decided on it"),
+}
+NO_U = '<p class="k">The published method states no uncertainty.</p>'
 WORDS = (
     ("eccentricity", "offset of the shaft axis from the rotation axis; a round shaft then shows twice as much run-out"),
     ("form", "deviation of a surface from a circle about its own axis, by undulations per revolution (UPR)"),
@@ -26,16 +32,19 @@ def calibration_report(
     evidence: Evidence,
     paper: Calibration | None = None,
     truth: Mapping[str, Any] | None = None,
+    company: Company | None = None,
 ) -> str:
     """The HTML text. ``paper``: the published method's calibration of the same scan; ``truth``: of a simulation."""
     rows = quantities(calibration, paper, truth)
     exact = calibration.method == "stand"
     parts = [
-        _head(calibration),
+        _head(calibration, company),
+        _open_questions(calibration, rows),
         tables.tiles(rows, calibration),
+        K_NOTE if exact else NO_U,
         "<h2>Published method and exact model</h2>"
         "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and "
-        "no laser plane; a dash says that it has no answer.</p>",
+        "no laser plane; a dash says that it has no answer. It states no uncertainty.</p>",
         tables.comparison(rows, truth is not None, exact),
         _scan(evidence),
         _signal(evidence, paper),
@@ -46,7 +55,7 @@ def calibration_report(
         "<h2>Checks</h2><p>Questions that this scan answers about itself.</p>" + tables.checks(calibration)
         if calibration.checks
         else "",
-        _open_questions(calibration),
+        _last(calibration),
     ]
     return page(
         f"Calibration of {_name(calibration)}", parts, "Lengths in the frame of the shaft; signs as in the record."
@@ -57,10 +66,7 @@ def _name(c: Calibration) -> str:
     return c.artefact.name if c.artefact is not None else "the stand"
 
 
-def _head(c: Calibration) -> str:
-    verdict = "Valid" if c.status == "valid" else "Untrusted"
-    reasons = "".join(f"<li>{escape(r)}</li>" for r in c.reasons)
-    reasons = f'<ul class="reasons">{reasons}</ul>' if reasons else ""
+def _head(c: Calibration, company: Company | None) -> str:
     facts = [f"artefact {_name(c)}", f"sensor {c.stand.sensor.name}", f"method {c.method}"]
     if c.artefact is not None and c.artefact.certificate is not None and c.artefact.certificate.id:
         facts.append(f"certificate {c.artefact.certificate.id}")
@@ -71,10 +77,11 @@ def _head(c: Calibration) -> str:
             f"{100 * c.scan.seen:.1f} % seen",
         ]
         facts += [f"scan {c.scan.sha256[:12]}"] if c.scan.sha256 else []
-    facts += [c.created] if c.created else []
-    return (
-        f'<header><h1>Calibration of the stand</h1><div class="verdict {c.status}">{verdict}</div>{reasons}'
-        f'<p class="facts">{escape(" · ".join(facts))}</p></header>'
+    facts += [f"calibrated {c.created}"] if c.created else []
+    facts += [f"valid until {c.valid_until}"] if c.valid_until else []
+    mark, word, meaning = STATUS[c.status]
+    return head("Calibration report", "Calibration of the stand", facts, company) + stamp(
+        c.status, mark, word, meaning, c.reasons
     )
 
 
@@ -145,7 +152,11 @@ def _residuals(c: Calibration, evidence: Evidence) -> str:
 def _form(c: Calibration) -> str:
     if not c.harmonics:
         return ""
-    bars = framed(figures.form_bars(c), "Form of the artefact's surfaces, fitted together with the geometry.")
+    bars = framed(
+        figures.form_bars(c),
+        "Form of the artefact's surfaces, fitted together with the geometry. One scan gives single harmonics no U of "
+        "their own; several clampings do.",
+    )
     apart = "" if c.positions is None else "<h2>What the clampings tell apart</h2>" + tables.positions(c.positions)
     return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c) + apart
 
@@ -154,39 +165,43 @@ def _budget(c: Calibration, rows: list[Any]) -> str:
     if not c.uncertainty:
         return ""
     return (
-        "<h2>Uncertainty</h2><p>Where each number's U comes from. Contributions below a hundredth are left out here "
-        "and stand in the record.</p>" + tables.budget(c, rows)
+        "<h2>Uncertainty</h2><p>Where each number's <i>U</i> (k = 2) comes from, in its own unit; an input's <i>u</i> "
+        "is in mm, rad, K or relative. Contributions below a hundredth are left out here and stand in the record.</p>"
+        + tables.budget(c, rows)
     )
 
 
-def _open_questions(c: Calibration) -> str:
-    text = "<h2>Not identifiable from this scan</h2>"
-    if c.not_identifiable:
-        named = ", ".join(escape(n) for n in c.not_identifiable)
-        text += f"<p>{named}. {_why(c)}</p>"
-    else:
-        text += "<p>Nothing: every quantity of the stand was seen.</p>"
+def _open_questions(c: Calibration, rows: list[Quantity]) -> str:
+    """What this scan could not tell, before any number."""
+    if not c.not_identifiable:
+        return '<p class="nothing">Not identifiable: nothing. Every quantity of the stand was seen.</p>'
+    names = {q.key: q.name for q in rows} | {"height": "Height zero"}
+    told = [f"<b>{names.get(n, escape(n))}</b> <code>{escape(n)}</code>" for n in c.not_identifiable]
+    return unseen("Not identifiable from this scan", [", ".join(told), *_why(c)])
+
+
+def _last(c: Calibration) -> str:
     words = "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in WORDS)
     return (
-        f"{text}<h2>Repeat it</h2><p><code>truestand calibrate SCAN --stand stand.toml --artefact shaft.toml "
+        f"<h2>Repeat it</h2><p><code>truestand calibrate SCAN --stand stand.toml --artefact shaft.toml "
         f"--method {c.method} -o calibration.json --report report.html</code></p><h2>Words</h2><dl>{words}</dl>"
     )
 
 
-def _why(c: Calibration) -> str:
+def _why(c: Calibration) -> list[str]:
     reasons = []
     if "height" in c.not_identifiable:
         reasons.append(
             "The shoulder face is hidden from this side: height zero rests on the edge of the larger step (harmless "
             "for pitch and run-out)."
         )
-    if {"eccentricity_direction_deg", "tilt_direction_deg"} & set(c.not_identifiable):
+    if c.method == "stand" and {"eccentricity_direction_deg", "tilt_direction_deg"} & set(c.not_identifiable):
         reasons.append("A shaft that runs nearly true has no direction to run out to.")
     if {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & set(c.not_identifiable):
         reasons.append(
-            "The method does not ask for the laser plane."
+            "The method does not ask for the laser plane or the shaft's tilt."
             if c.method == "paper"
             else "The laser plane shows only where an eccentric shaft with two steps turns: a larger eccentricity or a "
             "second step in view would help. Its doubt is carried on."
         )
-    return " ".join(reasons)
+    return reasons

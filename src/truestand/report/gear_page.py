@@ -82,7 +82,7 @@ def _published(inspection: Inspection) -> str:
         "<h2>What the published compensation would have said</h2><p>The same scan after the published compensation "
         "(Klarák et al., Sensors 2022, 22, 5306): it subtracts the sinusoid of the eccentricity from the radius and "
         "leaves the angle as it is. A tooth then stands where the eccentric shaft carried it, and that reads as pitch. "
-        "Here the axis itself is moved.</p>"
+        "Here the axis itself is moved. The published method states no <i>U</i>.</p>"
         + framed(
             gear_figures.published(inspection),
             "Cumulative pitch of the same gear from the same scan, about its mean. The curve of this inspection is not "
@@ -123,7 +123,10 @@ def _maps(inspection: Inspection) -> str:
 
 
 def _defects(inspection: Inspection) -> str:
-    text = "<h2>Defects</h2>" + gear_tables.defect_table(inspection)
+    text = "<h2>Defects</h2>"
+    if inspection.defects:
+        text += "<p>Places and sizes are indications and carry no <i>U</i>.</p>"
+    text += gear_tables.defect_table(inspection)
     e = inspection.evidence
     if not isinstance(e, GearEvidence):
         return text

@@ -9,6 +9,7 @@ from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.inspection_tables import (
     NONE,
+    U_HEAD,
     cell,
     headings,
     named,
@@ -30,6 +31,10 @@ GROUPS = (
 PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MOST_DEFECTS = 20
 """Defects listed openly, and numbered on the maps."""
+EVERY = (
+    "<p>Single pitches and positions are as they were read, without <i>U</i>; that of each flank's figures stands in "
+    "the record and in the CSV.</p>"
+)
 PUBLISHED = ("f_p", "F_p", "F_pk", "f_u")
 
 Pair = dict[str | None, Characteristic]
@@ -95,7 +100,7 @@ def worst_teeth(inspection: Inspection) -> str:
         sides = [lines.get((name, f), []) for f in FLANKS]
         some = next(side[0] for side in sides if side)
         body += f"<tr>{named(some)}{cell(limit_text(some))}{''.join(_worst(side) for side in sides)}</tr>"
-    columns = '<th class="n first">tooth</th>' + headings(["value", "<i>U</i>", "class"]) + "<th>verdict</th>"
+    columns = '<th class="n first">tooth</th>' + headings(["value", U_HEAD, "class"]) + "<th>verdict</th>"
     columns += '<th class="n">✓ · ? · ✗</th>'
     head = (
         '<tr><th></th><th></th><th class="side" colspan="6">left flanks</th>'
@@ -137,7 +142,7 @@ def every_tooth(inspection: Inspection) -> str:
     first = "".join(f'<th class="side" colspan="{span}">{title}</th>' for title, span in titles)
     second = "".join(headings(FLANKS if span == 2 else ["out"]) for _, span in titles)
     head = f'<tr><th></th>{first}</tr><tr><th class="n">tooth</th>{second}</tr>'
-    return f"<details><summary>Every tooth (µm)</summary>{table(head, body, 'teeth')}</details>"
+    return f"<details><summary>Every tooth (µm)</summary>{EVERY}{table(head, body, 'teeth')}</details>"
 
 
 def _pitches(evidence: Any) -> dict[int, tuple[str, ...]]:
@@ -177,7 +182,7 @@ def published_table(inspection: Inspection) -> str:
             cells += cell(number(None if value is None else um(value), 0), "n first")
             cells += cell(f"{value_text(c)} ± {u_text(c)}" if c is not None and measured else NONE)
         body += f"<tr>{named(some)}{cell(limit_text(some))}{cells}</tr>"
-    columns = '<th class="n first">published</th><th class="n">here</th>'
+    columns = '<th class="n first">published</th><th class="n">here ± <i>U</i><small>k = 2</small></th>'
     head = (
         '<tr><th></th><th></th><th class="side" colspan="2">left flanks</th><th class="side" colspan="2">right flanks'
         f'</th></tr><tr><th></th><th class="n">limit</th>{columns}{columns}</tr>'

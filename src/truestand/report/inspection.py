@@ -6,6 +6,7 @@ from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
+from truestand.files.company import Company
 from truestand.gear.evidence import GearEvidence
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import TurnedEvidence
@@ -14,7 +15,7 @@ from truestand.report import part_figures
 from truestand.report.gear_page import gear_facts, gear_parts
 from truestand.report.inspection_tables import budgets, decisive, settings, unmeasured
 from truestand.report.numbers import number
-from truestand.report.page import framed, page
+from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
 from truestand.report.words import VERDICTS, limit_text
 
@@ -43,7 +44,10 @@ GEAR_WORDS = (
 
 
 def inspection_report(
-    inspection: Inspection, calibration: Calibration | None = None, truth: Mapping[str, Any] | None = None
+    inspection: Inspection,
+    calibration: Calibration | None = None,
+    truth: Mapping[str, Any] | None = None,
+    company: Company | None = None,
 ) -> str:
     """The HTML text. ``calibration``: through which it was scanned; ``truth``: of a simulation, its key ``part``."""
     values = true_values(inspection, truth) or None
@@ -51,27 +55,21 @@ def inspection_report(
         "gear": gear_parts, "turned": _turned, "cad": _cad,
     }  # fmt: skip
     parts = [
-        _head(inspection, calibration), *middle[inspection.kind](inspection, values), _budget(inspection),
+        _head(inspection, calibration, company), *middle[inspection.kind](inspection, values), _budget(inspection),
         _evaluated(inspection), _words(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
-    return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note, "inspection")
+    return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note)
 
 
-def _head(inspection: Inspection, calibration: Calibration | None) -> str:
+def _head(inspection: Inspection, calibration: Calibration | None, company: Company | None) -> str:
     verdict = inspection.verdict
     mark, word = VERDICTS[verdict]
-    meant = MEANT[verdict]
-    if inspection.reasons:
-        meant = "nothing may be decided on this calibration"
-    items = "".join(f"<li>{escape(r)}</li>" for r in inspection.reasons)
-    reasons = f'<ul class="reasons">{items}</ul>' if items else ""
+    meant = "nothing may be decided on this calibration" if inspection.reasons else MEANT[verdict]
     return (
-        f'<header><p class="over">{TITLES[inspection.kind]}</p><h1>{escape(inspection.name)}</h1>'
-        f'<p class="facts">{escape(" · ".join(_facts(inspection, calibration)))}</p></header>'
-        f'<section class="stamp {verdict}"><div class="mark">{mark}</div><div><div class="word">'
-        f"{word.capitalize()}</div><div>{meant}</div></div></section>{reasons}"
-        f"{unmeasured(inspection)}{decisive(inspection)}{_remarks(inspection)}"
+        head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
+        + stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
+        + f"{unmeasured(inspection)}{decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
     )
 
 

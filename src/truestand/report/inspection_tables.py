@@ -5,6 +5,7 @@ from html import escape
 
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.report.numbers import number, places
+from truestand.report.page import unseen
 from truestand.report.true_values import Key, true_value
 from truestand.report.words import (
     decimals,
@@ -22,6 +23,7 @@ from truestand.report.words import (
 )
 
 NONE = "\N{EN DASH}"
+U_HEAD = "<i>U</i><small>k = 2</small>"
 LEAST_SHARE = 0.02
 """Of U: smaller lines of a budget stand in the record."""
 MOST_NAMED = 8
@@ -75,7 +77,7 @@ def result_cells(c: Characteristic, values: Mapping[Key, float] | None, grade: b
 
 def result_headings(truth: bool, grade: bool) -> str:
     """Of ``result_cells``."""
-    first = '<th class="n first">value</th>' + headings(["<i>U</i>", "<i>U</i>/<i>T</i>"])
+    first = '<th class="n first">value</th>' + headings([U_HEAD, "<i>U</i>/<i>T</i>"])
     return (
         first + headings(["class"] * grade) + headings(["seen"]) + "<th>verdict</th>"
         + headings(["true", "error"] if truth else [])
@@ -127,13 +129,11 @@ def unmeasured(inspection: Inspection) -> str:
     for c in whole(inspection):
         if c.status == "not_measurable":
             by_place.setdefault(c.section or c.flank or "", []).append(symbol(c.name))
-    if not by_place:
-        return ""
     items = []
     for place, names in by_place.items():
         where = f"<b>{place} flanks:</b> " if place in ("left", "right") else f"<b>{escape(place)}:</b> "
-        items.append(f"<li>{where if place else ''}{', '.join(dict.fromkeys(names))}</li>")
-    return f'<div class="unseen"><h3>Not measurable in this scan</h3><ul>{"".join(items)}</ul></div>'
+        items.append(f"{where if place else ''}{', '.join(dict.fromkeys(names))}")
+    return unseen("Not measurable in this scan", items)
 
 
 def budgets(lines: Iterable[Characteristic]) -> str:

@@ -53,7 +53,7 @@ def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
             )
             body += f'<td class="n">{number(q.error, decimals)}</td>' if with_exact else ""
         body += "</tr>"
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<table class="quantities"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 
 def harmonics(calibration: Calibration) -> str:
@@ -89,11 +89,11 @@ def budget(calibration: Calibration, rows: list[Quantity]) -> str:
         name = names.get(key, "Radial position of the sensor (mm)")
         trials = "" if uncertainty.monte_carlo is None else f", Monte Carlo {uncertainty.monte_carlo:.2g}"
         parts.append(
-            f'<tr><th colspan="4">{name}</th><th class="n">{uncertainty.U:.2g}</th>'
-            f"<th>U, k = {uncertainty.k:g}{trials}</th></tr>{lines}"
+            f'<tbody class="group"><tr><th colspan="4">{name}</th><th class="n">{uncertainty.U:.2g}</th>'
+            f"<th>U, k = {uncertainty.k:g}{trials}</th></tr>{lines}</tbody>"
         )
     head += '<th class="n">U</th><th></th>'
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(parts)}</tbody></table>"
+    return f'<table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table>'
 
 
 def _short(value: float | None) -> str:

@@ -1,11 +1,13 @@
 """Taking a scan: check, home, laser on, turn, record, laser off, stop. Safe whatever happens; what came is kept."""
 
 import shutil
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from math import inf, tau
 from pathlib import Path
 
 from truestand._version import __version__
@@ -18,7 +20,7 @@ from truestand.station.convert import SensorPlan, begin_record
 from truestand.station.machine import Event, State
 from truestand.station.recipe import Order
 from truestand.station.stand import Station
-from truestand.station.watch import EncoderWatch, SensorWatch, TableWatch
+from truestand.station.watch import SETTLING, EncoderWatch, SensorWatch, TableWatch
 
 TICK = 0.02
 """s between two looks at the table and the watches."""
@@ -40,6 +42,8 @@ class SensorJob:
 
     power: str
     encoder: bool
+    by_table: bool = False
+    """The encoder triggers it: while the table stands, it rightly sends nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,12 +87,13 @@ def acquire(
     """
     with station.guarded():
         station.check()
-        station.home()
+        station.table.demand(order.travel, order.speed)
         layouts = [sensor.start() for sensor in station.sensors]
         plans = tuple(
             SensorPlan(s.name, layout, jobs[s.name].encoder) for s, layout in zip(station.sensors, layouts, strict=True)
         )
         demand_space(log, order, plans)
+        station.home()
         with LogWriter(log) as writer:
             begin = begin_record(stand_recipe(station.stand), order, plans, created, f"truestand {__version__}")
             writer.append_json(Kind.BEGIN, begin, time.monotonic())
@@ -103,8 +108,12 @@ def demand_space(log: Path, order: Order, plans: Sequence[SensorPlan]) -> None:
     """
     a_second = sum(p.layout.rate / p.layout.profiles * p.layout.frame_bytes for p in plans)
     needed = SPARE + a_second * (order.seconds + FIRST_FRAME) * (1.0 + NATIVE_SHARE)
-    log.parent.mkdir(parents=True, exist_ok=True)
-    free = shutil.disk_usage(log.parent).free
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=log.parent):
+            free = shutil.disk_usage(log.parent).free
+    except OSError as wrong:
+        raise NoSpace(f"{log.parent}: can't be written ({wrong.strerror or wrong}); give another folder") from wrong
     if free < needed:
         raise NoSpace(
             f"{log.parent}: found {free / 1e6:.0f} MB free, the scan needs {needed / 1e6:.0f}; free some space or give "
@@ -133,12 +142,14 @@ class _Run:
         """From the first frame to rest; the END record says how it went."""
         machine, table = self.station.machine, self.station.table
         now = time.monotonic()
-        self.watches = [SensorWatch(p.name, p.layout, now) for p in self.plans]
         self.latest = [b"" for _ in self.plans]
+        self.watches = [
+            SensorWatch(p.name, p.layout, now, quiet_until=inf if self.jobs[p.name].by_table else 0.0)
+            for p in self.plans
+        ]
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
-            recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
             try:
-                self._turn(recorders)
+                self._turn([together.submit(self._record_sensor, i) for i in range(len(self.plans))])
             except BaseException as wrong:
                 self._end_badly(wrong)
                 raise
@@ -178,9 +189,12 @@ class _Run:
         began = time.monotonic()
         watch = TableWatch(self.order.speed, target, table.limits.tolerance, began)
         self.encoders = [
-            EncoderWatch(p.name, self.station.stand.counts_per_turn, self.order.speed, began) if p.encoder else None
+            EncoderWatch(p.name, self.station.stand.counts_per_turn, self.order.speed, began)
+            if p.encoder and p.layout.encoder_modulus
+            else None
             for p in self.plans
         ]
+        self._expect(began + SETTLING)
         while not self._arrived(watch, recorders):
             time.sleep(TICK)
         until = time.monotonic() + LAST_FRAMES
@@ -194,11 +208,19 @@ class _Run:
         state = self._ask_table()
         _demand(state.fault)
         _demand(watch.see(state.time, state.position, state.moving))
+        if state.position > self.start + self.order.run_up + self.order.turns * tau:
+            self._expect(inf)
         for sensor, encoder in zip(self.watches, self.encoders, strict=True):
             if encoder is not None:
                 _demand(encoder.see(state.time, state.position, sensor.encoder, sensor.fresh(state.time)))
         self._show(state.position)
         return watch.arrived(state.position, state.moving)
+
+    def _expect(self, since: float) -> None:
+        """From when on (s) the sensors must send which the table triggers."""
+        for watch in self.watches:
+            if self.jobs[watch.name].by_table:
+                watch.quiet_until = since
 
     def _look(self, recorders: list[Future[None]]) -> None:
         """Recorders, sensors, disk."""
@@ -222,12 +244,13 @@ class _Run:
 
     def _await_first_frames(self, recorders: list[Future[None]]) -> None:
         until = time.monotonic() + FIRST_FRAME
-        while any(watch.profiles == 0 for watch in self.watches):
+        awaited = [watch for watch in self.watches if not self.jobs[watch.name].by_table]
+        while any(watch.profiles == 0 for watch in awaited):
             for recorder in recorders:
                 if recorder.done():
                     recorder.result()
             if time.monotonic() > until:
-                silent = ", ".join(w.name for w in self.watches if w.profiles == 0)
+                silent = ", ".join(w.name for w in awaited if w.profiles == 0)
                 raise DeviceLost(
                     f"sensor {silent}: found no profile in {FIRST_FRAME:g} s, need the first before the table turns; "
                     "check trigger mode, cable and firewall"
@@ -235,11 +258,11 @@ class _Run:
             time.sleep(TICK)
 
     def _record_sensor(self, i: int) -> None:
-        """A thread's job: every frame of one sensor to the log, looked at on the way."""
+        """A thread's job: every frame of one sensor to the log, looked at on the way; not those from before."""
         sensor, watch = self.station.sensors[i], self.watches[i]
         while not self.over.is_set():
             frame = sensor.next_frame(TICK * 5)
-            if frame is None:
+            if frame is None or frame.received < watch.began:
                 continue
             problem = watch.see(frame)
             flags = INCOMPLETE if frame.missing else SUSPECT if problem else 0

@@ -18,7 +18,7 @@ from truestand.files.checking import refuse_other_types
 from truestand.files.recipes import stand_from_recipe
 from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
-from truestand.station.sync import TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
+from truestand.station.sync import ClockLine, TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
 
 Array = NDArray[np.float64]
 Column = NDArray[Any] | None
@@ -254,9 +254,10 @@ def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
 def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
     track = _track(log)
     start = float(track.position[0]) if track.position.size else 0.0
-    offset, rate = clock_line(decoded.time, decoded.arrived)
-    moment = offset + rate * decoded.time
-    told: dict[str, Any] = {"clock_rate": rate, "table_samples": int(track.time.size)}
+    turning = _turning(decoded.arrived, track)
+    clocks = clock_line(decoded.time[turning], decoded.arrived[turning])
+    moment = clocks.offset + clocks.rate * decoded.time
+    told: dict[str, Any] = {"clock_rate": clocks.rate, "table_samples": int(track.time.size)}
     if plan.encoder and decoded.encoder is not None and log.stand.counts_per_turn:
         position = angle_by_encoder(decoded.encoder, log.stand.counts_per_turn, start)
         skew = latch_skew(moment, position, track)
@@ -267,14 +268,35 @@ def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
         return Placed(np.full(moment.shape, np.nan), "none", {**told, "source": "none"})
     within = (start + log.order.run_up, start + log.order.run_up + log.order.turns * tau)
     position, steady = angle_by_clock(moment, track, within)
-    doubt = 1e3 * float(np.median(track.doubt))
-    return Placed(position, "clock", {**told, "source": "clock", "steady": steady, "doubt_ms": doubt})
+    told |= {"source": "clock", "steady": steady, "doubt_ms": 1e3 * float(np.median(track.doubt)),
+             "clock_misfit_ms": 1e3 * clocks.misfit}  # fmt: skip
+    return Placed(position, "clock", told, _uneven(clocks, log.order.speed))
+
+
+def _turning(arrived: Array, track: TableTrack) -> NDArray[np.bool_]:
+    """Profiles (n,) that came while the table turned: at rest their moment doesn't matter. All, where it never did."""
+    times = track.time[track.moving]
+    if times.size < 2:
+        return np.ones(arrived.shape, dtype=np.bool_)
+    turning = (arrived >= times[0]) & (arrived <= times[-1])
+    return turning if np.count_nonzero(turning) > 1 else np.ones(arrived.shape, dtype=np.bool_)
 
 
 def _track(log: Log) -> TableTrack:
     values = np.array([TABLE.unpack(r.payload) for r in log.track], dtype=np.float64).reshape(-1, 3)
     time = np.array([r.time for r in log.track], dtype=np.float64)
     return TableTrack(time, values[:, 0], values[:, 1], values[:, 2] > 0)
+
+
+def _uneven(clocks: ClockLine, speed: float) -> str:
+    """What is wrong with angles by the clocks where the table turned at ``speed`` (rad/s)."""
+    off = clocks.misfit * speed
+    if off <= MOST_APART:
+        return ""
+    return (
+        f"the clocks of sensor and host left their line by {1e3 * clocks.misfit:.0f} ms, {degrees(off):.1f} deg of the "
+        "table: end other programs, or wire the encoder"
+    )
 
 
 def _contradiction(position: Array, track: TableTrack) -> str:

@@ -1,7 +1,7 @@
 """Looking at the devices of a stand one by one: who answers, what a sensor sends, which one it is."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from math import degrees, radians, tau
@@ -17,7 +17,7 @@ from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
-from truestand.station.latch import reset_latch
+from truestand.station.latch import demand_free, reset_latch
 from truestand.station.machine import Event, Machine
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
 from truestand.station.stand import Station, open_station
@@ -76,10 +76,10 @@ def ask_all(stand: Stand, devices: DevicesRecipe) -> list[Answer]:
 def _ask_table(recipe: TableRecipe) -> Answer:
     try:
         table = open_table(recipe)
+        with _closing(table.close):
+            state = table.state()
     except TruestandError as wrong:
         return Answer("table", recipe.protocol, recipe.address, answers=False, problem=str(wrong))
-    with _closing(table.close):
-        state = table.state()
     told = {
         "position_deg": f"{degrees(state.position):.3f}",
         "homed": "yes" if state.homed else "no",
@@ -91,10 +91,10 @@ def _ask_table(recipe: TableRecipe) -> Answer:
 def _ask_sensor(stand: Stand, recipe: SensorRecipe) -> Answer:
     try:
         sensor = open_sensor(recipe, sensor_of(stand, recipe.name))
+        with _closing(sensor.close):
+            return Answer("sensor", recipe.name, recipe.address, answers=True, told=sensor.identity())
     except TruestandError as wrong:
         return Answer("sensor", recipe.name, recipe.address, answers=False, problem=str(wrong))
-    with _closing(sensor.close):
-        return Answer("sensor", recipe.name, recipe.address, answers=True, told=sensor.identity())
 
 
 def stream_while(sensor: LineSensor, going_on: Callable[[], bool]) -> StreamReport:
@@ -211,7 +211,9 @@ def _for_a_while() -> Iterator[bool]:
         yield True
 
 
-def watching(stand: Stand, devices: DevicesRecipe, seconds: float, light: bool) -> Iterator[dict[str, dict[str, str]]]:
+def watching(
+    stand: Stand, devices: DevicesRecipe, seconds: float, light: bool
+) -> Generator[dict[str, dict[str, str]], None, None]:
     """Live numbers of all devices, five times a second, by the device's name. Nothing moves.
 
     Raises:
@@ -266,6 +268,7 @@ def reset(path: Path) -> str:
         DeviceError: the stand is in use, or the table doesn't answer.
     """
     _, devices = read_devices(path)
+    demand_free(path)
     table = open_table(devices.table)
     with _closing(table.close):
         table.reset()

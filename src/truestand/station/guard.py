@@ -8,10 +8,11 @@ off as soon as the sensors have noticed the loss and give control free. Not a sa
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from truestand.core.errors import DeviceLost, TruestandError
@@ -29,8 +30,10 @@ TRIES, PAUSE = 20, 0.25
 
 
 @contextmanager
-def guard(stand: Path) -> Iterator[None]:
-    """Have a guard stand by while the block runs.
+def guard(stand: Path) -> Iterator[Callable[[], None]]:
+    """Have a guard stand by while the block runs. It yields what hands over to the guard at the block's end.
+
+    That is for who can't stop the stand: the guard goes on trying, without anyone waiting for it.
 
     Raises:
         DeviceLost: the guard doesn't start.
@@ -39,18 +42,34 @@ def guard(stand: Path) -> Iterator[None]:
         [sys.executable, "-m", "truestand.station.guard", str(stand)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
+        bufsize=0,
         start_new_session=True,  # Ctrl-C is for the recording process
     )
     assert process.stdin is not None and process.stdout is not None
+    handed_over = threading.Event()
     try:
         if process.stdout.readline() != READY:
             raise DeviceLost(f"the guard of {stand} doesn't start; see the lines above")
-        yield
+        yield handed_over.set
     finally:
-        process.stdin.write(DONE)
+        if not handed_over.is_set():
+            with suppress(OSError):  # a guard that died has nothing to be told
+                process.stdin.write(DONE)
         process.stdin.close()
         process.stdout.close()
+        ending = threading.Thread(target=_reap, args=(process,), name="end of the guard", daemon=True)
+        ending.start()
+        if not handed_over.is_set():
+            ending.join()
+
+
+def _reap(process: subprocess.Popen[bytes]) -> None:
+    """Wait for a guard's end, and end one that hangs."""
+    try:
         process.wait(STARTS_WITHIN)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def main(arguments: list[str]) -> int:

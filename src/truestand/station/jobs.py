@@ -91,6 +91,7 @@ def _calibrate(job: Job, watching: Watching) -> Result:
     from truestand.core.calibrate import calibrate
     from truestand.core.evidence import gather
     from truestand.files.atomic import write_text_atomic
+    from truestand.files.company import read_company
     from truestand.files.recipes import read_shaft
     from truestand.files.records import write_calibration
     from truestand.report.calibration import calibration_report
@@ -104,10 +105,11 @@ def _calibrate(job: Job, watching: Watching) -> Result:
         written = write_calibration(record, calibration)
     with watching.doing("report"):
         paper = calibrate(scan, shaft, "paper")
-        text = calibration_report(calibration, gather(scan, shaft, calibration, paper), paper)
+        evidence = gather(scan, shaft, calibration, paper)
+        text = calibration_report(calibration, evidence, paper, company=read_company(job.stand))
         write_text_atomic(report, text)
-    evidence = {"scan": job.folder / "shaft.h5", "stand": job.stand, "artefact": artefact, "report": report}
-    return Result("calibration", written, evidence, None, calibration.status, calibration.reasons)
+    files = {"scan": job.folder / "shaft.h5", "stand": job.stand, "artefact": artefact, "report": report}
+    return Result("calibration", written, files, None, calibration.status, calibration.reasons)
 
 
 def _inspect(job: Job, watching: Watching) -> Result:
@@ -116,6 +118,7 @@ def _inspect(job: Job, watching: Watching) -> Result:
     from truestand.core.transfer import transfer
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
+    from truestand.files.company import read_company
     from truestand.files.inspection_record import inspection_record
     from truestand.files.parts import read_identity, read_part
     from truestand.files.read import sha256_of
@@ -134,8 +137,8 @@ def _inspect(job: Job, watching: Watching) -> Result:
         write_json_atomic(job.folder / "inspection.json", record)
     files = {"scan": job.folder / "part.h5", "stand": job.stand, "part": part, "calibration": against}
     with watching.doing("report"):
-        files["report"] = job.folder / "report.html"
-        write_text_atomic(files["report"], inspection_report(found, surface.calibration))
+        files["report"], company = job.folder / "report.html", read_company(job.stand)
+        write_text_atomic(files["report"], inspection_report(found, surface.calibration, company=company))
         if found.deviation is not None:
             files["cloud"] = job.folder / "cloud.ply"
             write_cloud(files["cloud"], surface.x, surface.y, surface.z, 1000.0 * found.deviation)

@@ -7,6 +7,7 @@ The process that uses the stand holds a lock on it, which ends with the process,
 import json
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,11 +63,23 @@ class Latch:
         return _parsed(os.read(self._file, 65536), self.path.name)
 
     def _write(self, content: dict[str, Any]) -> None:
+        """Broken off in between, it leaves no JSON rather than nothing: a fault, not a stand that is free."""
+        text = json.dumps(content).encode() if content else b""
         os.lseek(self._file, 0, os.SEEK_SET)
-        os.ftruncate(self._file, 0)
-        if content:
-            os.write(self._file, json.dumps(content).encode())
+        os.write(self._file, text)
+        os.ftruncate(self._file, len(text))
         os.fsync(self._file)
+
+
+def demand_free(stand: Path) -> None:
+    """See that nobody uses the stand; a fault doesn't matter.
+
+    Raises:
+        DeviceError: the stand is in use.
+    """
+    if latch_path(stand).exists():
+        with suppress(Fault):
+            Latch(stand).close()
 
 
 def reset_latch(stand: Path) -> str:
@@ -107,7 +120,7 @@ def _parsed(content: bytes, name: str) -> dict[str, Any]:
         return {}
     try:
         told = json.loads(content)
-    except ValueError:
+    except (ValueError, RecursionError):
         told = None
     return told if isinstance(told, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
 
@@ -117,9 +130,11 @@ def _reason(told: dict[str, Any]) -> str:
     if told.get("state") == "fault":
         return f"the stand is in fault since {told.get('since')}: {told.get('reason')}; {WORDS}"
     if told.get("state") == "in use":
+        log = Path(str(told.get("log")))
+        recover = f"`truestand recover {log}`, " if log.exists() else ""
         return (
             f"the program that used the stand since {told.get('since')} died; see that the table stands still, "
-            f"`truestand recover {told.get('log')}`, then `truestand stand reset`"
+            f"{recover}then `truestand stand reset`"
         )
     return ""
 

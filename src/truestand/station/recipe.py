@@ -102,6 +102,11 @@ def read_devices(path: Path | str) -> tuple[Stand, DevicesRecipe]:
     devices = checked(DevicesRecipe, table, f"{path}: [devices]")
     for device in devices.sensor:
         sensor_of(stand, device.name)
+        if device.driver == "scancontrol" and device.encoder and not stand.counts_per_turn:
+            raise BadRecipe(
+                f"{path}: sensor {device.name!r} has encoder = true, and [scan] counts_per_turn is 0; state the "
+                "counts of one turn of the table, or set encoder = false"
+            )
     return stand, devices
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from truestand.core.errors import BadRecipe, Fault, TruestandError
+from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
 from truestand.files.read import read_recording
 from truestand.files.write_scan import write_recording
@@ -35,6 +35,8 @@ class Taken:
     """Why the stand stopped itself; empty where it didn't."""
     interrupted: bool = False
     """Whether the operator broke it off."""
+    left: tuple[str, ...] = ()
+    """What could not be stopped, in plain words: the guard goes on trying."""
 
     @property
     def complete(self) -> bool:
@@ -69,6 +71,7 @@ def take_scan(
     Raises:
         Fault: the stand is still in fault.
         DeviceError, NoSpace: before anything was recorded: a device that isn't there or isn't well, no room.
+        NoSpace: no room for the scan beside the log, which stays.
         BadRecipe: there is a log from before.
         KeyboardInterrupt: before anything was recorded.
     """
@@ -77,14 +80,33 @@ def take_scan(
         raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
     latch = Latch(recipe)
     try:
-        latch.use(_now(), log)
+        latch.use(_now(), log.absolute())
         taken = _record(recipe, stand, devices, order, log, show, latch)
     finally:
         latch.close()
-    written = write_scans(log, output, force=True)
+    return replace(taken, written=_written(log, output, taken, keep_log))
+
+
+def _written(log: Path, output: Path, taken: Taken, keep_log: bool) -> tuple[Written, ...]:
+    """The scans of a log that was just recorded; where nothing came, what ended it is told instead."""
+    try:
+        written = write_scans(log, output, force=True)
+    except NotEnoughData:
+        if not keep_log:
+            log.unlink()
+        if taken.interrupted:
+            raise KeyboardInterrupt from None
+        if not taken.fault:
+            raise
+        raise Fault(f"{taken.fault}; the stand stays in fault: mend the cause, then `truestand stand reset`") from None
+    except OSError as wrong:
+        raise NoSpace(
+            f"{output}: can't be written ({wrong.strerror or wrong}); what was recorded is in {log}: free some "
+            "space, then `truestand recover` it"
+        ) from wrong
     if not keep_log:
         log.unlink()
-    return replace(taken, written=written)
+    return written
 
 
 def _record(
@@ -97,21 +119,34 @@ def _record(
     latch: Latch,
 ) -> Taken:
     """Record, and say what ended it; an error before there is a log is passed on."""
+    left: list[str] = []
     try:
-        with guard(recipe), open_station(stand, devices, Machine()) as station:
-            jobs = {s.name: SensorJob(s.laser, s.encoder) for s in devices.sensor}
-            acquire(station, order, jobs, log, _now(), show)
-    except TruestandError as wrong:
-        if isinstance(wrong, Fault) or log.exists():
-            latch.fault(_now(), str(wrong))
-        if not log.exists():
-            raise
-        return Taken((), fault=str(wrong))
+        with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
+            jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
+            try:
+                acquire(station, order, jobs, log, _now(), show)
+            finally:
+                left = station.left
+                if left:
+                    hand_over()
     except KeyboardInterrupt:
+        if left:
+            latch.fault(_now(), _reason("it was interrupted by the operator", left))
         if not log.exists():
             raise
-        return Taken((), interrupted=True)
+        return Taken((), interrupted=True, left=tuple(left))
+    except Exception as wrong:
+        if isinstance(wrong, Fault) or left or log.exists():
+            latch.fault(_now(), _reason(str(wrong), left))
+        if not (log.exists() and isinstance(wrong, TruestandError | OSError)):
+            raise
+        return Taken((), fault=str(wrong), left=tuple(left))
     return Taken(())
+
+
+def _reason(why: str, left: list[str]) -> str:
+    """Of a fault, with what could not be stopped."""
+    return "; ".join([why, *(f"not stopped: {what}" for what in left)])
 
 
 def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, ...]:

@@ -30,6 +30,8 @@ class Station:
     table: RotaryTable
     sensors: Sequence[LineSensor]
     machine: Machine = field(default_factory=Machine)
+    left: list[str] = field(default_factory=list)
+    """What could not be stopped when that was last tried, in plain words; empty = all of it was."""
 
     def __post_init__(self) -> None:
         self.table = replace(self.table, drive=GatedDrive(self.table.drive, self.machine))
@@ -79,6 +81,7 @@ class Station:
 
     def make_safe(self) -> list[str]:
         """Halt the table and switch off all lasers, all at once; what could not be told to, in plain words."""
+        self.left = ["stopping was broken off"]
         jobs = {"table: ": self.table.drive.halt}
         jobs |= {f"sensor {s.name}: ": _dark(s) for s in self.sensors}
         with ThreadPoolExecutor(len(jobs)) as together:
@@ -87,7 +90,8 @@ class Station:
         for wrong in failed.values():
             if wrong is not None and not isinstance(wrong, TruestandError):
                 raise wrong
-        return [f"{what}{wrong}" for what, wrong in failed.items() if wrong is not None]
+        self.left = [f"{what}{wrong}" for what, wrong in failed.items() if wrong is not None]
+        return self.left
 
     def close(self) -> None:
         """Leave all devices: lasers off, streams ended, connections closed. No motion is commanded."""
@@ -136,7 +140,7 @@ def open_station(stand: Stand, devices: DevicesRecipe, machine: Machine | None =
     try:
         for recipe in devices.sensor:
             sensors.append(open_sensor(recipe, sensor_of(stand, recipe.name)))
-    except TruestandError:
+    except BaseException:
         for sensor in sensors:
             sensor.close()
         table.close()

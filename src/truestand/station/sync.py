@@ -43,15 +43,27 @@ class Skew:
     spread: float
 
 
-def clock_line(device: Array, host: Array) -> tuple[float, float]:
-    """(a, b) with host = a + b device on the line under all arrivals: s of the exposures, s of the frames' arrivals."""
+@dataclass(frozen=True, slots=True)
+class ClockLine:
+    """The sensor's clock beside the host's: host = offset + rate device."""
+
+    offset: float
+    """s."""
+    rate: float
+    misfit: float
+    """s by which the earliest arrivals leave the line at most: clocks that don't run evenly, or frames held up."""
+
+
+def clock_line(device: Array, host: Array) -> ClockLine:
+    """The line under all arrivals: s of the exposures, s of the frames' arrivals."""
     if device.size < 2 or np.ptp(device) == 0:
-        return float(host[0] - device[0]), 1.0
+        return ClockLine(float(host[0] - device[0]), 1.0, 0.0)
     pieces = np.array_split(np.arange(device.size), min(WINDOWS, max(device.size // 4, 1)))
     rough = (host[-1] - host[0]) / (device[-1] - device[0])
     earliest = np.array([p[np.argmin(host[p] - rough * device[p])] for p in pieces])
     slope = rough if earliest.size < 3 else float(np.polyfit(device[earliest] - device[0], host[earliest], 1)[0])
-    return float(np.min(host - slope * device)), float(slope)
+    under = host - slope * device
+    return ClockLine(float(under.min()), float(slope), float(np.ptp(under[earliest])))
 
 
 def angle_by_encoder(counts: Counts, counts_per_turn: int, start: float) -> Array:

@@ -41,6 +41,8 @@ class SensorWatch:
     lost: int = 0
     encoder: int = 0
     """Counts since the first profile, unwrapped."""
+    quiet_until: float = 0.0
+    """s; it may send nothing until then."""
     _last_frame: Frame | None = None
     _counter: int | None = None
     _raw_encoder: int | None = None
@@ -96,7 +98,7 @@ class SensorWatch:
 
     def overdue(self, now: float) -> str:
         """What is wrong at ``now`` (s) with how long nothing came."""
-        last = self.began if self._last_frame is None else self._last_frame.received
+        last = max(self.quiet_until, self.began if self._last_frame is None else self._last_frame.received)
         if now - last > SILENCE:
             return f"sensor {self.name} has sent nothing for {now - last:.1f} s; check its cable, power and trigger"
         return ""
@@ -123,12 +125,16 @@ class TableWatch:
 
     def see(self, now: float, position: float, moving: bool) -> str:
         """What is wrong with where the table is; empty = nothing."""
+        if position - self.target > max(self.tolerance, WINDOW * self.speed):
+            return f"the table ran past the end of the scan, to {degrees(position):.2f} deg; check its controller"
         if not moving and abs(position - self.target) > self.tolerance and now - self.began > WINDOW:
             return f"the table stopped by itself at {degrees(position):.2f} deg, before the end of the scan"
         span = _span(self._seen, now, position)
         if not moving or now - self.began < SETTLING or span is None:
             return ""
         seconds, angle = span
+        if angle < -LEAST_PROGRESS * self.speed * seconds:
+            return f"the table turns backwards at {degrees(position):.2f} deg; check its controller"
         if abs(angle) < LEAST_PROGRESS * self.speed * seconds and not self.arrived(position, moving=False):
             return f"the table stands still at {degrees(position):.2f} deg though it was told to turn: it is blocked"
         return ""

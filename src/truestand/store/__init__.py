@@ -1,7 +1,7 @@
 """Results kept as evidence: append-only, each with what it rests on, and checked by ``audit`` down to the last bit."""
 
-from truestand.store.audit import Finding, Report, audit
+from truestand.store.audit import Finding, Report
 from truestand.store.entry import Entry
-from truestand.store.store import Store
+from truestand.store.store import Standing, Store
 
-__all__ = ["Entry", "Finding", "Report", "Store", "audit"]
+__all__ = ["Entry", "Finding", "Report", "Standing", "Store"]

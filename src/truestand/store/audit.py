@@ -147,9 +147,13 @@ def _schema_as_made(version: int) -> list[object]:
 
 
 def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Finding]) -> list[Entry]:
-    """The entries that are what their hash says; the chain is followed over those that aren't."""
+    """The entries that are what their hash says; the chain is followed over those that aren't.
+
+    A damaged database may hold anything anywhere: nothing of a row is taken for what it ought to be.
+    """
     entries = []
-    number, previous = 0, None if anchor is None else genesis(anchor.id)
+    previous = None if anchor is None else genesis(anchor.id)
+    due = 1
     for row in rows:
         where = f"entry {row[0]}"
         entry = _entry(row)
@@ -158,12 +162,10 @@ def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Findi
         else:
             entries.append(entry)
             if previous is not None and entry.previous != previous:
-                findings.append(
-                    Finding("chain broken", where, f"it follows {entry.previous[:12]}, not {previous[:12]}")
-                )
-        if row[0] != number + 1:
-            findings.append(Finding("chain broken", where, f"it stands after entry {number}"))
-        number, previous = row[0], row[4]
+                findings.append(Finding("chain broken", where, "it isn't chained to the entry before"))
+        if row[0] != due:
+            findings.append(Finding("chain broken", where, f"it stands where entry {due} should"))
+        due, previous = (entry.number if entry is not None else due) + 1, row[4]
     return entries
 
 

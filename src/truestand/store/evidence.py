@@ -55,8 +55,8 @@ def read_evidence(folder: Path, sha256: str) -> bytes:
 
 
 def sweep(folder: Path) -> None:
-    """Remove what writers that died left in ``incoming/``; only under the lock."""
-    for path in (folder / INCOMING).glob("*"):
+    """Remove what writers that died left half written; only under the lock."""
+    for path in (*(folder / INCOMING).glob("*"), *folder.glob(".*.part")):
         path.unlink(missing_ok=True)
 
 

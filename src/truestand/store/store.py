@@ -13,7 +13,7 @@ from truestand._version import __version__
 from truestand.core.errors import BadStore
 from truestand.store import database, evidence, ledger
 from truestand.store.anchor import Anchor
-from truestand.store.audit import Report, audit
+from truestand.store.audit import Advance, Report, audit
 from truestand.store.backup import back_up
 from truestand.store.entry import RESULTS, Entry, entry_of, genesis, identity_of
 from truestand.store.lock import locked
@@ -173,9 +173,12 @@ class Store:
         """
         return back_up(self.folder, Path(target), self.timeout)
 
-    def audit(self, noted: tuple[str, ...] = ()) -> Report:
-        """Check every hash; ``noted``: heads written down earlier, which must be in the chain."""
-        return audit(self.folder, noted, timeout=self.timeout)
+    def audit(self, noted: tuple[str, ...] = (), advance: Advance = lambda done, total: None) -> Report:
+        """Check every hash; ``noted``: heads written down earlier, which must be in the chain.
+
+        ``advance`` is called with the files done and their number.
+        """
+        return audit(self.folder, noted, self.timeout, advance)
 
     def _append(
         self, kind: str, record: Mapping[str, Any] | None, files: Mapping[str, Path], *,

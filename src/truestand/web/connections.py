@@ -16,6 +16,8 @@ HEAD, TAKE = 10.0, 30.0
 """s for a request's head from its connection or the last answer on; and for taking anything at all of an answer."""
 LOOK = 1.0
 """s between two looks."""
+CHATTER, CHATTER_RATE = 8_192, 200.0
+"""Bytes, and bytes per s more, that a listener may send: its handshake, answers to pings, its goodbye."""
 MOST = 400
 """Connections, below the 1024 files that a process commonly may open."""
 
@@ -90,11 +92,24 @@ class WebSocket(WebSocketsSansIOProtocol):
     """A listener."""
 
     keeper: ClassVar[Keeper]
+    _began: float | None = None
+    _heard = 0
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget it."""
         self.keeper.seen.pop(self.transport, None)
         super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Drop who talks much, before anything is made of it: each ping costs more to answer than to send."""
+        now = self.loop.time()
+        if self._began is None:
+            self._began = now
+        self._heard += len(data)
+        if self._heard > CHATTER + CHATTER_RATE * (now - self._began):
+            self.keeper.drop(self.transport)
+            return
+        super().data_received(data)
 
     def pause_writing(self) -> None:
         """Who doesn't take answers isn't read either: pings would pile up their pongs."""

@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO, Any, Literal
 
@@ -23,6 +24,8 @@ from truestand.web.hub import Hub
 WORKER = (sys.executable, "-m", "truestand.station.worker")
 LONGEST_LINE = 1 << 20
 """Bytes of an event."""
+ROOM = 1 << 20
+"""Bytes of events that a worker can tell ahead of its reader: 20 s of live profiles."""
 PATIENCE = 10.0
 """s after an abort that a second one ends the worker by force; the stand's guard then stops the stand."""
 LAST = 30.0
@@ -151,6 +154,7 @@ class Runner:
             self._job, self._process = job, process
             self._reader = threading.Thread(target=self._read, args=(process, job), name="worker", daemon=True)
         self._hub.publish("live", None)
+        _make_room(process)
         _send_order(process, order)
         self._reader.start()
         return self._publish(job)
@@ -192,8 +196,9 @@ class Runner:
         listening = threading.Thread(target=_keep_said, args=(process.stderr, said), name="worker says", daemon=True)
         listening.start()
         assert process.stdout is not None
-        while line := process.stdout.readline(LONGEST_LINE):
-            self._take(job, line)
+        with process.stdout as told:
+            while line := told.readline(LONGEST_LINE):
+                self._take(job, line)
         code = process.wait()
         listening.join(1.0)
         with self._lock:
@@ -225,6 +230,15 @@ class Runner:
         return told
 
 
+def _make_room(process: subprocess.Popen[bytes]) -> None:
+    """Let a worker tell for many seconds before it would have to wait, however busy this process is; Linux only."""
+    if sys.platform == "linux" and process.stdout is not None:
+        import fcntl
+
+        with suppress(OSError):  # the system allows less
+            fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, ROOM)
+
+
 def _send_order(process: subprocess.Popen[bytes], order: Mapping[str, Any]) -> None:
     """One line; a worker that is gone already tells so by its end."""
     assert process.stdin is not None
@@ -244,5 +258,7 @@ def _interrupt(process: subprocess.Popen[bytes]) -> None:
 
 
 def _keep_said(stderr: IO[bytes] | None, said: deque[str]) -> None:
-    while stderr is not None and (line := stderr.readline(LONGEST_LINE)):
-        said.append(line.decode("utf-8", "replace").rstrip()[:500])
+    assert stderr is not None
+    with stderr:
+        while line := stderr.readline(LONGEST_LINE):
+            said.append(line.decode("utf-8", "replace").rstrip()[:500])

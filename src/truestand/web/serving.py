@@ -69,7 +69,7 @@ def serve(page: Page, binding: Binding, tell: Callable[[str], None], open_browse
         if open_browser:
             webbrowser.open(address)
 
-    server = Server(_config(page, binding), page.runner, ready)
+    server = Server(config(page, binding), page.runner, ready)
     asyncio.run(server.serve([listening]))
 
 
@@ -120,10 +120,12 @@ class Server(uvicorn.Server):
         self._captured_signals.clear()  # being asked to end is how a server ends well
 
 
-def _config(page: Page, binding: Binding) -> uvicorn.Config:
+def config(page: Page, binding: Binding) -> uvicorn.Config:
+    """How uvicorn serves the page: no log of requests, small limits, no compression that would cost memory."""
     return uvicorn.Config(
         create_app(page, names_of(binding.host, binding.names)),
         log_config=None,
+        log_level="error",
         access_log=False,
         server_header=False,
         proxy_headers=False,

@@ -7,12 +7,11 @@ points never weigh on the process that serves.
 import asyncio
 import json
 import sys
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from truestand.core.errors import BadRecipe, TruestandError
+from truestand.core.errors import TruestandError
 from truestand.web.problem import Problem
 
 LARGEST = 64 << 20
@@ -48,39 +47,9 @@ async def ask(*arguments: str, text: str = "", within: float = 30.0) -> Any:
 
 def check(folder: str, name: str) -> str | None:
     """What is wrong with the recipe on standard input, were it saved as ``name``; null: nothing."""
-    with tempfile.TemporaryDirectory() as place:
-        path = Path(place) / name
-        path.write_bytes(sys.stdin.buffer.read())
-        try:
-            _read(path, Path(folder) / name)
-        except TruestandError as wrong:
-            return str(wrong).replace(f"{path}: ", "").replace(f"{Path(folder) / name}: ", "")
-    return None
+    from truestand.web.checking import problem_of
 
-
-def _read(path: Path, home: Path) -> None:
-    """As the worker will once it is ``home``: what it names stands beside it.
-
-    Raises:
-        TruestandError: it can't.
-    """
-    from truestand.files.parts import part_of
-    from truestand.files.recipes import read_devices_table, read_shaft, read_stand, read_toml
-    from truestand.station.recipe import read_devices
-    from truestand.web.folder import kind_of
-
-    told = read_toml(path)
-    kind = kind_of(told)
-    if kind is None:
-        raise BadRecipe("found no recipe, need [[sensor]] for a stand, [[cylinder]] for a shaft, or a part's kind")
-    if kind == "part":
-        part_of(told, home)
-    elif kind == "artefact":
-        read_shaft(path)
-    else:
-        read_stand(path)
-        if read_devices_table(path):
-            read_devices(path)
+    return problem_of(Path(folder), name, sys.stdin.buffer.read().decode("utf-8", "surrogatepass"))
 
 
 def devices(stand: str) -> list[dict[str, Any]]:
@@ -104,12 +73,30 @@ def reset(stand: str) -> str:
 
 def audit(store: str) -> list[dict[str, str]]:
     """What isn't as it was written; every byte is read."""
-    from truestand.store import audit as check_all
+    from truestand.store import Store
 
     return [
         {"what": f.what, "where": f"{f.where} ({f.detail})" if f.detail else f.where}
-        for f in check_all(Path(store)).findings
+        for f in Store(Path(store)).audit().findings
     ]
+
+
+def certificate(record: str, laboratory: str) -> str:
+    """The Digital Calibration Certificate of a calibration's record; a draft where there is no laboratory.toml."""
+    from truestand.core.errors import BadRecipe
+    from truestand.files.json_text import parse_json
+    from truestand.files.laboratory import read_laboratory
+    from truestand.files.records import read_calibration
+    from truestand.report.certificate import Issue, refusals
+    from truestand.report.certificate import certificate as made_of
+
+    source, stated = Path(record).read_bytes(), Path(laboratory)
+    told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
+    against = refusals(told)
+    if against:
+        raise BadRecipe(f"there can be no certificate: {'; '.join(against)}")
+    issued_by = read_laboratory(stated) if stated.exists() else None
+    return made_of(Issue(told, read_calibration(record), source, "calibration.json", issued_by)).decode("utf-8")
 
 
 def cloud(source: str, target: str, points: str) -> int:
@@ -120,7 +107,7 @@ def cloud(source: str, target: str, points: str) -> int:
 
 
 TASKS: dict[str, Callable[..., Any]] = {
-    "audit": audit, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
+    "audit": audit, "certificate": certificate, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
 }  # fmt: skip
 
 

@@ -7,7 +7,9 @@ import difflib
 import io
 import re
 import zipfile
-from typing import Any
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 from truestand.core.errors import DeviceError, MissingExtra
 from truestand.devices.gige.control import Control
@@ -16,6 +18,7 @@ from truestand.devices.wire.gvcp import Register
 MOST_XML = 16 << 20
 """Bytes of a description; real ones have 0.02 to 2 MB."""
 Value = int | float | str | bool
+T = TypeVar("T")
 
 
 class Nodes:
@@ -29,15 +32,16 @@ class Nodes:
             DeviceLost: no answer.
             DeviceError: no description, or none that can be understood.
         """
-        genapi = _genapi()
+        self._worker = ThreadPoolExecutor(1, f"features {control.name}")
+        genapi = self._apart(_genapi)
         self._name = control.name
         self._wrong: type[Exception] = genapi.GenericException
         self._map = genapi.NodeMap()
         xml = description(control)
         try:
-            self._map.load_xml_from_string(xml)
+            self._apart(lambda: self._map.load_xml_from_string(xml))
             self._port = _port(genapi, control)
-            self._map.connect(self._port, "Device")
+            self._apart(lambda: self._map.connect(self._port, "Device"))
         except self._wrong as wrong:
             raise DeviceError(f"{self._name}: its GenICam description can't be understood ({_plain(wrong)})") from wrong
 
@@ -58,7 +62,7 @@ class Nodes:
         """
         node = self._node(name)
         try:
-            value: Value = node.value
+            value: Value = self._apart(lambda: node.value)
         except (self._wrong, AttributeError) as wrong:
             raise DeviceError(f"{self._name}: feature {name} can't be read ({_plain(wrong)})") from wrong
         return value
@@ -72,7 +76,7 @@ class Nodes:
         """
         node = self._node(name)
         try:
-            node.value = value
+            self._apart(lambda: setattr(node, "value", value))
         except (self._wrong, AttributeError, TypeError) as wrong:
             entries = [str(entry.symbolic) for entry in getattr(node, "entries", [])]
             known = f"; it knows {', '.join(entries)}" if entries else ""
@@ -82,13 +86,17 @@ class Nodes:
         """Execute command ``name``. Errors as ``set``."""
         node = self._node(name)
         try:
-            node.execute()
+            self._apart(node.execute)
         except (self._wrong, AttributeError) as wrong:
             raise DeviceError(f"{self._name}: command {name} was refused ({_plain(wrong)})") from wrong
 
+    def _apart(self, job: Callable[[], T]) -> T:
+        """Do it in a thread of its own: GenICam, and loading it, swallow a Ctrl-C that comes meanwhile."""
+        return self._worker.submit(job).result()
+
     def _node(self, name: str) -> Any:
         try:
-            return self._map.get_node(name)
+            return self._apart(lambda: self._map.get_node(name))
         except self._wrong:
             near = difflib.get_close_matches(name, self.names(), n=3, cutoff=0.5)
             advice = f"; did you mean {', '.join(near)}?" if near else ""

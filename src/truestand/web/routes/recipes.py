@@ -4,6 +4,7 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from truestand.web.checking import is_heavy, problem_of
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Checked, Part, Recipe, RecipeBody, RecipeText
 from truestand.web.page import Page, ThePage
@@ -68,5 +69,7 @@ async def save(file: str, body: RecipeBody, page: ThePage) -> dict[str, Any]:
 
 
 async def _problem(page: Page, file: str, text: str) -> str | None:
+    if not is_heavy(text):
+        return await run_in_threadpool(problem_of, page.folder.path, file, text)
     found = await page.ask("check", str(page.folder.path), file, text=text)
     return None if found is None else str(found)

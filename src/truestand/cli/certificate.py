@@ -1,0 +1,64 @@
+"""``truestand certificate``: the calibration as a Digital Calibration Certificate."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truestand.cli.options import JsonOption, QuietOption
+
+
+def certificate(
+    calibration: Annotated[Path, typer.Argument(metavar="CALIBRATION.json", help="A valid calibration.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DCC.xml", help="The certificate to write.")] = Path(
+        "dcc.xml"
+    ),
+    schema_dir: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Hold it against dcc.xsd of this folder, offline.")
+    ] = None,
+    laboratory: Annotated[
+        Path | None,
+        typer.Option(metavar="LABORATORY.toml", help="Who issues it, for whom; without: a draft that says so."),
+    ] = None,
+    number: Annotated[
+        str | None, typer.Option(help="The certificate's number; default: one out of date and content.")
+    ] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write the calibration as a Digital Calibration Certificate (DCC 3.3): 0 written, 3 there can be none.
+
+    Example: truestand certificate calibration.json --laboratory laboratory.toml -o dcc.xml
+    """
+    from truestand.cli.talk import hint, print_json
+    from truestand.core.errors import BadRecipe
+    from truestand.files.atomic import write_bytes_atomic
+    from truestand.files.json_text import parse_json
+    from truestand.files.laboratory import read_laboratory
+    from truestand.files.records import read_calibration
+    from truestand.files.xml_schema import read_schema, violations
+    from truestand.report.certificate import Issue, lacking, refusals
+    from truestand.report.certificate import certificate as made_of
+
+    schema = None if schema_dir is None else read_schema(schema_dir)
+    stated = None if laboratory is None else read_laboratory(laboratory)
+    known, source = read_calibration(calibration), calibration.read_bytes()
+    record = parse_json(source.decode("utf-8-sig"), str(calibration), "give a calibration.json")
+    against = refusals(record)
+    for reason in against:
+        hint(f"truestand: no certificate: {reason}", quiet)
+    if against:
+        raise typer.Exit(3)
+    issue = Issue(record, known, source, calibration.name, stated, number)
+    text = made_of(issue)
+    if schema is not None and (wrong := violations(text, schema)):
+        raise BadRecipe(f"{schema_dir}: the certificate is not valid by this schema: {'; '.join(wrong)}")
+    write_bytes_atomic(output, text)
+    missing = lacking(issue)
+    if as_json:
+        told = {"certificate": str(output), "identifier": issue.identifier, "draft": issue.draft}
+        print_json(told | {"not_stated": missing, "validated": schema is not None})
+    elif not quiet:
+        typer.echo(output)
+    if missing:
+        hint(f"truestand: a draft: nobody stated {'; '.join(missing)}; see docs/certificate.md", quiet)

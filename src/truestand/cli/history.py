@@ -1,0 +1,174 @@
+"""``truestand history``: how the stand and its parts did over time, and how much of it is the measuring."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from truestand.cli.options import JsonOption, QuietOption, StoreOption
+
+if TYPE_CHECKING:
+    from truestand.core.gage import GageStudy
+    from truestand.store import Store
+    from truestand.store.history import Inspected, Series
+
+
+def history(
+    store: StoreOption = None,
+    quantity: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One quantity or characteristic, reading by reading.")
+    ] = None,
+    part: Annotated[str | None, typer.Option(metavar="NAME", help="Inspections of this part only.")] = None,
+    since: Annotated[str | None, typer.Option(metavar="DATE", help="From this day on, such as 2026-01-31.")] = None,
+    gage_rr: Annotated[
+        str | None,
+        typer.Option(
+            "--gage-rr", metavar="STUDY.csv|PART", help="Gage R&R of a table, or of a part's repeated inspections."
+        ),
+    ] = None,
+    report: Annotated[Path | None, typer.Option("--report", metavar="REPORT.html", help="Write one HTML file.")] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Show the calibrations' quantities over time with control limits, and the inspections by part.
+
+    Example: truestand history --store results --quantity phi_deg --report history.html
+    """
+    from truestand.cli.keeping import opened
+    from truestand.cli.talk import print_json
+    from truestand.store.history import inspections, series
+
+    _check(since)
+    if gage_rr is not None:
+        _gage(gage_rr, store, since, quantity, report, as_json, quiet)
+        return
+    kept = opened(store)
+    found, inspected = series(kept, since, quantity), inspections(kept, since, part)
+    if report is not None:
+        _write_report(report, kept, found, inspected)
+    if as_json:
+        print_json(_record(kept, found, inspected))
+    elif not quiet:
+        _show(found, inspected, quantity)
+        if report is not None:
+            typer.echo(report)
+
+
+def _check(since: str | None) -> None:
+    """Refuse what is no date."""
+    from datetime import datetime
+
+    from truestand.core.errors import BadRecipe
+
+    try:
+        datetime.fromisoformat(since or "2026-01-01")
+    except ValueError:
+        raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
+
+
+def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | None) -> None:
+    from truestand.cli.talk import print_table
+    from truestand.report.history_tables import inspections_table, readings_table, series_table
+
+    courses = [_course(s) for s in found]
+    if quantity is None:
+        print_table(series_table(courses))
+    else:
+        for course in courses:
+            print_table(readings_table(course))
+    if inspected and quantity is None:
+        print_table(inspections_table([_line(i) for i in inspected]))
+
+
+def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
+    from truestand.files.atomic import write_text_atomic
+    from truestand.files.company import read_company
+    from truestand.report.history import history_report
+
+    here = Path("stand.toml")
+    company = read_company(here) if here.is_file() else None
+    number, stated = store.head()
+    head = f"{store.folder.name}: last entry {number}, hash {stated}"
+    text = history_report(
+        [_course(s) for s in found], [_line(i) for i in inspected], head, company.name if company else None
+    )
+    write_text_atomic(path, text)
+
+
+def _course(s: "Series") -> Any:
+    from truestand.report.history import Course
+
+    title = f"{s.sensor}: {s.quantity}"
+    times, numbers = tuple(e.time for e in s.entries), tuple(e.number for e in s.entries)
+    return Course(title, s.unit, times, numbers, s.chart, s.clamping)
+
+
+def _line(i: "Inspected") -> Any:
+    from truestand.report.history import Inspected as Line
+
+    e = i.standing.entry
+    return Line(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
+
+
+def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> dict[str, Any]:
+    number, stated = store.head()
+    return {
+        "format": "truestand.history",
+        "version": 1,
+        "head": {"number": number, "hash": stated},
+        "quantities": [
+            {
+                "sensor": s.sensor, "name": s.quantity, "unit": s.unit, "mean": s.chart.mean, "lower": s.chart.lower,
+                "upper": s.chart.upper, "drift": s.chart.drift, "by_clamping": s.clamping,
+                "provisional": s.chart.provisional,
+                "readings": [
+                    {"entry": e.number, "time": e.time, "value": p.value, "U": p.U, "change": p.change, "ok": p.ok,
+                     "flags": list(p.flags)}
+                    for e, p in zip(s.entries, s.chart.points, strict=True)
+                ],
+            }
+            for s in found
+        ],
+        "inspections": [
+            {"entry": i.standing.entry.number, "time": i.standing.entry.time, "part": i.standing.entry.part,
+             "serial": i.standing.entry.serial, "order": i.standing.entry.order,
+             "operator": i.standing.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
+            for i in inspected
+        ],
+    }  # fmt: skip
+
+
+def _gage(
+    source: str, store: Path | None, since: str | None, quantity: str | None, report: Path | None,
+    as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    from truestand.cli.keeping import opened
+    from truestand.cli.talk import print_json, print_table
+    from truestand.core.gage import gage_study, readings_of
+    from truestand.files.atomic import write_text_atomic
+    from truestand.files.study import read_study
+    from truestand.report.history import study_report
+    from truestand.report.history_tables import study_table
+    from truestand.store.history import repeated
+
+    table = source.lower().endswith((".csv", ".txt"))
+    rows = {"value": read_study(Path(source))} if table else repeated(opened(store), source, since, quantity)
+    name_of = Path(source).name if table else source
+    studies = {name: gage_study(readings_of(found)[0]) for name, found in rows.items()}
+    if report is not None:
+        write_text_atomic(report, study_report(studies, name_of))
+    if as_json:
+        print_json({"format": "truestand.gage", "version": 1, "source": source,
+                    "studies": {name: _study(s) for name, s in studies.items()}})  # fmt: skip
+    elif not quiet:
+        print_table(study_table(studies, name_of))
+
+
+def _study(s: "GageStudy") -> dict[str, Any]:
+    return {
+        "operators": s.operators, "parts": s.parts, "trials": s.trials, "interaction_pooled": s.pooled,
+        "EV": s.EV, "AV": s.AV, "INT": s.INT, "GRR": s.GRR, "PV": s.PV, "TV": s.TV, "ndc": s.ndc,
+        "percent_of_TV": {name: s.share(getattr(s, name)) for name in ("EV", "AV", "INT", "GRR", "PV")},
+        "anova": [{"name": line.name, "dof": line.dof, "squares": line.squares, "mean": line.mean, "F": line.F,
+                   "p": line.p} for line in s.full],
+    }  # fmt: skip

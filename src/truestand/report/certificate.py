@@ -1,0 +1,163 @@
+"""The calibration as a Digital Calibration Certificate (DCC 3.3, D-SI 2.2). It prints the record, it computes nothing.
+
+What the standard requires and nobody stated is never made up. With a laboratory it is asked for by name; without one
+the certificate is a draft, says so, and has ``not stated`` in its place.
+"""
+
+from dataclasses import dataclass
+from datetime import date
+from hashlib import sha256
+from typing import Any
+
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe, UnreadableFile
+from truestand.files.laboratory import LaboratoryRecipe
+from truestand.report.certificate_parties import administrative_data
+from truestand.report.certificate_results import measurement_results
+from truestand.report.dcc_xml import SCHEMA, VERSION, XSI, node, printed
+from truestand.report.quantities import quantities
+
+Record = dict[str, Any]
+AGREE = 1e-9
+"""How far, of 1 or of the value, a reported number may lie from what the record's transforms say: its last digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Issue:
+    """What a certificate is made of."""
+
+    record: Record
+    calibration: Calibration
+    """What the record means: held against what it says."""
+    source: bytes
+    """The record's file, which the certificate carries."""
+    file_name: str
+    laboratory: LaboratoryRecipe | None = None
+    number: str | None = None
+    """The certificate's; None: one out of date and content."""
+
+    @property
+    def stated(self) -> LaboratoryRecipe:
+        """What the laboratory stated, be it nothing."""
+        return self.laboratory or LaboratoryRecipe()
+
+    @property
+    def draft(self) -> bool:
+        """Whether no laboratory issues it."""
+        return self.laboratory is None
+
+    @property
+    def sha256(self) -> str:
+        """Of the record's file."""
+        return sha256(self.source).hexdigest()
+
+    @property
+    def performed(self) -> tuple[date, date]:
+        """First and last day: as the laboratory stated them, otherwise the day of the record.
+
+        Raises:
+            UnreadableFile: neither is there.
+        """
+        p, created = self.stated.performance, self.record.get("created")
+        if p.begin is not None or p.end is not None:
+            begin, end = p.begin or p.end, p.end or p.begin
+            assert begin is not None and end is not None
+            return begin, end
+        try:
+            day = date.fromisoformat(str(created)[:10])
+        except ValueError:
+            raise UnreadableFile(
+                f"{self.file_name}: found created {created!r}, need the day of the calibration; calibrate again"
+            ) from None
+        return day, day
+
+    @property
+    def identifier(self) -> str:
+        """The certificate's number."""
+        own = " ".join((self.number or "").split())
+        return own or f"truestand-{self.performed[1]}-{self.sha256[:16]}"
+
+
+def refusals(record: Record) -> list[str]:
+    """Why there can be no certificate of this calibration; empty where there can."""
+    if record.get("status") == "untrusted" or record.get("reasons"):
+        return [str(r) for r in record.get("reasons") or ["the record says untrusted and gives no reason"]]
+    if record.get("method") == "paper":
+        return [
+            "the published method states no uncertainty, and no certificate may leave it out "
+            "(ISO/IEC 17025:2017, 7.8.4.1); calibrate with --method stand"
+        ]
+    if not record.get("uncertainty"):
+        return ["the record has no uncertainties, and no certificate may leave them out; calibrate again"]
+    return []
+
+
+def lacking(issue: Issue) -> list[str]:
+    """What the standard requires and neither recipe nor record states, by the name of its key."""
+    s = issue.stated
+    needed: dict[str, dict[str, Any]] = {
+        "[laboratory]": {"name": s.laboratory.name, "city": s.laboratory.city, "country": s.laboratory.country},
+        "[[responsible]]": {"name": s.responsible or None},
+        "[customer]": {"name": s.customer.name, "city": s.customer.city},
+        "[stand]": {"serial": s.stand.serial},
+        "[performance]": {"place": s.performance.place},
+    }
+    found = [
+        f"{table} {', '.join(keys)} (laboratory.toml)"
+        for table, stated in needed.items()
+        if (keys := [key for key, value in stated.items() if value is None])
+    ]
+    return found + traceability_lacks(issue)
+
+
+def traceability_lacks(issue: Issue) -> list[str]:
+    """What of the artefact's certificate is not stated, or no longer holds."""
+    known = (issue.record.get("artefact") or {}).get("certificate") or {}
+    keys = [key for key in ("id", "laboratory") if not known.get(key)]
+    found = [f"[certificate] {', '.join(keys)} (shaft.toml)"] if keys else []
+    until = known.get("valid_until")
+    if until and not _holds(str(until), issue.performed[1]):
+        found.append(f"[certificate] valid on {issue.performed[1]} (shaft.toml has valid_until {until})")
+    return found
+
+
+def _holds(until: str, day: date) -> bool:
+    """Whether that date is not past; a text that is no date says nothing."""
+    try:
+        return date.fromisoformat(until[:10]) >= day
+    except ValueError:
+        return False
+
+
+def certificate(issue: Issue) -> bytes:
+    """The XML, the same for the same input; a calibration that ``refusals`` lets pass.
+
+    Raises:
+        BadRecipe: a laboratory issues it, and something that the standard requires is not stated.
+        UnreadableFile: the record contradicts itself, or has no date.
+    """
+    _refuse_contradictions(issue)
+    missing = lacking(issue)
+    if missing and not issue.draft:
+        raise BadRecipe(f"the certificate lacks {'; '.join(missing)}: state them, see docs/certificate.md")
+    root = node(
+        "dcc:digitalCalibrationCertificate", administrative_data(issue, missing, traceability_lacks(issue)),
+        measurement_results(issue),
+        schemaVersion=VERSION,
+    )  # fmt: skip
+    root.set(f"{{{XSI}}}schemaLocation", SCHEMA)
+    return printed(root)
+
+
+def _refuse_contradictions(issue: Issue) -> None:
+    """A number of the record that is not that of its transforms was never measured."""
+    groups = {**(issue.record.get("sensor") or {}), **(issue.record.get("shaft") or {})}
+    for q in quantities(issue.calibration):
+        told = groups.get(q.key)
+        if told is None or q.value is None:
+            continue
+        if not isinstance(told, int | float) or not abs(told - q.value) <= AGREE * max(1.0, abs(q.value)):
+            raise UnreadableFile(
+                f"{issue.file_name}: found {q.key} {str(told)[:40]}, but its transforms say {q.value:g}; "
+                "the record was changed by hand, calibrate again"
+            )

@@ -1,0 +1,129 @@
+"""What the store has over time: the quantities of its calibrations, its inspections by part, studies of the gauge."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from truestand.core.control import ControlChart, control_chart
+from truestand.core.errors import NotEnoughData
+from truestand.store.entry import Entry
+from truestand.store.store import Standing, Store
+
+QUANTITIES = {
+    "phi_deg": ("sensor", "°"),
+    "laser_plane_offset_mm": ("sensor", "mm"),
+    "laser_plane_tilt_deg": ("sensor", "°"),
+    "eccentricity_um": ("shaft", "µm"),
+    "eccentricity_direction_deg": ("shaft", "°"),
+    "tilt_mrad": ("shaft", "mrad"),
+    "tilt_direction_deg": ("shaft", "°"),
+    "rms_um": ("residuals", "µm"),
+}
+"""Keys of calibration.json with the table that has them. Those of the shaft change whenever it is clamped again."""
+DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One quantity of one sensor over all calibrations that know it."""
+
+    sensor: str
+    quantity: str
+    unit: str
+    entries: tuple[Entry, ...]
+    """One a reading, as it stands today."""
+    chart: ControlChart
+
+    @property
+    def clamping(self) -> bool:
+        """Whether it changes whenever the shaft is clamped again."""
+        return QUANTITIES[self.quantity][0] == "shaft"
+
+
+@dataclass(frozen=True, slots=True)
+class Inspected:
+    """One inspection with what became of it."""
+
+    standing: Standing
+
+    @property
+    def verdict(self) -> str:
+        """As it stands today."""
+        return "withdrawn" if self.standing.withdrawn else self.standing.last.status or ""
+
+    @property
+    def corrected(self) -> bool:
+        """Whether another entry stands in its place."""
+        return self.standing.last is not self.standing.entry
+
+
+def series(store: Store, since: str | None = None, quantity: str | None = None) -> list[Series]:
+    """The quantities of all valid and untrusted calibrations that weren't withdrawn, by sensor, oldest first."""
+    found: dict[tuple[str, str], list[tuple[Entry, float, float | None]]] = {}
+    for standing in store.standing("calibration", since):
+        if standing.withdrawn:
+            continue
+        record = store.record(standing.last)
+        sensor = str((record.get("sensor") or {}).get("name") or "sensor")
+        for key, (table, _) in QUANTITIES.items():
+            value = (record.get(table) or {}).get(key)
+            if value is not None and quantity in (None, key):
+                found.setdefault((sensor, key), []).append((standing.entry, float(value), _U(record, key)))
+    order = {key: k for k, key in enumerate(QUANTITIES)}
+    return [
+        Series(sensor, key, QUANTITIES[key][1], tuple(e for e, _, _ in readings), _chart(key, readings))
+        for (sensor, key), readings in sorted(found.items(), key=lambda item: (item[0][0], order[item[0][1]]))
+    ]
+
+
+def inspections(store: Store, since: str | None = None, part: str | None = None) -> list[Inspected]:
+    """Inspections, of one part or all, grouped by part and serial number, oldest first."""
+    found = [Inspected(s) for s in store.standing("inspection", since) if part in (None, s.last.part, s.entry.part)]
+    return sorted(found, key=lambda i: (i.standing.entry.part or "", i.standing.entry.serial or ""))
+
+
+def repeated(
+    store: Store, part: str, since: str | None = None, quantity: str | None = None
+) -> dict[str, list[tuple[str, str, float]]]:
+    """Rows (operator, serial, value) of each characteristic that was measured in all inspections of a part.
+
+    Raises:
+        NotEnoughData: no such inspections, or one without operator or serial number.
+    """
+    rows: dict[str, list[tuple[str, str, float]]] = {}
+    taken = [i.standing for i in inspections(store, since, part) if not i.standing.withdrawn]
+    for standing in taken:
+        entry = standing.entry
+        if entry.operator is None or entry.serial is None:
+            lacks = "operator" if entry.operator is None else "serial number"
+            raise NotEnoughData(f"entry {entry.number} has no {lacks}; a study needs both: inspect --operator --serial")
+        for label, value in _measured(store.record(standing.last)).items():
+            if quantity in (None, label, label.partition(" ")[0]):
+                rows.setdefault(label, []).append((entry.operator, entry.serial, value))
+    whole = {label: found for label, found in rows.items() if len(found) == len(taken)}
+    if not whole:
+        what = "inspections" if quantity is None else f"values of {quantity}"
+        raise NotEnoughData(f"found no {what} of part {part!r} to study; truestand history lists them")
+    return whole
+
+
+def _measured(record: Mapping[str, Any]) -> dict[str, float]:
+    """The whole part's characteristics, by name, flank, section and unit, as far as they were measured."""
+    found = {}
+    for c in record.get("characteristics") or []:
+        unit = "mm" if "value_mm" in c else "um"
+        value = c.get(f"value_{unit}")
+        if c.get("tooth") is None and value is not None:
+            words = (c["name"], c.get("flank"), c.get("section"), f"({'mm' if unit == 'mm' else 'µm'})")
+            found[" ".join(str(w) for w in words if w)] = float(value)
+    return found
+
+
+def _U(record: Mapping[str, Any], key: str) -> float | None:  # noqa: N802
+    known = (record.get("uncertainty") or {}).get(key)
+    return None if known is None else float(known["U"])
+
+
+def _chart(key: str, readings: list[tuple[Entry, float, float | None]]) -> ControlChart:
+    period = 360.0 if key in DIRECTIONS else None
+    return control_chart([v for _, v, _ in readings], [U for _, _, U in readings], period)

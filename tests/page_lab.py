@@ -1,0 +1,159 @@
+"""A page that is really served, on a port of its own, with a fake worker; and a client that speaks plain HTTP."""
+
+import asyncio
+import http.client
+import json
+import socket
+import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from websockets.sync.client import connect
+
+from truestand.files.recipes import write_starters
+from truestand.web.hub import Hub
+from truestand.web.kept import Kept
+from truestand.web.page import Page, Settings
+from truestand.web.runner import Runner
+from truestand.web.serving import Binding, Server, bind, config
+from truestand.web.tasks import ask
+from truestand.web.users import Gatekeeper, make_user, users_path, write_users
+
+WORKER = (sys.executable, str(Path(__file__).with_name("page_worker.py")))
+PASSWORD = "correct horse battery"
+SERVERS = {}
+"""By port, to look into."""
+
+
+def make_page(folder, users=(), **more):
+    if not (folder / "stand.toml").exists():
+        write_starters(folder)
+    settings = Settings(folder / "stand.toml", folder / "shaft.toml", folder / "results")
+    if users:
+        write_users(users_path(settings.store), {name: make_user(name, role, PASSWORD) for name, role in users})
+    hub = Hub()
+    gatekeeper = Gatekeeper(users_path(settings.store))
+    return Page(settings, Kept(settings.store), Runner(hub, WORKER), hub, gatekeeper, ask, **more)
+
+
+@contextmanager
+def served(page, **binding):
+    """Its port."""
+    at = Binding(port=0, **binding)
+    listening = bind(at)
+    ready = threading.Event()
+    server = Server(config(page, at), page.runner, ready.set)
+    thread = threading.Thread(target=lambda: asyncio.run(server.serve([listening])))
+    thread.start()
+    try:
+        assert ready.wait(60.0)
+        port = listening_port(server)
+        SERVERS[port] = server
+        yield port
+    finally:
+        server.should_exit = True
+        thread.join(60.0)
+        assert not thread.is_alive()
+
+
+def listening_port(server):
+    return server.servers[0].sockets[0].getsockname()[1]
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: http.client.HTTPMessage
+    body: bytes
+
+    @property
+    def json(self):
+        return json.loads(self.body)
+
+    @property
+    def problem(self):
+        return self.json["problem"]
+
+
+@dataclass
+class Client:
+    """Keeps the cookie and sends the token with every write, as the page does."""
+
+    port: int
+    cookie: str = ""
+    csrf: str = ""
+    log: list = field(default_factory=list)
+
+    def ask(self, method, path, body=None, headers=None, timeout=20.0):
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=timeout)
+        sent = {} if not self.cookie else {"Cookie": f"truestand={self.cookie}"}
+        if method not in ("GET", "HEAD") and self.csrf:
+            sent["X-CSRF-Token"] = self.csrf
+        if body is not None and not isinstance(body, bytes):
+            body, sent["Content-Type"] = json.dumps(body).encode(), "application/json"
+        try:
+            connection.request(method, path, body, {**sent, **(headers or {})})
+            got = connection.getresponse()
+            answer = Answer(got.status, got.headers, got.read())
+        finally:
+            connection.close()
+        given = answer.headers.get("Set-Cookie", "")
+        if given.startswith("truestand="):
+            self.cookie = given.partition("=")[2].partition(";")[0]
+        return answer
+
+    def get(self, path, **more):
+        return self.ask("GET", path, **more)
+
+    def post(self, path, body=None, **more):
+        return self.ask("POST", path, body, **more)
+
+    def session(self):
+        told = self.get("/api/session").json
+        self.csrf = told["csrf"]
+        return told
+
+    def login(self, user, password=PASSWORD):
+        self.session()
+        answer = self.post("/api/login", {"user": user, "password": password})
+        if answer.status == 200:
+            self.csrf = answer.json["csrf"]
+        return answer
+
+    def live(self, **headers):
+        """A WebSocket."""
+        sent = {"Cookie": f"truestand={self.cookie}"} | headers
+        return connect(f"ws://127.0.0.1:{self.port}/api/live", additional_headers=sent, compression=None, proxy=None)
+
+
+def raw(port, request, timeout=10.0):
+    """What comes back for bytes as they are."""
+    with socket.create_connection(("127.0.0.1", port), timeout=timeout) as connection:
+        connection.sendall(request)
+        got = b""
+        try:
+            while block := connection.recv(65536):
+                got += block
+        except (ConnectionResetError, TimeoutError):
+            pass
+        return got
+
+
+def snapshot(folder):
+    """Every file of a folder and what is in it."""
+    return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def main(folder):
+    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER`` prints the port."""
+    page, at = make_page(Path(folder)), Binding(port=0)
+    listening = bind(at)
+    server = Server(config(page, at), page.runner, lambda: print(listening_port(server), flush=True))
+    threading.Thread(target=lambda: (sys.stdin.read(), setattr(server, "should_exit", True)), daemon=True).start()
+    asyncio.run(server.serve([listening]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

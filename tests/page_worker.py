@@ -1,0 +1,92 @@
+"""A worker that speaks like truestand.station.worker and does what the order's ``serial`` asks for; no stand needed."""
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+RATE = 50.0
+"""Live events in a second."""
+
+
+def kept_waiting(pid="self"):
+    """s that a process's main thread was ready to run and other programs had the cores; 0 where nobody counts."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
+    except OSError:
+        return 0.0
+
+
+def tell(**event):
+    """One line; the seconds that its reader made it wait."""
+    line, began, waited = json.dumps(event) + "\n", time.perf_counter(), kept_waiting()
+    sys.stdout.write(line)
+    sys.stdout.flush()
+    return time.perf_counter() - began - (kept_waiting() - waited)
+
+
+def live(n):
+    profile = {
+        "x": [round(i * 0.1, 3) for i in range(160)],
+        "z": [70.0 + i * 0.01 if i % 7 else None for i in range(160)],
+    }
+    sensor = {"name": "front", "frames_per_s": 200.0, "profiles": n, "lost": 0, "profile": profile}
+    return tell(event="live", state="recording", done=min(n / 500, 1.0), position_deg=float(n), sensors=[sensor])
+
+
+def turn(until):
+    """Live events until a file or a signal says stop; how many, and the longest that one was held up."""
+    n, longest, next_one = 0, 0.0, time.perf_counter()
+    while not until():
+        n += 1
+        longest = max(longest, live(n))
+        next_one += 1 / RATE
+        time.sleep(max(0.0, next_one - time.perf_counter()))
+    return n, longest
+
+
+def interrupt(number, frame):
+    raise KeyboardInterrupt
+
+
+def main():
+    order = json.loads(sys.stdin.readline())
+    folder = Path(order["folder"])
+    folder.mkdir(parents=True)
+    (folder / "order.json").write_text(json.dumps(order))
+    does = order.get("serial") or "quick"
+    signal.signal(signal.SIGINT, signal.SIG_IGN if does == "stubborn" else interrupt)
+    tell(event="step", name="acquire", state="running")
+    try:
+        if does == "crash":
+            print("Segmentation fault", file=sys.stderr)
+            os._exit(3)
+        if does == "fail":
+            tell(event="step", name="acquire", state="failed")
+            tell(event="failed", message="found <b>no shaft</b>")
+            return 1
+        if does == "garbage":
+            print("no json\n[1, 2]\nnull\n" + '{"event": "step"}\n' + '{"event": 7}\n' + "x" * 3_000_000)
+        if does in ("long", "stubborn"):
+            n, longest = turn(lambda: (folder / "stop").exists())
+            (folder.parent / "told.json").write_text(json.dumps({"told": n, "longest": longest}))
+        else:
+            for n in range(5):
+                live(n)
+    except KeyboardInterrupt:
+        time.sleep(0.2)
+        (folder / "stopped").write_text("the table stands still")
+        tell(event="step", name="acquire", state="failed")
+        tell(event="aborted")
+        return 130
+    for name in ("acquire", "evaluate", "report", "keep"):
+        tell(event="step", name=name, state="running")
+        tell(event="step", name=name, state="done")
+    tell(event="done", number=None, verdict=None, status="valid", message="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""The newest to everyone, a backlog to nobody."""
+
+import asyncio
+import json
+import threading
+import time
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from truestand.web.hub import Hub
+from truestand.web.routes import live
+
+
+def until(socket, accepts, within=10.0):
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        event = json.loads(socket.recv(timeout=within))
+        if accepts(event):
+            return event
+    raise AssertionError
+
+
+def test_a_job_is_seen_from_start_to_end(client):
+    with client.live() as socket:
+        client.post("/api/jobs", {"kind": "calibrate", "serial": "long"})
+        event = until(socket, lambda e: e["type"] == "live")
+        assert set(event["live"]) == {"state", "done", "position_deg", "sensors"}
+        assert len(event["live"]["sensors"][0]["profile"]["x"]) == 160
+        job = client.get("/api/jobs/current").json
+        client.post(f"/api/jobs/{job['id']}/abort")
+        until(socket, lambda e: e["type"] == "job" and e["job"]["state"] == "aborted")
+
+
+def test_who_comes_later_sees_how_it_stands(client, page):
+    client.post("/api/jobs", {"kind": "calibrate", "serial": "fail"})
+    page.runner._reader.join(20)
+    with client.live() as socket:
+        event = json.loads(socket.recv(timeout=5))
+        assert event["type"] == "job" and event["job"]["state"] == "failed"
+        with pytest.raises(TimeoutError):
+            socket.recv(timeout=0.3)
+
+
+def test_nothing_is_taken_from_listeners(client):
+    for message in ("hello", b"\x00" * 100, "{" * 4000):
+        with client.live() as socket, pytest.raises(ConnectionClosed):
+            socket.send(message)
+            socket.recv(timeout=5)
+    with client.live() as socket, pytest.raises(ConnectionClosed):
+        socket.send("x" * 10_000_000)
+        socket.recv(timeout=5)
+
+
+def test_too_many_listeners_are_asked_to_come_later(client, monkeypatch):
+    monkeypatch.setattr(live, "MOST", 1)
+    with client.live() as first:
+        with client.live() as second, pytest.raises(ConnectionClosed) as refused:
+            second.recv(timeout=5)
+        assert refused.value.rcvd.code == live.LATER
+        first.ping().wait(5)
+
+
+def test_a_slow_listener_gets_the_newest_only():
+    async def listen():
+        hub = Hub()
+        listener = hub.listen()
+        for n in range(10_000):
+            hub.publish("live", str(n))
+            if n % 1000 == 0:
+                hub.publish("job", f"job {n}")
+        first = await listener.next()
+        hub.publish("live", "last")
+        return first, await listener.next()
+
+    assert asyncio.run(listen()) == (["job 9000", "9999"], ["last"])
+
+
+def test_publishing_from_a_thread_wakes_listeners():
+    async def listen():
+        hub = Hub()
+        listener = hub.listen()
+        threading.Timer(0.05, hub.publish, ("live", "came")).start()
+        async with asyncio.timeout(5):
+            return await listener.next()
+
+    assert asyncio.run(listen()) == ["came"]
+
+
+def test_publishing_costs_the_same_however_many_listen():
+    async def cost(listeners):
+        hub = Hub()
+        kept = [hub.listen() for _ in range(listeners)]
+        began = time.perf_counter()
+        for n in range(20_000):
+            hub.publish("live", str(n))
+        return time.perf_counter() - began, kept
+
+    few, many = asyncio.run(cost(1))[0], asyncio.run(cost(100))[0]
+    assert many < 3 * few + 0.05

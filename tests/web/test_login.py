@@ -1,0 +1,266 @@
+"""Users, passwords, sessions, and what slows guessing down."""
+
+import contextlib
+import os
+import stat
+import sys
+import time
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from command import run
+from page_lab import PASSWORD, Client, make_page, served
+from truestand.core.errors import BadRecipe
+from truestand.web.routes import live
+from truestand.web.sessions import Sessions
+from truestand.web.throttle import RULES, Throttle
+from truestand.web.users import Gatekeeper, make_user, read_users, users_path, write_users
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
+
+
+class Clock:
+    now = 1000.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_login_and_logout(visitor):
+    told = visitor.session()
+    assert told["login_needed"] and told["user"] is None and told["role"] is None
+    assert visitor.get("/api/home").status == 401
+    answer = visitor.login("olga")
+    assert answer.json["user"] == "olga" and answer.json["role"] == "operator"
+    assert visitor.get("/api/home").status == 200
+    copied = Client(visitor.port, visitor.cookie)
+    assert visitor.post("/api/logout").status == 200
+    assert visitor.get("/api/home").status == 401
+    assert copied.get("/api/home").status == 401
+
+
+def test_a_login_changes_the_cookie(visitor):
+    """A cookie that someone planted beforehand is worth nothing afterwards."""
+    visitor.session()
+    planted = visitor.cookie
+    assert visitor.login("olga").status == 200
+    assert visitor.cookie != planted
+    assert Client(visitor.port, planted).get("/api/home").status == 401
+
+
+@pytest.mark.parametrize("cookie", ["", "x", "a" * 43, "../../etc/passwd", "a" * 5000, "%00"])
+def test_a_made_up_cookie_is_nobody(visitor, cookie):
+    assert Client(visitor.port, cookie).get("/api/home").status == 401
+
+
+def test_wrong_names_and_passwords_are_told_alike(visitor):
+    answers = [visitor.login("olga", "wrong password"), visitor.login("nobody", PASSWORD), visitor.login("eve", "x")]
+    assert {a.status for a in answers} == {401}
+    assert len({a.body for a in answers}) == 1
+
+
+def test_a_name_that_nobody_has_takes_as_long(tmp_path):
+    write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
+    gatekeeper, took = Gatekeeper(tmp_path / "u"), {}
+    for name in ("olga", "eve") * 3:
+        began = time.perf_counter()
+        assert gatekeeper.check(name, "wrong password") is None
+        took[name] = min(took.get(name, 9.0), time.perf_counter() - began)
+    assert 0.5 < took["olga"] / took["eve"] < 2.0
+
+
+def test_guessing_is_slowed_down(visitor):
+    visitor.session()
+    answers = [visitor.post("/api/login", {"user": "olga", "password": f"guess {k}"}) for k in range(8)]
+    assert [a.status for a in answers[: RULES["address"].free]] == [401] * RULES["address"].free
+    assert answers[-1].status == 429 and int(answers[-1].headers["Retry-After"]) >= 1
+    assert visitor.login("olga").status == 429  # even with the right password
+
+
+def test_throttle_forgets_and_spares_others():
+    clock = Clock()
+    throttle = Throttle(clock)
+    here, there = ("address", "10.0.0.1"), ("address", "10.0.0.2")
+    waits = [throttle.attempt(here) for _ in range(6)]
+    assert waits[:5] == [0.0] * 5 and waits[5] == 1.0
+    assert throttle.attempt(there) == 0.0
+    clock.now += 1.0
+    assert throttle.attempt(here) == 0.0 and throttle.attempt(here) == 2.0
+    for _ in range(40):
+        clock.now += RULES["address"].longest
+        assert throttle.attempt(here) == 0.0
+    assert throttle.attempt(here) == RULES["address"].longest
+    clock.now += 1e4
+    assert throttle.attempt(here) == 0.0
+
+
+def test_nobody_is_locked_out_for_long_by_others():
+    clock = Clock()
+    throttle = Throttle(clock)
+    for k in range(2000):
+        throttle.attempt(("address", str(k)), ("user", "olga"))
+    assert throttle.attempt(("address", "own"), ("user", "olga")) <= RULES["user"].longest
+
+
+def test_an_own_account_does_not_reset_the_count_of_an_address():
+    throttle = Throttle(Clock())
+    here = ("address", "10.0.0.1")
+    for k in range(4):
+        assert throttle.attempt(here, ("user", f"guessed {k}")) == 0.0
+    assert throttle.attempt(here, ("user", "own")) == 0.0
+    throttle.succeeded(here, ("user", "own"))
+    assert throttle.attempt(here, ("user", "guessed")) == 0.0
+    assert throttle.attempt(here, ("user", "guessed")) > 0.0
+
+
+def test_sessions_end_when_idle_and_in_any_case():
+    clock = Clock()
+    sessions = Sessions(idle=600.0, clock=clock)
+    cookie = sessions.begin("olga")
+    for _ in range(10):
+        clock.now += 500.0
+        assert sessions.user(cookie) == "olga"
+    clock.now += 500.0
+    assert sessions.user(cookie, seen=False) == "olga"  # a page that only listens is not use
+    clock.now += 101.0
+    assert sessions.user(cookie) is None
+    cookie = sessions.begin("olga")
+    for _ in range(100):
+        clock.now += 500.0
+        sessions.user(cookie)
+    assert sessions.user(cookie) is None
+
+
+def test_sessions_take_bounded_memory():
+    sessions = Sessions()
+    first = sessions.begin("olga")
+    for _ in range(600):
+        sessions.begin("olga")
+    assert len(sessions._sessions) <= 500
+    assert sessions.user(first) is None
+
+
+def test_a_visitor_is_not_remembered(visitor, guarded_page):
+    for _ in range(20):
+        Client(visitor.port).session()
+    assert not guarded_page.sessions._sessions
+
+
+def test_a_removed_user_is_out_at_once(visitor, guarded_page):
+    visitor.login("olga")
+    assert visitor.get("/api/home").status == 200
+    users = read_users(guarded_page.gatekeeper.path)
+    del users["olga"]
+    time.sleep(0.01)
+    write_users(guarded_page.gatekeeper.path, users)
+    assert visitor.get("/api/home").status == 401
+
+
+def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
+    monkeypatch.setattr(live, "LOGIN", 0.2)
+    visitor.login("olga")
+    with visitor.live() as socket:
+        assert visitor.post("/api/logout").status == 200
+        with pytest.raises(ConnectionClosed):
+            socket.recv(timeout=5)
+    with contextlib.suppress(InvalidStatus):
+        visitor.live()
+        raise AssertionError
+
+
+def test_no_secret_gets_into_what_the_server_prints(tmp_path, capfd):
+    page = make_page(tmp_path, (("olga", "operator"),))
+    with served(page) as port:
+        visitor = Client(port)
+        visitor.login("olga", "wrong password")
+        visitor.login("olga")
+        visitor.get("/api/home")
+        visitor.post("/api/login", {"user": "olga", "password": 7})
+        got = visitor.post("/api/login", {"user": "olga", "password": PASSWORD, "more": PASSWORD})
+    assert got.status == 422 and PASSWORD not in got.body.decode()
+    printed = "".join(capfd.readouterr())
+    for secret in (PASSWORD, "wrong password", visitor.cookie, visitor.csrf):
+        assert secret not in printed
+
+
+def test_no_secret_is_taken_from_an_address(visitor):
+    assert visitor.get(f"/api/login?user=olga&password={PASSWORD.replace(' ', '+')}").status in (404, 405)
+    visitor.session()
+    assert visitor.post("/api/login?user=olga&password=x").status == 422
+    visitor.login("olga")
+    cookie, visitor.cookie = visitor.cookie, ""
+    assert visitor.get(f"/api/home?truestand={cookie}&session={cookie}").status == 401
+
+
+@posix
+def test_the_file_of_users_is_for_its_owner_only(tmp_path):
+    before = os.umask(0)
+    try:
+        write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "u").stat().st_mode) == 0o600
+    assert PASSWORD not in (tmp_path / "u").read_text()
+    (tmp_path / "u").chmod(0o640)
+    with pytest.raises(BadRecipe, match="chmod 600"):
+        read_users(tmp_path / "u")
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "truestand.users", "users": [{"name": "x"}]}',
+                                  '{"format": "truestand.users", "users": 7}'])  # fmt: skip
+def test_a_damaged_file_of_users_lets_nobody_in(tmp_path, text):
+    path = tmp_path / "u"
+    path.write_text(text)
+    path.chmod(0o600)
+    with pytest.raises(BadRecipe, match="no list of users"):
+        read_users(path)
+
+
+UNFIT = [("", PASSWORD), ("a/b", PASSWORD), ("<b>", PASSWORD), ("x" * 65, PASSWORD), ("olga", "short"),
+         ("olga", "x" * 2000)]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "password"), UNFIT)
+def test_names_and_passwords_that_will_not_do(name, password):
+    with pytest.raises(BadRecipe, match="need"):
+        make_user(name, "operator", password)
+
+
+def test_passwords_are_salted():
+    assert make_user("a", "operator", PASSWORD).hash != make_user("a", "operator", PASSWORD).hash
+
+
+def test_users_are_added_and_removed_at_the_command_line(tmp_path, monkeypatch):
+    import subprocess
+
+    def serve(*arguments, typed=""):
+        command = [
+            sys.executable,
+            "-W",
+            "error",
+            "-m",
+            "truestand",
+            "serve",
+            "--stand",
+            tmp_path / "stand.toml",
+            *arguments,
+        ]
+        return subprocess.run(command, input=typed, capture_output=True, text=True, check=False)
+
+    done = serve("--add-user", "erik", "--role", "engineer", typed=f"{PASSWORD}\n")
+    assert done.returncode == 0 and "erik (engineer)" in done.stdout and PASSWORD not in done.stdout + done.stderr
+    path = users_path(tmp_path / "results")
+    assert Gatekeeper(path).check("erik", PASSWORD).role == "engineer"
+    assert serve("--add-user", "olga", typed="short\n").returncode == 2
+    assert serve("--remove-user", "eve").returncode == 2
+    assert serve("--remove-user", "erik").returncode == 0
+    assert read_users(path) == {}
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_others_are_not_served_without_users(tmp_path, host):
+    make_page(tmp_path)
+    done = run("serve", "--stand", tmp_path / "stand.toml", "--host", host, "--port", "0")
+    assert done.returncode == 2
+    assert "--add-user" in done.stderr and done.stderr.count("\n") == 1

@@ -1,0 +1,300 @@
+"""Results out of a real store, over HTTP."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from truestand.core.errors import UnreadableFile
+from truestand.files.clouds import open_cloud, write_cloud
+from truestand.store import Store
+from truestand.web.clouds import choose, thin_out
+from truestand.web.kept import Kept
+from truestand.web.routes.home import _over
+from truestand.web.security import REPORT_CSP
+
+EVIL = "<img src=x onerror=alert(1)>"
+
+
+def calibration(status="valid", until=None):
+    found = {"status": status, "reasons": [] if status == "valid" else ["few"], "valid_until": until}
+    return {"format": "truestand.calibration", "version": 1, "artefact": {"name": "shaft M"}, **found}
+
+
+def inspection(verdict="conforms", name="demo wheel", **more):
+    return {"format": "truestand.inspection", "version": 1, "verdict": verdict, "part": {"name": name, **more}}
+
+
+@pytest.fixture
+def store(page):
+    return Store.open(page.settings.store, create=True)
+
+
+def cloud(path, profiles=600, points=500, seed=1):
+    """A cloud with a dent of a few points."""
+    rng = np.random.default_rng(seed)
+    x, y, z = (rng.normal(size=(profiles, points)) for _ in range(3))
+    x[0, :5] = np.nan
+    deviation = rng.normal(scale=3.0, size=x.shape)
+    deviation[100:102, 200:202] = -80.0
+    deviation[:, :50] = np.nan
+    write_cloud(path, x, y, z, deviation)
+    return path
+
+
+def numbers(answer):
+    return [entry["number"] for entry in answer.json]
+
+
+def test_an_empty_stand_has_no_results(client, page):
+    assert client.get("/api/results").json == []
+    assert client.get("/api/results/1").status == 404
+    assert client.get("/api/home").json["calibration"]["state"] == "none"
+    assert client.get("/api/history").json == {"quantities": []}
+    assert client.get("/api/audit").json == {"findings": []}
+    assert not page.settings.store.exists()
+
+
+def test_results_are_listed_newest_first_and_by_page(client, store):
+    for k in range(7):
+        store.add("inspection", inspection(serial=str(k)), operator="Anna")
+    store.add("calibration", calibration())
+    assert numbers(client.get("/api/results")) == [8, 7, 6, 5, 4, 3, 2, 1]
+    assert numbers(client.get("/api/results?limit=3")) == [8, 7, 6]
+    assert numbers(client.get("/api/results?limit=3&before=6")) == [5, 4, 3]
+    assert numbers(client.get("/api/results?kind=calibration")) == [8]
+    assert numbers(client.get("/api/results?part=demo%20wheel&limit=2")) == [7, 6]
+    assert numbers(client.get("/api/results?part=gear&limit=2")) == [7, 6]  # by its recipe
+    assert numbers(client.get("/api/results?part=none")) == []
+    first = client.get("/api/results/1").json
+    assert first["entry"]["serial"] == "0" and first["entry"]["operator"] == "Anna"
+    assert first["entry"]["title"] == first["entry"]["part"] == "demo wheel" and first["entry"]["verdict"] == "conforms"
+    assert first["record"] == inspection(serial="0")
+
+
+def test_corrections_keep_the_original(client, store):
+    store.add("calibration", calibration("untrusted"))
+    store.add("calibration", calibration())
+    store.correct(1, calibration(until="2000-01-01"), reason="the certificate's date was wrong")
+    assert [(e["number"], e["kind"], e["corrected_by"]) for e in client.get("/api/results").json] == [
+        (3, "calibration", None), (2, "calibration", None), (1, "calibration", 3)]  # fmt: skip
+    assert client.get("/api/home").json["calibration"]["number"] == 2  # the newest, not the last correction
+    store.correct(2, None, reason="wrong shaft")
+    told = client.get("/api/home").json["calibration"]
+    assert told["number"] == 3 and told["state"] == "expired"
+    assert client.get("/api/results/4").json["record"] == {}
+
+
+@pytest.mark.parametrize(("record", "state"), [(calibration(), "valid"), (calibration("untrusted"), "untrusted"),
+                                               (calibration(until="2001-01-01"), "expired"),
+                                               (calibration(until="2999-01-01T00:00:00Z"), "valid")])  # fmt: skip
+def test_home_says_what_the_calibration_is_worth(client, store, record, state):
+    store.add("calibration", record)
+    told = client.get("/api/home").json
+    assert told["calibration"]["state"] == state and told["calibration"]["reasons"] == record["reasons"]
+    assert [e["number"] for e in told["last"]] == [1]
+
+
+def test_a_day_counts_to_its_end():
+    from datetime import UTC, datetime
+
+    now = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
+    assert not _over("2026-11-21", now) and _over("2026-11-20", now) and not _over(None, now) and _over("soon", now)
+
+
+def test_a_report_runs_nothing(client, store, tmp_path):
+    (tmp_path / "r.html").write_text(f"<h1>{EVIL}</h1><script>alert(1)</script>")
+    store.add("inspection", inspection(), {"report": tmp_path / "r.html"})
+    store.add("inspection", inspection())
+    answer = client.get("/api/results/1/report")
+    assert answer.headers["content-type"].startswith("text/html")
+    assert answer.headers["content-security-policy"] == REPORT_CSP
+    assert REPORT_CSP.startswith("sandbox; default-src 'none'") and "script" not in REPORT_CSP
+    assert answer.headers["content-disposition"].startswith("inline")
+    assert client.get("/api/results/1/report?download=1").headers["content-disposition"].startswith("attachment")
+    assert client.get("/api/results/2/report").status == 404
+
+
+def test_names_from_the_store_are_data(client, store):
+    store.add("inspection", inspection(name=EVIL, serial=EVIL), operator=EVIL)
+    for path in ("/api/results", "/api/results/1", "/api/home"):
+        answer = client.get(path)
+        assert answer.headers["content-type"] == "application/json" and EVIL in answer.body.decode()
+
+
+def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
+    store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
+    answer = client.get("/api/results/1/cloud?points=20000")
+    assert answer.status == 200 and answer.headers["content-type"] == "application/octet-stream"
+    (n,) = struct.unpack("<I", answer.body[:4])
+    assert 19_000 <= n <= 20_000 and len(answer.body) == 4 + 16 * n
+    x, y, z, deviation = np.frombuffer(answer.body[4:], "<f4").reshape(4, n)
+    assert np.isfinite([x, y, z]).all() and np.isnan(deviation).any()
+    assert np.count_nonzero(deviation == -80.0) == 4  # the dent of four points among 300,000 is still there
+    assert len(list(page.settings.cache_folder.iterdir())) == 1
+    assert client.get("/api/results/1/cloud?points=20000").body == answer.body
+    assert client.get("/api/results/1/cloud?points=9000000").status == 422
+    assert client.get("/api/results/2/cloud").status == 404
+
+
+def test_a_changed_cloud_is_not_shown(client, store, tmp_path):
+    store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
+    (kept,) = [p for p in (tmp_path / "results" / "evidence").rglob("*") if p.is_file() and p.stat().st_size > 100_000]
+    kept.chmod(0o644)
+    with kept.open("r+b") as file:
+        file.seek(5000)
+        file.write(b"\x01")
+    answer = client.get("/api/results/1/cloud")
+    assert answer.status == 409 and "changed since" in answer.problem
+    assert any(f["what"] == "evidence changed" for f in client.get("/api/audit").json["findings"])
+
+
+def test_all_points_of_a_small_cloud_are_shown(tmp_path):
+    n = thin_out(cloud(tmp_path / "c.ply", 10, 20), tmp_path / "o.bin", 200_000)
+    assert n == 195
+
+
+def test_a_cloud_without_deviations_has_none(tmp_path):
+    x = np.random.default_rng(2).normal(size=(50, 60))
+    write_cloud(tmp_path / "c.ply", x, x, x)
+    assert thin_out(tmp_path / "c.ply", tmp_path / "o.bin", 1000) == 1000
+    assert np.isnan(np.frombuffer((tmp_path / "o.bin").read_bytes()[4:], "<f4")[3000:]).all()
+
+
+def test_points_are_chosen_evenly_and_never_too_many():
+    deviation = np.full(1_000_000, np.nan, dtype=np.float32)
+    chosen = choose(deviation.size, deviation, 1000)
+    assert 900 <= chosen.size <= 1000 and np.ptp(np.diff(chosen)) <= 1
+    deviation[:] = np.random.default_rng(3).normal(size=deviation.size)
+    chosen = choose(deviation.size, deviation, 1000)
+    assert chosen.size <= 1000 and (np.diff(chosen) > 0).all()
+    assert set(np.argsort(np.abs(deviation))[-50:]) <= set(chosen)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda b: b[:-1],
+        lambda b: b[:50],
+        lambda b: b"",
+        lambda b: b[4:],
+        lambda b: b.replace(b"float z", b"list z"),
+        lambda b: b"x" * 5000,
+    ],
+)
+def test_a_damaged_cloud_is_refused(tmp_path, damage):
+    path = cloud(tmp_path / "c.ply", 10, 20)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(UnreadableFile):
+        open_cloud(path)
+
+
+def test_the_cache_forgets_what_was_not_looked_at(client, page, store, tmp_path, monkeypatch):
+    from truestand.web.routes import evidence
+
+    monkeypatch.setattr(evidence, "CACHED", 2)
+    store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply", 100, 100)})
+    for points in (1000, 2000, 3000, 4000):
+        client.get(f"/api/results/1/cloud?points={points}")
+    assert sorted(int(p.stem.split("-")[1]) for p in page.settings.cache_folder.iterdir()) == [3000, 4000]
+
+
+def test_a_store_is_read_again_only_where_something_came(store):
+    kept = Kept(store.folder)
+    store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [1]
+    before = kept._entries
+    kept.entries()
+    assert kept._entries is before
+    store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [2, 1]
+
+
+def test_a_damaged_store_is_told(client, page, store):
+    store.add("calibration", calibration())
+    (page.settings.store / "store.db").write_bytes(b"no database")
+    answer = client.get("/api/results")
+    assert answer.status == 409 and "audit" in answer.problem
+
+
+def line(name, value, **more):
+    own = {"U_mm": 0.004} if "value_mm" in more else {"value_um": value, "U_um": 2.0}
+    seen = {"coverage": 1.0, "status": "measured", "verdict": None}
+    return {"name": name, "flank": None, "tooth": None, **seen, **own, **more}
+
+
+def test_trends_of_calibrations_have_limits_and_findings(client, store):
+    for k in range(12):
+        record = calibration() | {"sensor": {"name": "front", "phi_deg": -41.8 + 0.001 * (k % 2)}}
+        store.add("calibration", record | {"uncertainty": {"phi_deg": {"U": 0.05, "k": 2}}})
+    store.add("calibration", calibration() | {"sensor": {"name": "front", "phi_deg": -40.0}})
+    (phi,) = client.get("/api/history").json["quantities"]
+    assert (phi["name"], phi["label"], phi["unit"]) == ("phi_deg", "Angle φ", "°")
+    first = phi["points"][0]
+    assert len(phi["points"]) == 13 and (first["number"], first["value"], first["U"]) == (1, -41.8, 0.05)
+    assert phi["lower"] < phi["centre"] < phi["upper"]
+    assert phi["findings"][-1]["number"] == 13 and "beyond" in phi["findings"][-1]["text"]
+    store.correct(13, None, reason="another shaft")
+    assert len(client.get("/api/history").json["quantities"][0]["points"]) == 12
+
+
+def test_trends_of_a_part_are_by_characteristic_and_flank(client, store):
+    for k in range(3):
+        lines = [
+            line("F_p", 10.0 + k, flank="left", limit_um=20.0),
+            line("F_p", 11.0, flank="right", limit_um=20.0),
+            line("s", 0, value_mm=3.1, limits_mm=[3.0, 3.2]),
+            line("f_p", 3.0, tooth=4),
+        ]
+        store.add("inspection", inspection() | {"characteristics": lines})
+    store.add("inspection", inspection(name="another") | {"characteristics": [line("F_p", 99.0)]})
+    found = {q["name"]: q for q in client.get("/api/history?kind=inspection&part=gear").json["quantities"]}
+    assert list(found) == ["F_p left", "F_p right", "s"]
+    assert [p["value"] for p in found["F_p left"]["points"]] == [10.0, 11.0, 12.0]
+    assert found["F_p left"]["limit"] == 20.0 and found["F_p left"]["unit"] == "µm"
+    assert found["s"]["limits"] == [3.0, 3.2] and found["s"]["unit"] == "mm"
+    assert client.get("/api/history?kind=inspection&part=none").json == {"quantities": []}
+
+
+def test_characteristics_come_as_csv(client, store):
+    lines = [
+        line("F_p", 10.0, flank="left", limit_um=20.0),
+        line("f_Halpha", -3.0, limit_um=9.5),
+        line("=cmd()", 0, value_mm=3.1, limits_mm=[3.0, 3.2]),
+    ]
+    store.add("inspection", inspection() | {"part": {"kind": "gear", "name": "x"}, "characteristics": lines})
+    store.add("calibration", calibration())
+    store.add("inspection", inspection() | {"characteristics": [{"name": "F_p"}]})
+    answer = client.get("/api/results/1/characteristics.csv")
+    assert answer.status == 200 and answer.headers["content-type"] == "text/csv; charset=utf-8"
+    assert answer.headers["content-disposition"] == 'attachment; filename="inspection-1.csv"'
+    rows = [row.split(",") for row in answer.body.decode().split("\r\n")]
+    assert rows[1][0] == "F_p" and rows[1][8:10] == ["", "20.0"]
+    assert rows[2][8:10] == ["-9.5", "9.5"]
+    assert rows[3][0] == "'=cmd()" and rows[3][8:10] == ["3.0", "3.2"]
+    assert client.get("/api/results/2/characteristics.csv").status == 404
+    damaged = client.get("/api/results/3/characteristics.csv")
+    assert damaged.status == 409 and "damaged" in damaged.problem
+
+
+def test_a_calibration_comes_as_a_certificate(client, store):
+    released = Path(__file__).parent.parent / "released" / "calibration-1.json"
+    store.add("calibration", json.loads(released.read_text(encoding="utf-8")))
+    store.add("calibration", calibration("untrusted"))
+    store.add("inspection", inspection())
+    assert [e["has"]["certificate"] for e in client.get("/api/results").json] == [False, False, True]
+    answer = client.get("/api/results/1/certificate.xml")
+    assert answer.status == 200 and answer.headers["content-type"] == "application/xml"
+    assert b"digitalCalibrationCertificate" in answer.body and b"not stated" in answer.body
+    refused = client.get("/api/results/2/certificate.xml")
+    assert refused.status == 409 and "few" in refused.problem
+    assert client.get("/api/results/3/certificate.xml").status == 404
+
+
+def test_the_company_is_that_of_the_reports(client, tmp_path):
+    stand = tmp_path / "stand.toml"
+    assert client.session()["company"] == ""
+    stand.write_text(stand.read_text(encoding="utf-8") + '\n[company]\nname = "Gears & Sons"\n', encoding="utf-8")
+    assert client.session()["company"] == "Gears & Sons"

@@ -1,0 +1,121 @@
+"""``truestand serve`` as a user runs it."""
+
+import http.client
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from command import run
+from truestand.files.recipes import write_starters
+
+posix = pytest.mark.skipif(sys.platform == "win32", reason="signals")
+
+
+@contextmanager
+def serving(folder, *more):
+    """The process and its port."""
+    write_starters(folder, force=True)
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-m",
+        "truestand",
+        "serve",
+        "--stand",
+        folder / "stand.toml",
+        "--port",
+        "0",
+    ]
+    process = subprocess.Popen([*command, *more], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        line = process.stdout.readline()
+        assert line.startswith("truestand: serving "), process.communicate()
+        yield process, int(line.rstrip("/\n").rpartition(":")[2])
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def get(port, path):
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path)
+    answer = connection.getresponse()
+    read = answer.read()
+    connection.close()
+    return answer.status, read
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_one_line_says_the_address_and_it_ends_cleanly(tmp_path, number):
+    with serving(tmp_path) as (process, port):
+        status, told = get(port, "/api/session")
+        assert status == 200 and json.loads(told)["stand"] == tmp_path.name
+        process.send_signal(number)
+        out, err = process.communicate(timeout=20)
+        assert (process.returncode, out, err) == (0, "", "")
+
+
+@posix
+def test_it_ends_within_seconds_whoever_is_connected(tmp_path):
+    import socket
+
+    with serving(tmp_path) as (process, port):
+        crowd = [socket.create_connection(("127.0.0.1", port)) for _ in range(10)]
+        crowd[0].sendall(b"GET / HT")
+        began = time.monotonic()
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=20)
+        assert time.monotonic() - began < 10 and process.returncode == 0, err
+        for one in crowd:
+            one.close()
+
+
+def test_a_taken_port_is_told_in_one_line(tmp_path):
+    with serving(tmp_path) as (_, port):
+        done = run("serve", "--stand", tmp_path / "stand.toml", "--port", port)
+    assert done.returncode == 2 and "--port" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_stand_that_is_not_there_is_told(tmp_path):
+    assert run("serve", "--stand", tmp_path / "none.toml").returncode == 2
+
+
+def test_half_a_certificate_is_refused(tmp_path):
+    write_starters(tmp_path)
+    done = run("serve", "--stand", tmp_path / "stand.toml", "--tls-key", tmp_path / "k.pem")
+    assert done.returncode == 2 and "need both" in done.stderr
+
+
+def test_help_has_an_example():
+    assert "truestand serve --stand stand.toml --open" in run("serve", "--help").stdout
+
+
+def used(pid):
+    """MB resident and s of CPU."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6, (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="read from /proc")
+def test_idle_it_takes_little(tmp_path):
+    with serving(tmp_path) as (process, port):
+        for path in ("/", "/api/home", "/api/recipes/gear.toml", "/api/openapi.json", "/vendor/plotly.min.js") * 3:
+            get(port, path)
+        before, began = used(process.pid)[1], time.monotonic()
+        time.sleep(20)
+        memory, after = used(process.pid)
+        share = (after - before) / (time.monotonic() - began)
+    print(f"{memory:.0f} MB, {100 * share:.2f} % of a core")
+    assert memory < 200 and share < 0.05
