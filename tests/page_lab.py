@@ -28,7 +28,8 @@ SERVERS = {}
 
 
 def make_page(folder, users=(), **more):
-    write_starters(folder)
+    if not (folder / "stand.toml").exists():
+        write_starters(folder)
     settings = Settings(folder / "stand.toml", folder / "shaft.toml", folder / "results")
     if users:
         write_users(users_path(settings.store), {name: make_user(name, role, PASSWORD) for name, role in users})

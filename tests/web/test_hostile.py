@@ -110,7 +110,7 @@ def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
         for _ in range(4):
             lazy.sendall(f"GET /vendor/plotly.min.js HTTP/1.1\r\nHost: 127.0.0.1:{client.port}\r\n\r\n".encode())
         until = time.monotonic() + PATIENCE
-        while not any(t.get_write_buffer_size() for t in kept):
+        while not any(t.get_write_buffer_size() for t in list(kept)):
             assert time.monotonic() < until
         while kept:
             assert time.monotonic() < until

@@ -28,6 +28,8 @@ TABLE = {
     ("GET", "/api/results/{number}"): "operator",
     ("GET", "/api/results/{number}/report"): "operator",
     ("GET", "/api/results/{number}/cloud"): "operator",
+    ("GET", "/api/results/{number}/characteristics.csv"): "operator",
+    ("GET", "/api/results/{number}/certificate.xml"): "operator",
     ("GET", "/api/history"): "operator",
     ("GET", "/api/recipes"): "operator",
     ("GET", "/api/recipes/{file}"): "operator",

@@ -1,6 +1,8 @@
 """Results out of a real store, over HTTP."""
 
+import json
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -215,3 +217,84 @@ def test_a_damaged_store_is_told(client, page, store):
     (page.settings.store / "store.db").write_bytes(b"no database")
     answer = client.get("/api/results")
     assert answer.status == 409 and "audit" in answer.problem
+
+
+def line(name, value, **more):
+    own = {"U_mm": 0.004} if "value_mm" in more else {"value_um": value, "U_um": 2.0}
+    seen = {"coverage": 1.0, "status": "measured", "verdict": None}
+    return {"name": name, "flank": None, "tooth": None, **seen, **own, **more}
+
+
+def test_trends_of_calibrations_have_limits_and_findings(client, store):
+    for k in range(12):
+        record = calibration() | {"sensor": {"name": "front", "phi_deg": -41.8 + 0.001 * (k % 2)}}
+        store.add("calibration", record | {"uncertainty": {"phi_deg": {"U": 0.05, "k": 2}}})
+    store.add("calibration", calibration() | {"sensor": {"name": "front", "phi_deg": -40.0}})
+    (phi,) = client.get("/api/history").json["quantities"]
+    assert (phi["name"], phi["label"], phi["unit"]) == ("phi_deg", "Angle φ", "°")
+    first = phi["points"][0]
+    assert len(phi["points"]) == 13 and (first["number"], first["value"], first["U"]) == (1, -41.8, 0.05)
+    assert phi["lower"] < phi["centre"] < phi["upper"]
+    assert phi["findings"][-1]["number"] == 13 and "beyond" in phi["findings"][-1]["text"]
+    store.correct(13, None, reason="another shaft")
+    assert len(client.get("/api/history").json["quantities"][0]["points"]) == 12
+
+
+def test_trends_of_a_part_are_by_characteristic_and_flank(client, store):
+    for k in range(3):
+        lines = [
+            line("F_p", 10.0 + k, flank="left", limit_um=20.0),
+            line("F_p", 11.0, flank="right", limit_um=20.0),
+            line("s", 0, value_mm=3.1, limits_mm=[3.0, 3.2]),
+            line("f_p", 3.0, tooth=4),
+        ]
+        store.add("inspection", inspection() | {"characteristics": lines})
+    store.add("inspection", inspection(name="another") | {"characteristics": [line("F_p", 99.0)]})
+    found = {q["name"]: q for q in client.get("/api/history?kind=inspection&part=gear").json["quantities"]}
+    assert list(found) == ["F_p left", "F_p right", "s"]
+    assert [p["value"] for p in found["F_p left"]["points"]] == [10.0, 11.0, 12.0]
+    assert found["F_p left"]["limit"] == 20.0 and found["F_p left"]["unit"] == "µm"
+    assert found["s"]["limits"] == [3.0, 3.2] and found["s"]["unit"] == "mm"
+    assert client.get("/api/history?kind=inspection&part=none").json == {"quantities": []}
+
+
+def test_characteristics_come_as_csv(client, store):
+    lines = [
+        line("F_p", 10.0, flank="left", limit_um=20.0),
+        line("f_Halpha", -3.0, limit_um=9.5),
+        line("=cmd()", 0, value_mm=3.1, limits_mm=[3.0, 3.2]),
+    ]
+    store.add("inspection", inspection() | {"part": {"kind": "gear", "name": "x"}, "characteristics": lines})
+    store.add("calibration", calibration())
+    store.add("inspection", inspection() | {"characteristics": [{"name": "F_p"}]})
+    answer = client.get("/api/results/1/characteristics.csv")
+    assert answer.status == 200 and answer.headers["content-type"] == "text/csv; charset=utf-8"
+    assert answer.headers["content-disposition"] == 'attachment; filename="inspection-1.csv"'
+    rows = [row.split(",") for row in answer.body.decode().split("\r\n")]
+    assert rows[1][0] == "F_p" and rows[1][8:10] == ["", "20.0"]
+    assert rows[2][8:10] == ["-9.5", "9.5"]
+    assert rows[3][0] == "'=cmd()" and rows[3][8:10] == ["3.0", "3.2"]
+    assert client.get("/api/results/2/characteristics.csv").status == 404
+    damaged = client.get("/api/results/3/characteristics.csv")
+    assert damaged.status == 409 and "damaged" in damaged.problem
+
+
+def test_a_calibration_comes_as_a_certificate(client, store):
+    released = Path(__file__).parent.parent / "released" / "calibration-1.json"
+    store.add("calibration", json.loads(released.read_text(encoding="utf-8")))
+    store.add("calibration", calibration("untrusted"))
+    store.add("inspection", inspection())
+    assert [e["has"]["certificate"] for e in client.get("/api/results").json] == [False, False, True]
+    answer = client.get("/api/results/1/certificate.xml")
+    assert answer.status == 200 and answer.headers["content-type"] == "application/xml"
+    assert b"digitalCalibrationCertificate" in answer.body and b"not stated" in answer.body
+    refused = client.get("/api/results/2/certificate.xml")
+    assert refused.status == 409 and "few" in refused.problem
+    assert client.get("/api/results/3/certificate.xml").status == 404
+
+
+def test_the_company_is_that_of_the_reports(client, tmp_path):
+    stand = tmp_path / "stand.toml"
+    assert client.session()["company"] == ""
+    stand.write_text(stand.read_text(encoding="utf-8") + '\n[company]\nname = "Gears & Sons"\n', encoding="utf-8")
+    assert client.session()["company"] == "Gears & Sons"

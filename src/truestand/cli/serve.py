@@ -27,7 +27,7 @@ def serve(
         typer.Option(metavar="SHAFT.toml", help="The shaft; default: shaft.toml beside the stand."),
     ] = None,
     store: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The results store; default: results beside the stand.")
+        Path | None, typer.Option(metavar="DIR", help="The results store; default: as stand.toml says.")
     ] = None,
     host: Annotated[str, typer.Option(help="Address to serve at; one that others reach needs users.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 8620,
@@ -52,7 +52,6 @@ def serve(
             "--mqtt-password-file", metavar="FILE", help="The broker's password; default: $TRUESTAND_MQTT_PASSWORD."
         ),
     ] = None,
-    company: Annotated[str, typer.Option(help="Shown on the page.")] = "",
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     add_user: Annotated[
         str | None, typer.Option("--add-user", metavar="NAME", help="Add a user, or change one; asks for a password.")
@@ -65,7 +64,7 @@ def serve(
 
     Example: truestand serve --stand stand.toml --open
     """
-    kept = store or stand.parent / "results"
+    kept = store or _store_of(stand)
     if add_user is not None or remove_user is not None:
         _change_users(kept, add_user, role, remove_user, quiet)
         return
@@ -79,13 +78,18 @@ def serve(
     if (tls_certificate is None) != (tls_key is None):
         raise BadRecipe("found one of --tls-certificate and --tls-key, need both")
     read_stand(stand)
-    settings = Settings(
-        stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute(), company
-    )
+    settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute())
     binding = Binding(host, port, tuple(name or ()), tls_certificate, tls_key)
     page = make_page(settings)
     beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
     run(page, binding, lambda address: _told(stand, address, quiet), open_browser, beside)
+
+
+def _store_of(stand: Path) -> Path:
+    """As stand.toml says; beside it where it says nothing."""
+    from truestand.files.recipes import read_store_folder
+
+    return (read_store_folder(stand) if stand.is_file() else None) or stand.parent / "results"
 
 
 def _told(stand: Path, address: str, quiet: bool) -> None:

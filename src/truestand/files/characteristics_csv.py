@@ -5,6 +5,7 @@ Texts of others never begin like a formula: a spreadsheet would run it.
 
 import csv
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
 from truestand.core.inspection import Characteristic, Inspection
@@ -22,10 +23,15 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "|", "%")
 
 def characteristics_csv(inspection: Inspection) -> str:
     """The text: sizes in mm, deviations in um, with all digits of the record; empty where there is no number."""
+    return csv_of(inspection.characteristics)
+
+
+def csv_of(characteristics: Iterable[Characteristic]) -> str:
+    """The same of lines that come from anywhere."""
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\r\n")
     writer.writerow(COLUMNS)
-    writer.writerows(_row(c) for c in inspection.characteristics)
+    writer.writerows(_row(c) for c in characteristics)
     return out.getvalue()
 
 

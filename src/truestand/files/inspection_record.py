@@ -1,11 +1,14 @@
 """inspection.json (CONTRACT.md): an inspection with its keys and units. mm inside, um for deviations outside."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from truestand._version import __version__
 from truestand.core.calibration import Calibration, ScanSummary
+from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.files.records import scan_record, without_nan
+from truestand.gear.figures import NEVER_NEGATIVE
 
 Record = dict[str, Any]
 
@@ -66,6 +69,44 @@ def _characteristic(c: Characteristic) -> Record:
         unit = "U_mm" if c.size else "U_um"
         line["contributions"] = [{"name": b.name, unit: scale * b.U} for b in c.budget]
     return line
+
+
+def characteristics_from(record: Mapping[str, Any]) -> list[Characteristic]:
+    """The lines of a record, without their budgets.
+
+    Raises:
+        UnreadableFile: they are not as truestand writes them.
+    """
+    gear = (record.get("part") or {}).get("kind") == "gear"
+    try:
+        return [_line(c, gear) for c in record.get("characteristics") or []]
+    except (KeyError, TypeError, ValueError) as wrong:
+        raise UnreadableFile(f"inspection.json: found a damaged line ({wrong}); inspect again") from wrong
+
+
+def _line(c: Mapping[str, Any], gear: bool) -> Characteristic:
+    size = "value_mm" in c
+    unit, scale = ("mm", 1.0) if size else ("um", UM)
+    value, U = (None if (v := c.get(f"{key}_{unit}")) is None else float(v) / scale for key in ("value", "U"))
+    return Characteristic(
+        c["name"], value, U, c.get("flank"), c.get("tooth"), c.get("section"), size, _limits(c, gear), c.get("grade"),
+        c["coverage"], c["status"], c.get("verdict"), c.get("capable", True), c.get("standard"),
+    )  # fmt: skip
+
+
+def _limits(c: Mapping[str, Any], gear: bool) -> tuple[float | None, float | None] | None:
+    """Both limits in mm; one alone is an upper one, and the lower too where a gear's deviation has a sign."""
+    if c.get("limits_mm") is not None:
+        low, high = c["limits_mm"]
+        return low, high
+    if c.get("limits_um") is not None:
+        low, high = (None if v is None else v / UM for v in c["limits_um"])
+        return low, high
+    limit = c.get("limit_um")
+    if limit is None:
+        return None
+    signed = gear and c["name"] not in NEVER_NEGATIVE
+    return (-limit / UM if signed else None), limit / UM
 
 
 def _limit(limits: tuple[float | None, float | None]) -> float | None:

@@ -39,7 +39,7 @@ class Quantity:
         return (difference + 180.0) % 360.0 - 180.0 if self.unit == "°" else difference
 
 
-_WORDS = (
+WORDS = (
     ("phi_deg", "Angle φ", "°", "sensor", "between the rotation axis and the sensor's z"),
     (
         "eccentricity_um",
@@ -54,6 +54,7 @@ _WORDS = (
     ("laser_plane_offset_mm", "Laser plane, offset", "mm", "sensor", "how far the laser plane misses the axis"),
     ("laser_plane_tilt_deg", "Laser plane, tilt", "°", "sensor", "how far it is from parallel to the axis"),
 )
+"""Key, name, unit, the record's table, what it means."""
 
 
 def quantities(
@@ -63,7 +64,7 @@ def quantities(
     exact = _values(calibration) if calibration.method == "stand" else {}
     published = _values(paper or calibration) if paper is not None or calibration.method == "paper" else {}
     rows = []
-    for key, name, unit, group, meaning in _WORDS:
+    for key, name, unit, group, meaning in WORDS:
         uncertainty = calibration.uncertainty.get(key)
         known = None if truth is None else dict(truth.get(group) or {}).get(key)
         rows.append(

@@ -17,12 +17,12 @@ from truestand.core.errors import BadRecipe, TruestandError
 from truestand.web.doors import Doors, Policy, demand_policies
 from truestand.web.page import Page
 from truestand.web.problem import Problem
-from truestand.web.routes import devices, evidence, files, home, jobs, live, recipes, results, session
+from truestand.web.routes import devices, downloads, evidence, files, home, jobs, live, recipes, results, session
 from truestand.web.security import Names, Shield
 
 THREADS = 8
 """At once, for what waits for a disk; each costs memory."""
-TOPICS = (session, home, jobs, live, results, evidence, recipes, devices, files)
+TOPICS = (session, home, jobs, live, results, downloads, evidence, recipes, devices, files)
 
 
 def create_app(page: Page, names: Names) -> ASGIApp:

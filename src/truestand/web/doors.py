@@ -24,8 +24,8 @@ class Policy:
 
     role: Role | None
     """None: anyone. An engineer may do all that an operator may."""
-    body: int = 0
-    """Bytes; 0: none."""
+    body: int = 1_000
+    """Bytes; what reads takes none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Door(APIRoute):
 
         async def handle(request: Request) -> Response:
             admit(request, self.policy, write=request.method not in READING)
-            return await inner(await with_body(request, self.policy.body))
+            return await inner(await with_body(request, 0 if request.method in READING else self.policy.body))
 
         return handle
 

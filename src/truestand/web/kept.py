@@ -8,6 +8,7 @@ from typing import Any
 from truestand.store import Entry as Stored
 from truestand.store import Store
 from truestand.web.models import Entry, Has, Quantity
+from truestand.web.trends import calibration_trends, inspection_trends
 
 SHOWN = ("calibration", "verification", "inspection")
 ROLES = ("record", "report", "cloud")
@@ -21,6 +22,7 @@ class Kept:
         self._entries: list[Stored] = []
         self._head = (0, "")
         self._records: dict[str, Mapping[str, Any]] = {}
+        self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
 
     def entries(
         self, kinds: Collection[str] = (), parts: Collection[str] = (), limit: int = 50, before: int | None = None
@@ -70,8 +72,17 @@ class Kept:
         return path if role in ROLES and path is not None and path.exists() else None
 
     def history(self, kind: str, parts: Collection[str]) -> list[Quantity]:
-        """Trends."""
-        return []
+        """Trends, made anew only where something came to the store."""
+        known = self._known()
+        if not known.results:
+            return []
+        key = (self._head, kind, tuple(sorted(parts)))
+        found = self._trends.get(key)
+        if found is None:
+            store = Store(self._folder)
+            found = calibration_trends(store) if kind == "calibration" else inspection_trends(store, parts)
+            self._trends = {k: v for k, v in self._trends.items() if k[0] == self._head} | {key: found}
+        return found
 
     def _known(self) -> "_Known":
         """All entries, brought up to date."""
@@ -117,6 +128,7 @@ class _Known:
     def told(self, number: int) -> Entry:
         """As clients see it."""
         entry, kind = self.results[number], self.kind(number)
+        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
         return Entry(
             number=number,
             kind=kind,
@@ -129,5 +141,5 @@ class _Known:
             verdict=None if kind == "calibration" else entry.status,
             status=entry.status if kind == "calibration" else None,
             corrected_by=self.corrected.get(number),
-            has=Has(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=False),
+            has=Has(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified),
         )

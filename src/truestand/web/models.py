@@ -172,6 +172,9 @@ class Quantity(BaseModel):
     lower: float | None
     upper: float | None
     limit: float | None = None
+    """The drawing's, of a deviation."""
+    limits: tuple[float | None, float | None] | None = None
+    """The drawing's, of a size."""
     findings: list[TrendFinding] = []
 
 

@@ -25,7 +25,6 @@ class Settings:
     stand: Path
     artefact: Path
     store: Path
-    company: str = ""
     cache: Path | None = None
     """Default: beside the store."""
 

@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO, Any, Literal
 
@@ -23,6 +24,8 @@ from truestand.web.hub import Hub
 WORKER = (sys.executable, "-m", "truestand.station.worker")
 LONGEST_LINE = 1 << 20
 """Bytes of an event."""
+ROOM = 1 << 20
+"""Bytes of events that a worker can tell ahead of its reader: 20 s of live profiles."""
 PATIENCE = 10.0
 """s after an abort that a second one ends the worker by force; the stand's guard then stops the stand."""
 LAST = 30.0
@@ -151,6 +154,7 @@ class Runner:
             self._job, self._process = job, process
             self._reader = threading.Thread(target=self._read, args=(process, job), name="worker", daemon=True)
         self._hub.publish("live", None)
+        _make_room(process)
         _send_order(process, order)
         self._reader.start()
         return self._publish(job)
@@ -224,6 +228,15 @@ class Runner:
             told = job.told()
             self._hub.publish("job", json.dumps({"type": "job", "job": told}))
         return told
+
+
+def _make_room(process: subprocess.Popen[bytes]) -> None:
+    """Let a worker tell for many seconds before it would have to wait, however busy this process is; Linux only."""
+    if sys.platform == "linux" and process.stdout is not None:
+        import fcntl
+
+        with suppress(OSError):  # the system allows less
+            fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, ROOM)
 
 
 def _send_order(process: subprocess.Popen[bytes], order: Mapping[str, Any]) -> None:

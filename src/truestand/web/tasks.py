@@ -81,6 +81,24 @@ def audit(store: str) -> list[dict[str, str]]:
     ]
 
 
+def certificate(record: str, laboratory: str) -> str:
+    """The Digital Calibration Certificate of a calibration's record; a draft where there is no laboratory.toml."""
+    from truestand.core.errors import BadRecipe
+    from truestand.files.json_text import parse_json
+    from truestand.files.laboratory import read_laboratory
+    from truestand.files.records import read_calibration
+    from truestand.report.certificate import Issue, refusals
+    from truestand.report.certificate import certificate as made_of
+
+    source, stated = Path(record).read_bytes(), Path(laboratory)
+    told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
+    against = refusals(told)
+    if against:
+        raise BadRecipe(f"there can be no certificate: {'; '.join(against)}")
+    issued_by = read_laboratory(stated) if stated.exists() else None
+    return made_of(Issue(told, read_calibration(record), source, "calibration.json", issued_by)).decode("utf-8")
+
+
 def cloud(source: str, target: str, points: str) -> int:
     """A cloud made small enough to show; how many points it has."""
     from truestand.web.clouds import thin_out
@@ -89,7 +107,7 @@ def cloud(source: str, target: str, points: str) -> int:
 
 
 TASKS: dict[str, Callable[..., Any]] = {
-    "audit": audit, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
+    "audit": audit, "certificate": certificate, "check": check, "cloud": cloud, "devices": devices, "reset": reset,
 }  # fmt: skip
 
 

@@ -1,15 +1,13 @@
-"""Results: the list, one with its record, its files."""
+"""Results: the list, one with its record, their trends."""
 
 from typing import Annotated, Any, Literal
 
 from fastapi import Query
-from starlette.responses import FileResponse
 
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Entry, History, Result
 from truestand.web.page import Page, ThePage
 from truestand.web.problem import Problem
-from truestand.web.security import REPORT_CSP
 
 MOST = 500
 Number = Annotated[int, Query(ge=1)]
@@ -21,7 +19,6 @@ def add(doors: Doors) -> None:
     one = "/api/results/{number}"
     doors.add("GET", "/api/results", results, operator, "Results, newest first", response_model=list[Entry])
     doors.add("GET", one, result, operator, "A result with its record", (404,), response_model=Result)
-    doors.add("GET", f"{one}/report", report, operator, "The report, HTML", (404,), response_class=FileResponse)
     doors.add("GET", "/api/history", history, operator, "Trends with their limits", response_model=History)
 
 
@@ -38,24 +35,7 @@ def results(
 
 def result(number: int, page: ThePage) -> dict[str, Any]:
     """Entry and record."""
-    return {"entry": _entry(page, number), "record": page.results.record(number)}
-
-
-def report(number: int, page: ThePage, download: bool = False) -> FileResponse:
-    """As it was written, in a sandbox: it runs nothing and fetches nothing."""
-    entry = _entry(page, number)
-    path = page.results.file(number, "report")
-    if path is None:
-        raise Problem(404, f"found no report of result {number}; choose one that has it")
-    place = "attachment" if download else "inline"
-    return FileResponse(
-        path,
-        media_type="text/html",
-        headers={
-            "content-security-policy": REPORT_CSP,
-            "content-disposition": f'{place}; filename="{entry.kind}-{number}.html"',
-        },
-    )
+    return {"entry": entry_of(page, number), "record": page.results.record(number)}
 
 
 def history(
@@ -70,7 +50,12 @@ def _names(page: Page, part: str | None) -> tuple[str, ...]:
     return () if part is None else (part, *(r.called for r in page.folder.recipes() if r.name == part))
 
 
-def _entry(page: Page, number: int) -> Entry:
+def entry_of(page: Page, number: int) -> Entry:
+    """One result.
+
+    Raises:
+        Problem: 404 there is none.
+    """
     entry = page.results.entry(number) if number < 1 << 62 else None
     if entry is None:
         raise Problem(404, f"found no result {number}; see the list of results")

@@ -7,6 +7,8 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from truestand._version import __version__
+from truestand.core.errors import BadRecipe
+from truestand.files.recipes import read_toml
 from truestand.web.doors import Doors, Policy, Who
 from truestand.web.models import LoginBody, SessionTold
 from truestand.web.page import Page, ThePage, TheWho
@@ -61,13 +63,22 @@ def _give(response: Response, cookie: str, request: Request) -> None:
     response.set_cookie(COOKIE, cookie, httponly=True, samesite="strict", secure=secure, path="/")
 
 
+def _company(page: Page) -> str:
+    """As the head of the reports has it."""
+    try:
+        told = read_toml(page.settings.stand).get("company", {})
+    except BadRecipe:
+        return ""
+    return str(told.get("name", "")) if isinstance(told, dict) else ""
+
+
 def _session(page: Page, who: Who, cookie: str) -> dict[str, Any]:
     return {
         "user": who.user,
         "role": who.role,
         "login_needed": page.login_needed,
         "csrf": page.sessions.csrf(cookie),
-        "company": page.settings.company,
+        "company": _company(page),
         "version": __version__,
         "stand": page.settings.stand.absolute().parent.name,
     }

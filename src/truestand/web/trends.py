@@ -1,0 +1,89 @@
+"""Trends as the page draws them: each quantity with its U, its control limits, and what stands out."""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from truestand.core.control import ControlChart, control_chart
+from truestand.report.quantities import WORDS
+from truestand.store import Entry, Store
+from truestand.store.history import inspections, series
+from truestand.web.models import Point, Quantity, TrendFinding
+
+MOST = 300
+"""Inspections, the newest: a record each is read."""
+Limit = float | tuple[float | None, float | None] | None
+
+
+@dataclass(slots=True)
+class _Line:
+    """One characteristic over several inspections."""
+
+    unit: str
+    entries: list[Entry] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    U: list[float | None] = field(default_factory=list)
+    limit: Limit = None
+
+
+def calibration_trends(store: Store) -> list[Quantity]:
+    """The quantities of all calibrations that were not withdrawn; of several sensors, each for itself."""
+    names = {key: name for key, name, *_ in WORDS} | {"rms_um": "Residual, rms"}
+    found = series(store)
+    several = len({s.sensor for s in found}) > 1
+    return [
+        _quantity(
+            f"{s.sensor} {s.quantity}" if several else s.quantity,
+            f"{s.sensor}: {names[s.quantity]}" if several else names[s.quantity],
+            s.unit, s.entries, s.chart,
+        )
+        for s in found
+    ]  # fmt: skip
+
+
+def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
+    """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
+    taken = [i.standing for i in inspections(store) if {i.standing.entry.part, i.standing.last.part} & set(parts)]
+    standing = sorted((s for s in taken if not s.withdrawn), key=lambda s: s.entry.number)[-MOST:]
+    lines: dict[str, _Line] = {}
+    for one in standing:
+        for name, unit, c in _measured(store.record(one.last)):
+            line = lines.setdefault(name, _Line("µm" if unit == "um" else unit))
+            line.entries.append(one.entry)
+            line.values.append(float(c[f"value_{unit}"]))
+            line.U.append(c.get(f"U_{unit}"))
+            line.limit = _limit(c)
+    return [
+        _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limit) for name, x in lines.items()
+    ]
+
+
+def _measured(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Name with flank and section, unit, and the line of the record."""
+    for c in record.get("characteristics") or []:
+        unit = "mm" if "value_mm" in c else "um"
+        if c.get("tooth") is None and c.get(f"value_{unit}") is not None:
+            yield " ".join(str(w) for w in (c["name"], c.get("flank"), c.get("section")) if w), unit, c
+
+
+def _limit(c: Mapping[str, Any]) -> Limit:
+    both = c.get("limits_mm") or c.get("limits_um")
+    return c.get("limit_um") if both is None else (both[0], both[1])
+
+
+def _quantity(
+    name: str, label: str, unit: str, entries: Collection[Entry], chart: ControlChart, limit: Limit = None
+) -> Quantity:
+    read = list(zip(entries, chart.points, strict=True))
+    return Quantity(
+        name=name,
+        label=label,
+        unit=unit,
+        points=[Point(number=e.number, time=e.time, value=p.value, U=p.U) for e, p in read],
+        centre=chart.mean,
+        lower=chart.lower,
+        upper=chart.upper,
+        limit=None if isinstance(limit, tuple) else limit,
+        limits=limit if isinstance(limit, tuple) else None,
+        findings=[TrendFinding(number=e.number, text="; ".join(p.flags)) for e, p in read if p.flags],
+    )
