@@ -11,7 +11,7 @@ export function profileView(name) {
   const canvas = h("canvas", { class: "profile", role: "img", "aria-label": t("live.profile", { name }) });
   let range = null;
   let last = null;
-  new ResizeObserver(() => last && paint(canvas, last, range)).observe(canvas);
+  new ResizeObserver(() => range && paint(canvas, last, range)).observe(canvas);
   return {
     element: canvas,
     draw(profile) {
@@ -26,7 +26,8 @@ export function profileView(name) {
 function grown(range, { x, z }) {
   const seen = z.filter((v) => v !== null);
   if (!seen.length) return range;
-  const now = { x0: Math.min(...x), x1: Math.max(...x), z0: Math.min(...seen), z1: Math.max(...seen) };
+  const along = x.filter((v) => v !== null);
+  const now = { x0: Math.min(...along), x1: Math.max(...along), z0: Math.min(...seen), z1: Math.max(...seen) };
   const room = Math.max(0.5, 0.12 * (now.z1 - now.z0));
   const [z0, z1] = [now.z0 - room, now.z1 + room];
   if (!range) return { ...now, z0, z1 };
