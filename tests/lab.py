@@ -8,9 +8,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from numpy.random import default_rng
+
 from truestand.devices.tables.recipe import TableRecipe
+from truestand.files.parts import read_part, read_part_simulation
 from truestand.files.recipes import read_shaft, read_simulation, read_stand, write_starters
-from truestand.sim import simulation_from
+from truestand.sim import simulation_from, virtual_part_from
+from truestand.sim.caster import Caster
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults, Kind
 from truestand.sim.live.gige_device import GigeDevice
@@ -80,12 +84,24 @@ class Lab:
                 return
             time.sleep(0.01)
 
+    def put(self, part: str | None) -> None:
+        """What an operator's hands do: the shaft alone, or the part of a recipe in the folder, on the table."""
+        for sensor in self.sensors:
+            sensor.source.mount(part is not None)
+            if part is not None:
+                sensor.source._casters[1] = self._casters(sensor.source, self.folder / part)
+
+    def _casters(self, source: LiveSource, recipe: Path) -> Caster:
+        virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), recipe.name)
+        return Caster(source._stand, source._casters[0].simulation, source._artefact, virtual, default_rng(7))
+
     def fault(self, kind: Kind, strength: float | None = None):
         return lambda: self.faults.begin(kind, strength)
 
 
 @contextmanager
-def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=True, rate=200.0, acquire="", **device):
+def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=True, rate=200.0, acquire="",
+        part=None, **device):  # fmt: skip
     """The starter stand with few points, on ports and loopback addresses of its own."""
     write_starters(folder, force=True)
     clock = Clock(pace)
@@ -100,11 +116,14 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     described = read_stand(recipe)
     simulation = simulation_from(read_simulation(recipe))
     shaft = read_shaft(folder / "shaft.toml")
-    devices = []
+    devices, virtual = [], None
+    if part is not None:
+        virtual = virtual_part_from(read_part(folder / part), read_part_simulation(folder / part), part)
     try:
         for i, address in enumerate(addresses):
             one = type(described)(described.table, described.sensors[i : i + 1], described.y, described.counts_per_turn)
-            source = LiveSource(one, simulation, shaft, table, (0.002, 95.0), seed=i)
+            source = LiveSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
+            source.mount(False)
             devices.append(GigeDevice(Identity(address, serial=f"V{i}"), source, clock, faults, points=points))
             devices[-1].start()
         yield Lab(folder, clock, table, server, devices, faults)

@@ -150,6 +150,8 @@ def test_recover_makes_a_scan_of_what_a_crash_left(single):
     assert scan["profiles"] > 100
     assert run("recover", single.folder / "k1.log").returncode == 2  # k1.h5 is there now
     assert run("recover", single.recipe).returncode == 2
+    refused = run("recover", single.folder / "k1.log", "-o", single.folder / "k1.csv")
+    assert refused.returncode == 2 and "need .h5, which says whether the scan is complete" in refused.stderr
 
 
 def test_wrong_use_is_one_line(single, tmp_path):

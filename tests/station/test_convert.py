@@ -110,6 +110,12 @@ def test_angles_by_even_clocks_are_those_of_the_table(tmp_path):
     assert np.abs(recording.angle - true - 1e-3 * radians(18.0)).max() < 1e-6
 
 
+def test_a_stream_that_ends_before_the_table_rests_says_nothing_of_its_travel(tmp_path):
+    """As where the encoder triggers the sensor, or its last frames are late."""
+    scan = only(recorded(tmp_path / "k1.log", turns=1.0, lost=range(4340, 9999)))
+    assert scan.complete, scan.reasons
+
+
 def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_path):
     log = recorded(tmp_path / "k1.log", names=("front", "back"), silent=("back",))
     assert [w.path.name for w in write_scans(log, tmp_path / "k1.h5")] == ["k1-front.h5"]

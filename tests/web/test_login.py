@@ -264,3 +264,11 @@ def test_others_are_not_served_without_users(tmp_path, host):
     done = run("serve", "--stand", tmp_path / "stand.toml", "--host", host, "--port", "0")
     assert done.returncode == 2
     assert "--add-user" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_with_its_last_user_removed_a_page_lets_nobody_in(guarded_page, tmp_path):
+    guarded_page.guarded = guarded_page.login_needed
+    users_path(guarded_page.settings.store).unlink()
+    assert not guarded_page.gatekeeper.users
+    assert guarded_page.login_needed
+    assert guarded_page.who(None).role is None

@@ -39,6 +39,19 @@ def serve(
         Path | None, typer.Option("--tls-certificate", metavar="PEM", help="Serve https with this certificate chain.")
     ] = None,
     tls_key: Annotated[Path | None, typer.Option("--tls-key", metavar="PEM", help="Its private key.")] = None,
+    opcua: Annotated[
+        str | None,
+        typer.Option("--opcua", metavar="URL", help="Serve machines over OPC UA too: opc.tcp://127.0.0.1:4840"),
+    ] = None,
+    mqtt: Annotated[
+        str | None, typer.Option("--mqtt", metavar="URL", help="Tell an MQTT broker: mqtt://user@host:1883/prefix")
+    ] = None,
+    mqtt_password_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--mqtt-password-file", metavar="FILE", help="The broker's password; default: $TRUESTAND_MQTT_PASSWORD."
+        ),
+    ] = None,
     open_browser: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     add_user: Annotated[
         str | None, typer.Option("--add-user", metavar="NAME", help="Add a user, or change one; asks for a password.")
@@ -57,6 +70,7 @@ def serve(
         return
     from truestand.core.errors import BadRecipe
     from truestand.files.recipes import read_stand
+    from truestand.web.machines.attach import machines, wanted
     from truestand.web.page import Settings
     from truestand.web.serving import Binding, make_page
     from truestand.web.serving import serve as run
@@ -66,7 +80,9 @@ def serve(
     read_stand(stand)
     settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute())
     binding = Binding(host, port, tuple(name or ()), tls_certificate, tls_key)
-    run(make_page(settings), binding, lambda address: _told(stand, address, quiet), open_browser)
+    page = make_page(settings)
+    beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
+    run(page, binding, lambda address: _told(stand, address, quiet), open_browser, beside)
 
 
 def _store_of(stand: Path) -> Path:

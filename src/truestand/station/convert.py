@@ -18,7 +18,14 @@ from truestand.files.checking import refuse_other_types
 from truestand.files.recipes import stand_from_recipe
 from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
-from truestand.station.sync import ClockLine, TableTrack, angle_by_clock, angle_by_encoder, clock_line, latch_skew
+from truestand.station.sync import (
+    ClockLine,
+    TableTrack,
+    angle_by_clock,
+    angle_by_encoder,
+    clock_line,
+    latch_skew,
+)
 
 Array = NDArray[np.float64]
 Column = NDArray[Any] | None
@@ -26,6 +33,8 @@ Column = NDArray[Any] | None
 CUT_OFF = "the recording was cut off before its end"
 COVERAGE_SLACK = radians(0.2)
 """rad that may be missing at the end of a scan that is called complete, or two profiles' worth, if that is more."""
+AT_REST = 0.05
+"""s with one count at most at the end, where the encoder has come to rest."""
 MOST_APART, APART_SHARE = radians(0.3), 0.001
 """rad, and share of the travel, by which encoder and table may differ at the end of a scan that is called complete."""
 
@@ -263,7 +272,7 @@ def _placed(log: Log, plan: SensorPlan, decoded: Stream) -> Placed:
         skew = latch_skew(moment, position, track)
         told |= {"source": "encoder", "latch_skew_ms": None if skew is None else 1e3 * skew.seconds,
                  "latch_skew_spread_ms": None if skew is None else 1e3 * skew.spread}  # fmt: skip
-        return Placed(position, "encoder", told, _contradiction(position, track))
+        return Placed(position, "encoder", told, _contradiction(decoded, position, track))
     if track.time.size < 2:
         return Placed(np.full(moment.shape, np.nan), "none", {**told, "source": "none"})
     within = (start + log.order.run_up, start + log.order.run_up + log.order.turns * tau)
@@ -299,9 +308,10 @@ def _uneven(clocks: ClockLine, speed: float) -> str:
     )
 
 
-def _contradiction(position: Array, track: TableTrack) -> str:
-    """What is wrong with the encoder's ``position`` where the table rested at both ends and tells another travel."""
-    if track.time.size < 2 or track.moving[-1]:
+def _contradiction(decoded: Stream, position: Array, track: TableTrack) -> str:
+    """What is wrong with the encoder's ``position`` where the table tells another travel from rest to rest."""
+    last = decoded.time > decoded.time[-1] - AT_REST
+    if track.time.size < 2 or track.moving[-1] or decoded.encoder is None or np.ptp(decoded.encoder[last]) > 1:
         return ""
     counted, turned = position[-1] - position[0], track.position[-1] - track.position[0]
     if abs(counted - turned) <= MOST_APART + APART_SHARE * abs(turned):

@@ -4,7 +4,8 @@ import asyncio
 import ipaddress
 import socket
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +30,10 @@ MESSAGE = 4_096
 """Bytes of a listener's message; none is expected."""
 
 
+Beside = AbstractAsyncContextManager[Sequence[str]]
+"""What is served in the same loop, and where."""
+
+
 @dataclass(frozen=True, slots=True)
 class Binding:
     """Where the page is served."""
@@ -48,28 +53,37 @@ def make_page(settings: Settings) -> Page:
     return Page(settings, Kept(settings.store), Runner(hub), hub, gatekeeper, ask)
 
 
-def serve(page: Page, binding: Binding, tell: Callable[[str], None], open_browser: bool = False) -> None:
-    """Serve until SIGINT or SIGTERM; ``tell`` gets the address as soon as it answers.
+def serve(
+    page: Page,
+    binding: Binding,
+    tell: Callable[[str], None],
+    open_browser: bool = False,
+    beside: Beside | None = None,
+) -> None:
+    """Serve until SIGINT or SIGTERM; ``tell`` gets the addresses as soon as they answer, the page's first.
 
     Raises:
         BadRecipe: a bind that anyone can reach, and no users; or an address that can't be had.
+        MissingExtra: what is served beside the page needs a package that isn't installed.
     """
     if not is_loopback(binding.host) and not page.login_needed:
         raise BadRecipe(
             f"found --host {binding.host} and no users, need one for a page that others can reach; "
             "run truestand serve --add-user NAME --role engineer"
         )
+    page.guarded = page.login_needed
     listening = bind(binding)
     host, port = listening.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
     address = f"{'http' if binding.certificate is None else 'https'}://{shown}:{port}/"
 
     def ready() -> None:
-        tell(address)
+        for one in (address, *server.addresses):
+            tell(one)
         if open_browser:
             webbrowser.open(address)
 
-    server = Server(config(page, binding), page.runner, ready)
+    server = Server(config(page, binding), page.runner, ready, beside)
     asyncio.run(server.serve([listening]))
 
 
@@ -100,14 +114,20 @@ def is_loopback(host: str) -> bool:
 class Server(uvicorn.Server):
     """uvicorn's, which looks after its connections and stops the stand before it ends."""
 
-    def __init__(self, config: uvicorn.Config, runner: Runner, ready: Callable[[], None]) -> None:
+    def __init__(
+        self, config: uvicorn.Config, runner: Runner, ready: Callable[[], None], beside: Beside | None = None
+    ) -> None:
         super().__init__(config)
+        self.addresses: Sequence[str] = ()
+        """Of what is served beside the page."""
+        self._beside: Beside = beside or nullcontext(())
         self.keeper = Keeper()
         config.http, config.ws = protocols(self.keeper)
         self._runner, self._ready = runner, ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Say so when it answers."""
+        self.addresses = await self._beside.__aenter__()
         await super().startup(sockets)
         self._watching = asyncio.create_task(self.keeper.watch())
         self._ready()
@@ -116,6 +136,7 @@ class Server(uvicorn.Server):
         """The stand first; whoever listens sees it stop."""
         await asyncio.to_thread(self._runner.close)
         self._watching.cancel()
+        await self._beside.__aexit__(None, None, None)
         await super().shutdown(sockets)
         self._captured_signals.clear()  # being asked to end is how a server ends well
 

@@ -1,0 +1,83 @@
+"""Who may talk to the OPC UA server: the page's users, with the page's roles, asked again with every request."""
+
+import hashlib
+import hmac
+import secrets
+from contextvars import ContextVar
+from typing import Any
+
+from asyncua import ua
+from asyncua.crypto.permission_rules import USER_TYPES, SimpleRoleRuleset, User, UserRole
+from asyncua.server.user_managers import UserManager
+
+from truestand.core.errors import TruestandError
+from truestand.web.doors import Who
+from truestand.web.page import Page
+from truestand.web.users import Role
+
+ALLOWED = frozenset(ua.NodeId(ua.Int32(number)) for number in USER_TYPES)
+"""Requests: reading, subscribing, calling. None that changes the address space."""
+caller: ContextVar[Who] = ContextVar("caller")
+"""Who sent the request that is being answered."""
+
+
+class People(UserManager):
+    """Names and passwords as on the page. A login costs a hash the first time, and is throttled as the page's are.
+
+    asyncua asks in the event loop, so that each hash holds the page up for a fifth of a second; one that succeeded is
+    remembered for as long as the user is the same.
+    """
+
+    def __init__(self, page: Page, login_needed: bool) -> None:
+        self._page, self._login_needed = page, login_needed
+        self._secret = secrets.token_bytes(32)
+        self._known: dict[str, bytes] = {}
+
+    def get_user(
+        self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
+    ) -> User | None:
+        """The session's user; None: refused."""
+        try:
+            if not self._page.gatekeeper.users:
+                return None if self._login_needed else User(UserRole.User)
+            return self._logged_in(username, password) if username and password else None
+        except TruestandError:
+            return None
+
+    def role(self, name: str | None) -> Role | None:
+        """What a session's user may do now; None: nothing."""
+        try:
+            users = self._page.gatekeeper.users
+        except TruestandError:
+            return None
+        if not users:
+            return None if self._login_needed else "engineer"
+        user = users.get(name or "")
+        return None if user is None else user.role
+
+    def _logged_in(self, name: str, password: str) -> User | None:
+        user = self._page.gatekeeper.users.get(name)
+        told = f"{name}\0{user.hash if user else ''}\0{password}".encode("utf-8", "surrogatepass")
+        mark = hmac.digest(self._secret, told, hashlib.sha256)
+        if user is not None and hmac.compare_digest(self._known.get(name, b""), mark):
+            return User(UserRole.User, name)
+        keys = (("address", "opcua"), ("user", name))
+        if self._page.throttle.attempt(*keys) > 0 or self._page.gatekeeper.check(name, password) is None:
+            return None
+        self._page.throttle.succeeded(*keys)
+        self._known[name] = mark
+        return User(UserRole.User, name)
+
+
+class Rules(SimpleRoleRuleset):
+    """Each request by the role that its session's user has now."""
+
+    def __init__(self, people: People) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        self._people = people
+
+    def check_validity(self, user: User, action_type_id: ua.NodeId, body: Any) -> bool:
+        """Whether it may be answered; notes who asked."""
+        role = self._people.role(user.name) if user.role is UserRole.User else None
+        caller.set(Who(user.name, role))
+        return role is not None and action_type_id in ALLOWED

@@ -1,0 +1,70 @@
+"""A stand with a fake worker, and other machines that talk to it."""
+
+import asyncio
+import sys
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from asyncua import Client
+
+import page_lab
+from truestand.store import Store
+from truestand.web.machines.attach import Wanted, machines
+from truestand.web.runner import Runner
+
+WORKER = (sys.executable, str(Path(__file__).with_name("machine_worker.py")))
+
+
+def make_page(folder, users=()):
+    page = page_lab.make_page(folder, users)
+    page.runner = Runner(page.hub, WORKER)
+    return page
+
+
+def keep(page, kind, record):
+    """The number of a result that some other program puts into the store."""
+    return Store.open(page.settings.store, create=True).add(kind, record).number
+
+
+class Plc:
+    """asyncua's own client, by the names of the nodes."""
+
+    def __init__(self, client, space):
+        self.client, self.space = client, space
+
+    def node(self, path):
+        return self.client.get_node(f"ns={self.space};s={path}")
+
+    async def read(self, path):
+        return await self.node(path).read_value()
+
+    async def reads(self, path, *names):
+        return [await self.read(f"{path}/{name}") for name in names]
+
+    async def call(self, name, *arguments):
+        return await self.node("Stand").call_method(f"{self.space}:{name}", *arguments)
+
+    async def until(self, path, value, within=20.0):
+        async with asyncio.timeout(within):
+            while await self.read(path) != value:
+                await asyncio.sleep(0.02)
+
+
+@asynccontextmanager
+async def served(page, login_needed=False):
+    """The address of the page's OPC UA server."""
+    async with machines(page, Wanted("opc.tcp://127.0.0.1:0", login_needed)) as (address,):
+        try:
+            yield address
+        finally:
+            await asyncio.to_thread(page.runner.close)
+
+
+@asynccontextmanager
+async def plc(address, user=None, password=None):
+    client = Client(address, timeout=5)
+    if user:
+        client.set_user(user)
+        client.set_password(password)
+    async with client:
+        yield Plc(client, await client.get_namespace_index("urn:truestand"))

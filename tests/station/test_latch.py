@@ -1,0 +1,51 @@
+"""The mark beside a stand.toml: foreign or damaged content is a fault that says so, never a stand that is free."""
+
+import os
+
+import pytest
+
+from truestand.core.errors import Fault
+from truestand.station.latch import Latch, latch_path, reset_latch
+
+
+@pytest.fixture
+def stand(tmp_path):
+    return tmp_path / "stand.toml"
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"[1, 2]", b"{", b"[" * 60_000, b'{"state": "fault", "sin'])
+def test_foreign_content_is_a_fault_until_it_is_reset(stand, content):
+    latch_path(stand).write_bytes(content)
+    with pytest.raises(Fault, match="holds no JSON"):
+        Latch(stand)
+    assert "holds no JSON" in reset_latch(stand)
+    Latch(stand).close()
+
+
+def test_a_write_that_is_broken_off_leaves_no_free_stand(stand, monkeypatch):
+    latch = Latch(stand)
+    latch.use("now", stand)
+
+    def killed(file, data):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "write", killed)
+    with pytest.raises(KeyboardInterrupt):
+        latch.fault("now", "x")
+    monkeypatch.undo()
+    os.close(latch._file)
+    with pytest.raises(Fault):
+        Latch(stand)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_who_died_before_there_was_a_log_has_none_to_recover(stand, there):
+    log = stand.with_suffix(".log")
+    if there:
+        log.touch()
+    latch = Latch(stand)
+    latch.use("now", log)
+    os.close(latch._file)
+    with pytest.raises(Fault, match="died") as told:
+        Latch(stand)
+    assert ("truestand recover" in str(told.value)) == there

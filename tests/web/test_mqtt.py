@@ -1,0 +1,265 @@
+"""The stand on a real broker (mosquitto), as another client of it sees it."""
+
+import asyncio
+import json
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+import pytest
+
+from machine_lab import keep, make_page
+from machine_records import calibration, inspection
+from truestand.core.errors import BadRecipe, MissingExtra
+from truestand.web.machines import mqtt
+from truestand.web.machines.attach import Wanted, machines
+from truestand.web.machines.mqtt import PASSWORD, broker_of
+
+MOSQUITTO = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
+needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (Debian: apt-get install mosquitto)")
+BASE = "plant/line_1"
+
+
+def aiomqtt():
+    return pytest.importorskip("aiomqtt", reason="needs the extra mqtt")
+
+
+@contextmanager
+def broker(folder, port, *lines):
+    """mosquitto on that port."""
+    settings = folder / "mosquitto.conf"
+    told = (f"listener {port} 127.0.0.1", "persistence false", *(lines or ("allow_anonymous true",)))
+    settings.write_text("\n".join(told) + "\n")
+    process = subprocess.Popen([MOSQUITTO, "-c", settings], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(100):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            assert process.poll() is None
+            time.sleep(0.05)
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Its stand is called by its folder."""
+    folder = tmp_path / "line+1"
+    folder.mkdir()
+    return make_page(folder)
+
+
+@asynccontextmanager
+async def telling(page, port, **more):
+    found = broker_of(f"mqtt://127.0.0.1:{port}/plant", environment={}, **more)
+    async with machines(page, Wanted(mqtt=found)) as (address,):
+        assert address == f"mqtt://127.0.0.1:{port}/{BASE}"
+        yield
+        await asyncio.to_thread(page.runner.close)
+
+
+class Reader:
+    """The newest of each topic, and how often it came."""
+
+    def __init__(self):
+        self.newest, self.heard = {}, []
+
+    async def read(self, port, **more):
+        async with aiomqtt().Client("127.0.0.1", port, **more) as client:
+            await client.subscribe("#", qos=1)
+            async for message in client.messages:
+                topic, text = str(message.topic).removeprefix(f"{BASE}/"), message.payload.decode()
+                self.newest[topic] = text if topic.endswith("online") else json.loads(text)
+                self.heard.append(topic)
+
+    async def until(self, what, within=20.0):
+        async with asyncio.timeout(within):
+            while not what(self.newest):
+                await asyncio.sleep(0.02)
+
+
+@asynccontextmanager
+async def reading(port, **more):
+    reader = Reader()
+    task = asyncio.create_task(reader.read(port, **more))
+    try:
+        yield reader
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+@needs_broker
+def test_all_topics_are_there_for_who_comes_later(page, tmp_path):
+    aiomqtt()
+    port = free_port()
+    keep(page, "calibration", calibration(valid_until="2099-01-01"))
+    number = keep(page, "inspection", inspection())
+
+    async def run():
+        async with telling(page, port):
+            await asyncio.sleep(1.0)
+            async with reading(port) as reader:
+                await reader.until(lambda told: len(told) == 6)
+            told = reader.newest
+        async with reading(port) as later:
+            await later.until(lambda told: told.get("online") == "offline")
+        return told
+
+    with broker(tmp_path, port):
+        told = asyncio.run(run())
+    assert told["online"] == "online"
+    state = told["state"]
+    assert (state["state"], state["calibrated"], state["result"], state["result_count"]) == ("idle", True, number, 2)
+    assert told["calibration"]["valid_until"] == "2099-01-01"
+    assert told["job"] is None
+    assert (told["result"]["verdict"], told["result"]["evaluation"]) == ("does_not_conform", 2)
+    assert len(told["result"]["record_sha256"]) == 64
+    lines = {one["name"]: one for one in told["result/characteristics"]["characteristics"]}
+    assert told["result/characteristics"]["number"] == number
+    assert (lines["F_p left"]["value"], lines["F_p left"]["upper"], lines["F_p left"]["lower"]) == (41.0, 35.0, None)
+    assert lines["F_beta left"]["value"] is None and lines["d_a"]["unit"] == "mm"
+
+
+@needs_broker
+def test_a_job_is_told_and_then_its_result(page, tmp_path):
+    aiomqtt()
+    port = free_port()
+
+    async def run():
+        async with telling(page, port), reading(port) as reader:
+            await reader.until(lambda told: "result" in told)
+            order = {"kind": "calibrate", "store": str(page.settings.store), "operator": "olga", "serial": "hold"}
+            job = page.runner.start(order, "shaft", None, (("acquire", "Scan"),))
+            await reader.until(lambda told: (told["job"] or {}).get("done") == 0.5)
+            assert reader.newest["state"]["state"] == "running"
+            heard = len(reader.heard)
+            await asyncio.sleep(1.5)
+            assert len(reader.heard) - heard < 10  # 20 live events a second are no news
+            page.runner.abort(job["id"])
+            await reader.until(lambda told: told["job"]["state"] == "aborted")
+            while page.runner.busy:
+                await asyncio.sleep(0.02)
+            await asyncio.to_thread(page.runner._reader.join)
+            page.runner.start(order | {"serial": None}, "shaft", None, (("acquire", "Scan"),))
+            await reader.until(lambda told: (told["result"] or {}).get("number") == 1)
+            assert reader.newest["result/characteristics"]["number"] == 1
+            await reader.until(lambda told: told["state"]["calibrated"])
+
+    with broker(tmp_path, port):
+        asyncio.run(run())
+
+
+@needs_broker
+def test_a_broker_that_comes_late_or_restarts_is_told_all(page, tmp_path, monkeypatch, capsys):
+    aiomqtt()
+    monkeypatch.setattr(mqtt, "WAITS", (0.1,))
+    port = free_port()
+    keep(page, "inspection", inspection())
+
+    async def see(port):
+        async with reading(port) as reader:
+            await reader.until(lambda told: len(told) == 6 and told["online"] == "online")
+
+    async def run():
+        async with telling(page, port):
+            await asyncio.sleep(0.5)
+            for _ in range(2):
+                with broker(tmp_path, port):
+                    await see(port)
+
+    asyncio.run(run())
+    told = capsys.readouterr().err
+    assert told.count("can't be reached") == 3 and told.count("telling the broker") == 2, told  # no line a try
+
+
+@needs_broker
+def test_the_last_will_says_that_a_page_died(tmp_path):
+    aiomqtt()
+    port = free_port()
+    script = (
+        "import asyncio, sys\n"
+        "import machine_lab\n"
+        "from pathlib import Path\n"
+        "from truestand.web.machines.attach import Wanted, machines\n"
+        "from truestand.web.machines.mqtt import broker_of\n"
+        "async def main():\n"
+        "    page = machine_lab.make_page(Path(sys.argv[1]))\n"
+        "    async with machines(page, Wanted(mqtt=broker_of(sys.argv[2]))):\n"
+        "        await asyncio.sleep(60)\n"
+        "asyncio.run(main())\n"
+    )
+
+    async def run():
+        async with reading(port) as reader:
+            (tmp_path / "other").mkdir()
+            command = [sys.executable, "-c", script, tmp_path / "other", f"mqtt://127.0.0.1:{port}"]
+            dying = subprocess.Popen(command, cwd=Path(__file__).parents[1])
+            try:
+                await reader.until(lambda told: told.get("other/online") == "online")
+            finally:
+                dying.kill()
+                dying.wait()
+            await reader.until(lambda told: told["other/online"] == "offline")
+
+    with broker(tmp_path, port):
+        asyncio.run(run())
+
+
+@needs_broker
+def test_a_password_out_of_a_file(page, tmp_path):
+    aiomqtt()
+    port = free_port()
+    passwords = tmp_path / "passwords"
+    maker = shutil.which("mosquitto_passwd")
+    if maker is None:
+        pytest.skip("needs mosquitto_passwd")
+    subprocess.run([maker, "-b", "-c", passwords, "stand", "s3cret"], check=True)
+    (tmp_path / "secret").write_text("s3cret\n")
+    found = broker_of(f"mqtt://stand@127.0.0.1:{port}/plant", tmp_path / "secret", environment={})
+
+    async def run():
+        async with machines(page, Wanted(mqtt=found)), reading(port, username="stand", password="s3cret") as reader:
+            await reader.until(lambda told: "result" in told)
+
+    with broker(tmp_path, port, "allow_anonymous false", f"password_file {passwords}", "user root"):
+        asyncio.run(run())
+
+
+def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
+    told = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD: "s3cret"})
+    assert (told.host, told.port, told.prefix, told.user, told.password) == (
+        "broker.example", 1883, "plant/a/", "stand", "s3cret")  # fmt: skip
+    assert "s3cret" not in repr(told) and "s3cret" not in str(told)
+    assert (broker_of("mqtts://b", environment={}).port, broker_of("mqtts://b", environment={}).prefix) == (8883, "")
+    with pytest.raises(BadRecipe, match="found a password in the MQTT URL") as refused:
+        broker_of("mqtt://stand:s3cret@broker/plant")
+    assert "s3cret" not in str(refused.value)
+    for url in ("http://broker", "mqtt://", "mqtt://b:x", "mqtt://b/a+b", "mqtt://b/a#b", "mqtt://b/?a=1", "b:1883"):
+        with pytest.raises(BadRecipe, match="found no MQTT URL"):
+            broker_of(url)
+    with pytest.raises(BadRecipe, match="no readable password"):
+        broker_of("mqtt://b", tmp_path / "missing")
+
+
+def test_without_the_extra_it_says_what_to_install(page, monkeypatch):
+    monkeypatch.setitem(sys.modules, "aiomqtt", None)
+
+    async def run():
+        async with machines(page, Wanted(mqtt=broker_of("mqtt://127.0.0.1", environment={}))):
+            pass
+
+    with pytest.raises(MissingExtra, match=r"truestand\[mqtt\]"):
+        asyncio.run(run())

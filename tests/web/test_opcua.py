@@ -1,0 +1,324 @@
+"""The OPC UA server as asyncua's own client sees it, over a real socket."""
+
+import asyncio
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from asyncua import ua
+
+from command import run
+from machine_lab import keep, make_page, plc, served
+from machine_records import calibration, inspection, line, verification
+from page_lab import PASSWORD
+from truestand.core.errors import BadRecipe
+from truestand.files.read import sha256_of
+from truestand.files.recipes import write_starters
+from truestand.station.latch import latch_path, reset_latch
+from truestand.web.machines.attach import wanted
+from truestand.web.machines.lines import lines_of
+
+LINES = "LastResult/Characteristics"
+
+
+@pytest.fixture
+def page(tmp_path):
+    return make_page(tmp_path)
+
+
+def talk(page, conversation, **more):
+    """``conversation`` with a client of the page's server."""
+
+    async def meet():
+        async with served(page) as address, plc(address, **more) as client:
+            return await conversation(client)
+
+    return asyncio.run(meet())
+
+
+class Heard(list):
+    def datachange_notification(self, node, value, data):
+        self.append(value)
+
+
+def test_an_empty_stand_has_nulls(page):
+    async def look(client):
+        names = ("State", "Done", "Fault", "Calibrated", "CalibrationStatus", "CalibratedUntil", "ResultReady")
+        assert await client.reads("Stand", *names) == ["idle", 0.0, None, False, "none", None, 0]
+        assert await client.reads("LastResult", "Number", "Verdict", "Reasons", "Time") == [None] * 4
+        assert await client.node(LINES).get_children() == []
+
+    talk(page, look)
+
+
+def test_the_last_result_with_every_line(page):
+    keep(page, "calibration", calibration(valid_until="2099-01-01"))
+    number = keep(page, "inspection", inspection())
+
+    async def look(client):
+        assert await client.reads("Stand", "Calibrated", "CalibratedUntil") == [True, "2099-01-01"]
+        assert await client.reads("Stand", "ResultCount", "ResultReady") == [2, number]
+        told = await client.reads("LastResult", "Number", "Kind", "Part", "Serial", "Order", "Operator", "Verdict")
+        assert told == [number, "inspection", "gear", "7", "A 12", "olga", "does_not_conform"]
+        assert await client.reads("LastResult", "ResultEvaluation", "Reasons") == [2, ["F_p left is too large"]]
+        assert await client.read("LastResult/RecordHash") == sha256_of(page.results.file(number, "record"))
+        assert (await client.read("LastResult/Time")).tzinfo is not None
+        names = {(await node.read_browse_name()).Name for node in await client.node(LINES).get_children()}
+        assert names == {"F_p left", "f_Halpha left 3", "F_beta left", "d_a"}
+        values = ("Value", "U", "Lower", "Upper", "Unit", "Verdict", "ResultEvaluation", "Status", "Coverage")
+        assert await client.reads(f"{LINES}/F_p left", *values) == [
+            41.0, 1.5, None, 35.0, "um", "does_not_conform", 2, "measured", 1.0]  # fmt: skip
+        assert (await client.reads(f"{LINES}/f_Halpha left 3", *values))[2:4] == [-12.0, 12.0]
+        assert await client.reads(f"{LINES}/d_a", *values) == [
+            52.01, 0.02, 51.9, None, "mm", "conforms", 1, "partial", 0.9]  # fmt: skip
+
+    talk(page, look)
+
+
+def test_what_was_not_seen_is_a_null_of_its_type_and_never_nan(page):
+    keep(page, "inspection", inspection())
+
+    async def look(client):
+        for name in ("Value", "U", "Coverage"):
+            node = client.node(f"{LINES}/F_beta left/{name}")
+            told = await node.read_data_value()
+            assert told.Value.VariantType == ua.VariantType.Null and told.StatusCode.is_good()
+            assert await node.read_data_type() == ua.NodeId(ua.ObjectIds.Double)
+        assert await client.read(f"{LINES}/F_beta left/Status") == "not_measurable"
+
+    talk(page, look)
+
+
+def test_who_subscribes_is_told_of_a_result_when_all_of_it_is_there(page):
+    keep(page, "inspection", inspection())
+    ready, values = Heard(), Heard()
+
+    async def wait(client):
+        subscription = await client.client.create_subscription(20, ready)
+        await subscription.subscribe_data_change(client.node("Stand/ResultReady"))
+        other = await client.client.create_subscription(20, values)
+        await other.subscribe_data_change(client.node(f"{LINES}/F_p left/Value"))
+        new = inspection(line("F_p", None), line("F_r", 8.0, flank=None), verdict="undecided")
+        number = await asyncio.to_thread(keep, page, "inspection", new)
+        async with asyncio.timeout(10.0):
+            while number not in ready:
+                await asyncio.sleep(0.01)
+        assert await client.reads("LastResult", "Number", "ResultEvaluation") == [number, 3]
+        names = {(await node.read_browse_name()).Name for node in await client.node(LINES).get_children()}
+        assert names == {"F_p left", "F_r"}
+        with pytest.raises(ua.uaerrors.BadNodeIdUnknown):
+            await client.read(f"{LINES}/d_a/Value")
+        await asyncio.sleep(0.2)
+
+    talk(page, wait)
+    assert ready == [1, 2]
+    assert values == [41.0, None]
+
+
+def test_a_job_from_start_to_result(page):
+    async def work(client):
+        job = await client.call("StartJob", "calibrate", "", "olga", "", "")
+        assert job == page.runner.current()["id"]
+        await client.until("Stand/ResultReady", 1)
+        assert await client.reads("Stand", "JobId", "JobState", "State", "Done") == [job, "done", "idle", 1.0]
+        assert await client.reads("LastResult", "Kind", "Status", "Operator") == ["calibration", "valid", "olga"]
+        assert await client.reads(f"{LINES}/phi", "Value", "U", "Unit", "Verdict") == [-41.8, 0.05, "deg", None]
+        assert await client.reads(f"{LINES}/height", "Value", "Status") == [None, "not_identifiable"]
+        await client.call("StartJob", "inspect", "gear", None, None, "42")
+        await client.until("Stand/ResultReady", 2)
+        assert await client.reads("LastResult", "Kind", "Serial") == ["inspection", "42"]
+
+    talk(page, work)
+
+
+def test_busy_live_and_abort(page):
+    async def work(client):
+        await client.call("StartJob", "calibrate", "", "", "", "hold")
+        await client.until("Stand/Live/Position_deg", 12.5)
+        assert await client.reads("Stand", "State", "Step") == ["running", "acquire"]
+        await client.until("Stand/Done", 0.125)
+        assert await client.reads("Stand/Live/Sensors/front", "FramesPerSecond", "Profiles", "Lost") == [200.0, 50, 0]
+        with pytest.raises(ua.uaerrors.BadInvalidState):
+            await client.call("StartJob", "calibrate", "", "", "", "")
+        assert "a job runs already" in await client.read("Stand/Refused")
+        await client.call("Abort")
+        await client.until("Stand/JobState", "aborted")
+        assert await client.reads("Stand", "State", "ResultReady", "Refused") == ["idle", 0, ""]
+        assert await client.read("Stand/Live/Position_deg") is None
+        with pytest.raises(ua.uaerrors.BadInvalidState):
+            await client.call("Abort")
+
+    talk(page, work)
+
+
+REFUSALS = (
+    (("inspect", "nonesuch", "", "", ""), ua.uaerrors.BadNotFound, "found no part 'nonesuch'"),
+    (("inspect", "../gear", "", "", ""), ua.uaerrors.BadNotFound, "found no part"),
+    (("inspect", "", "", "", ""), ua.uaerrors.BadInvalidArgument, "an inspection needs one"),
+    (("inspect", "gear", "", "", ""), ua.uaerrors.BadInvalidState, "found no calibration"),
+    (("polish", "", "", "", ""), ua.uaerrors.BadInvalidArgument, "kind"),
+    (("calibrate", "", "x" * 121, "", ""), ua.uaerrors.BadInvalidArgument, "operator"),
+    (("calibrate", "", "a\nb", "", ""), ua.uaerrors.BadInvalidArgument, "control characters"),
+    (("calibrate",), ua.uaerrors.UaStatusCodeError, ""),
+    (("calibrate", "", "", "", 7), ua.uaerrors.BadInvalidArgument, ""),
+)
+
+
+def test_what_cant_be_done_is_refused_with_its_code(page):
+    async def work(client):
+        for arguments, error, why in REFUSALS:
+            with pytest.raises(error):
+                await client.call("StartJob", *arguments)
+            assert why in await client.read("Stand/Refused")
+            assert page.runner.current() is None
+
+    talk(page, work)
+
+
+def test_a_fault_is_shown_and_reset(page):
+    latch_path(page.settings.stand).write_text('{"state": "fault", "since": "noon", "reason": "encoder stuck"}')
+
+    async def reset(*arguments, **more):
+        return reset_latch(page.settings.stand)
+
+    async def work(client):
+        assert await client.read("Stand/State") == "fault"
+        assert "encoder stuck" in await client.read("Stand/Fault")
+        with pytest.raises(ua.uaerrors.BadInvalidState):
+            await client.call("ResetFault")  # it asks the table first, and there is none
+        page.ask = reset
+        assert "encoder stuck" in await client.call("ResetFault")
+        await client.until("Stand/State", "idle")
+        assert await client.read("Stand/Fault") is None
+        assert await client.call("ResetFault") == ""
+
+    talk(page, work)
+
+
+def test_nothing_can_be_written_or_added(page):
+    async def write(client):
+        for path in ("Stand/State", "Stand/ResultReady"):
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await client.node(path).write_value("mine")
+        with pytest.raises(ua.UaError):
+            await client.client.nodes.objects.add_object(client.space, "Mine")
+        assert await client.read("Stand/State") == "idle"
+
+    talk(page, write)
+    talk(page, write, user="admin", password="admin")
+
+
+def test_users_only_where_there_are_users(tmp_path):
+    page = make_page(tmp_path, (("olga", "operator"),))
+
+    async def meet():
+        async with served(page) as address:
+            for who in ((None, None), ("olga", "wrong"), ("nobody", PASSWORD), ("admin", "admin")):
+                with pytest.raises(ua.UaError):
+                    async with plc(address, *who):
+                        pass
+            async with plc(address, "olga", PASSWORD) as client:
+                await client.call("StartJob", "calibrate", "", "somebody else", "", "")
+                await client.until("Stand/ResultReady", 1)
+                assert await client.read("LastResult/Operator") == "olga"
+                page.gatekeeper.path.write_text('{"format": "truestand.users", "version": 1, "users": []}')
+                assert page.gatekeeper.users == {}
+
+    asyncio.run(meet())
+
+
+def test_who_is_removed_is_out_at_once(tmp_path):
+    page = make_page(tmp_path, (("olga", "operator"), ("erik", "engineer")))
+    text = page.gatekeeper.path.read_text()
+
+    async def meet():
+        async with served(page, login_needed=True) as address, plc(address, "olga", PASSWORD) as client:
+            assert await client.read("Stand/State") == "idle"
+            for left in (text.replace('"olga"', '"anna"'), text[: text.index("[")] + "[]}"):
+                page.gatekeeper.path.write_text(left)
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await client.read("Stand/State")
+                with pytest.raises(ua.UaError):
+                    async with plc(address):
+                        pass
+            page.gatekeeper.path.write_text(text)
+
+    asyncio.run(meet())
+
+
+def test_guessing_passwords_is_slowed_down(tmp_path):
+    page = make_page(tmp_path, (("olga", "operator"),))
+    hashed = []
+    check = page.gatekeeper.check
+    page.gatekeeper.check = lambda name, password: hashed.append(name) or check(name, password)
+
+    async def meet():
+        async with served(page) as address, plc(address, "olga", PASSWORD):
+            for n in range(8):
+                with pytest.raises(ua.UaError):
+                    async with plc(address, "olga", f"guess {n}"):
+                        pass
+            async with plc(address, "olga", PASSWORD) as client:  # known: no hash, no waiting
+                assert await client.read("Stand/State") == "idle"
+
+    asyncio.run(meet())
+    assert len(hashed) <= 7
+
+
+def test_an_address_that_others_can_reach_needs_users(tmp_path):
+    page = make_page(tmp_path)
+    with pytest.raises(BadRecipe, match="no users"):
+        wanted(page, "opc.tcp://0.0.0.0:4840")
+    for url in ("opc.tcp://127.0.0.1", "http://127.0.0.1:1", "opc.tcp://:4840", "opc.tcp://a:b@127.0.0.1:1", "x"):
+        with pytest.raises(BadRecipe, match="need an address"):
+            wanted(page, url)
+    assert not wanted(page, "opc.tcp://127.0.0.1:4840").login_needed
+    guarded = make_page(tmp_path / "guarded", (("olga", "operator"),))
+    assert wanted(guarded, "opc.tcp://0.0.0.0:4840").login_needed
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
+    write_starters(tmp_path)
+    serve = ("serve", "--stand", tmp_path / "stand.toml", "--port", "0")
+    command = [sys.executable, "-W", "error", "-m", "truestand", *serve, "--opcua", "opc.tcp://127.0.0.1:0"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        page, address = (process.stdout.readline().split(" at ")[-1].strip() for _ in range(2))
+        assert page.startswith("http://127.0.0.1:"), process.communicate()
+
+        async def look():
+            async with plc(address) as client:
+                return await client.read("Stand/State")
+
+        assert asyncio.run(look()) == "idle"
+        taken = run(*serve, "--opcua", address)
+        assert (taken.returncode, taken.stderr.count("\n")) == (2, 1) and "choose another address" in taken.stderr
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
+    finally:
+        process.kill()
+        process.communicate()
+    refused = run(*serve, "--opcua", "opc.tcp://0.0.0.0:0")
+    assert refused.returncode == 2 and "no users" in refused.stderr
+
+
+def test_a_store_that_cant_be_read_calibrates_nothing(page):
+    keep(page, "calibration", calibration())
+    (page.settings.store / "store.db").write_bytes(b"no database")
+
+    async def look(client):
+        assert await client.reads("Stand", "State", "Calibrated") == ["idle", False]
+
+    talk(page, look)
+
+
+def test_names_that_come_twice_are_told_apart_and_the_text_of_all_lines_is_finite():
+    twice = lines_of("inspection", inspection(line("F_p", 1.0), line("F_p", 2.0)))
+    assert [one.name for one in twice] == ["F_p left", "F_p left (2)"]
+    assert replace(twice[1], name="F_p left", value=1.0) == twice[0]
+    (change,) = lines_of("verification", verification())
+    assert (change.name, change.value, change.upper, change.verdict) == ("eccentricity", 3.0, 10.0, "conforms")
+    assert lines_of("scan", {}) == ()
