@@ -64,15 +64,16 @@ export async function chart(place, label, traces, layout, signal) {
 }
 
 function styled(layout) {
-  const axis = { gridcolor: colour("line"), zerolinecolor: colour("soft"), linecolor: colour("soft"), automargin: true, tickfont: { size: 14 }, title: { standoff: 12 } };
+  const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+  const axis = { gridcolor: colour("line"), zerolinecolor: colour("soft"), linecolor: colour("soft"), automargin: true, tickfont: { size: 0.8 * rem }, title: { standoff: 12 } };
   return {
     height: 380,
     ...layout,
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: "zoom", hovermode: "closest",
-    font: { family: getComputedStyle(document.body).fontFamily, size: 15, color: colour("ink") },
-    hoverlabel: { bgcolor: colour("paper"), bordercolor: colour("soft"), font: { size: 16, color: colour("ink") } },
+    font: { family: getComputedStyle(document.body).fontFamily, size: 0.85 * rem, color: colour("ink") },
+    hoverlabel: { bgcolor: colour("paper"), bordercolor: colour("soft"), font: { size: 0.95 * rem, color: colour("ink") } },
     margin: { l: 64, r: 16, t: 12, b: 52, ...layout.margin },
-    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { size: 15 } },
+    legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0 },
     xaxis: { ...axis, ...layout.xaxis }, yaxis: { ...axis, ...layout.yaxis },
   };
 }

@@ -62,7 +62,7 @@ function grid(pen, range, right, down, width, height) {
   pen.lineWidth = 1;
   pen.strokeStyle = colour("line");
   pen.fillStyle = colour("soft");
-  pen.font = `15px ${getComputedStyle(document.body).fontFamily}`;
+  pen.font = `${0.85 * parseFloat(getComputedStyle(document.documentElement).fontSize)}px ${getComputedStyle(document.body).fontFamily}`;
   pen.textAlign = "center";
   for (const v of ticks(range.x0, range.x1, Math.max(3, width / 130))) {
     line(pen, right(v), TOP, right(v), height - BOTTOM);

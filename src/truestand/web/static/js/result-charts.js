@@ -53,7 +53,7 @@ function limits(panel, lines, signal) {
     marker: { color: lines.map((c) => colour(tones[c.verdict] ?? "none")), pattern: { shape: lines.map((c) => ({ bad: "x", open: "/" })[tones[c.verdict]] ?? ""), fgcolor: colour("paper"), size: 7 } },
     hovertemplate: "%{y}: %{x:.0f} %<extra></extra>",
   }], () => ({
-    height: 90 + 30 * lines.length, xaxis: { title: { text: t("charts.limits.axis") }, range: [0, Math.min(end, 300)], ticksuffix: " %" }, yaxis: { tickfont: { size: 15 } }, bargap: 0.35,
+    height: 90 + 30 * lines.length, xaxis: { title: { text: t("charts.limits.axis") }, range: [0, Math.min(end, 300)], ticksuffix: " %" }, bargap: 0.35,
     shapes: [{ type: "line", yref: "paper", y0: 0, y1: 1, x0: 100, x1: 100, line: { color: colour("ink"), width: 3 } }],
   }), signal);
 }

@@ -33,7 +33,8 @@ function calibration(c) {
 
 function until(c) {
   const lines = [];
-  if (c.valid_until) lines.push(h("p", { class: "until" }, t(`home.until.${c.state === "expired" ? "past" : "yet"}`, { time: when(c.valid_until), distance: distance(c.valid_until) })));
+  const words = c.state === "expired" ? "home.until.past" : "home.until.yet";
+  if (c.valid_until) lines.push(h("p", { class: "until" }, t(words, { time: when(c.valid_until), distance: distance(c.valid_until) })));
   else if (c.state === "valid") lines.push(h("p", { class: "until" }, t("home.until.open")));
   if (c.state === "none") lines.push(h("p", {}, t("home.never")));
   for (const reason of c.reasons ?? []) lines.push(h("p", {}, reason));

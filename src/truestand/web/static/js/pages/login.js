@@ -3,7 +3,6 @@
 import { loadSession, send } from "../api.js";
 import { add, h, put } from "../dom.js";
 import { alertBox, button, field } from "../parts.js";
-import { to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
 
@@ -20,8 +19,7 @@ export async function show(page) {
     enter.disabled = true;
     try {
       await send("POST", "api/login", { user: user.value.trim(), password: password.value });
-      const session = await loadSession();
-      if (session.role) to("/", true);
+      await loadSession();
     } catch (refused) {
       put(wrong, alertBox(refused.message));
       password.value = "";

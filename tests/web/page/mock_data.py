@@ -94,7 +94,7 @@ def _line(
         "grade": None if limit is None else 7, "coverage": 0.62 if name == "C_beta" else 1.0,
         "status": "partial" if name == "C_beta" else "measured", "verdict": verdict,
         "capable": limit is None or limit > U, "standard": None if limit is None else CLASS,
-        "contributions": [{"name": text, "U_um": U * share} for text, share in zip(BUDGET, (0.9, 0.4, 0.1), strict=True)],
+        "contributions": [{"name": n, "U_um": U * share} for n, share in zip(BUDGET, (0.9, 0.4, 0.1), strict=True)],
     }  # fmt: skip
 
 
@@ -288,6 +288,6 @@ DEVICES: list[Json] = [
     {"device": "sensor", "name": "front", "address": "tcp://192.168.0.11:32001", "answers": True, "problem": None,
      "told": {"model": "JS-50 WX", "serial": "20731-A", "firmware": "16.3.0", "profiles/s": "1000"}},
     {"device": "sensor", "name": "back", "address": "tcp://192.168.0.12:32001", "answers": False,
-     "problem": "found no answer within 2 s, need the sensor on this address; check its cable and power, then ask again",
+     "problem": "found no answer within 2 s, need the sensor on this address; check its cable, then ask again",
      "told": {}},
 ]  # fmt: skip

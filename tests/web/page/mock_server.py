@@ -26,7 +26,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 Json = dict[str, Any]
-STATIC = Path(__file__).parents[2] / "src" / "truestand" / "web" / "static"
+STATIC = Path(__file__).parents[3] / "src" / "truestand" / "web" / "static"
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
     "font-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
@@ -39,7 +39,8 @@ STEPS = {
 }
 LABELS = {
     "connect": "Connect the devices", "record": "Record the scan", "read": "Read the scan", "calibrate": "Calibrate",
-    "verify": "Compare with the calibration", "roll": "Roll up the surface", "inspect": "Inspect", "store": "Keep the evidence",
+    "verify": "Compare with the calibration", "roll": "Roll up the surface", "inspect": "Inspect",
+    "store": "Keep the evidence",
 }  # fmt: skip
 
 
@@ -175,7 +176,8 @@ async def start(request: Request) -> Response:
     PLAY.aborted = False
     PLAY.job = {
         "id": "job-1", "kind": body["kind"], "part": body.get("part"), "title": part["title"] if part else "",
-        "state": "running", "step": names[0], "steps": [{"name": n, "label": LABELS[n], "state": "waiting"} for n in names],
+        "state": "running", "step": names[0],
+        "steps": [{"name": n, "label": LABELS[n], "state": "waiting"} for n in names],
         "done": 0.0, "message": "", "number": None, "verdict": None, "status": None,
         "asked": {k: body.get(k) for k in ("operator", "order", "serial")},
     }  # fmt: skip
@@ -247,11 +249,13 @@ def live_of(job: Json, tick: int) -> Json:
     z = 92 + 2.2 * np.clip(2 * np.sin(x / 2.1 + tick / 3), -1, 1) + 0.02 * x
     gone = (np.abs(x - 6) < 1.4) | (x < -21)
     profile = {"x": x.round(3).tolist(), "z": [None if g else round(float(v), 4) for g, v in zip(gone, z, strict=True)]}
+    done = job["done"]
     return {
         "state": "recording", "done": job["done"], "position_deg": 360 * 2.75 * job["done"],
         "sensors": [
-            {"name": "front", "frames_per_s": 998.4 + math.sin(tick), "profiles": int(11000 * job["done"]), "lost": 0, "profile": profile},
-            {"name": "back", "frames_per_s": 999.1, "profiles": int(10990 * job["done"]), "lost": 12, "profile": profile},
+            {"name": "front", "frames_per_s": 998.4 + math.sin(tick), "profiles": int(11000 * done), "lost": 0,
+             "profile": profile},
+            {"name": "back", "frames_per_s": 999.1, "profiles": int(10990 * done), "lost": 12, "profile": profile},
         ],
     }  # fmt: skip
 

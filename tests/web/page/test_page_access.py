@@ -1,0 +1,88 @@
+"""For everyone: no serious finding of axe-core in light and dark, targets for gloves, words for what colour says."""
+
+import pytest
+
+PATHS = [
+    "#/", "#/inspect", "#/inspect/demo-wheel", "#/calibrate", "#/job", "#/results", "#/results/57",
+    "#/results/60/cloud",    "#/results/57/evidence", "#/results/49",
+    "#/results/61", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
+]  # fmt: skip
+SMALLEST = 48
+TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]
+  .filter((e) => e.checkVisibility() && !e.closest(".skip, .plot") && !e.matches(".skip, p a, li > a.plain, .under a"))
+  .map((e) => [e.outerHTML.slice(0, 90), e.getBoundingClientRect().height, e.getBoundingClientRect().width])"""
+
+
+def settle(tab):
+    """Wait for what comes later than the page."""
+    if "/cloud" in tab.url:
+        tab.locator("canvas.cloud[data-drawn]").wait_for()
+    if "/devices" in tab.url:
+        tab.locator(".device").first.wait_for()
+    if "/history" in tab.url:
+        tab.locator(".plot .main-svg").first.wait_for(timeout=30_000)
+        tab.wait_for_timeout(300)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(open_tab, axe, mock, scheme):
+    mock.play(seconds=0.1)
+    mock.run()
+    found = {}
+    for path in PATHS:
+        tab = open_tab(path, expect=["willReadFrequently"], color_scheme=scheme, bypass_csp=True)
+        settle(tab)
+        tab.evaluate(axe)
+        for violation in tab.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]:
+            if violation["impact"] in ("serious", "critical"):
+                found[path, violation["id"]] = [n["html"][:160] for n in violation["nodes"][:3]]
+        tab.context.close()
+    assert found == {}
+
+
+@pytest.mark.parametrize("size", ["panel", "tablet"])
+def test_targets_are_large_enough_for_gloves(open_tab, mock, size):
+    mock.play(fault="a fault")
+    small = {}
+    for path in PATHS:
+        tab = open_tab(path, size, expect=["willReadFrequently"])
+        settle(tab)
+        for html, height, width in tab.evaluate(TARGETS):
+            if height < SMALLEST or width < SMALLEST:
+                small[html] = (path, height, width)
+        tab.context.close()
+    assert small == {}
+
+
+def test_marks_differ_in_shape(open_tab):
+    tab = open_tab("#/results")
+    shapes = {
+        kind: tab.locator(f".row .mark.{kind} .shape").first.evaluate("(e) => e.outerHTML")
+        for kind in ("good", "bad", "open")
+    }
+    assert len(set(shapes.values())) == 3
+
+
+def test_the_first_tab_skips_to_the_content(open_tab):
+    tab = open_tab("#/results")
+    tab.keyboard.press("Tab")
+    assert tab.evaluate("document.activeElement.className") == "skip"
+    tab.keyboard.press("Enter")
+    assert tab.evaluate("document.activeElement.tagName") == "H1"
+
+
+def test_tabs_of_a_result_go_by_arrow(open_tab):
+    tab = open_tab("#/results/57")
+    tab.get_by_role("tab", name="Values").focus()
+    tab.keyboard.press("End")
+    assert tab.get_by_role("tab", name="Evidence").get_attribute("aria-selected") == "true"
+    assert tab.url.endswith("/results/57/evidence")
+    tab.get_by_role("heading", name="What it rests on").wait_for()
+    tab.keyboard.press("ArrowRight")
+    assert tab.get_by_role("tab", name="Values").get_attribute("aria-selected") == "true"
+
+
+def test_language_and_title_are_told(open_tab):
+    tab = open_tab("#/devices")
+    assert tab.evaluate("document.documentElement.lang") == "en"
+    assert tab.title() == "Devices · Stand 1, hall B · truestand"

@@ -1,0 +1,181 @@
+"""Every page loads at every size, without a word from the console, and says what it must."""
+
+import pytest
+
+from truestand.web.routes.files import STATIC
+
+PAGES = {
+    "#/": "Home", "#/inspect": "Which part?", "#/inspect/demo-wheel": "Demo wheel",
+    "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results",
+    "#/results/60": "Demo wheel", "#/results/59/evidence": "Sun wheel",
+    "#/results/49": "Calibration", "#/results/61": "Verification", "#/devices": "Devices", "#/recipes": "Recipes",
+    "#/recipes/gear.toml": "Recipes", "#/login": "Log in to Stand 1",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("size", ["panel", "screen", "tablet"])
+@pytest.mark.parametrize("path", PAGES)
+def test_page_shows_its_heading_and_fits(open_tab, path, size):
+    tab = open_tab(path, size)
+    assert PAGES[path] in tab.locator("h1").first.inner_text() or path == "#/login"
+    assert tab.evaluate("document.documentElement.scrollWidth") <= tab.evaluate("innerWidth")
+    assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
+
+
+def test_first_view_stands_within_a_second(open_tab, mock):
+    asked = []
+    tab = open_tab("#/devices")
+    tab.context.close()
+    times = []
+    for _ in range(3):
+        fresh = open_tab("#/")
+        fresh.get_by_text("Calibrated", exact=True).wait_for()
+        times.append(fresh.evaluate("performance.getEntriesByName('truestand:view')[0].startTime"))
+        asked += fresh.evaluate("performance.getEntriesByType('resource').map((e) => e.name)")
+    assert min(times) < 1000, times
+    assert not [name for name in asked if "plotly" in name]
+
+
+@pytest.mark.parametrize("state", ["valid", "untrusted", "expired", "none"])
+def test_home_says_whether_the_stand_is_calibrated(open_tab, mock, state):
+    mock.play(calibration=state)
+    words = {
+        "valid": "Calibrated",
+        "untrusted": "Calibration not trusted",
+        "expired": "Calibration expired",
+        "none": "Not calibrated",
+    }
+    tab = open_tab("#/")
+    assert tab.locator(".stamp .word").inner_text() == words[state]
+    first = tab.locator(".door").first.inner_text()
+    assert first == ("Inspect a part" if state == "valid" else "Calibrate")
+
+
+def test_a_stand_without_results_says_so(open_tab, mock):
+    mock.play(entries=[], calibration="none")
+    assert "The first verdict will stand here" in open_tab("#/").locator("main").inner_text()
+    assert "Nothing measured yet" in open_tab("#/results").locator("main").inner_text()
+
+
+def test_text_from_outside_stays_text(open_tab):
+    tab = open_tab("#/results/60/evidence")
+    assert "<img src=x onerror" in tab.locator(".remarks").inner_text()
+    assert tab.locator(".remarks img").count() == 0 and "owned" not in tab.title()
+
+
+def test_a_result_that_is_not_there_says_what_to_do(open_tab):
+    tab = open_tab("#/results/999", expect=["404"])
+    assert "found no result 999; choose one of the list" in tab.get_by_role("alert").first.inner_text()
+
+
+def test_fault_is_reset_after_a_look_at_the_stand(open_tab, mock):
+    mock.play(fault="the table followed its order late")
+    tab = open_tab("#/results")
+    tab.get_by_text("the table followed its order late").wait_for()
+    tab.get_by_role("button", name="Reset the fault").click()
+    dialog = tab.get_by_role("dialog")
+    assert "Go to the stand and look" in dialog.inner_text()
+    dialog.get_by_role("button", name="Cancel").click()
+    assert tab.locator(".strip.bad").is_visible()
+    tab.get_by_role("button", name="Reset the fault").click()
+    dialog.get_by_role("button", name="Reset the fault").click()
+    tab.locator(".strip.bad").wait_for(state="hidden")
+
+
+def test_login_leads_back_to_where_one_was(open_tab, mock):
+    mock.play(login_needed=True, role=None, user=None)
+    tab = open_tab("#/results", expect=["401"])
+    tab.get_by_label("Name").fill("olga")
+    tab.get_by_label("Password").fill("wrong")
+    tab.keyboard.press("Enter")
+    tab.get_by_text("found a name or password that is not known").wait_for()
+    tab.get_by_label("Password").fill("right")
+    tab.keyboard.press("Enter")
+    tab.get_by_role("heading", name="Results", level=1).wait_for()
+    tab.get_by_role("button", name="Log out").click()
+    tab.get_by_label("Password").wait_for()
+    assert not tab.locator("body > nav").is_visible()
+
+
+def test_results_are_filtered_and_go_back_in_time(open_tab):
+    tab = open_tab("#/results")
+    assert tab.locator(".row").count() == 30
+    tab.get_by_role("button", name="Show older ones").click()
+    tab.locator(".row").nth(59).wait_for()
+    tab.get_by_label("Calibrations").check()
+    tab.locator(".row").nth(5).wait_for(state="detached")
+    assert tab.locator(".row").count() == 5
+    assert tab.locator(".row .verdict").all_inner_texts().count("not trusted") == 1
+
+
+def test_result_says_first_what_was_not_measurable(open_tab):
+    tab = open_tab("#/results/57")
+    assert tab.locator(".stamp .word").inner_text().lower() == "does not conform"
+    assert tab.locator(".decisive li").first.inner_text().startswith("Not measurable in this scan")
+    rows = tab.locator("table").first.locator("tbody tr")
+    assert "not measurable" in rows.first.inner_text()
+    texts = " ".join(" ".join(rows.all_inner_texts()).split())
+    assert "17.7 ± 1.8 µm" in texts and "≤ 12 µm" in texts and "± 9.5 µm" in texts and "3.1 … 3.13 mm" in texts
+    assert tab.get_by_role("link", name="Save report").get_attribute("href").endswith("/report?download=1")
+    with tab.expect_download() as told:
+        tab.get_by_role("link", name="Characteristics as CSV").click()
+    assert told.value.failure() is None
+
+
+def test_recipe_is_checked_and_saved(open_tab):
+    tab = open_tab("#/recipes/gear.toml", expect=["422"])
+    area = tab.get_by_label("gear.toml")
+    area.fill('kind = "gear"\nteeth 24\n')
+    tab.get_by_text("line 2: found 'teeth 24'").wait_for()
+    assert tab.locator(".numbers .bad").inner_text() == "2"
+    tab.get_by_role("button", name="Go to line 2").click()
+    assert area.evaluate("(e) => e.value.slice(e.selectionStart, e.selectionEnd)") == "teeth 24"
+    tab.get_by_role("button", name="Save").click()
+    tab.get_by_text("line 2: found 'teeth 24'").wait_for()
+    area.fill('kind = "gear"\nteeth = 25\n')
+    tab.keyboard.press("Control+s")
+    tab.get_by_role("alert").or_(tab.locator(".notice.good")).get_by_text("Saved.").wait_for()
+    tab.reload()
+    assert tab.get_by_label("gear.toml").input_value() == 'kind = "gear"\nteeth = 25\n'
+
+
+def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
+    tab = open_tab("#/recipes/gear.toml")
+    tab.get_by_label("gear.toml").fill("a = 1\n")
+    asked = []
+    tab.on("dialog", lambda d: (asked.append(d.message), d.dismiss()))
+    tab.get_by_role("link", name="Home").click()
+    tab.wait_for_timeout(200)
+    assert asked and tab.get_by_label("gear.toml").input_value() == "a = 1\n"
+
+
+def test_an_operator_reads_recipes_only(open_tab, mock):
+    mock.play(role="operator", user="olga")
+    tab = open_tab("#/recipes/gear.toml")
+    assert tab.get_by_role("button", name="Save").count() == 0
+    assert tab.get_by_label("gear.toml").get_attribute("readonly") is not None
+
+
+def test_evidence_is_checked_by_an_engineer(open_tab):
+    tab = open_tab("#/results")
+    tab.get_by_role("button", name="Check the evidence").click()
+    tab.get_by_text("One result is not as it was written").wait_for()
+
+
+def test_devices_say_who_is_silent(open_tab, mock):
+    tab = open_tab("#/devices")
+    tab.locator(".device").nth(2).wait_for()
+    assert [t.split("\n")[-1] for t in tab.locator(".device .verdict").all_inner_texts()] == [
+        "answers",
+        "answers",
+        "no answer",
+    ]
+    mock.play(slow=True)
+    mock.run()
+    busy = open_tab("#/devices", expect=["409"])
+    busy.get_by_text("found a job at work").wait_for()
+
+
+def test_static_files_are_few_and_small():
+    bytes_of = sum(p.stat().st_size for p in STATIC.rglob("*") if p.is_file())
+    assert bytes_of < 250_000
