@@ -11,7 +11,7 @@ export function profileView(name) {
   const canvas = h("canvas", { class: "profile", role: "img", "aria-label": t("live.profile", { name }) });
   let range = null;
   let last = null;
-  new ResizeObserver(() => last && paint(canvas, last, range)).observe(canvas);
+  new ResizeObserver(() => range && paint(canvas, last, range)).observe(canvas);
   return {
     element: canvas,
     draw(profile) {
