@@ -43,6 +43,8 @@ def test_cloud_of_200_000_points_within_two_seconds(cloud_tab):
 def test_cloud_turns_by_key_and_mouse_and_comes_back(cloud_tab):
     canvas = cloud_tab.locator("canvas.cloud")
     canvas.focus()
+    cloud_tab.keyboard.press("0")
+    cloud_tab.wait_for_timeout(400)
     first = pixels(canvas)
     for key in ("ArrowLeft", "ArrowUp", "+", "Shift+ArrowRight"):
         cloud_tab.keyboard.press(key)

@@ -128,8 +128,9 @@ class View {
   camera() {
     const { width, height } = this.canvas;
     const distance = (2.5 * this.frame.radius * Math.max(1, height / width)) / this.zoomed;
-    const near = Math.max(distance - 2 * this.frame.radius, 0.01 * this.frame.radius);
-    const far = distance + 2 * this.frame.radius;
+    const reach = this.frame.reach + Math.hypot(...this.shift);
+    const near = Math.max(distance - reach, 0.01 * this.frame.radius);
+    const far = distance + reach;
     const look = orbit(this.turn, this.lift, distance, this.shift);
     return { matrix: multiplied(perspective(0.75, width / height, near, far), look), near, far, distance };
   }
@@ -148,7 +149,7 @@ class View {
     gl.uniformMatrix4fv(p.at("matrix"), false, matrix);
     gl.uniform1f(p.at("range"), this.range);
     gl.uniform3fv(p.at("colours"), COLOURS.flat());
-    gl.uniform1f(p.at("size"), (canvas.height * this.frame.spacing * 2.3) / 0.75);
+    gl.uniform1f(p.at("size"), (canvas.height * this.frame.spacing * 1.9) / 0.75);
     gl.uniform1f(p.at("most"), 14 * this.sharp);
     gl.bindVertexArray(this.array);
     gl.drawArrays(gl.POINTS, 0, this.count);
@@ -288,12 +289,29 @@ class View {
   }
 }
 
-/** Middle, radius, and how far apart the points stand on a surface of that size. */
-function framed({ n, x, y, z }) {
-  const ends = [x, y, z].map((axis) => axis.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]));
-  const [cx, cy, cz] = ends.map(([low, high]) => (low + high) / 2 || 0);
+/** Middle and radius of what has a deviation (of everything, where little has), the reach of all points, their spacing. */
+function framed({ n, x, y, z, deviation }) {
+  const some = [];
+  for (let i = 0; i < n; i++) if (!Number.isNaN(deviation[i])) some.push(i);
+  const shown = some.length > 0.01 * n ? some : null;
+  const ends = [x, y, z].map((axis) => extent(axis, shown));
+  const all = [x, y, z].map((axis) => extent(axis, null));
+  const middle = ends.map(([low, high]) => (low + high) / 2 || 0);
   const radius = 0.5 * Math.hypot(...ends.map(([low, high]) => high - low || 0)) || 1;
-  return { x: cx, y: cy, z: cz, radius, spacing: radius * Math.sqrt(5 / Math.max(n, 100)) };
+  const reach = Math.hypot(...all.map(([low, high], i) => Math.max(high - middle[i], middle[i] - low) || 0)) || 1;
+  return { x: middle[0], y: middle[1], z: middle[2], radius, reach: 1.05 * reach, spacing: reach * Math.sqrt(4 / Math.max(n, 100)) };
+}
+
+/** Least and largest; of all, where `some` is null. */
+function extent(axis, some) {
+  let [low, high] = [Infinity, -Infinity];
+  const count = some ? some.length : axis.length;
+  for (let k = 0; k < count; k++) {
+    const v = axis[some ? some[k] : k];
+    if (v < low) low = v;
+    if (v > high) high = v;
+  }
+  return [low, high];
 }
 
 /** A round number of um that holds all but the wildest few deviations. */

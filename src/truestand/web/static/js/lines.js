@@ -5,7 +5,7 @@ import { short, withU } from "./format.js";
 import { judged, mark } from "./marks.js";
 import { known, t } from "./texts.js";
 
-const MOST_NAMED = 6;
+const MOST_NAMED = 4;
 
 /** {value, U, low, high, unit, most, …} of a characteristic; sizes in mm, deviations in um. */
 export function line(c) {

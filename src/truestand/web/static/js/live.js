@@ -47,13 +47,14 @@ async function poll() {
 function heard(event) {
   if (event.type === "job") take(event.job);
   if (event.type !== "live") return;
-  store.live = event.live;
+  store.live = { ...event.live, step: store.job?.step };
   store.tell("live");
 }
 
 /** A job as it is now. Home is asked anew when it ends: verdicts, calibration and fault may have changed. */
 export function take(job, unsure = false) {
   const before = store.job;
+  if (job && job.id !== before?.id) store.live = null;
   if (job) store.job = job;
   if (job) store.tell("job");
   const ended = before?.state === "running" && job && job.state !== "running";

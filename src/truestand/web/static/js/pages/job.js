@@ -62,8 +62,7 @@ function working(signal) {
 
   function drawJob() {
     if (!store.running) return;
-    share.textContent = percent(store.job.done);
-    gauge.value = store.job.done;
+    drawShare();
     message.textContent = store.job.message ?? "";
     const key = store.job.steps.map((step) => step.state).join();
     if (steps.dataset.key === key) return;
@@ -73,7 +72,14 @@ function working(signal) {
     if (now) say(t("job.now", { step: now.label }));
   }
 
+  function drawShare() {
+    const done = doneOf(store.job, store.live);
+    share.textContent = percent(done);
+    gauge.value = done;
+  }
+
   function drawLive() {
+    drawShare();
     table.turn(store.live?.position_deg);
     for (const sensor of store.live?.sensors ?? []) {
       if (!views.has(sensor.name)) {
@@ -99,6 +105,13 @@ function working(signal) {
       stop.querySelector("span").textContent = t("job.abort");
     }
   }
+}
+
+/** The steps that are done, and as much of the scan as has come. */
+function doneOf({ done, steps }, live) {
+  const at = steps.findIndex((step) => step.state === "running");
+  const scanned = at >= 0 && live?.step === steps[at].name ? (at + live.done) / steps.length : 0;
+  return Math.min(1, Math.max(done, scanned));
 }
 
 function stepLine(step) {
@@ -150,6 +163,7 @@ async function ended(page, first, signal) {
   if (!job.number) return;
   const told = await get(`api/results/${job.number}`, signal).catch(() => null);
   if (!told || signal.aborted) return;
+  if (told.entry.serial) page.querySelector(".over").append(` · ${told.entry.serial}`);
   if (word === "done") page.querySelector(".stamp").replaceWith(stamp(told.record.verdict ?? told.record.status, title(job), job.message));
   put(why, decisive(told.record));
 }
