@@ -13,7 +13,9 @@ PAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("size", ["panel", "screen", "tablet"])
+@pytest.mark.parametrize(
+    "size", ["panel", pytest.param("screen", marks=pytest.mark.slow), pytest.param("tablet", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("path", PAGES)
 def test_page_shows_its_heading_and_fits(open_tab, path, size):
     tab = open_tab(path, size)
