@@ -41,8 +41,9 @@ class Mock:
         return self.post("api/jobs", kind=kind, part=part if kind == "inspect" else None, serial="A-0042")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium():
+    """Ended with each file: as long as it lives it keeps an event loop running, in which others can't start theirs."""
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is missing: apt-get install chromium")
