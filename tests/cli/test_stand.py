@@ -123,7 +123,7 @@ def test_a_fault_ends_3_and_stays_until_reset(single):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_signal_stops_the_stand_and_keeps_what_came(single, number):
     process = acquiring(single)
     time.sleep(1.0)

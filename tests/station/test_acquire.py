@@ -94,7 +94,11 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+SLOW = ("latency", "control lost", "garbage")
+"""Their like is tried in every run."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FAULTS])
 def test_a_fault_stops_the_stand_within_a_second(tmp_path, name):
     kind, strength, words = FAULTS[name]
     with lab(tmp_path, turns=1.0, pace=3.0, heartbeat_ms=500) as stand:
