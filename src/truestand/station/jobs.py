@@ -3,14 +3,13 @@
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from truestand.core.errors import BadRecipe, DeviceError, Fault
 from truestand.station.acquire import Live
 from truestand.station.recipe import order_of, read_devices
-from truestand.station.scan import take_scan
+from truestand.station.scan import now, take_scan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -198,8 +197,3 @@ def _needed(path: Path | None, what: str) -> Path:
     if path is None:
         raise BadRecipe(f"found no {what}; a job of this kind needs it")
     return path
-
-
-def now() -> str:
-    """The time as records carry it: ISO, UTC, seconds."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -80,7 +80,7 @@ def take_scan(
         raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
     latch = Latch(recipe)
     try:
-        latch.use(_now(), log.absolute())
+        latch.use(now(), log.absolute())
         taken = _record(recipe, stand, devices, order, log, show, latch)
     finally:
         latch.close()
@@ -124,20 +124,20 @@ def _record(
         with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
             jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
             try:
-                acquire(station, order, jobs, log, _now(), show)
+                acquire(station, order, jobs, log, now(), show)
             finally:
                 left = station.left
                 if left:
                     hand_over()
     except KeyboardInterrupt:
         if left:
-            latch.fault(_now(), _reason("it was interrupted by the operator", left))
+            latch.fault(now(), _reason("it was interrupted by the operator", left))
         if not log.exists():
             raise
         return Taken((), interrupted=True, left=tuple(left))
     except Exception as wrong:
         if isinstance(wrong, Fault) or left or log.exists():
-            latch.fault(_now(), _reason(str(wrong), left))
+            latch.fault(now(), _reason(str(wrong), left))
         if not (log.exists() and isinstance(wrong, TruestandError | OSError)):
             raise
         return Taken((), fault=str(wrong), left=tuple(left))
@@ -164,5 +164,6 @@ def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, 
     return tuple(written)
 
 
-def _now() -> str:
+def now() -> str:
+    """The time as records carry it: ISO, UTC, seconds."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -13,7 +13,6 @@ KEY = 0x42
 MOST_DATA = 536
 """Bytes of memory in one READMEM or WRITEMEM, so that a message fits the smallest datagram that all must accept."""
 ACK_REQUIRED = 0x01
-BROADCAST_ACK = 0x10
 
 
 class Command(IntEnum):
