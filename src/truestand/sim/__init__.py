@@ -4,7 +4,7 @@ A ray caster in the lab's frame. It shares no code with the estimator that it te
 artefacts are common (checked by import-linter).
 """
 
-from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
 from truestand.sim.paper import paper_shaft, paper_simulation, paper_stand
 from truestand.sim.part_recipe import virtual_part_from
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
@@ -45,6 +45,7 @@ __all__ = [
     "VirtualPart",
     "VirtualTurned",
     "Workpiece",
+    "Worn",
     "paper_shaft",
     "paper_simulation",
     "paper_stand",

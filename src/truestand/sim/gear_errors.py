@@ -36,6 +36,24 @@ class Chip:
 
 
 @dataclass(frozen=True, slots=True)
+class Worn:
+    """Material gone between two roll lengths and two heights of a flank: a groove, a scratch, a worn band.
+
+    Full depth but for smooth edges of width ``edge`` inside all four sides.
+    """
+
+    tooth: int | None
+    """None: this flank of every tooth."""
+    flank: Flank
+    rolls: tuple[float, float]
+    heights: tuple[float, float]
+    """In C."""
+    depth: float
+    """Positive into the material; negative: material on top."""
+    edge: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
 class FlankErrors:
     """Form of all left or all right flanks."""
 
@@ -74,6 +92,7 @@ class GearErrors:
     helix_crowning: float = 0.0
     """Material missing at both ends of the face."""
     dents: tuple[Dent, ...] = ()
+    worn: tuple[Worn, ...] = ()
     chips: tuple[Chip, ...] = ()
     missing: tuple[int, ...] = ()
     """Numbers of the teeth that are not there."""

@@ -73,6 +73,9 @@ def _rows(real: RealGear) -> Array:
     for d in real.dents:
         even = d.height + d.radius * np.linspace(-1, 1, 2 * DENT_CELLS + 1)
         heights.append(np.round(even, DENT_DIGITS))  # so that rows of many dents fall together
+    for w in real.errors.worn:
+        bottom, top = w.heights
+        heights.append(np.array([bottom, bottom + w.edge, top - w.edge, top]))
     for c in real.errors.chips:
         heights.append(np.array([c.bottom, c.bottom + SHARP, c.top - SHARP, c.top]))
     merged = np.unique(np.round(np.concatenate(heights), 6))

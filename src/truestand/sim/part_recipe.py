@@ -9,7 +9,7 @@ from pydantic import Field
 from truestand.files.checking import Recipe, checked
 from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
-from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned, check_gear
 from truestand.sim.recipe import ShapeRecipe, workpiece_of
 
@@ -29,6 +29,20 @@ class DentRecipe(Recipe):
     radius_mm: Positive
     depth_um: float
     """Positive into the material."""
+
+
+class WornRecipe(Recipe):
+    """``[[simulation.worn]]``: a groove or a worn band on one flank, or on that flank of every tooth."""
+
+    tooth: Tooth | None = None
+    flank: Literal["left", "right"]
+    from_roll_length_mm: NotNegative
+    to_roll_length_mm: Positive
+    from_mm: float
+    to_mm: float
+    depth_um: float
+    """Positive into the material."""
+    edge_mm: Positive = 0.1
 
 
 class ChipRecipe(Recipe):
@@ -62,6 +76,7 @@ class GearErrorsRecipe(Recipe):
     helix_slope_right_um: float | None = None
     helix_crowning_um: float = 0.0
     dent: tuple[DentRecipe, ...] = ()
+    worn: tuple[WornRecipe, ...] = ()
     chip: tuple[ChipRecipe, ...] = ()
     missing: tuple[Tooth, ...] = ()
 
@@ -109,6 +124,17 @@ def _gear_errors(r: GearErrorsRecipe) -> GearErrors:
         helix_crowning=r.helix_crowning_um / UM,
         dents=tuple(
             Dent(d.tooth, d.flank, d.roll_length_mm, d.height_mm, d.radius_mm, d.depth_um / UM) for d in r.dent
+        ),
+        worn=tuple(
+            Worn(
+                w.tooth,
+                w.flank,
+                (w.from_roll_length_mm, w.to_roll_length_mm),
+                (w.from_mm, w.to_mm),
+                w.depth_um / UM,
+                w.edge_mm,
+            )
+            for w in r.worn
         ),
         chips=tuple(Chip(c.tooth, c.from_mm, c.to_mm, c.depth_mm) for c in r.chip),
         missing=r.missing,

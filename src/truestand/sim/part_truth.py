@@ -1,8 +1,8 @@
 """What is true of the part that sat on the shaft, with the words of inspection.json.
 
 A gear's figures come from its real surface where it stands in C, shift, seat and all: points on it are set against the
-nominal surface (the drawing with its intended modifications) about C's axis. Dents and chips are told apart and left
-out of everything else.
+nominal surface (the drawing with its intended modifications) about C's axis. Dents, worn stretches and chips are told
+apart and left out of everything else.
 """
 
 from dataclasses import dataclass, replace
@@ -75,7 +75,7 @@ class _Standing:
 
 
 def _standing(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> _Standing:
-    real = RealGear(part.gear, replace(part.errors, dents=(), chips=()))
+    real = RealGear(part.gear, replace(part.errors, dents=(), worn=(), chips=()))
     phase = real.first + workpiece.clamped
     nominal = RealGear(part.gear, GearErrors(phase=phase))
     moved_on = round((phase - nominal.first) / part.gear.pitch)
@@ -186,6 +186,18 @@ def _defects(part: VirtualGear, s: _Standing) -> dict[str, Any]:
                 "depth_um": UM * d.depth,
             }
             for d in e.dents
+        ],
+        "worn": [
+            {
+                "tooth": None if w.tooth is None else s.number(w.tooth),
+                "flank": w.flank,
+                "from_roll_length_mm": w.rolls[0],
+                "to_roll_length_mm": w.rolls[1],
+                "from_mm": w.heights[0],
+                "to_mm": w.heights[1],
+                "depth_um": UM * w.depth,
+            }
+            for w in e.worn
         ],
         "chips": [
             {"tooth": s.number(c.tooth), "from_mm": c.bottom, "to_mm": c.top, "depth_mm": c.depth} for c in e.chips

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
-from truestand.sim.gear_errors import Dent, GearErrors
+from truestand.sim.gear_errors import Dent, GearErrors, Worn
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -90,6 +90,20 @@ def _form_radius(gear: Gear, base: float, reference: float, alpha: float, start:
     return max(hypot(base, max(roll, SHORTEST_ROLL * gear.module)), start)
 
 
+def _gone(worn: Worn, tooth: Ints, roll: Array, height: Array) -> Array:
+    """How deep a worn stretch is (mm, along the base tangent)."""
+    here = 1.0 if worn.tooth is None else np.asarray(tooth == worn.tooth - 1, dtype=np.float64)
+    return np.asarray(
+        worn.depth * here * _plateau(roll, worn.rolls, worn.edge) * _plateau(height, worn.heights, worn.edge)
+    )
+
+
+def _plateau(at: Array, ends: tuple[float, float], edge: float) -> Array:
+    """1 between the ends, falling smoothly to 0 at them over ``edge`` mm."""
+    share = np.clip(np.minimum(at - ends[0], ends[1] - at) / edge, 0.0, 1.0)
+    return np.asarray(share * share * (3.0 - 2.0 * share))
+
+
 class RealGear:
     """A gear as it really is, in the frame of its bore: axis Z, heights as in C.
 
@@ -130,6 +144,9 @@ class RealGear:
         for dent in self.dents:
             if (dent.flank == "left") == (side == LEFT):
                 excess = excess - self._dented(dent, tooth, roll, height)
+        for worn in self.errors.worn:
+            if (worn.flank == "left") == (side == LEFT):
+                excess = excess - _gone(worn, tooth, roll, height)
         return np.asarray(excess)
 
     def _profile(self, side: int, roll: Array) -> Array:
