@@ -46,6 +46,8 @@ class Characteristic:
     standard: str | None = None
     budget: tuple[Contribution, ...] = ()
     """Lines of U, largest first, in mm."""
+    reason: str | None = None
+    """What of the part the value leaves out, where it leaves out any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +61,14 @@ class Defect:
     depth: float | None
     extent: float | None
     kind: str
-    """dent | bump | chipped tip | chipped end | burr | missing tooth."""
+    """dent | bump | chipped tip | chipped end | burr | missing tooth | hidden tip."""
     score: float
     second_score: float | None = None
     """IsolationForest, 0..1, where scikit-learn is installed."""
+    U: float | None = None
+    """Of the depth (k = 2), where it is told."""
+    verdict: Verdict | None = None
+    """Of a tooth that is missing, broken or chipped, or may be; None: only listed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +101,12 @@ class Inspection:
 
     @property
     def verdict(self) -> Verdict:
-        """Does not conform if any line fails; else undecided if any line with limits is, or nothing may be decided.
+        """Does not conform if any line fails or a tooth is broken; else undecided if any line is, if a tooth may be
+        broken, or if nothing may be decided.
 
-        A part without limits has nothing to fail.
+        A part without limits can fail by broken teeth only.
         """
-        found = {c.verdict for c in self.characteristics if c.verdict is not None}
+        found = {c.verdict for c in self.characteristics} | {d.verdict for d in self.defects}
         deep = self.defect_depth is not None and any((d.depth or 0.0) > self.defect_depth for d in self.defects)
         if not self.reasons and ("does_not_conform" in found or deep):
             return "does_not_conform"

@@ -64,6 +64,8 @@ def _characteristic(c: Characteristic) -> Record:
         "capable": c.capable,
         "standard": c.standard,
     }
+    if c.reason is not None:
+        line["reason"] = c.reason
     if c.tooth is None:
         scale = 1.0 if c.size else UM
         unit = "U_mm" if c.size else "U_um"
@@ -91,6 +93,7 @@ def _line(c: Mapping[str, Any], gear: bool) -> Characteristic:
     return Characteristic(
         c["name"], value, U, c.get("flank"), c.get("tooth"), c.get("section"), size, _limits(c, gear), c.get("grade"),
         c["coverage"], c["status"], c.get("verdict"), c.get("capable", True), c.get("standard"),
+        reason=c.get("reason"),
     )  # fmt: skip
 
 
@@ -122,10 +125,12 @@ def _defect(d: Defect) -> Record:
         "roll_length_mm": d.roll_length,
         "height_mm": d.height,
         "depth_um": None if d.depth is None else UM * d.depth,
+        "U_um": None if d.U is None else UM * d.U,
         "extent_mm": d.extent,
         "kind": d.kind,
         "score": d.score,
         "second_score": d.second_score,
+        "verdict": d.verdict,
     }
 
 

@@ -1,17 +1,19 @@
 """The lines of the report: each figure with U, limit, class, coverage and verdict; and how it was all evaluated."""
 
-from dataclasses import dataclass
-from math import degrees, hypot
+from dataclasses import dataclass, replace
+from math import degrees, hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.calibration import Contribution
 from truestand.core.datum import Datum
 from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.inspection import Characteristic, Flank, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.coverage import Coverage
+from truestand.gear.damage import Bools, Damage, Zone, reading
 from truestand.gear.figures import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.fold import Ends
 from truestand.gear.geometry import FACE_SHARE, TIP_SHARE, Involute, pitch_span
@@ -22,6 +24,7 @@ Array = NDArray[np.float64]
 
 PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 SIZES = ("s", "W_k", "M_d")
+LEFT_OUT = "damage left out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,10 @@ class Told:
     expanded: dict[str, Figures]
     influences: tuple[Influence, ...]
     coverage: Coverage
+    damage: tuple[Damage, ...]
+    """What the figures leave out, and from which cells (roll lengths, heights) they are read."""
+    zones: dict[Zone, Bools]
+    runout_per_delta: float
 
 
 def characteristics_of(told: Told, nominal: Involute, ends: tuple[Ends, ...]) -> tuple[Characteristic, ...]:
@@ -71,7 +78,41 @@ def _line(told: Told, nominal: Involute, name: str, at: tuple[int, ...]) -> Char
         standard=standard,
         budget=budget,
     )
-    return line if plain in INFORMATIVE else decided(line)
+    line = line if plain in INFORMATIVE else decided(line)
+    return _damaged(line, told, nominal, at) if seen else line
+
+
+def _damaged(line: Characteristic, told: Told, nominal: Involute, at: tuple[int, ...]) -> Characteristic:
+    """The line with what was left out of it in its U; undecided where that has no known depth."""
+    side, tooth = (*at, None, None)[:2]
+    regions = reading(told.damage, told.zones[_zone(line.name)], side, tooth)
+    if not regions:
+        return line
+    gravest = max(regions, key=lambda d: 1e9 if d.depth is None else abs(d.depth))
+    depths = [abs(d.depth or 0.0) for d in regions]
+    most = sum(depths) / nominal.gear.teeth if line.size else max(depths)
+    u = most * _per_delta(line.name, told, nominal) / sqrt(3.0)  # anywhere between none of it and all
+    budget = sorted((*line.budget, Contribution(LEFT_OUT, 2 * u, u, "rectangular")), key=lambda c: -c.U)
+    doubted = replace(line, U=hypot(line.U or 0.0, 2 * u), budget=tuple(budget), reason=gravest.text)
+    if line.verdict is None:
+        return doubted
+    if gravest.depth is None:
+        return replace(doubted, verdict="undecided")
+    return replace(decided(doubted), capable=line.capable)  # U of a sound part is what the stand can do
+
+
+def _zone(name: str) -> Zone:
+    if name.endswith(AREAL):
+        return "area"
+    return "profile" if name in PROFILE_NAMES else "helix" if name in MEANS else "position"
+
+
+def _per_delta(name: str, told: Told, nominal: Involute) -> float:
+    """By how much a figure may follow one flank's delta."""
+    if name in PITCH or name == "s" or name.endswith(AREAL):
+        return nominal.arc_per_delta * (2.0 if name == "f_u" else 1.0)
+    others = {"F_r": told.runout_per_delta, "M_d": 2 * told.runout_per_delta, "W_k": nominal.normal_per_delta}
+    return others.get(name, 1.0)
 
 
 def _coverage(c: Coverage, name: str, at: tuple[int, ...]) -> float:

@@ -39,7 +39,7 @@ class Coverage:
 
 def coverage_of(grid: Grid, nominal: Involute, step: float) -> Coverage:
     """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
-    seen = _between_profiles(_solid(grid), grid, nominal, step)
+    seen = across_gaps(solid_cells(grid), grid, nominal, step)
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
     rolls = (grid.rolls >= low) & (grid.rolls <= high)
     heights = (grid.heights >= bottom) & (grid.heights <= top)
@@ -67,17 +67,17 @@ def profiles_for(nominal: Involute, roll: float, fine: float = FINE) -> int:
     return ceil(2 * pi / (fine / float(step_on_flank(nominal, roll, 1.0))))
 
 
-def _solid(grid: Grid) -> Bools:
-    """Cells that hold more than strays."""
-    flanks = grid.count.reshape(*grid.count.shape[:2], -1)
-    usual = np.array([[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks])
-    return np.asarray(grid.count > STRAY * usual[:, :, None, None])
+def solid_cells(grid: Grid) -> Bools:
+    """Cells (2, teeth, roll lengths, heights) that hold more than strays."""
+    return np.asarray(grid.count > STRAY * grid.usual)
 
 
-def _between_profiles(seen: Bools, grid: Grid, nominal: Involute, step: float) -> Bools:
-    cell = grid.rolls[1] - grid.rolls[0] if grid.rolls.size > 1 else 1.0
-    reach = np.ceil(step_on_flank(nominal, grid.rolls, step) / 2 / cell).astype(np.intp)
-    spread = np.zeros_like(seen)
+def across_gaps(cells: Bools, grid: Grid, nominal: Involute, step: float) -> Bools:
+    """The same cells (2, teeth, roll lengths, heights) and those within half a ``step`` of the table (rad) of them:
+    what lies between two profiles."""
+    width = grid.rolls[1] - grid.rolls[0] if grid.rolls.size > 1 else 1.0
+    reach = np.ceil(step_on_flank(nominal, grid.rolls, step) / 2 / width).astype(np.intp)
+    spread = np.zeros_like(cells)
     for i, r in enumerate(reach):
-        spread[:, :, i] = seen[:, :, max(i - r, 0) : i + r + 1].any(axis=2)
+        spread[:, :, i] = cells[:, :, max(i - r, 0) : i + r + 1].any(axis=2)
     return spread

@@ -11,6 +11,7 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.decide import GUARD_FACTOR, decide
 from truestand.core.inspection import Defect, Flank
 from truestand.gear.coverage import Coverage
 from truestand.gear.evaluate import residuals, weigh
@@ -36,7 +37,11 @@ BORDER = 2
 GAP = 9
 """Cells of roll length that may lie between two profiles: a deep dent near the root moves them apart."""
 TOOTH_DEPTH = 0.1
-"""mm of radius by which a tooth's tip must differ from the median tooth's."""
+"""mm of radius by which a tooth's tip may miss what the other teeth have (CONTRACT.md, Verdicts)."""
+LEAST_TIP_U = 0.005
+"""mm, k = 2: the depth of a broken tip is not known better."""
+ON_MOST = 0.75
+"""Share of the teeth that must show a place of the tip for it to be missed on the others."""
 LEAST_ROUND, ROUNDS = 6, 30
 """Teeth that tell a wave round the gear, and rounds of least absolute deviations that find it."""
 LEAST_CELLS = 2
@@ -107,9 +112,7 @@ def _without_lone(residual: Array) -> Array:
 
 def _full(grid: Grid) -> Bools:
     """Cells with points enough that strays don't make up their median."""
-    flanks = grid.count.reshape(*grid.count.shape[:2], -1)
-    usual = np.array([[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks])
-    return np.asarray(grid.count >= np.maximum(FULL * usual, LEAST_POINTS)[:, :, None, None])
+    return np.asarray(grid.count >= np.maximum(FULL * grid.usual, LEAST_POINTS))
 
 
 def _scores(residual: Array, grid: Grid) -> Array:
@@ -199,17 +202,21 @@ def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
     tip = folded.radius[:, tip_places(folded, nominal)]
     gone = gone_teeth(folded, nominal)
     drop = _usual_tips(folded, nominal, gone)[:, None] - _median(tip, 1)
+    known = drop[~gone][np.isfinite(drop[~gone])]
+    U = max(2 * 1.4826 * float(np.median(np.abs(known - np.median(known)))), LEAST_TIP_U) if known.size else LEAST_TIP_U
+    least = TOOTH_DEPTH - GUARD_FACTOR * U / 2
+    hidden = ~np.isfinite(drop) & (np.isfinite(drop).mean(axis=0) >= ON_MOST)
     found = []
     for tooth, row in enumerate(drop):
-        seen = np.isfinite(row)
         if gone[tooth]:
-            found.append(_tooth(folded, tooth, seen, row, "missing tooth"))
+            found.append(_tooth(folded, tooth, np.isfinite(row), row, "missing tooth", U))
             continue
         for sign, kind in ((1.0, "chipped tip"), (-1.0, "burr")):
-            for run in _runs(sign * np.nan_to_num(row) > TOOTH_DEPTH):
+            for run in _runs(sign * np.nan_to_num(row) > least):
                 at_end = (run[0] and not run[-1]) or (run[-1] and not run[0])
                 name = "chipped end" if at_end and kind == "chipped tip" else kind
-                found.append(_tooth(folded, tooth, run, row, name))
+                found.append(_tooth(folded, tooth, run, row, name, U))
+        found += [_hidden(folded, tooth, run) for run in _runs(hidden[tooth])]
     return tuple(found)
 
 
@@ -248,20 +255,26 @@ def _runs(on: Bools) -> list[Bools]:
     return [marked == n for n in range(1, number + 1) if int((marked == n).sum()) >= LEAST_CELLS]
 
 
-def _tooth(folded: FoldedMap, tooth: int, run: Bools, drop: Array, kind: str) -> Defect:
+def _tooth(folded: FoldedMap, tooth: int, run: Bools, drop: Array, kind: str, U: float) -> Defect:
+    """A finding on a tooth's tip, with its verdict: a burr has none."""
     depth = float(np.nanmax(drop[run]) if kind != "burr" else np.nanmin(drop[run]))
-    cell = folded.heights[1] - folded.heights[0] if folded.heights.size > 1 else 1.0
-    extent = float(run.sum() * cell)
+    verdict = None if kind == "burr" else decide(depth, U, (None, TOOTH_DEPTH))
+    score = abs(depth) / TOOTH_DEPTH * SIGNIFICANT
     return Defect(
-        tooth + 1,
-        None,
-        None,
-        float(folded.heights[run].mean()),
-        depth,
-        extent,
-        kind,
-        abs(depth) / TOOTH_DEPTH * SIGNIFICANT,
-    )
+        tooth + 1, None, None, float(folded.heights[run].mean()), depth, _length(folded, run), kind, score, U=U,
+        verdict=verdict,
+    )  # fmt: skip
+
+
+def _hidden(folded: FoldedMap, tooth: int, run: Bools) -> Defect:
+    """A stretch of a tip that nobody saw, where the other teeth have theirs: it may have broken off."""
+    height = float(folded.heights[run].mean())
+    return Defect(tooth + 1, None, None, height, None, _length(folded, run), "hidden tip", 0.0, verdict="undecided")
+
+
+def _length(folded: FoldedMap, run: Bools) -> float:
+    """mm of height that a stretch of the folded map's rows covers."""
+    return float(run.sum()) * float(folded.heights[1] - folded.heights[0] if folded.heights.size > 1 else 1.0)
 
 
 def _at_chip(d: Defect, whole: tuple[Defect, ...], nominal: Involute) -> bool:

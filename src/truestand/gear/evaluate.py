@@ -88,7 +88,7 @@ class Measures:
 def weigh(grid: Grid, nominal: Involute, everywhere: bool = False) -> Weighed:
     """Which cells count, by Tukey's biweight about flank and shared shape; ``everywhere``: not in the ranges only."""
     flanks, cells = grid.delta.shape[0] * grid.delta.shape[1], grid.delta.shape[2] * grid.delta.shape[3]
-    wanted = np.isfinite(grid.delta) if everywhere else _inside(grid, nominal)
+    wanted = np.isfinite(grid.delta) if everywhere else np.isfinite(grid.delta) & in_ranges(grid, nominal)
     values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
     basis = _basis(grid, nominal).reshape(flanks, cells, TERMS)
     weight = inside.astype(np.float64)
@@ -199,11 +199,10 @@ def smallest(values: Array) -> Array:
     return np.asarray(np.fmin.reduce(values, axis=-1))
 
 
-def _inside(grid: Grid, nominal: Involute) -> Bools:
-    """Cells seen inside both evaluation ranges."""
+def in_ranges(grid: Grid, nominal: Involute) -> Bools:
+    """Cells (2, teeth, roll lengths, heights) inside both evaluation ranges."""
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
-    inside = grid.seen & (grid.roll >= low) & (grid.roll <= high) & (grid.height >= bottom) & (grid.height <= top)
-    return np.asarray(inside & np.isfinite(grid.delta))
+    return np.asarray((grid.roll >= low) & (grid.roll <= high) & (grid.height >= bottom) & (grid.height <= top))
 
 
 def _half_roll(nominal: Involute) -> float:

@@ -50,6 +50,18 @@ AT_ZERO = 3.5e-4
 
 
 @dataclass(frozen=True, slots=True)
+class FlankPoints:
+    """Points and the flank that each one belongs to. (n,) arrays; flank 0 = left, 1 = right; tooth from 0."""
+
+    roll: Array
+    """mm."""
+    height: Array
+    """mm in C."""
+    which: Ints
+    """flank * teeth + tooth."""
+
+
+@dataclass(frozen=True, slots=True)
 class Flanks:
     """The points that lie on flanks. (n,) arrays; flank 0 = left, 1 = right; tooth from 0."""
 
@@ -65,6 +77,8 @@ class Flanks:
     """Reading of the scan, row * points + point."""
     turned: float
     """Polar angle (rad, C) of the centre of the first tooth at the middle of the face."""
+    beyond: FlankPoints | None = None
+    """The points that lie where this toothing should, but beyond ``GATE`` from the flank."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +122,16 @@ def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
     turned, offsets, _ = settle(surface, nominal, datum)
     eyes = _eyes(surface, datum)
     low, high = float(nominal.radius(np.asarray(nominal.control_roll))), nominal.gear.tip_diameter / 2 - TIP_MARGIN
-    parts = []
+    parts, others = [], []
     for first in range(0, surface.x.shape[0], BLOCK):
         rows = slice(first, min(first + BLOCK, surface.x.shape[0]))
         points = located(surface, nominal, datum, rows, low, high)
-        parts.append(_on_flanks(points, nominal, turned, offsets, eyes, surface.x.shape[1]))
-    joined = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
-    found = Flanks(joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], turned)
+        on, beyond = _on_flanks(points, nominal, turned, offsets, eyes, surface.x.shape[1])
+        parts.append(on)
+        others.append(beyond)
+    joined, far = ([np.concatenate(columns) for columns in zip(*p, strict=True)] for p in (parts, others))
+    beyond_all = FlankPoints(far[0], far[1], far[2])
+    found = Flanks(joined[0], joined[1], joined[2], joined[3], joined[4], joined[5], turned, beyond_all)
     bottom, top = flank_heights(found, nominal)
     low = bottom + END_MARGIN if bottom > nominal.gear.face_from else -np.inf
     high = top - END_MARGIN if top < nominal.gear.face_to else np.inf
@@ -140,22 +157,29 @@ def flank_heights(flanks: Flanks, nominal: Involute) -> tuple[float, float]:
 
 
 def only(f: Flanks, kept: NDArray[np.bool_]) -> Flanks:
-    """Some of the points."""
-    return Flanks(f.delta[kept], f.roll[kept], f.height[kept], f.which[kept], f.profile[kept], f.index[kept], f.turned)
+    """Some of the points; those beyond the gate stay."""
+    columns = (f.delta[kept], f.roll[kept], f.height[kept], f.which[kept], f.profile[kept], f.index[kept])
+    return Flanks(*columns, f.turned, f.beyond)
 
 
 def _on_flanks(
     p: Located, nominal: Involute, turned: float, offsets: Array, eyes: Array | None, points: int
-) -> tuple[Array, Array, Array, Ints, Ints, NDArray[np.int64]]:
+) -> tuple[tuple[Array, Array, Array, Ints, Ints, NDArray[np.int64]], tuple[Array, Array, Ints]]:
+    """The columns of ``Flanks`` for points on flanks, and those of ``FlankPoints`` for points beyond the gate."""
     which, delta = assigned(p, nominal, turned)
     roll = np.sqrt(np.maximum(p.radius**2 - nominal.base_radius**2, 0.0))
     delta = delta - nominal.modification(roll, p.height)
-    on = np.abs(delta - offsets[which]) < GATE  # NaN offsets: a flank that nobody saw
+    off = np.abs(delta - offsets[which])  # NaN: a flank that nobody saw
+    on, beyond = off < GATE, off >= GATE
     profile = (p.index // points).astype(np.int32)
     if eyes is not None:
         on[on] = _facing(_taken(p, on), which[on], eyes[profile[on]], nominal) > LEAST_FACING
     profile = profile[on]
-    return delta[on], roll[on], p.height[on], which[on].astype(np.int32), profile, p.index[on]
+    flank = which.astype(np.int32)
+    return (
+        (delta[on], roll[on], p.height[on], flank[on], profile, p.index[on]),
+        (roll[beyond], p.height[beyond], flank[beyond]),
+    )
 
 
 def _taken(p: Located, on: NDArray[np.bool_]) -> Located:

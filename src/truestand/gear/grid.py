@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.medians import medians
-from truestand.gear.flanks import END_MARGIN, GATE, Flanks
+from truestand.gear.flanks import END_MARGIN, GATE, FlankPoints, Flanks
 from truestand.gear.geometry import Involute
 
 Array = NDArray[np.float64]
@@ -55,17 +55,22 @@ class Grid:
         """Cells that hold a point."""
         return np.asarray(self.count > 0)
 
+    @property
+    def usual(self) -> Array:
+        """Points (2, teeth, 1, 1) that a seen cell of each flank usually holds; 0 where nothing was seen."""
+        flanks = self.count.reshape(*self.count.shape[:2], -1)
+        medians_ = [[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks]
+        return np.array(medians_)[:, :, None, None]
+
 
 def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL) -> Grid:
     """The cells of all flanks, (2, teeth, roll lengths, heights), ``height_cell`` mm high."""
     g = nominal.gear
-    low, high = g.face_from + END_MARGIN, g.face_to - END_MARGIN
+    low, high = _face(nominal)
     rolls = ceil(nominal.control_length / g.evaluation.resolution)
     heights = max(1, ceil((high - low) / height_cell))
     shape = (2, g.teeth, rolls, heights)
-    i = _place(flanks.roll, nominal.control_roll, nominal.tip_roll, rolls)
-    j = _place(flanks.height, low, high, heights)
-    cell = (flanks.which.astype(np.int64) * rolls + i) * heights + j
+    cell = cell_of(flanks, nominal, rolls, heights)
     cells = int(np.prod(shape))
     median, count = medians(cell, flanks.delta, cells, SPAN)
     count = _without_strays(count.reshape(2 * g.teeth, -1)).reshape(-1)
@@ -91,6 +96,18 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
         *centres,
         scatter,
     )
+
+
+def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, heights: int) -> NDArray[np.int64]:
+    """Flat index (n,) of the cell, among (2, teeth, rolls, heights), in which each point lies."""
+    i = _place(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
+    j = _place(points.height, *_face(nominal), heights)
+    return np.asarray((points.which.astype(np.int64) * rolls + i) * heights + j)
+
+
+def _face(nominal: Involute) -> tuple[float, float]:
+    """Heights between which flanks have cells."""
+    return nominal.gear.face_from + END_MARGIN, nominal.gear.face_to - END_MARGIN
 
 
 def _without_strays(count: NDArray[np.int64]) -> NDArray[np.int64]:

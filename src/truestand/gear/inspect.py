@@ -16,6 +16,7 @@ from truestand.gear.angle import Steadied, steadied
 from truestand.gear.budget import expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Told, characteristics_of, settings_of
 from truestand.gear.coverage import FINE, Coverage, coverage_of, profiles_for, step_on_flank
+from truestand.gear.damage import Damage, damage_of, zones_of
 from truestand.gear.defects import find_defects
 from truestand.gear.diagnosis import diagnosis
 from truestand.gear.drawing import Gear
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 
 SHORT = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
+MOST_TOLD = 12
+"""Regions left out that the remarks name."""
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""
 
@@ -86,6 +89,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         scan_sha256=scan.sha256,
         remarks=(
             *_remarks(coverage, scan, calibration, nominal),
+            *_of_damage(told.damage),
             *_of_face(flanks, nominal),
             *_of_angle(steady),
             *diagnosis(read.measures, nominal),
@@ -124,7 +128,11 @@ def _told(
     base = figures_of(read.measures, nominal)
     influences = influences_of(scan, calibration, read.grid, nominal, datum, read.flanks.turned, uneven)
     joined = expanded(influences, read.measures, read.weighed, read.grid, nominal)
-    return Told(corrected(base, noisier), joined | {"noise": noise}, influences, coverage)
+    return Told(
+        corrected(base, noisier), joined | {"noise": noise}, influences, coverage,
+        damage_of(read.flanks, read.grid, read.weighed, nominal, scan.step),
+        zones_of(read.grid, nominal, scan.step), read.measures.runout_per_delta,
+    )  # fmt: skip
 
 
 def _deviation(flanks: Flanks, surface: Surface, nominal: Involute) -> Array:
@@ -220,6 +228,13 @@ def _of_face(flanks: Flanks, nominal: Involute) -> tuple[str, ...]:
         f"flanks were seen from height {bottom:.1f} to {top:.1f} mm, the drawing's face is {g.face_from:g} to "
         f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view",
     )
+
+
+def _of_damage(damage: tuple[Damage, ...]) -> tuple[str, ...]:
+    """What the figures leave out: the deepest and what nobody saw first."""
+    gravest = sorted(damage, key=lambda d: -1e9 if d.depth is None else -abs(d.depth))
+    more = (f"{len(damage) - MOST_TOLD} more regions of flanks are left out",) if len(damage) > MOST_TOLD else ()
+    return (*(f"left out of the flank's figures: {d.text}" for d in gravest[:MOST_TOLD]), *more)
 
 
 def _of_angle(steady: Steadied) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ The calibrated sensor's own rays are cast onto the model, so that what the senso
 reading belongs to the surface that it was meant to hit and not to the nearest one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, sqrt, tau
 
 import numpy as np
@@ -24,8 +24,9 @@ from truestand.core.surface import Surface, table_angle
 from truestand.parts import doubt
 from truestand.parts.cast import Solid, meet, solid_of
 from truestand.parts.drawings import Cad
-from truestand.parts.patches import Grid, Patches, patches_of
+from truestand.parts.patches import Grid, Patches, farthest, patches_of
 from truestand.parts.place import Placing, Rays, motions, place, told
+from truestand.parts.unmet import Region, unmet_regions
 from truestand.parts.view import coverage_of
 
 Array = NDArray[np.float64]
@@ -46,6 +47,11 @@ MORE = 0.01
 MOST_PATCHES = 3_000_000
 """Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
+WITHIN = "shape within a patch"
+SAMPLED = 1.25
+"""How much deeper a bowl of a patch's size may be than the deepest reading but one says."""
+MOST_TOLD = 12
+"""Regions that the remarks name."""
 INCIDENCE = "incidence on steep surfaces (assumed)"
 INCIDENCE_U = 0.005
 """mm, k = 2, of range at 60 degrees: the laser's spot grows and shifts with the tangent of the incidence."""
@@ -125,15 +131,31 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     marked = _on_model(job, model_from_shaft)
     coverage, visible = coverage_of(solid, model_from_shaft, scan, calibration, marked)
     found = _characteristics(job, placing, model_from_shaft, patches, compared, coverage)
+    unmet = unmet_regions(solid, model_from_shaft, scan, job.angle, calibration, part.reach) if marked.size else ()
     shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
     evidence = CadEvidence(
         grid.angle, grid.height, _most(patches), patches.count.sum(axis=2), _edge(grid), patches.scatter,
         shaft_from_model, placing.angle, placing.alike, visible,
     )  # fmt: skip
     return Inspection(
-        "cad", part.name, found, reasons=calibration.reasons, remarks=_remarks(job, placing, patches, visible),
+        "cad", part.name, _doubted(found, unmet), reasons=calibration.reasons,
+        remarks=(*_remarks(job, placing, patches, visible), *_of_regions(unmet)),
         settings=_settings(job, placing, grid), deviation=deviation, evidence=evidence,
     )  # fmt: skip
+
+
+def _doubted(lines: tuple[Characteristic, ...], unmet: tuple[Region, ...]) -> tuple[Characteristic, ...]:
+    """The lines, undecided at least where model surface was not confirmed: what it does there isn't known."""
+    if not unmet:
+        return lines
+    return tuple(
+        replace(c, verdict="undecided" if c.verdict == "conforms" else c.verdict, reason=unmet[0].text) for c in lines
+    )
+
+
+def _of_regions(unmet: tuple[Region, ...]) -> tuple[str, ...]:
+    more = (f"{len(unmet) - MOST_TOLD} more regions are not confirmed",) if len(unmet) > MOST_TOLD else ()
+    return (*(r.text for r in unmet[:MOST_TOLD]), *more)
 
 
 def _settings(job: _Job, placing: Placing, grid: Grid) -> dict[str, str]:
@@ -264,10 +286,18 @@ def _characteristics(
     maps = patches.mean.ravel()[at]
     clear = cleared(_statistics, maps, patches.noise.ravel()[at])
     value = _values(clear.value, float(np.median(maps)))
-    U = _budgets(job, placing, model_from_shaft, compared.flat[patches.pick.ravel()[at]], maps, clear.u)
+    beyond = _beyond_means(patches, compared, value)
+    U = _budgets(job, placing, model_from_shaft, compared.flat[patches.pick.ravel()[at]], maps, clear.u, beyond)
     return tuple(
         _line(job, name, float(value[i]), None if U is None else U[i], coverage) for i, name in enumerate(STATISTICS)
     )
+
+
+def _beyond_means(patches: Patches, compared: _Compared, value: Array) -> Array:
+    """By how much (5,) mm the characteristics may grow where single places lie farther out than the patches' means."""
+    low, high = farthest(patches, compared.cell, compared.deviation)
+    missed = [0.0, 0.0, high - value[2], value[3] - low, 2 * max(-low, high) - value[4]]
+    return SAMPLED * np.maximum(missed, 0.0)
 
 
 def _line(
@@ -293,7 +323,7 @@ def _limits(part: Cad, name: str) -> tuple[float | None, float | None] | None:
 
 
 def _budgets(
-    job: _Job, placing: Placing, model_from_shaft: Pose, flat: Ints, maps: Array, noise: Array
+    job: _Job, placing: Placing, model_from_shaft: Pose, flat: Ints, maps: Array, noise: Array, beyond: Array
 ) -> list[tuple[tuple[Contribution, ...], float]] | None:
     """Lines and U of each characteristic; None where the calibration's own doubt is not known."""
     row, column = np.divmod(flat, job.scan.x.shape[1])
@@ -327,6 +357,7 @@ def _budgets(
             doubt.line(doubt.NOISE, factor * doubt.K * float(noise[i])),
         ]
         lines.append(doubt.line(INCIDENCE, factor * INCIDENCE_U / STEEP * steep))
+        lines.append(doubt.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"))
         lines += _further(job, factor, float(radius.max()), float(np.ptp(radius)), height)
         budgets.append(doubt.together(lines))
     return budgets

@@ -132,6 +132,21 @@ def _first(scene: Any, start: Array, ways: Array, far: Array) -> Ints:
     return np.asarray(found, dtype=np.intp)
 
 
+def first_met(solid: Solid, start: Array, ways: Array) -> tuple[Ints, Array]:
+    """The first triangle (n,) along each whole ray, -1 for none, and how far (n,) mm away its plane is met there.
+
+    ``start`` (n, 3) mm outside the model, ``ways`` (n, 3) units.
+    """
+    middle = (solid.low + solid.high) / 2
+    reach = float(np.linalg.norm(solid.high - solid.low)) / 2 + 1.0
+    near = np.maximum(np.einsum("ij,ij->i", middle - start, ways) - reach, 0.0)  # float32 is for the model's size
+    triangle = _first(solid.scene, start + near[:, None] * ways, ways, np.full(len(start), 2 * reach))
+    normal = solid.normal[triangle]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        distance = (solid.level[triangle] - np.einsum("ij,ij->i", normal, start)) / np.einsum("ij,ij->i", normal, ways)
+    return triangle, np.where(triangle >= 0, distance, np.nan)
+
+
 def clear_view(solid: Solid, eyes: Array, points: Array, near: float) -> NDArray[np.bool_]:
     """Whether nothing stands between eyes (n, 3) and points (n, 3) of the surface, but for the last ``near`` mm."""
     way = points - eyes

@@ -24,6 +24,14 @@ LEAST_SHARE = 0.15
 """Of the usual number of a patch's readings: fewer are strays."""
 HELD = 2.0
 """Readings' worth of the usual scatter that go into each patch's own."""
+OFF = 6.0
+"""Standard deviations of a patch's mean from which it lies off the others."""
+MANY, SHARE = 3, 0.1
+"""Readings to one side of the trusted ones, and their share of the patch, that are no strays."""
+FULL = 0.5
+"""Of the usual number of a patch's readings: so many that don't agree are no strays."""
+STRAY = 1
+"""Reading of a patch that may be a stray and is passed over where the lowest and highest are told."""
 MAD = 1.4826
 SCATTER_FROM = 200_000
 """Readings that tell the scatter."""
@@ -121,3 +129,38 @@ def _noise(cell: Ints, off: Array, count: Ints) -> Array:
     usual = float(within.sum()) / max(float((count - 1)[count > 0].sum()), 1.0)
     variance = (within + HELD * usual) / (np.maximum(count - 1, 0) + HELD)
     return np.asarray(np.sqrt(variance / np.maximum(count, 1)))
+
+
+def farthest(patches: Patches, cell: Ints, deviation: Array) -> tuple[float, float]:
+    """How low and how high (mm) the surface reaches within patches that lie off the others, reading by reading.
+
+    A patch's mean flattens what is smaller than the patch and leaves out its farthest readings; where few agree there
+    is no mean. The arguments are those of ``patches_of``.
+    """
+    mean, noise, count = patches.mean.ravel(), patches.noise.ravel(), patches.count.ravel()
+    middle = float(np.nanmedian(mean))
+    off = np.isnan(mean) & (np.bincount(cell, minlength=mean.size) > FULL * np.median(count[count > 0]))
+    with np.errstate(invalid="ignore"):
+        off |= np.abs(mean - middle) > OFF * noise
+        beyond = deviation - mean[cell]
+    for sign in (-1, 1):
+        off |= _together(np.bincount(cell[sign * beyond > TRUSTED * patches.scatter], minlength=mean.size), patches)
+    some = np.flatnonzero(off[cell])
+    if not some.size:
+        return middle, middle
+    order = some[np.lexsort((deviation[some], cell[some]))]
+    ends = np.flatnonzero(np.diff(cell[order], append=-1))
+    starts = np.append(0, ends[:-1] + 1)
+    second, last_but_one = np.minimum(starts + STRAY, ends), np.maximum(ends - STRAY, starts)
+    return float(deviation[order[second]].min()), float(deviation[order[last_but_one]].max())
+
+
+def _together(number: Ints, patches: Patches) -> Mask:
+    """Patches (cells,) with so many untrusted readings to one side, and one beside them with as many: no strays."""
+    from scipy.ndimage import maximum_filter
+
+    many = ((number.reshape(patches.count.shape) >= MANY)
+            & (number.reshape(patches.count.shape) >= SHARE * patches.count))  # fmt: skip
+    about = np.ones((3,) * many.ndim, dtype=np.bool_)
+    about[(1,) * many.ndim] = False
+    return np.asarray(many & maximum_filter(many, footprint=about, mode="constant")).ravel()

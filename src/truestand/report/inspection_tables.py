@@ -93,6 +93,9 @@ def decisive(inspection: Inspection) -> str:
     """Which lines carry the verdict, as a list: what fails, what is undecided, what can't be shown."""
     items = []
     for verdict, words in (("does_not_conform", "Does not conform"), ("undecided", "Undecided")):
+        broken = [f"tooth {d.tooth}: {escape(d.kind)}" for d in inspection.defects if d.verdict == verdict]
+        if broken:
+            items.append(f'<li class="{verdict}"><b>{words}:</b> {"; ".join(broken)}</li>')
         found = [c for c in inspection.characteristics if c.verdict == verdict and c.value is not None]
         if found:
             items.append(f'<li class="{verdict}"><b>{words}:</b> {_named_ones(found)}</li>')

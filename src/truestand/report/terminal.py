@@ -94,7 +94,10 @@ def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = N
         where = "" if d.roll_length is None else f"roll length {d.roll_length:.1f} mm, "
         where += "" if d.height is None else f"height {d.height:.1f} mm"
         depth = "" if d.depth is None else f"{um(d.depth):.0f} um deep"
-        table.add_row(f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", where)
+        judged = "" if d.verdict is None else f"{d.verdict.replace('_', ' ')}, "
+        table.add_row(
+            f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", judged + where
+        )
     return table
 
 

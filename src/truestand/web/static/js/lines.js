@@ -84,6 +84,10 @@ export function decisive(record) {
   if (unseen.length) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, h("strong", {}, t("result.unseen")), ": ", list(unseen.map((c) => c.name)))));
   for (const reason of record.reasons ?? []) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, reason)));
   for (const verdict of ["does_not_conform", "undecided"]) {
+    const broken = (record.defects ?? []).filter((d) => d.verdict === verdict);
+    for (const d of broken.slice(0, MOST_NAMED))
+      items.push(h("li", { class: judged(verdict).tone }, mark(judged(verdict).tone), t("result.broken", { tooth: d.tooth, kind: t(`defect.${d.kind}`) })));
+    if (broken.length > MOST_NAMED) items.push(h("li", { class: judged(verdict).tone }, mark(judged(verdict).tone), t("result.more", { n: broken.length - MOST_NAMED })));
     const found = lines.filter((c) => c.verdict === verdict && c.status !== "not_measurable");
     const { tone, word } = judged(verdict);
     for (const c of found.slice(0, MOST_NAMED))

@@ -54,7 +54,7 @@ function bar(used, word) {
 function defects(record) {
   if (!record.defects?.length) return record.part?.kind === "gear" ? h("p", { class: "note big" }, t("defects.none")) : "";
   const head = [[t("defects.kind")], [t("defects.tooth"), "n"], [t("defects.flank")], [t("defects.height"), "n"], [t("defects.depth"), "n"]];
-  return table(t("defects.title"), head, record.defects.map((d) => h("tr", { class: record.defect_limit_um !== null && d.depth_um > record.defect_limit_um ? "does_not_conform" : "" },
+  return table(t("defects.title"), head, record.defects.map((d) => h("tr", { class: d.verdict ?? (record.defect_limit_um !== null && d.depth_um > record.defect_limit_um ? "does_not_conform" : "") },
     h("th", { scope: "row" }, known(`defect.${d.kind}`) ? t(`defect.${d.kind}`) : d.kind), h("td", { class: "n" }, d.tooth ?? "–"), h("td", {}, d.flank ? t(`flank.${d.flank}`) : "–"),
     h("td", { class: "n" }, `${number(d.height_mm, 1)} mm`), h("td", { class: "n" }, `${number(d.depth_um, 0)} µm`))));
 }
