@@ -20,7 +20,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
 from truestand.core.inspection import Defect, Inspection
 from truestand.core.scan import interpret
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.core.transfer import transfer
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
@@ -174,7 +174,7 @@ def random_gears(args: argparse.Namespace) -> Study:
         begun = time.process_time()
         for by, used in (("ours", calibration), ("true", true_calibration(shaft, calibration))):
             tied = transfer(scan, used)
-            found = inspect_gear(roll(tied.scan, tied.calibration), gear)
+            found = inspect_gear(apply_calibration(tied.scan, tied.calibration), gear)
             compare(study, found, part, by)
         published = 1000 * found.published.get("F_p left", np.nan)
         seconds = time.process_time() - begun
@@ -206,7 +206,7 @@ def dents(args: argparse.Namespace) -> str:
     errors = errors_of(rng, tuple(placed))
     scan = interpret(simulate(stand, simulation, paper_shaft(), 2, None, VirtualGear(gear, errors)).recording, stand)
     tied = transfer(scan, calibration)
-    found = inspect_gear(roll(tied.scan, tied.calibration), gear)
+    found = inspect_gear(apply_calibration(tied.scan, tied.calibration), gear)
     left = list(found.defects)
     for dent in sorted(placed, key=lambda d: -d.depth):
         hit = next((d for d in left if _is(d, dent)), None)

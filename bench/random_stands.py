@@ -23,7 +23,7 @@ from truestand.core.errors import TruestandError
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Sensor, Stand, Table
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.sim import (
     Acquisition,
     FormWave,
@@ -196,12 +196,12 @@ def field_error(found: Calibration, truth: Truth) -> float:
     x, z = (z * slope).ravel(), z.ravel()
     angle = np.linspace(0, 2 * np.pi, 13)[:-1]
     view = Scan(np.tile(x, (12, 1)), np.tile(z, (12, 1)), angle, found.stand, "angle")
-    ours = roll(view, found)
+    ours = apply_calibration(view, found)
     true = replace(
         found, table_from_sensor=Pose.from_matrix(truth.table_from_sensor),
         shaft_from_rotor=Pose.from_matrix(truth.shaft_from_rotor),
     )  # fmt: skip
-    theirs = roll(view, true)
+    theirs = apply_calibration(view, true)
     dx, dy, dz = ours.x - theirs.x, ours.y - theirs.y, ours.z - theirs.z
     turn = (theirs.x * dy - theirs.y * dx).sum() / (theirs.x**2 + theirs.y**2).sum()
     squares = (dx + turn * theirs.y) ** 2 + (dy - turn * theirs.x) ** 2 + (dz - dz.mean()) ** 2

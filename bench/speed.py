@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 import truestand as ts
+from truestand.core.surface import apply_calibration
 from truestand.files.recipes import write_starters
 
 PROFILES = 11_000
@@ -102,11 +103,11 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
         )
         runs.setdefault("native", []).append(command("calibrate", native, "--artefact", shaft, "-o", out, "-q"))
         runs.setdefault("roll cli", []).append(command("roll", native, "--calibration", out, "-o", folder / "c.ply"))
-        surface = ts.roll(scan, calibration)
+        surface = apply_calibration(scan, calibration)
         cloud = np.stack([surface.x, surface.y, surface.z])
         del surface
         runs.setdefault("copy", []).append(timed(cloud.copy))
-        runs.setdefault("roll", []).append(timed(lambda: ts.roll(scan, calibration)))
+        runs.setdefault("roll", []).append(timed(lambda: apply_calibration(scan, calibration)))
         del cloud
         runs.setdefault("help", []).append(command("--help"))
     wall = {k: statistics.median(v[0] if isinstance(v, tuple) else v for v in values) for k, values in runs.items()}

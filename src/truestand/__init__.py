@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from truestand.core.positions import calibrate_positions
     from truestand.core.scan import Recording, Scan, interpret
     from truestand.core.stand import Sensor, Stand, Table
-    from truestand.core.surface import Surface, roll
-    from truestand.core.transfer import Transfer, transfer
+    from truestand.core.surface import Surface
+    from truestand.core.transfer import Transfer, roll, transfer
     from truestand.core.verify import Verification, verify
     from truestand.files.clouds import write_cloud
     from truestand.files.parts import read_part
@@ -65,7 +65,7 @@ _HOME = {
     "read_scan": "files.read",
     "read_shaft": "files.recipes",
     "read_stand": "files.recipes",
-    "roll": "core.surface",
+    "roll": "core.transfer",
     "transfer": "core.transfer",
     "verify": "core.verify",
     "write_calibration": "files.records",

@@ -181,9 +181,9 @@ def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench):
         "from truestand.files.read import read_recording, read_scan\n"
         "from truestand.files.records import read_calibration\n"
         "from truestand.files.write_scan import write_recording\n"
-        "from truestand.core.surface import roll\nfrom pathlib import Path\n"
+        "from truestand.core.surface import apply_calibration\nfrom pathlib import Path\n"
         "r = read_recording(Path('turned.h5'))\n"
-        "s = roll(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
+        "s = apply_calibration(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
         "z = np.where(s.z < 5.0, np.nan, r.z); x = np.where(np.isnan(z), np.nan, r.x)\n"
         "write_recording(replace(r, x=x, z=z), Path('blind.h5'), r.stand, force=True)\n"
     )

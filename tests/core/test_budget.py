@@ -1,6 +1,7 @@
 """The budget: complete, confirmed by Monte Carlo, honest near zero."""
 
 import time
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 
 from truestand.core.budget import DIRECTIONS, Input, monte_carlo, sensitivities
 from truestand.core.calibrate import calibrate
+from truestand.core.checks import linearity_name, linearity_of
+from truestand.core.stand import Sensor
 from truth import scan_of, shaft
 
 P = np.array([-0.73, 75.8, 0.1, 0.002, 0.67, 0.56, 3e-4, -2e-4])
@@ -78,3 +81,30 @@ def test_the_eccentricity_has_an_ellipse_even_where_it_has_no_direction():
     assert found.minor <= min(along, across) * 1.01
     assert found.major >= max(along, across) * 0.99
     assert hypot(found.major, found.minor) == pytest.approx(hypot(along, across), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "linearity"),
+    [
+        (Sensor(range=(70.0, 120.0)), 0.025),
+        (Sensor(range=(70.0, 90.0)), 0.02),
+        (Sensor(), 0.02),
+        (Sensor(range=(70.0, 120.0), linearity_U=0.004), 0.004),
+    ],
+    ids=["0.05 % of 50 mm", "20 um at least", "no range", "stated"],
+)
+def test_a_linearity_that_nobody_states_is_assumed(sensor, linearity):
+    assert sensor.linearity == pytest.approx(linearity)
+    assert linearity_of(sensor, ()) == pytest.approx(linearity)
+    assert linearity_name(sensor).endswith("(assumed)") is (sensor.linearity_U is None)
+
+
+def test_an_assumed_linearity_stands_in_u_of_phi(found):
+    """20 um stated, on the same scan 25 um assumed."""
+    scan = scan_of("encoder")
+    silent = replace(scan, stand=replace(scan.stand, sensors=(replace(scan.stand.sensor, linearity_U=None),)))
+    assumed, stated = calibrate(silent, shaft()).uncertainty["phi_deg"], found.uncertainty["phi_deg"]
+    lines = [next(c for c in u.contributions if c.name.startswith("linearity")) for u in (assumed, stated)]
+    assert lines[0].name == "linearity of the sensor (assumed)"
+    assert pytest.approx(25 / 20 * lines[1].U, rel=1e-6) == lines[0].U
+    assert assumed.U > 1.2 * stated.U

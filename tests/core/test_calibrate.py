@@ -11,7 +11,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truth import STANDS, scan_of, shaft, simulated, truth_of
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
@@ -67,8 +67,8 @@ def field_error(name: str) -> np.ndarray:
     field = np.array([z * slope, z]).reshape(2, -1)
     angle = np.linspace(0, 2 * np.pi, 13)[:-1]
     scan = Scan(*(np.tile(f, (angle.size, 1)) for f in field), angle, found.stand, "angle")
-    ours = roll(scan, found)
-    theirs = roll(
+    ours = apply_calibration(scan, found)
+    theirs = apply_calibration(
         scan,
         Calibration(
             "stand",

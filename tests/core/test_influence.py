@@ -8,7 +8,7 @@ from solids import calibration
 from truestand.core.influence import independent_parts, influence, moves, points_of, unknowns_of
 from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 
 RNG = np.random.default_rng(1)
 X, Z, ANGLE = RNG.uniform(-15, 15, 50), RNG.uniform(75, 115, 50), RNG.uniform(0, 20, 50)
@@ -17,7 +17,7 @@ X, Z, ANGLE = RNG.uniform(-15, 15, 50), RNG.uniform(75, 115, 50), RNG.uniform(0,
 def test_the_chain_is_the_one_that_rolls():
     known = calibration()
     scan = Scan(X[:, None], Z[:, None], ANGLE, known.stand, "angle")
-    surface = roll(scan, known)
+    surface = apply_calibration(scan, known)
     rolled = np.column_stack([surface.x[:, 0], surface.y[:, 0], surface.z[:, 0]])
     assert np.allclose(points_of(*unknowns_of(known), X, Z, ANGLE), rolled, atol=1e-10)
 

@@ -13,7 +13,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.harmonics import nearest_bin
 from truestand.core.scan import Scan, interpret
 from truestand.core.segment import Segments, segment
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.sim import simulate
 from truth import STANDS, Named, scan_of, shaft, simulated, truth_of
 
@@ -90,7 +90,7 @@ def round_shaft() -> tuple[Scan, Calibration, Calibration]:
 
 
 def second_harmonic(scan: Scan, calibration: Calibration) -> float:
-    surface = roll(scan, calibration)
+    surface = apply_calibration(scan, calibration)
     on = (surface.z > -15) & (surface.z < -3)
     radius = np.where(on, surface.radius, 0).sum(axis=1) / on.sum(axis=1)
     return float(2 * abs(np.mean(radius * np.exp(2j * scan.angle))))
@@ -105,7 +105,7 @@ def test_subtracting_a_sinusoid_leaves_e2_over_4r_and_moving_the_axis_leaves_not
 def test_subtracting_a_sinusoid_leaves_polar_angles_wrong_by_e_over_r():
     """On a pitch circle of 30 mm that is e = 0.88 mm either way: 1.75 mm of cumulative pitch."""
     scan, exact, subtracted = round_shaft()
-    angles = [roll(scan, c) for c in (exact, subtracted)]
+    angles = [apply_calibration(scan, c) for c in (exact, subtracted)]
     off = np.angle(np.exp(1j * (angles[0].angle - angles[1].angle)))
     on = (angles[0].z > -15) & (angles[0].z < -3)
     assert np.abs(off[on]).max() == pytest.approx(0.8789 / 12.5, rel=0.02)

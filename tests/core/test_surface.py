@@ -6,7 +6,7 @@ import pytest
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose, rotor_from_table
 from truestand.core.scan import interpret
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, simulate
 from truth import STANDS, Named, scan_of, shaft, simulated
 
@@ -26,7 +26,7 @@ def truth_as_calibration(name: str) -> Calibration:
 @pytest.mark.parametrize("name", ["mirrored, from above, clockwise", "any start angle", "dirty"])
 def test_rolling_is_the_one_rigid_chain_of_the_contract(name):
     scan, calibration = scan_of(name), truth_as_calibration(name)
-    surface = roll(scan, calibration)
+    surface = apply_calibration(scan, calibration)
     for row in (0, 1234, 3999):
         chain = calibration.shaft_from_rotor @ rotor_from_table(scan.angle[row]) @ calibration.table_from_sensor
         readings = np.column_stack([scan.x[row], np.zeros(scan.x.shape[1]), scan.z[row]])
@@ -38,7 +38,7 @@ def test_rolling_is_the_one_rigid_chain_of_the_contract(name):
 def test_with_the_true_poses_the_shaft_lies_on_its_drawing():
     """Noise-free but for 5 um and quantisation, with 20 um / n of form: everything within 0.15 mm of a cylinder."""
     name = "many harmonics"
-    surface = roll(scan_of(name), truth_as_calibration(name))
+    surface = apply_calibration(scan_of(name), truth_as_calibration(name))
     base = (surface.z < -1) & (surface.z > -15)
     assert np.abs(surface.radius[base] - 12.5).max() < 0.15
     assert abs(np.mean(surface.radius[base]) - 12.5) < 0.001
@@ -46,13 +46,13 @@ def test_with_the_true_poses_the_shaft_lies_on_its_drawing():
 
 def test_what_was_not_seen_stays_not_seen():
     scan = scan_of("dirty")
-    surface = roll(scan, truth_as_calibration("dirty"))
+    surface = apply_calibration(scan, truth_as_calibration("dirty"))
     assert np.array_equal(np.isnan(surface.x), np.isnan(scan.z))
     assert not surface.x.flags.writeable
 
 
 def test_a_trace_is_radius_over_angle_at_one_height():
-    surface = roll(scan_of("many harmonics"), truth_as_calibration("many harmonics"))
+    surface = apply_calibration(scan_of("many harmonics"), truth_as_calibration("many harmonics"))
     angle, radius = surface.trace(-8.0, 0.5)
     assert (np.diff(angle) >= 0).all()
     assert radius.size == 4000
@@ -70,7 +70,7 @@ def perfect_wheel(eccentricity):
     made = simulate(named.stand(), named.simulation(), shaft(), 0)
     poses = (Pose.from_matrix(m) for m in (made.truth.table_from_sensor, made.truth.shaft_from_rotor))
     known = Calibration("stand", *poses, named.stand(), "angle", "index")
-    surface = roll(interpret(made.recording, named.stand()), known)
+    surface = apply_calibration(interpret(made.recording, named.stand()), known)
     with np.errstate(invalid="ignore"):
         on = (np.abs(surface.radius - 12.5) < 0.2) & (surface.z < -1.0) & (surface.z > -15.0)
     return surface.radius[on], surface.angle[on]

@@ -10,8 +10,8 @@ from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibrate import calibrate
 from truestand.core.scan import interpret
 from truestand.core.stand import Table
-from truestand.core.surface import roll
-from truestand.core.transfer import transfer
+from truestand.core.surface import apply_calibration
+from truestand.core.transfer import roll, transfer
 from truestand.core.witness import witness
 from truestand.sim import FormWave, simulate
 from truth import PLANE, TILTED, Named, scan_of, shaft
@@ -100,7 +100,7 @@ def test_wild_and_lost_readings_do_not_matter():
 def test_without_shaft_in_view_an_unknown_start_is_untrusted():
     scan = part_scan("home", "unknown")
     known = calibrated("home")
-    height = roll(scan, known).z
+    height = apply_calibration(scan, known).z
     hidden = replace(scan, z=np.where(height > 4.0, scan.z, np.nan))
     tied = transfer(hidden, known)
     assert tied.witness is None
@@ -144,3 +144,26 @@ def test_a_sleeve_on_the_shaft_is_no_witness():
     scan = interpret(simulate(stand, simulation, Artefact((lower, sleeve, seat)), 3).recording, stand)
     found = witness(scan, calibrated("home"))
     assert abs(found.radial) < 5e-4
+
+
+def test_roll_asks_what_transfer_asks():
+    """The README's five lines: the table turned the other way, a scan that isn't whole, an angle that nothing ties."""
+    scan, known = part_scan("index"), calibrated("index")
+    assert roll(scan, known).calibration.reasons == ()
+    stand = replace(scan.stand, table=replace(scan.stand.table, direction="cw"))
+    assert any("check [table] direction" in r for r in roll(replace(scan, stand=stand), known).calibration.reasons)
+    partial = replace(scan, doubts=("the scan is incomplete: 12 profiles lost; scan again",))
+    assert "the scan is incomplete: 12 profiles lost; scan again" in roll(partial, known).calibration.reasons
+    loose = part_scan("centred", "unknown")  # no direction in the band to tie it by
+    assert any("counts from an unknown position" in r for r in roll(loose, calibrated("centred")).calibration.reasons)
+
+
+def test_roll_ties_a_scan_once():
+    scan, known = part_scan("home", "unknown"), calibrated("home")
+    tied = transfer(scan, known)
+    once, again = roll(scan, known), roll(tied.scan, tied.calibration)
+    assert np.array_equal(once.x, again.x, equal_nan=True)
+    assert once.calibration.reasons == again.calibration.reasons == ()
+    unknown = part_scan("centred", "unknown")
+    stated = transfer(unknown, calibrated("centred"), start_stated=True)
+    assert roll(stated.scan, stated.calibration).calibration.reasons == stated.calibration.reasons == ()

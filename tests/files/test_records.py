@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 
 from truestand.core.calibrate import calibrate
 from truestand.core.errors import UnreadableFile
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.files.records import calibration_record, read_calibration, write_calibration
 from truestand.files.schemas import schema_text
 from truth import scan_of, shaft
@@ -39,7 +39,11 @@ def test_what_is_written_is_read_back(tmp_path, method):
 def test_a_record_read_back_rolls_to_the_same_points(tmp_path):
     write_calibration(tmp_path / "c.json", calibration(), WHEN)
     back = read_calibration(tmp_path / "c.json")
-    assert np.array_equal(roll(scan_of("encoder"), back).x, roll(scan_of("encoder"), calibration()).x, equal_nan=True)
+    assert np.array_equal(
+        apply_calibration(scan_of("encoder"), back).x,
+        apply_calibration(scan_of("encoder"), calibration()).x,
+        equal_nan=True,
+    )
 
 
 @pytest.mark.parametrize("method", ["stand", "paper"])

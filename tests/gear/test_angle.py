@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gears import SPUR, WORN, scan_of, simulation, true_calibration, truth_of
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 
 UM = 1e-3
@@ -19,7 +19,7 @@ def turned(name, how=TURNS):
     """The inspection of a scan whose table really stood elsewhere than its index says."""
     scan = scan_of(SPUR, WORN, how)
     few = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4], angle=scan.angle + ERRORS[name](scan.angle))
-    return inspect_gear(roll(few, replace(true_calibration(), reasons=())), SPUR)
+    return inspect_gear(apply_calibration(few, replace(true_calibration(), reasons=())), SPUR)
 
 
 ERRORS = {
@@ -67,5 +67,5 @@ def test_too_few_turns_say_that_they_are_uneven():
 def test_a_measured_angle_is_not_doubted():
     scan = scan_of(SPUR, WORN, TURNS)
     few = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4], angle_source="angle")
-    found = inspect_gear(roll(few, replace(true_calibration(), reasons=())), SPUR)
+    found = inspect_gear(apply_calibration(few, replace(true_calibration(), reasons=())), SPUR)
     assert not any("steady speed" in r for r in found.remarks) and not found.reasons

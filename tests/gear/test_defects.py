@@ -7,7 +7,7 @@ from math import radians
 import pytest
 
 from gears import DENTED, SPUR, scan_of, simulation, true_calibration
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors
 
@@ -24,7 +24,7 @@ ROUGH = simulation(outliers=0.2)
 
 @cache
 def inspected(errors, how=None, gear=SPUR):
-    return inspect_gear(roll(scan_of(SPUR, errors, how), true_calibration()), gear)
+    return inspect_gear(apply_calibration(scan_of(SPUR, errors, how), true_calibration()), gear)
 
 
 def is_at(defect, dent):

@@ -9,7 +9,7 @@ import pytest
 from gears import SPUR, calibrated, scan_of, simulation, true_calibration
 from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
 from truestand.core.influence import unknowns_of
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.figures import figures_of
 from truestand.gear.flanks import find_flanks
 from truestand.gear.geometry import involute
@@ -32,7 +32,7 @@ def figures(radial=0.0, offset=0.0, tilt=0.0, shaft=(0.0, 0.0)):
         table_from_sensor=table_from_sensor(phi, u + radial, height, alpha + tilt, d + offset),
         shaft_from_rotor=shaft_from_rotor(ex + shaft[0], ey + shaft[1], tx, ty),
     )
-    found = inspect_gear(roll(scan_of(SPUR, PERFECT, QUIET), moved), SPUR)
+    found = inspect_gear(apply_calibration(scan_of(SPUR, PERFECT, QUIET), moved), SPUR)
     return {(c.name, c.flank): c.value for c in found.characteristics if c.tooth is None} | {"remarks": found.remarks}
 
 
@@ -99,7 +99,7 @@ def test_u_covers_calibrations_drawn_from_their_own_doubt():
     names = [("f_Halpha", "left"), ("f_Hbeta", "left"), ("s", None), ("W_k", None)]
     stated = {
         (line.name, line.flank): np.sqrt(sum(b.U**2 for b in line.budget if b.name in FROM_CALIBRATION))
-        for line in inspect_gear(roll(few, c), SPUR).characteristics
+        for line in inspect_gear(apply_calibration(few, c), SPUR).characteristics
         if line.tooth is None
     }
     off = {name: [] for name in names}
@@ -108,7 +108,7 @@ def test_u_covers_calibrations_drawn_from_their_own_doubt():
         drawn = replace(
             c, table_from_sensor=table_from_sensor(phi, u, height, alpha, d), shaft_from_rotor=shaft_from_rotor(*shaft)
         )
-        flanks = find_flanks(roll(few, drawn), involute(SPUR), Pose(np.eye(3), np.zeros(3)))
+        flanks = find_flanks(apply_calibration(few, drawn), involute(SPUR), Pose(np.eye(3), np.zeros(3)))
         found = figures_of(read_flanks(flanks, involute(SPUR)).measures, involute(SPUR))
         for name in names:
             nominal = {"s": np.pi, "W_k": 15.432923}.get(name[0], 0.0)
@@ -129,7 +129,7 @@ def test_what_the_sensor_may_err_on_steep_flanks_comes_from_the_recipe():
     scan = scan_of(SPUR, PERFECT, QUIET)
     sensor = replace(scan.stand.sensor, incidence_U=0.001)
     better = replace(scan, stand=replace(scan.stand, sensors=(sensor,)))
-    found = [inspect_gear(roll(s, true_calibration()), SPUR) for s in (scan, better)]
+    found = [inspect_gear(apply_calibration(s, true_calibration()), SPUR) for s in (scan, better)]
     U = [next(c.U for c in f.characteristics if c.name == "s") for f in found]
     assert U[1] < U[0] / 3
 
@@ -137,7 +137,7 @@ def test_what_the_sensor_may_err_on_steep_flanks_comes_from_the_recipe():
 def test_the_datum_s_doubt_is_in_pitch():
     """A seat whose axis is known to c adds up to 2 c / cos(alpha) to F_p (GEOMETRY.md)."""
     scan = scan_of(SPUR, PERFECT, QUIET)
-    surface = roll(scan, replace(true_calibration(), covariance=np.zeros((0, 0))))
+    surface = apply_calibration(scan, replace(true_calibration(), covariance=np.zeros((0, 0))))
     on_base, on_seat = (inspect_gear(surface, replace(SPUR, datum=d, bore_clearance=b))
                         for d, b in (("base", 0.0), ("base", 0.020)))  # fmt: skip
     lines = [next(c for c in f.characteristics if c.name == "F_p") for f in (on_base, on_seat)]
@@ -149,5 +149,5 @@ def test_the_datum_s_doubt_is_in_pitch():
 
 def test_a_record_without_covariance_says_so():
     bare = replace(calibrated(), covariance=np.zeros((0, 0)))
-    found = inspect_gear(roll(scan_of(), bare), SPUR)
+    found = inspect_gear(apply_calibration(scan_of(), bare), SPUR)
     assert any("no covariance" in r for r in found.remarks)

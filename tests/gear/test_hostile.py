@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gears import SPUR, WORN, scan_of, simulation, true_calibration, truth_of
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, GearErrors
 
@@ -24,7 +24,7 @@ def inspected(errors=WORN, how=None, gear=SPUR):
     """Every third point of a profile is enough here."""
     scan = scan_of(SPUR, errors, how)
     few = replace(scan, x=scan.x[:, ::3], z=scan.z[:, ::3])
-    return inspect_gear(roll(few, replace(true_calibration(), reasons=())), gear)
+    return inspect_gear(apply_calibration(few, replace(true_calibration(), reasons=())), gear)
 
 
 def line(found, name, flank=None):

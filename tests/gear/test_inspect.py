@@ -12,7 +12,7 @@ import pytest
 
 from gears import SPUR, UPRIGHT, WORN, calibrated, helical, scan_of, simulation, true_calibration, truth_of
 from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
-from truestand.core.surface import Surface, roll
+from truestand.core.surface import Surface, apply_calibration
 from truestand.core.transfer import transfer
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import GearErrors
@@ -28,7 +28,7 @@ def inspected(gear=SPUR, errors=WORN, how=None, true=False):
     upright = how is not None and how.mounting.phi == UPRIGHT["phi"]
     known = true_calibration(upright) if true else calibrated(upright)
     tied = transfer(scan_of(gear, errors, how), known)
-    return inspect_gear(roll(tied.scan, tied.calibration), gear)
+    return inspect_gear(apply_calibration(tied.scan, tied.calibration), gear)
 
 
 def value(found, name, flank=None, tooth=None):
@@ -95,7 +95,7 @@ def test_the_verdict_is_the_worst_of_the_lines():
 def test_an_untrusted_calibration_decides_nothing():
     tied = transfer(scan_of(), calibrated())
     doubted = replace(tied.calibration, reasons=("dropped on the floor",))
-    found = inspect_gear(roll(tied.scan, doubted), SPUR)
+    found = inspect_gear(apply_calibration(tied.scan, doubted), SPUR)
     assert found.verdict == "undecided" and "dropped on the floor" in found.reasons
 
 
@@ -134,19 +134,19 @@ def test_a_hidden_flank_is_not_measurable_and_has_no_number():
 def test_a_wrong_drawing_is_refused_with_what_was_seen(drawn):
     tied = transfer(scan_of(), calibrated())
     with pytest.raises(WrongDrawing, match="saw 24 teeth, module 2 mm at 20 degrees"):
-        inspect_gear(roll(tied.scan, tied.calibration), drawn)
+        inspect_gear(apply_calibration(tied.scan, tied.calibration), drawn)
 
 
 def test_the_wrong_hand_is_refused():
     tied = transfer(scan_of(helical(15.0)), calibrated())
     with pytest.raises(WrongDrawing, match=r"saw 24 teeth.* helix \+15\."):
-        inspect_gear(roll(tied.scan, tied.calibration), helical(-15.0))
+        inspect_gear(apply_calibration(tied.scan, tied.calibration), helical(-15.0))
 
 
 def test_a_gear_out_of_view_is_no_gear():
     tied = transfer(scan_of(), calibrated())
     with pytest.raises(NotEnoughData, match="toothing in view"):
-        inspect_gear(roll(tied.scan, tied.calibration), replace(SPUR, face_from=60.0))
+        inspect_gear(apply_calibration(tied.scan, tied.calibration), replace(SPUR, face_from=60.0))
 
 
 def test_a_surface_of_unknown_origin_is_refused():
@@ -171,7 +171,7 @@ def test_a_missing_tooth_leaves_the_others_measured():
 
 def test_the_deviations_of_all_readings_come_along():
     tied = transfer(scan_of(errors=PERFECT), calibrated())
-    found = inspect_gear(roll(tied.scan, tied.calibration), SPUR)
+    found = inspect_gear(apply_calibration(tied.scan, tied.calibration), SPUR)
     seen = np.isfinite(found.deviation)
     assert found.deviation.shape == tied.scan.x.shape
     assert 0.05 < seen.mean() < 0.5

@@ -10,7 +10,7 @@ import pytest
 from gears import SPUR, WORN, helical, scan_of, simulation, true_calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.gear.match import identify
@@ -27,7 +27,9 @@ STEEP = replace(SPUR, pressure_angle=radians(25.0))
 def surface_of(gear, errors=PERFECT, profiles=4400):
     upright = gear.helix_angle != 0
     scan = scan_of(gear, errors, simulation(profiles, upright))
-    return roll(replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4]), replace(true_calibration(upright), reasons=()))
+    return apply_calibration(
+        replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4]), replace(true_calibration(upright), reasons=())
+    )
 
 
 @pytest.mark.parametrize(

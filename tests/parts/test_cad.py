@@ -11,7 +11,7 @@ from solids import calibration, circle, extruded, noisy, scanned, wheel
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import shaft_from_rotor, table_from_sensor
 from truestand.core.influence import independent_parts, unknowns_of
-from truestand.core.surface import Surface, roll
+from truestand.core.surface import Surface, apply_calibration
 from truestand.parts.cad import inspect_cad
 from truestand.parts.cast import meet, solid_of
 from truestand.parts.drawings import Cad, Mesh
@@ -42,7 +42,7 @@ def lines(inspection, name):
 def exact(fit="none"):
     _, mesh, scan, known = wheel()
     pose = turned(TURNED) if fit == "none" else np.eye(4)
-    return inspect_cad(roll(scan, known), Cad(mesh, pose=pose, fit=fit, limits=(-0.05, 0.05)))
+    return inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=pose, fit=fit, limits=(-0.05, 0.05)))
 
 
 def test_an_exact_involute_deviates_by_nothing():
@@ -71,7 +71,7 @@ def test_the_angle_is_found_among_many_alike(fit):
 def test_a_pose_that_is_wrong_is_seen():
     """0.05 degrees at a reference radius of 24 mm, seen along the flank's normal: 24 cos(20 deg) times that."""
     _, mesh, scan, known = wheel()
-    found = inspect_cad(roll(scan, known), Cad(mesh, pose=turned(TURNED + radians(0.05)), fit="none"))
+    found = inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED + radians(0.05)), fit="none"))
     assert values(found)["deviation_max"] == pytest.approx(radians(0.05) * 24 * cos(radians(20)), rel=0.02)
     ends = abs(values(found)["deviation_min"]), values(found)["deviation_max"]
     assert values(found)["profile"] == pytest.approx(2 * max(ends), rel=0.01)
@@ -88,7 +88,7 @@ def gap_toothed():
 
 def test_a_part_that_is_not_alike_all_round_is_found_anywhere():
     mesh, scan, known = gap_toothed()
-    found = inspect_cad(roll(scan, known), Cad(mesh, fit="all"))
+    found = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="all"))
     assert not any("alike" in r for r in found.remarks)
     assert degrees(found.evidence.turned) == pytest.approx(137.0, abs=1e-4)
     assert np.allclose(found.evidence.shaft_from_model[:3, 3], (0.05, -0.03, 0.08), atol=1e-4)
@@ -97,7 +97,7 @@ def test_a_part_that_is_not_alike_all_round_is_found_anywhere():
 
 def test_what_the_fit_may_not_move_stays_off():
     mesh, scan, known = gap_toothed()
-    height = inspect_cad(roll(scan, known), Cad(mesh, fit="angle_and_height"))
+    height = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="angle_and_height"))
     assert height.evidence.shaft_from_model[2, 3] == pytest.approx(0.08, abs=0.005)
     aside = values(height)["deviation_max"]
     assert aside == pytest.approx(np.hypot(0.05, 0.03), rel=0.15)
@@ -106,7 +106,7 @@ def test_what_the_fit_may_not_move_stays_off():
 def dented(depth):
     """The exact wheel's scan with a patch 3 mm wide pushed in on the lower face, along the rays."""
     _, _, scan, known = wheel()
-    surface = roll(scan, known)
+    surface = apply_calibration(scan, known)
     with np.errstate(invalid="ignore"):
         inside = (np.hypot(surface.x - 15, surface.y) < 1.5) & (surface.z < 5.0001)
     assert inside.sum() > 100
@@ -118,7 +118,9 @@ def dented(depth):
 def test_a_dent_is_negative_and_as_deep_as_it_is():
     _, mesh, _, _ = wheel()
     scan, known, inside = dented(0.08)
-    found = inspect_cad(roll(scan, known), Cad(mesh, pose=turned(TURNED), fit="angle", limits=(-0.05, 0.05)))
+    found = inspect_cad(
+        apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED), fit="angle", limits=(-0.05, 0.05))
+    )
     # A ray at the fan's edge leans by another 12 degrees: up to a quarter more or less.
     assert np.nanmedian(found.deviation[inside]) == pytest.approx(-0.08, rel=0.25)
     assert values(found)["deviation_min"] == pytest.approx(-0.08, rel=0.25)
@@ -135,7 +137,7 @@ def test_a_dent_is_negative_and_as_deep_as_it_is():
 def test_noise_is_no_deviation():
     """5 um on every reading; 30,000 patches of some eight would read a largest deviation of 4 * 5 / sqrt(8) = 7 um."""
     _, mesh, scan, known = wheel()
-    found = inspect_cad(roll(noisy(scan, 0.005), known), Cad(mesh, pose=turned(TURNED), fit="angle"))
+    found = inspect_cad(apply_calibration(noisy(scan, 0.005), known), Cad(mesh, pose=turned(TURNED), fit="angle"))
     raw = found.evidence.deviation
     assert np.nanmax(np.abs(raw)) > 4 * UM
     assert values(found)["deviation_rms"] < 0.35 * UM
@@ -149,7 +151,7 @@ def test_wild_readings_are_kept_but_do_not_count():
     wild = rng.random(scan.z.shape) < 0.2
     reach = np.where(wild, rng.uniform(70, 120, scan.z.shape) / scan.z, 1.0)
     dirty = replace(scan, x=scan.x * reach, z=scan.z * reach)
-    found = inspect_cad(roll(dirty, known), Cad(mesh, fit="angle"))
+    found = inspect_cad(apply_calibration(dirty, known), Cad(mesh, fit="angle"))
     assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=1e-4)
     assert values(found)["deviation_rms"] < 2 * UM
     assert values(found)["deviation_p95"] < 0.3 * UM
@@ -162,7 +164,7 @@ def test_a_round_part_leaves_its_angle_open():
     known = calibration()
     mesh = extruded(circle(12.5), 15.0, 45.0)
     scan = scanned(mesh, known, None, profiles=300, points=160)
-    found = inspect_cad(roll(scan, known), Cad(mesh, fit="angle"))
+    found = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="angle"))
     assert any("leave open: angle" in r for r in found.remarks)
     assert found.evidence.turned == pytest.approx(0.0, abs=1e-9)
     assert rms(found.deviation) < 0.1 * UM
@@ -173,16 +175,16 @@ def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
     rows = slice(0, 368)
     half = replace(scan, x=scan.x[rows], z=scan.z[rows], angle=scan.angle[rows])
     part = Cad(mesh, pose=turned(TURNED), fit="none", limits=(-0.05, 0.05))
-    found = inspect_cad(roll(half, known), part)
+    found = inspect_cad(apply_calibration(half, known), part)
     assert {c.status for c in found.characteristics} == {"partial"}
     assert found.characteristics[0].coverage == pytest.approx(368 / 700, abs=0.06)
     assert found.verdict == "undecided"
     blind = replace(scan, x=scan.x * np.nan, z=scan.z * np.nan)
-    nothing = inspect_cad(roll(blind, known), part)
+    nothing = inspect_cad(apply_calibration(blind, known), part)
     assert {(c.status, c.value) for c in nothing.characteristics} == {("not_measurable", None)}
     away = np.eye(4)
     away[2, 3] = 60.0
-    elsewhere = inspect_cad(roll(scan, known), replace(part, pose=away))
+    elsewhere = inspect_cad(apply_calibration(scan, known), replace(part, pose=away))
     assert {(c.status, c.value) for c in elsewhere.characteristics} == {("not_measurable", None)}
     assert np.isnan(elsewhere.deviation).all()
 
@@ -192,7 +194,7 @@ def test_the_calibrations_line_is_what_drawn_calibrations_do():
     own, mesh, _, known = wheel()
     scan = scanned(mesh, known, own.sharpen, TURNED, profiles=300, points=160)
     part = Cad(mesh, pose=turned(TURNED), fit="none")
-    expected = lines(inspect_cad(roll(scan, known), part), "deviation_rms")["calibration"] / 2
+    expected = lines(inspect_cad(apply_calibration(scan, known), part), "deviation_rms")["calibration"] / 2
     rng = np.random.default_rng(5)
     parts, (p, height) = independent_parts(known), unknowns_of(known)
     drawn = []
@@ -202,7 +204,7 @@ def test_the_calibrations_line_is_what_drawn_calibrations_do():
             known, table_from_sensor=table_from_sensor(q[0], q[1], height, q[3], q[2]),
             shaft_from_rotor=shaft_from_rotor(*q[4:8]),
         )  # fmt: skip
-        drawn.append(values(inspect_cad(roll(scan, off), part))["deviation_rms"])
+        drawn.append(values(inspect_cad(apply_calibration(scan, off), part))["deviation_rms"])
     assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(expected, rel=0.3)
 
 
@@ -212,7 +214,9 @@ def test_the_fit_takes_up_what_it_may_move():
     assert held["angle"]["zero of the table angle (assumed)"] < held["none"]["zero of the table angle (assumed)"]
     _, mesh, scan, known = wheel()
     for fit, counts in (("none", True), ("all", False)):
-        loose = inspect_cad(roll(scan, known), Cad(mesh, pose=turned(TURNED), fit=fit, bore_clearance=0.01))
+        loose = inspect_cad(
+            apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED), fit=fit, bore_clearance=0.01)
+        )
         assert ("bore clearance" in lines(loose, "deviation_max")) is counts
 
 
@@ -238,7 +242,7 @@ def test_a_surface_without_its_scan_and_a_model_without_surface_are_refused():
         inspect_cad(Surface(*np.zeros((3, 2, 2))), Cad(mesh))
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
     with pytest.raises(NotEnoughData, match="without surface"):
-        inspect_cad(roll(scan, known), Cad(flat))
+        inspect_cad(apply_calibration(scan, known), Cad(flat))
 
 
 def test_what_lies_beside_the_model_is_no_part_of_it():
@@ -247,7 +251,7 @@ def test_what_lies_beside_the_model_is_no_part_of_it():
     shaft = extruded(circle(12.5, 400), -60.0, own.bottom)
     both = Mesh(np.vstack([mesh.vertices, shaft.vertices]), np.vstack([mesh.faces, shaft.faces + len(mesh.vertices)]))
     scan = scanned(both, known, None, TURNED, profiles=300, points=160, fan=0.8)
-    surface = roll(scan, known)
+    surface = apply_calibration(scan, known)
     with np.errstate(invalid="ignore"):
         below = surface.z < own.bottom - 1.0
     assert below.sum() > 1000

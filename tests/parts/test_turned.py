@@ -13,7 +13,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.influence import independent_parts, unknowns_of
 from truestand.core.scan import interpret
-from truestand.core.surface import Surface, roll
+from truestand.core.surface import Surface, apply_calibration
 from truestand.core.upr import transmission
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.turned import inspect_turned
@@ -54,7 +54,7 @@ def scanned(shape, **changes):
 
 def inspected(shape, part=PART, known=None, **changes):
     scan, true = scanned(shape, **changes)
-    return inspect_turned(roll(scan, known or true), part)
+    return inspect_turned(apply_calibration(scan, known or true), part)
 
 
 def line(inspection, section, name):
@@ -103,7 +103,7 @@ def test_about_its_own_measured_axis_nothing_runs_out():
     scan, known = scanned("eccentric")
     axis = StepAxis("bearing", 0.03, 0.04, 0.0, 0.0, 17.5, 0.001)
     known = replace(known, positions=Positions((0.0, pi), ("", ""), (axis,), (), (), ()))
-    found = inspect_turned(roll(scan, known), replace(PART, datum="seat"))
+    found = inspect_turned(apply_calibration(scan, known), replace(PART, datum="seat"))
     assert line(found, "seat", "runout").value < 0.0015
     assert line(found, "base", "runout").value == pytest.approx(2 * OFF, abs=0.001)
     assert "measured" in found.settings["datum"]
@@ -146,7 +146,7 @@ def test_deviations_stand_at_their_readings_positive_outwards():
     found = inspected("small")
     assert found.deviation.shape == scan.x.shape
     assert not found.deviation.flags.writeable
-    surface = roll(*scanned("small"))
+    surface = apply_calibration(*scanned("small"))
     with np.errstate(invalid="ignore"):
         base = (surface.z > -13) & (surface.z < -1)
     assert np.nanmean(found.deviation[base]) == pytest.approx(-0.005, abs=1e-4)
@@ -163,7 +163,7 @@ def test_half_a_circumference_is_partial_and_a_quarter_is_no_number():
     for c in quarter.characteristics:
         assert (c.status, c.value, c.U) == ("not_measurable", None, None)
     decided = inspect_turned(
-        roll(*scanned("oval", profiles=250)), Turned((replace(BASE, diameter_limits=(24.0, 26.0)),))
+        apply_calibration(*scanned("oval", profiles=250)), Turned((replace(BASE, diameter_limits=(24.0, 26.0)),))
     )
     assert decided.verdict == "undecided"
 
@@ -193,7 +193,10 @@ def test_the_calibrations_line_is_what_drawn_calibrations_do():
     parts, (p, height) = independent_parts(known), unknowns_of(known)
     thin = replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4])
     part = Turned((SEAT,))
-    own = {c.name: budget(c).get("calibration", 0.0) for c in inspect_turned(roll(scan, known), part).characteristics}
+    own = {
+        c.name: budget(c).get("calibration", 0.0)
+        for c in inspect_turned(apply_calibration(scan, known), part).characteristics
+    }
     values = {name: [] for name in ("d", "runout")}
     for _ in range(40):
         q = p + rng.standard_normal(len(parts)) @ parts
@@ -201,7 +204,7 @@ def test_the_calibrations_line_is_what_drawn_calibrations_do():
             known, table_from_sensor=table_from_sensor(q[0], q[1], height, q[3], q[2]),
             shaft_from_rotor=shaft_from_rotor(*q[4:8]),
         )  # fmt: skip
-        found = inspect_turned(roll(thin, drawn), part)
+        found = inspect_turned(apply_calibration(thin, drawn), part)
         for name in values:
             values[name].append(line(found, "seat", name).value)
     for name, v in values.items():
@@ -228,7 +231,7 @@ def test_linearity_counts_with_the_distance_from_the_shaft():
 def test_a_calibration_without_covariance_decides_nothing():
     scan, known = scanned("round")
     part = Turned((replace(BASE, diameter_limits=(24.0, 26.0)),))
-    found = inspect_turned(roll(scan, replace(known, covariance=np.zeros((0, 0)))), part)
+    found = inspect_turned(apply_calibration(scan, replace(known, covariance=np.zeros((0, 0)))), part)
     d = line(found, "base", "d")
     assert (d.U, d.verdict) == (None, "undecided")
     assert any("covariance" in r for r in found.remarks)
@@ -237,7 +240,7 @@ def test_a_calibration_without_covariance_decides_nothing():
 def test_an_untrusted_calibration_decides_nothing():
     scan, known = scanned("round")
     part = Turned((replace(BASE, diameter_limits=(24.0, 24.5)),))
-    found = inspect_turned(roll(scan, replace(known, reasons=("the sensor moved",))), part)
+    found = inspect_turned(apply_calibration(scan, replace(known, reasons=("the sensor moved",))), part)
     assert found.verdict == "undecided"
     assert found.reasons == ("the sensor moved",)
 
@@ -258,7 +261,7 @@ def test_with_a_calibration_of_its_own_every_error_is_within_u():
     """The whole chain: the shaft calibrates the stand and is then inspected as a part."""
     scan, _ = scanned("oval")
     own = calibrate(scan, shaft())
-    found = inspect_turned(roll(scan, own), PART)
+    found = inspect_turned(apply_calibration(scan, own), PART)
     true = {
         ("base", "d"): 25.0, ("base", "roundness"): 0.06 * float(transmission(np.array([2]), 50)[0]),
         ("seat", "d"): 13.94, ("seat", "roundness"): 0.0, ("base", "runout"): 0.06, ("seat", "runout"): 0.0,

@@ -12,7 +12,7 @@ import pytest
 from solids import Wheel, calibration, extruded, noisy, scanned
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import Characteristic, Defect, Inspection
-from truestand.core.surface import roll
+from truestand.core.surface import apply_calibration
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import CadEvidence
@@ -29,7 +29,9 @@ def gear():
     own, known = Wheel(), calibration()
     mesh = extruded(own.outline(40), own.bottom, own.top)
     scan = noisy(scanned(mesh, known, None, radians(0.7), profiles=2400, points=80), 0.002)
-    return inspect_gear(roll(scan, known), Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0, accuracy_class=8, name="wheel 7"))
+    return inspect_gear(
+        apply_calibration(scan, known), Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0, accuracy_class=8, name="wheel 7")
+    )
 
 
 @cache

@@ -159,7 +159,7 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
     from truestand.cli.talk import now, working
     from truestand.core.calibrate import calibrate
     from truestand.core.evidence import gather
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
     from truestand.files.company import read_company
@@ -177,7 +177,7 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
         write_calibration(out / "calibration.json", calibration)
         write_calibration(out / "calibration-paper.json", paper)
     with working("Rolling up", quiet):
-        surface = roll(scan, calibration)
+        surface = apply_calibration(scan, calibration)
         write_cloud(out / "cloud.ply", surface.x, surface.y, surface.z)
     with working("Writing the report", quiet):
         evidence, company = gather(scan, bench.shaft, calibration, paper), read_company(out / "stand.toml")
@@ -190,7 +190,7 @@ def _inspect(bench: Bench, calibration: "Calibration") -> tuple["Inspection", di
     from truestand.cli.inspect import Written, write
     from truestand.cli.talk import now, working
     from truestand.core.calibration import ScanSummary
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
     from truestand.core.transfer import transfer
     from truestand.files.inspection_record import inspection_record
     from truestand.files.parts import read_part
@@ -203,7 +203,7 @@ def _inspect(bench: Bench, calibration: "Calibration") -> tuple["Inspection", di
     truth = json.loads((out / "gear-truth.json").read_text(encoding="utf-8"))
     with working("Inspecting", quiet):
         tied = transfer(scan, calibration)
-        surface = roll(tied.scan, tied.calibration)
+        surface = apply_calibration(tied.scan, tied.calibration)
         created = now()
         inspection = replace(inspect(surface, read_part(out / "gear.toml")), created=created)
         sha256 = sha256_of(out / "calibration.json")

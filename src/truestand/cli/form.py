@@ -139,9 +139,9 @@ def _transferred(
 def _section(tied: "Transfer", feature: FeatureName, surface: str | None, height: float | None) -> "Section":
     """Cells of one cylinder of the artefact in a scan."""
     from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
 
-    rolled = roll(tied.scan, tied.calibration)
+    rolled = apply_calibration(tied.scan, tied.calibration)
     cylinder, low, high = _stretch(tied.calibration, surface)
     if feature is FeatureName.CYLINDER:
         return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)

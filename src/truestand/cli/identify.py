@@ -34,7 +34,7 @@ def identify(
     from truestand.core.errors import BadRecipe
     from truestand.core.frames import Pose
     from truestand.core.scan import interpret
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
     from truestand.core.transfer import transfer
     from truestand.files.atomic import write_text_atomic
     from truestand.files.parts import seen_recipe
@@ -53,7 +53,7 @@ def identify(
         seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
     with working("Identifying", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
-        surface = roll(tied.scan, tied.calibration)
+        surface = apply_calibration(tied.scan, tied.calibration)
         datum = Pose.from_matrix(IDENTITY)
         low, high = toothed_heights(surface, datum)
         low, high = low if from_mm is None else from_mm, high if to_mm is None else to_mm

@@ -61,7 +61,7 @@ def inspect(
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.scan import interpret
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
     from truestand.core.transfer import transfer
     from truestand.files.inspection_record import inspection_record
     from truestand.files.parts import read_part
@@ -82,7 +82,7 @@ def inspect(
     created = now()
     with working("Inspecting", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
-        surface = roll(tied.scan, tied.calibration)
+        surface = apply_calibration(tied.scan, tied.calibration)
         inspection = replace(judge(surface, drawn), created=created, identity=_identity(part, serial, operator))
     record = inspection_record(inspection, tied.calibration, ScanSummary.of(seen), sha256_of(calibration), created)
     with working("Writing", quiet):

@@ -24,7 +24,7 @@ def roll(
     """
     from truestand.cli.calibrate import tell_doubts, tell_witness
     from truestand.cli.talk import working
-    from truestand.core.surface import roll as apply
+    from truestand.core.surface import apply_calibration
     from truestand.core.transfer import transfer
     from truestand.files.clouds import check_suffix, write_cloud
     from truestand.files.read import read_recording
@@ -41,7 +41,7 @@ def roll(
         seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
     with working("Rolling up", quiet):
         tied = transfer(seen, known, start_angle_deg is not None)
-        surface = apply(tied.scan, tied.calibration)
+        surface = apply_calibration(tied.scan, tied.calibration)
         write_cloud(output, surface.x, surface.y, surface.z)
     if not quiet:
         typer.echo(output)

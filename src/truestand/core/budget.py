@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Contribution, StaticProfile, Uncertainty
-from truestand.core.checks import linearity_of
+from truestand.core.checks import linearity_name, linearity_of
 from truestand.core.refine import Refined
 from truestand.core.scan import Scan
 
@@ -26,7 +26,6 @@ TWO_SIGMA = 0.9545
 DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
 HALF_TURN = 180.0
 """deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
-LINEARITY = "linearity of the sensor"
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
 """mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""
 UNSTATED_SCALE_U = 1e-4
@@ -110,7 +109,7 @@ def type_b(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPro
         bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)
     return (
         Input("diameter of the artefact", (base.diameter_U or 0.0) / 2, "normal", {"radial_position_mm": 0.5}),
-        Input(LINEARITY, linearity_of(sensor, static) / 2, "normal",
+        Input(linearity_name(sensor), linearity_of(sensor, static) / 2, "normal",
               {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
                "eccentricity_um": eccentricity * slope}),
         Input("scale of the sensor" + (" (assumed)" if sensor.scale_U is None else ""), scale / 2, "normal",

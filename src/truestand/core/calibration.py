@@ -204,6 +204,8 @@ class Calibration:
     created: str | None = None
     """ISO time, put on when the record is written."""
     valid_until: str | None = None
+    applied_to: Scan | None = field(default=None, repr=False, compare=False)
+    """The scan that ``transfer`` tied to it: what speaks against applying it there stands in ``reasons`` already."""
 
     @property
     def status(self) -> Literal["valid", "untrusted"]:

@@ -19,8 +19,6 @@ MOST_REJECTED = 0.45
 ENOUGH_SEEN = 0.2
 MOST_DRIFT = 0.01
 """mm over the scan."""
-UNSTATED_LINEARITY = 0.01
-"""mm, k = 2: expected where the data sheet is silent."""
 MOST_STEP = 0.02
 """mm: difference of two steps from the drawing that is not called wrong, sensor and certificate apart."""
 MOST_OVERLAP = 0.001
@@ -110,14 +108,19 @@ def shared_form(fit: Refined) -> float:
 
 
 def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
-    """The sensor's linearity U (mm, k = 2): its data sheet's word, unless this scan shows worse."""
-    return max(sensor.linearity_U or 0.0, *(s.peak_to_valley / 2 for s in static))
+    """The sensor's linearity U (mm, k = 2): its data sheet's word or what is assumed, unless this scan shows worse."""
+    return max([sensor.linearity, *(s.peak_to_valley / 2 for s in static)])
+
+
+def linearity_name(sensor: Sensor) -> str:
+    """Of the budget's line."""
+    return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:
     """Sensor linearity as the static profile shows it, and the step between the diameters against the drawing."""
     sensor = scan.stand.sensor
-    stated = sensor.linearity_U if sensor.linearity_U is not None else UNSTATED_LINEARITY
+    stated = sensor.linearity
     limit = 2 * stated
     shown = max(s.peak_to_valley for s in static)
     # A sensor that shows itself worse than stated may read two steps differently by all that it shows.

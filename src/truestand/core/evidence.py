@@ -17,7 +17,7 @@ from truestand.core.harmonics import fit_harmonics
 from truestand.core.scan import Scan
 from truestand.core.segment import EDGE_MARGIN
 from truestand.core.silhouette import median_profile, sample
-from truestand.core.surface import Surface, roll, table_angle
+from truestand.core.surface import Surface, apply_calibration, table_angle
 
 Array = NDArray[np.float64]
 
@@ -127,9 +127,9 @@ def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Cali
     part = _spread(scan, PROFILES)
     uncentred = replace(calibration, shaft_from_rotor=shaft_from_rotor(0.0, 0.0, 0.0, 0.0), method="stand")
     surfaces = (
-        roll(part, uncentred),
-        None if paper is None else roll(part, paper),
-        roll(part, calibration),
+        apply_calibration(part, uncentred),
+        None if paper is None else apply_calibration(part, paper),
+        apply_calibration(part, calibration),
     )
     angle = table_angle(part, calibration)
     turns = np.abs(angle - angle[0]) / tau

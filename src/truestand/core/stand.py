@@ -7,6 +7,8 @@ from typing import Literal
 from truestand.core.errors import BadRecipe
 
 Direction = Literal["ccw", "cw"]
+ASSUMED_LINEARITY, LEAST_ASSUMED_LINEARITY = 5e-4, 0.02
+"""Share of the measuring range, and mm at least, k = 2."""
 YMeaning = Literal["index", "time_s", "angle_deg", "encoder"]
 
 
@@ -42,7 +44,7 @@ class Sensor:
     """The sensor reports x mirrored: it is negated before anything else."""
     serial: str | None = None
     linearity_U: float | None = None
-    """mm, from the data sheet."""
+    """mm, from the data sheet; None: ``linearity`` assumes."""
     scale_U: float | None = None
     """Relative, from the data sheet."""
     plane_offset_U: float = 1.0
@@ -51,6 +53,14 @@ class Sensor:
     """rad: how well the laser plane was mounted parallel to the rotation axis."""
     incidence_U: float | None = None
     """mm: by how much it reads steep surfaces differently, e.g. after a correction learnt on a master gear."""
+
+    @property
+    def linearity(self) -> float:
+        """mm, k = 2: as stated; where nobody says, a share of the measuring range that few data sheets exceed."""
+        if self.linearity_U is not None:
+            return self.linearity_U
+        low, high = self.range or (0.0, 0.0)
+        return max(ASSUMED_LINEARITY * (high - low), LEAST_ASSUMED_LINEARITY)
 
 
 @dataclass(frozen=True, slots=True)

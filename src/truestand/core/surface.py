@@ -66,8 +66,8 @@ class Surface:
         return angle[order], np.hypot(x, y)[order]
 
 
-def roll(scan: Scan, calibration: Calibration) -> Surface:
-    """The scan's points in C.
+def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
+    """The scan's points in C, by the calibration as it stands: ``transfer.roll`` asks first whether it may be applied.
 
     The calibration's own method decides: ``stand`` moves the axis (exact), ``paper`` subtracts the published
     compensation wave from the radial coordinate (and leaves what that leaves).

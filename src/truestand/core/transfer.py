@@ -1,5 +1,6 @@
 """Whether a calibration may be applied to a scan: what ties the table angle of the two together, and whether sensor and
-shaft still stand where they stood."""
+shaft still stand where they stood. Then applying it.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ from truestand.core.calibration import Calibration, Check
 from truestand.core.checks import no_zero
 from truestand.core.conclude import angle_zero
 from truestand.core.scan import Scan
+from truestand.core.surface import Surface, apply_calibration
 from truestand.core.witness import Witness, witness
 
 MOST_MOVED = 0.01
@@ -33,6 +35,19 @@ class Transfer:
     checks: tuple[Check, ...] = ()
 
 
+def roll(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Surface:
+    """The scan's points in C, its table angle tied to the calibration's.
+
+    What speaks against applying the calibration to this scan (another direction of the table, a scan that isn't whole,
+    no tie of the angle, a sensor that moved) stands in the surface's calibration as reasons, so that nothing is decided
+    on it. ``start_stated``: the table angle of the scan's first profile was given (``start_angle`` of ``interpret``).
+    """
+    if calibration.applied_to is scan:  # both come from ``transfer``
+        return apply_calibration(scan, calibration)
+    tied = transfer(scan, calibration, start_stated)
+    return apply_calibration(tied.scan, tied.calibration)
+
+
 def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Transfer:
     """Tie the scan's table angle to the calibration's, and ask the shaft in view whether anything moved.
 
@@ -43,7 +58,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     loose = untied(scan, calibration, start_stated)
     found = witness(scan, calibration)
     if found is None:
-        return Transfer(scan, _doubted(calibration, (*doubts, *loose)))
+        return Transfer(scan, _doubted(calibration, (*doubts, *loose), scan))
     limit = MOST_ARC / _outside(scan, calibration)
     checks = _moved(found)
     by_index = angle_zero(scan) == calibration.angle_zero == "index"
@@ -55,11 +70,11 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
         calibration = replace(calibration, angle_zero="witness", angle_U=found.angle_U, reasons=told)
     failed = (f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok)
-    return Transfer(scan, _doubted(calibration, (*doubts, *failed)), found, checks)
+    return Transfer(scan, _doubted(calibration, (*doubts, *failed), scan), found, checks)
 
 
-def _doubted(calibration: Calibration, doubts: tuple[str, ...]) -> Calibration:
-    return replace(calibration, reasons=(*calibration.reasons, *doubts))
+def _doubted(calibration: Calibration, doubts: tuple[str, ...], scan: Scan) -> Calibration:
+    return replace(calibration, reasons=(*calibration.reasons, *doubts), applied_to=scan)
 
 
 def configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:

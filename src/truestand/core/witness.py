@@ -19,7 +19,7 @@ from truestand.core.harmonics import wrap
 from truestand.core.priors import UNSTATED_COAXIALITY_U
 from truestand.core.robust import robust_wave
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, roll, table_angle
+from truestand.core.surface import Surface, apply_calibration, table_angle
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -201,7 +201,7 @@ def _per_profile(values: Array, on: Mask) -> Array:
 def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Band]) -> _Fit:
     """How far sensor and axis have moved, if the table's angle counts from ``shift``: robust least squares."""
     turned = replace(scan, angle=scan.angle + shift)
-    surface = roll(turned, calibration)
+    surface = apply_calibration(turned, calibration)
     angle = table_angle(turned, calibration)
     rows, traces, heights, azimuths = [], [], [], []
     for band in bands:

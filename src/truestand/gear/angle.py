@@ -14,7 +14,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
 from truestand.core.medians import medians
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, roll, table_angle
+from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, find_flanks, only
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import CLIP, SPAN
@@ -104,7 +104,7 @@ def _turned_on(now: Steadied, error: Array, nominal: Involute, datum: Pose) -> S
     angle = table_angle(now.scan, now.calibration)
     scan = replace(now.scan, angle=angle + error - error.mean())
     calibration = replace(now.calibration, speed_factor=1.0)
-    surface = roll(scan, calibration)
+    surface = apply_calibration(scan, calibration)
     return replace(
         now, surface=surface, flanks=find_flanks(surface, nominal, datum), scan=scan, calibration=calibration
     )

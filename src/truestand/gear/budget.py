@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.checks import UNSTATED_LINEARITY, linearity_of
+from truestand.core.checks import linearity_name, linearity_of
 from truestand.core.datum import Datum
 from truestand.core.influence import points_of, unknowns_of
 from truestand.core.rays import readings_of, seen_at, sensor_origins
@@ -214,8 +214,7 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -
     sensor = scan.stand.sensor
     way = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # one unit of range along the ray
     z = rays.z
-    static = calibration.static_profiles
-    linearity = (linearity_of(sensor, static) if static else sensor.linearity_U) or UNSTATED_LINEARITY
+    linearity, bends = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
     period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
     bend = linearity * tau / period * (z - z.mean())
     scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U
@@ -224,8 +223,8 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -
     steep = _steepness(rays, way)
     normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
     return [
-        Influence("linearity of the sensor", field(way * linearity), linearity / 2),
-        Influence("linearity of the sensor", field(way * bend[:, None]), linearity / 2),
+        Influence(bends, field(way * linearity), linearity / 2),
+        Influence(bends, field(way * bend[:, None]), linearity / 2),
         Influence("scale of the sensor", field(way * (scale * (z - _shaft_range(calibration, z)))[:, None]), scale / 2),
         Influence(f"incidence on the flanks{stated}", field(normal * incidence), incidence / 2),
         Influence(f"incidence on the flanks{stated}", field(normal * (incidence * steep)[:, None]), incidence / 2),

@@ -11,7 +11,7 @@ from truestand.core.datum import Datum, datum_of
 from truestand.core.errors import BadRecipe, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, roll
+from truestand.core.surface import Surface, apply_calibration
 from truestand.gear.angle import Steadied, steadied
 from truestand.gear.budget import expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Told, characteristics_of, settings_of
@@ -148,7 +148,7 @@ def _published(flanks: Flanks, scan: Scan, calibration: Calibration, nominal: In
     row, column = np.divmod(flanks.index, scan.x.shape[1])
     some = column % PUBLISHED_THIN == 0
     few = replace(scan, x=scan.x[:, ::PUBLISHED_THIN], z=scan.z[:, ::PUBLISHED_THIN], intensity=None)
-    surface = roll(few, replace(calibration, method="paper"))
+    surface = apply_calibration(few, replace(calibration, method="paper"))
     at = row[some], column[some] // PUBLISHED_THIN
     x, y, height, which = surface.x[at], surface.y[at], surface.z[at], flanks.which[some]
     radius = np.hypot(x, y)

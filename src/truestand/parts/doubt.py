@@ -5,8 +5,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, LINEARITY, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
 from truestand.core.calibration import Calibration, Contribution
+from truestand.core.checks import linearity_name, linearity_of
 from truestand.core.priors import SMOOTH
 
 Array = NDArray[np.float64]
@@ -35,17 +36,15 @@ def linearity_between(calibration: Calibration, distance: float) -> float:
     """By how much (mm, k = 2) the sensor may read two surfaces differently that lie ``distance`` mm apart in range.
 
     The calibration has taken up what it errs at the shaft's own surface. Its error bends smoothly: over SMOOTH mm by
-    all that the data sheet states (or the scan of the shaft shows), over less by a share of it.
+    all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it.
     """
-    sensor = calibration.stand.sensor
-    shown = [profile.peak_to_valley / 2 for profile in calibration.static_profiles]
-    U = max([sensor.linearity_U or 0.0, *shown])
+    U = linearity_of(calibration.stand.sensor, calibration.static_profiles)
     return U * min(1.0, abs(distance) / SMOOTH)
 
 
 def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
     """The line of that name."""
-    return line(LINEARITY, factor * linearity_between(calibration, distance))
+    return line(linearity_name(calibration.stand.sensor), factor * linearity_between(calibration, distance))
 
 
 def scale_line(calibration: Calibration, distance: float) -> Contribution:

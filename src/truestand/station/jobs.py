@@ -113,7 +113,7 @@ def _calibrate(job: Job, watching: Watching) -> Result:
 
 def _inspect(job: Job, watching: Watching) -> Result:
     from truestand.core.calibration import ScanSummary
-    from truestand.core.surface import roll
+    from truestand.core.surface import apply_calibration
     from truestand.core.transfer import transfer
     from truestand.files.atomic import write_json_atomic, write_text_atomic
     from truestand.files.clouds import write_cloud
@@ -129,7 +129,7 @@ def _inspect(job: Job, watching: Watching) -> Result:
     scan = _scan(job, watching, "part.h5")
     with watching.doing("evaluate"):
         tied = transfer(scan, calibration)
-        surface = roll(tied.scan, tied.calibration)
+        surface = apply_calibration(tied.scan, tied.calibration)
         created = now()
         found = replace(inspect(surface, drawing), created=created, identity={**read_identity(part), **job.identity})
         record = inspection_record(found, tied.calibration, ScanSummary.of(scan), sha256_of(against), created)
