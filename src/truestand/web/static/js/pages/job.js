@@ -174,8 +174,9 @@ function onward(job) {
     const again = `/inspect/${encodeURIComponent(job.part)}`;
     return [link(t(job.state === "done" ? "job.next_part" : "job.again"), again, { kind: "primary", sign: job.state === "done" ? "next" : "again" }), details, link(t("page.home"), "/", { sign: "home" })];
   }
-  const trusted = job.state === "done" && job.status !== "untrusted";
-  return [trusted ? link(t("home.inspect"), "/inspect", { kind: "primary", sign: "inspect" }) : link(t("job.again"), "/calibrate", { kind: "primary", sign: "again" }),
+  const trusted = ["valid", "holds"].includes(job.verdict ?? job.status);
+  const calibrate = job.state === "done" ? link(t("home.calibrate"), "/calibrate", { kind: "primary", sign: "calibrate" }) : link(t("job.again"), "/calibrate", { kind: "primary", sign: "again" });
+  return [trusted ? link(t("home.inspect"), "/inspect", { kind: "primary", sign: "inspect" }) : calibrate,
     details, link(t("page.home"), "/", { sign: "home" })];
 }
 

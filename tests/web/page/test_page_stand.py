@@ -1,0 +1,68 @@
+"""What the page says of the stand, in a real browser on the real server: nothing is a mock but the worker."""
+
+import pytest
+
+from page_lab import Client, served
+from truestand.store import Store
+
+expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
+
+MOVED = "sensor, radially: the sensor has moved or turned in the laser plane: calibrate again"
+
+
+@pytest.fixture
+def tab(chromium):
+    context = chromium.new_context(viewport={"width": 1280, "height": 800})
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def store(page):
+    """With a calibration that is valid."""
+    found = Store.open(page.settings.store, create=True)
+    found.add("calibration", {"format": "truestand.calibration", "version": 1, "status": "valid", "reasons": []})
+    return found
+
+
+def verify(store, verdict, reasons=(), number=1):
+    """Keep a verification of a calibration, as the job and the command line do."""
+    against = store.evidence(store.entry(number))["record"]
+    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": list(reasons)}
+    return store.add("verification", record, {"calibration": against})
+
+
+def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store, tab):
+    verify(store, "does_not_hold", [MOVED])
+    with served(page) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
+        expect(tab.locator(".stamp")).to_contain_text(MOVED)
+        expect(tab.locator(".stamp .until")).to_contain_text("verified")
+        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        tab.goto(f"http://127.0.0.1:{port}/#/inspect/gear")
+        tab.get_by_role("button", name="Next").click()
+        expect(tab.locator(".notice.bad")).to_contain_text("The calibration does not hold, as the verification of")
+        expect(tab.locator(".notice.bad")).to_contain_text(MOVED)
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+def test_a_verification_that_is_undecided_says_so(page, store, tab):
+    verify(store, "undecided", ["sensor, radially: found 9.80 um with U 2.00 um, limit 10.00 um"])
+    with served(page) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
+        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        tab.goto(f"http://127.0.0.1:{port}/#/inspect")
+        expect(tab.locator(".notice.open")).to_contain_text("whether the calibration still holds is not known")
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
+    with served(page) as port:
+        client = Client(port)
+        client.session()
+        client.post("/api/jobs", {"kind": "verify", "serial": "moved"})
+        tab.goto(f"http://127.0.0.1:{port}/#/job")
+        expect(tab.locator(".stamp.bad .word")).to_have_text("does not hold")
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
