@@ -1,12 +1,15 @@
 """Jobs: started, followed, aborted; and the worker never waits for who watches."""
 
+import io
 import json
+import sys
 import time
 
 import pytest
 
 from page_lab import WORKER, make_page, served
-from truestand.core.errors import TruestandError
+from truestand.core.errors import Fault, TruestandError
+from truestand.station import worker
 from truestand.web import runner as runners
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
@@ -86,6 +89,16 @@ def test_a_worker_that_cannot_be_started_has_failed(tmp_path, folder):
 def test_garbage_of_a_worker_is_passed_over(running, folder):
     start(running, folder, "garbage")
     assert ended(running)["state"] == "done"
+
+
+def test_a_worker_whose_server_died_stops_the_stand_and_says_why(monkeypatch):
+    class Gone(io.StringIO):
+        def flush(self):
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stdout", Gone())
+    with pytest.raises(Fault, match="the page's server stopped while the job ran"):
+        worker._tell({"event": "live"})
 
 
 def test_an_abort_lets_the_stand_stop(running, folder):

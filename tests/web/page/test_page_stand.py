@@ -1,7 +1,12 @@
 """What the page says of the stand, in a real browser on the real server: nothing is a mock but the worker."""
 
+import subprocess
+import sys
+from contextlib import contextmanager
+
 import pytest
 
+import page_lab
 from page_lab import Client, served
 from truestand.store import Store
 
@@ -66,3 +71,59 @@ def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
         tab.goto(f"http://127.0.0.1:{port}/#/job")
         expect(tab.locator(".stamp.bad .word")).to_have_text("does not hold")
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+@contextmanager
+def server(folder, port=0):
+    """A page in a process of its own; the process and its port."""
+    command = [sys.executable, page_lab.__file__, str(folder), str(port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process, int(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def watch_a_job(tab, port):
+    """Start a job that runs until it is aborted, and look at it."""
+    client = Client(port)
+    client.session()
+    client.post("/api/jobs", {"kind": "calibrate", "serial": "long"})
+    tab.goto(f"http://127.0.0.1:{port}/#/job")
+    tab.get_by_role("button", name="Stop").wait_for()
+
+
+def silent(socket):
+    """A connection that stays open though nothing comes any more: a cable that was pulled."""
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
+    if cut:
+        tab.route_web_socket("**/api/live", silent)
+    with server(tmp_path) as (process, port):
+        watch_a_job(tab, port)
+        process.kill()
+        expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
+        expect(tab.locator(".stamp")).to_contain_text("Whether the job still runs is not known")
+        expect(tab.get_by_role("button", name="Stop")).to_be_hidden()
+    with server(tmp_path, port):
+        expect(tab.locator(".stamp.bad .word")).to_have_text("Ended", timeout=20_000)
+        expect(tab.locator(".stamp")).to_contain_text("The server stopped while it ran")
+        tab.get_by_role("link", name="Try again").click()
+        tab.get_by_role("button", name="Start").wait_for()
+
+
+def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
+    tab.route_web_socket("**/api/live", silent)
+    with served(page) as port:
+        watch_a_job(tab, port)
+        tab.context.set_offline(True)
+        expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
+        tab.goto(f"http://127.0.0.1:{port}/#/results")
+        expect(tab.locator(".strip.open")).to_be_visible()
+        expect(tab.locator(".strip.busy")).to_be_hidden()
+        tab.context.set_offline(False)
+        expect(tab.locator(".strip.busy")).to_be_visible(timeout=20_000)
+        tab.goto(f"http://127.0.0.1:{port}/#/job")
+        tab.get_by_role("button", name="Stop").wait_for()
