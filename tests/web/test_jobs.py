@@ -122,7 +122,7 @@ def test_a_second_abort_some_seconds_later_ends_a_worker_that_does_not_obey(runn
     monkeypatch.setattr(runners, "PATIENCE", 0.2)
     running.abort(job["id"])
     assert ended(running)["state"] == "aborted"
-    assert "see that the table stands still" in running.current()["message"]
+    assert "see that table and laser are off" in running.current()["message"]
 
 
 def test_ending_the_page_stops_the_stand_first(tmp_path):
@@ -226,5 +226,6 @@ def test_a_stand_that_another_program_uses_is_in_no_fault(client, tmp_path):
     latch.fault("now", "it broke")
     latch.close()
     assert "it broke" in client.get("/api/home").json["fault"]
+    assert client.get("/api/home").json["not_stopped"] == []
     (tmp_path / ".stand.toml.state").write_text(json.dumps({"state": "in use", "since": "now", "log": "k1.log"}))
     assert "died" in client.get("/api/home").json["fault"]

@@ -141,6 +141,8 @@ class Home(BaseModel):
     last: list[Entry]
     job: Job | None
     fault: str | None
+    not_stopped: list[str]
+    """What the fault left on or moving: *Laser may be ON* and the like, in plain words."""
     parts: list[Part]
 
 

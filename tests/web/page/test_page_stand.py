@@ -8,6 +8,7 @@ import pytest
 
 import page_lab
 from page_lab import Client, served
+from truestand.station.latch import Latch
 from truestand.store import Store
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
@@ -127,3 +128,23 @@ def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
         expect(tab.locator(".strip.busy")).to_be_visible(timeout=20_000)
         tab.goto(f"http://127.0.0.1:{port}/#/job")
         tab.get_by_role("button", name="Stop").wait_for()
+
+
+LIT = "Laser may be ON: sensor front"
+
+
+def test_a_laser_that_may_be_on_is_told_first_and_large(page, tab):
+    with served(page) as port:
+        watch_a_job(tab, port)
+        latch = Latch(page.settings.stand)
+        latch.fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
+        latch.close()
+        tab.get_by_role("button", name="Stop").click()
+        for path in ("#/job", "#/"):
+            tab.goto(f"http://127.0.0.1:{port}/{path}")
+            told = tab.get_by_role("alert").get_by_text("Laser may be ON")
+            expect(told.first).to_have_text(LIT)
+            expect(tab.get_by_role("alert").first).to_contain_text("Switch it off at its supply now")
+            assert told.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
+            assert told.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
+            expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")

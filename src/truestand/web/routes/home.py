@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.station.latch import latched_fault
+from truestand.station.latch import latched_fault, not_stopped
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import CalibrationState, Home
 from truestand.web.page import Page, ThePage
@@ -26,6 +26,7 @@ def home(page: ThePage) -> dict[str, Any]:
         "last": page.results.entries(limit=LAST),
         "job": page.runner.current(),
         "fault": None if busy else latched_fault(page.settings.stand) or None,
+        "not_stopped": [] if busy else not_stopped(page.settings.stand),
         "parts": parts_of(page),
     }
 

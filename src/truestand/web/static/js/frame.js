@@ -79,8 +79,13 @@ function strip(kind, fill) {
 }
 
 function fault() {
-  const bar = strip("bad", () => store.fault && [store.fault, mark("bad"),
-    h("p", {}, h("strong", {}, t("fault.title")), " ", store.fault), button(t("fault.reset"), reset, { kind: "danger" })]);
+  const bar = strip("bad", () => {
+    const left = store.home?.not_stopped ?? [];
+    bar.classList.toggle("hazard", left.length > 0);
+    return store.fault && [store.fault, mark("bad", left.length ? "huge" : ""),
+      h("div", {}, left.map((what) => h("p", { class: "left" }, what)), left.length > 0 && h("p", {}, h("strong", {}, t("fault.left"))),
+        h("p", {}, h("strong", {}, t("fault.title")), " ", store.fault)), button(t("fault.reset"), reset, { kind: "danger" })];
+  });
   bar.setAttribute("role", "alert");
   return bar;
 }
