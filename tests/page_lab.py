@@ -146,9 +146,9 @@ def snapshot(folder):
     return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def main(folder):
-    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER`` prints the port."""
-    page, at = make_page(Path(folder)), Binding(port=0)
+def main(folder, port=0):
+    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER [PORT]`` prints the port."""
+    page, at = make_page(Path(folder)), Binding(port=int(port))
     listening = bind(at)
     server = Server(config(page, at), page.runner, lambda: print(listening_port(server), flush=True))
     threading.Thread(target=lambda: (sys.stdin.read(), setattr(server, "should_exit", True)), daemon=True).start()
@@ -156,4 +156,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(*sys.argv[1:])

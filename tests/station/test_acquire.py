@@ -139,8 +139,8 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
     real = stand_module.Station.make_safe
 
     def make_safe(station):
-        failed = real(replace(station, table=replace(station.table, drive=Silent(station.table.drive))))
-        station.left = failed
+        silent = replace(station, table=replace(station.table, drive=Silent(station.table.drive)))
+        failed, station.left = real(silent), silent.left
         return failed
 
     def interrupt() -> None:
@@ -149,12 +149,12 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
     monkeypatch.setattr(stand_module.Station, "make_safe", make_safe)
     with lab(tmp_path, turns=10.0, pace=1.0) as stand:
         taken = stand.take(show=stand.failing(interrupt, at=0.002))
-        assert taken.left == ("table: silent",)
+        assert taken.left == ("Table may be turning: silent",)
         until = time.monotonic() + 10.0
         while not stand.safe:
             assert time.monotonic() < until
             time.sleep(0.02)
-        with pytest.raises(Fault, match="interrupted by the operator; not stopped: table: silent"):
+        with pytest.raises(Fault, match=r"Table may be turning: silent; it was interrupted by the operator"):
             stand.take("b.h5")
 
 

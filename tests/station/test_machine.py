@@ -15,6 +15,15 @@ from truestand.station.machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, M
 from truestand.station.stand import Station
 
 
+def test_what_could_not_be_stopped_is_named_the_lasers_first():
+    table = RotaryTable(MemoryDrive(gone=True), clock=lambda: 0.0, sleep=lambda s: None)
+    station = Station(Stand(), table, [MemorySensor("back"), MemorySensor("front", gone=True)])
+    assert station.make_safe() == [
+        "Laser may be ON: sensor front: memory sensor: no answer",
+        "Table may be turning: memory: no answer",
+    ]
+
+
 class StandUnderAnyHand(RuleBasedStateMachine):
     """Anyone asks for anything, devices come and go; the rules hold after every step."""
 

@@ -1,12 +1,15 @@
 """Jobs: started, followed, aborted; and the worker never waits for who watches."""
 
+import io
 import json
+import sys
 import time
 
 import pytest
 
 from page_lab import WORKER, make_page, served
-from truestand.core.errors import TruestandError
+from truestand.core.errors import Fault, TruestandError
+from truestand.station import worker
 from truestand.web import runner as runners
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
@@ -88,6 +91,16 @@ def test_garbage_of_a_worker_is_passed_over(running, folder):
     assert ended(running)["state"] == "done"
 
 
+def test_a_worker_whose_server_died_stops_the_stand_and_says_why(monkeypatch):
+    class Gone(io.StringIO):
+        def flush(self):
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stdout", Gone())
+    with pytest.raises(Fault, match="the page's server stopped while the job ran"):
+        worker._tell({"event": "live"})
+
+
 def test_an_abort_lets_the_stand_stop(running, folder):
     job = start(running, folder, "long")
     wait_for(lambda: running.current()["done"] > 0)
@@ -109,7 +122,7 @@ def test_a_second_abort_some_seconds_later_ends_a_worker_that_does_not_obey(runn
     monkeypatch.setattr(runners, "PATIENCE", 0.2)
     running.abort(job["id"])
     assert ended(running)["state"] == "aborted"
-    assert "see that the table stands still" in running.current()["message"]
+    assert "see that table and laser are off" in running.current()["message"]
 
 
 def test_ending_the_page_stops_the_stand_first(tmp_path):
@@ -213,5 +226,6 @@ def test_a_stand_that_another_program_uses_is_in_no_fault(client, tmp_path):
     latch.fault("now", "it broke")
     latch.close()
     assert "it broke" in client.get("/api/home").json["fault"]
+    assert client.get("/api/home").json["not_stopped"] == []
     (tmp_path / ".stand.toml.state").write_text(json.dumps({"state": "in use", "since": "now", "log": "k1.log"}))
     assert "died" in client.get("/api/home").json["fault"]

@@ -298,3 +298,61 @@ def test_the_company_is_that_of_the_reports(client, tmp_path):
     assert client.session()["company"] == ""
     stand.write_text(stand.read_text(encoding="utf-8") + '\n[company]\nname = "Gears & Sons"\n', encoding="utf-8")
     assert client.session()["company"] == "Gears & Sons"
+
+
+def verification(store, verdict, of=1):
+    """Keep a verification of a calibration."""
+    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": [f"{verdict} {of}"]}
+    return store.add("verification", record, {"calibration": store.evidence(store.entry(of))["record"]})
+
+
+def test_a_verification_that_does_not_hold_counts_until_another_one_holds(client, store):
+    def told():
+        found = client.get("/api/home").json["calibration"]
+        return found["state"], found["verification"], found["reasons"]
+
+    store.add("calibration", calibration())
+    assert told() == ("valid", None, [])
+    verification(store, "undecided")
+    assert told() == ("undecided", 2, ["undecided 1"])
+    verification(store, "does_not_hold")
+    assert told() == ("does_not_hold", 3, ["does_not_hold 1"])
+    verification(store, "undecided")
+    assert told() == ("does_not_hold", 3, ["does_not_hold 1"])  # what is undecided takes nothing back
+    verification(store, "holds")
+    assert told() == ("valid", 5, [])
+
+
+def test_a_verification_speaks_of_its_calibration_only(client, store):
+    def told():
+        found = client.get("/api/home").json["calibration"]
+        return found["state"], found["verification"]
+
+    store.add("calibration", calibration())
+    verification(store, "does_not_hold")
+    store.correct(1, calibration(until="2999-01-01"), reason="the certificate's date was wrong")
+    assert told() == ("does_not_hold", 2)  # a correction is no new calibration
+    store.add("calibration", calibration(until="2999-01-02"))
+    assert told() == ("valid", None)
+    verification(store, "does_not_hold", of=1)
+    assert told() == ("valid", None)
+    store.correct(4, None, reason="wrong shaft")
+    assert told() == ("does_not_hold", 5)
+    store.correct(5, None, reason="dirty shaft")
+    store.correct(2, None, reason="dirty shaft")
+    assert told() == ("valid", None)
+
+
+def test_who_starts_later_knows_of_the_verification(page, store):
+    store.add("calibration", calibration())
+    verification(store, "does_not_hold")
+    assert Kept(page.settings.store).verification().verdict == "does_not_hold"
+
+
+@pytest.mark.parametrize(
+    ("record", "state"), [(calibration("untrusted"), "untrusted"), (calibration(until="2001-01-01"), "does_not_hold")]
+)
+def test_the_worst_is_told_of_a_calibration(client, store, record, state):
+    store.add("calibration", record)
+    verification(store, "does_not_hold")
+    assert client.get("/api/home").json["calibration"]["state"] == state

@@ -93,6 +93,7 @@ def test_a_fault_is_latched_told_and_reset(at_stand):
     assert job["state"] == "failed" and "front" in job["message"]
     fault = client.get("/api/home").json["fault"]
     assert "front" in fault
+    assert client.get("/api/home").json["not_stopped"] == ["Laser may be ON: sensor front"]
     refused, _ = followed(client, client.post("/api/jobs", {"kind": "calibrate"}).json)
     assert refused["state"] == "failed" and "in fault" in refused["message"]
     assert client.post("/api/reset", timeout=60).json["fault"] == fault

@@ -7,6 +7,7 @@ The process that uses the stand holds a lock on it, which ends with the process,
 import json
 import os
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -47,10 +48,10 @@ class Latch:
         """Say that the stand is in use now, recording to ``log``."""
         self._write({"state": "in use", "since": since, "log": str(log)})
 
-    def fault(self, since: str, reason: str) -> None:
-        """Keep a fault until ``reset``."""
+    def fault(self, since: str, reason: str, left: Mapping[str, str] | None = None) -> None:
+        """Keep a fault until ``reset``, with what could not be stopped and why."""
         self._fault = True
-        self._write({"state": "fault", "since": since, "reason": reason})
+        self._write({"state": "fault", "since": since, "reason": reason, "not_stopped": left or {}})
 
     def close(self) -> None:
         """Give the stand free; a fault stays."""
@@ -102,10 +103,7 @@ def reset_latch(stand: Path) -> str:
 def latched_fault(stand: Path) -> str:
     """Why the stand may not be used, or nothing; looks only, and says nothing of a stand that is in use."""
     path = latch_path(stand)
-    try:
-        told = _parsed(path.read_bytes(), path.name)
-    except FileNotFoundError:
-        return ""
+    told = _mark(path)
     if told.get("state") != "in use":
         return _reason(told)
     file = os.open(path, os.O_RDWR)
@@ -113,6 +111,28 @@ def latched_fault(stand: Path) -> str:
         return _reason(told) if _lock(file) else ""
     finally:
         os.close(file)
+
+
+def not_stopped(stand: Path) -> list[str]:
+    """What could not be stopped when the stand's fault was latched, in plain words."""
+    return list(_left(_mark(latch_path(stand))))
+
+
+def in_words(left: Mapping[str, str]) -> list[str]:
+    """What could not be stopped, each with its reason."""
+    return [f"{what}: {why}" for what, why in left.items()]
+
+
+def _left(told: dict[str, Any]) -> dict[str, str]:
+    left = told.get("not_stopped")
+    return {what: str(why) for what, why in left.items()} if isinstance(left, dict) else {}
+
+
+def _mark(path: Path) -> dict[str, Any]:
+    try:
+        return _parsed(path.read_bytes(), path.name)
+    except FileNotFoundError:
+        return {}
 
 
 def _parsed(content: bytes, name: str) -> dict[str, Any]:
@@ -128,13 +148,14 @@ def _parsed(content: bytes, name: str) -> dict[str, Any]:
 def _reason(told: dict[str, Any]) -> str:
     """Why a stand with this mark may not be used."""
     if told.get("state") == "fault":
-        return f"the stand is in fault since {told.get('since')}: {told.get('reason')}; {WORDS}"
+        why = dict.fromkeys(["; ".join(in_words(_left(told))), str(told.get("reason"))])
+        return f"the stand is in fault since {told.get('since')}: {'; '.join(filter(None, why))}; {WORDS}"
     if told.get("state") == "in use":
         log = Path(str(told.get("log")))
         recover = f"`truestand recover {log}`, " if log.exists() else ""
         return (
-            f"the program that used the stand since {told.get('since')} died; see that the table stands still, "
-            f"{recover}then `truestand stand reset`"
+            f"the program that used the stand since {told.get('since')} died; see that the table stands still and "
+            f"the laser is off, {recover}then `truestand stand reset`"
         )
     return ""
 

@@ -12,7 +12,7 @@ from truestand.files.write_scan import write_recording
 from truestand.station.acquire import Live, SensorJob, acquire
 from truestand.station.convert import Converted, convert
 from truestand.station.guard import guard
-from truestand.station.latch import Latch
+from truestand.station.latch import Latch, in_words
 from truestand.station.machine import Machine
 from truestand.station.recipe import DevicesRecipe, Order
 from truestand.station.stand import open_station
@@ -119,7 +119,7 @@ def _record(
     latch: Latch,
 ) -> Taken:
     """Record, and say what ended it; an error before there is a log is passed on."""
-    left: list[str] = []
+    left: dict[str, str] = {}
     try:
         with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
             jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
@@ -131,22 +131,17 @@ def _record(
                     hand_over()
     except KeyboardInterrupt:
         if left:
-            latch.fault(now(), _reason("it was interrupted by the operator", left))
+            latch.fault(now(), "it was interrupted by the operator", left)
         if not log.exists():
             raise
-        return Taken((), interrupted=True, left=tuple(left))
+        return Taken((), interrupted=True, left=tuple(in_words(left)))
     except Exception as wrong:
         if isinstance(wrong, Fault) or left or log.exists():
-            latch.fault(now(), _reason(str(wrong), left))
+            latch.fault(now(), str(wrong), left)
         if not (log.exists() and isinstance(wrong, TruestandError | OSError)):
             raise
-        return Taken((), fault=str(wrong), left=tuple(left))
+        return Taken((), fault=str(wrong), left=tuple(in_words(left)))
     return Taken(())
-
-
-def _reason(why: str, left: list[str]) -> str:
-    """Of a fault, with what could not be stopped."""
-    return "; ".join([why, *(f"not stopped: {what}" for what in left)])
 
 
 def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, ...]:

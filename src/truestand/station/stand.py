@@ -15,6 +15,7 @@ from truestand.devices.sensor import LineSensor
 from truestand.devices.sensors.recipe import open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.station.gates import GatedDrive, GatedSensor
+from truestand.station.latch import in_words
 from truestand.station.machine import TRANSITIONS, Event, Machine
 from truestand.station.recipe import DevicesRecipe, sensor_of
 
@@ -30,8 +31,8 @@ class Station:
     table: RotaryTable
     sensors: Sequence[LineSensor]
     machine: Machine = field(default_factory=Machine)
-    left: list[str] = field(default_factory=list)
-    """What could not be stopped when that was last tried, in plain words; empty = all of it was."""
+    left: dict[str, str] = field(default_factory=dict)
+    """What could not be stopped when that was last tried, and why, in plain words; empty = all of it was."""
 
     def __post_init__(self) -> None:
         self.table = replace(self.table, drive=GatedDrive(self.table.drive, self.machine))
@@ -81,17 +82,17 @@ class Station:
 
     def make_safe(self) -> list[str]:
         """Halt the table and switch off all lasers, all at once; what could not be told to, in plain words."""
-        self.left = ["stopping was broken off"]
-        jobs = {"table: ": self.table.drive.halt}
-        jobs |= {f"sensor {s.name}: ": _dark(s) for s in self.sensors}
+        self.left = {"Laser may be ON, table may be turning": "stopping was broken off"}
+        jobs = {f"Laser may be ON: sensor {s.name}": _dark(s) for s in self.sensors}
+        jobs["Table may be turning"] = self.table.drive.halt
         with ThreadPoolExecutor(len(jobs)) as together:
             running = {what: together.submit(job) for what, job in jobs.items()}
         failed = {what: job.exception() for what, job in running.items()}
         for wrong in failed.values():
             if wrong is not None and not isinstance(wrong, TruestandError):
                 raise wrong
-        self.left = [f"{what}{wrong}" for what, wrong in failed.items() if wrong is not None]
-        return self.left
+        self.left = {what: str(wrong) for what, wrong in failed.items() if wrong is not None}
+        return in_words(self.left)
 
     def close(self) -> None:
         """Leave all devices: lasers off, streams ended, connections closed. No motion is commanded."""

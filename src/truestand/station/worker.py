@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from truestand.core.errors import BadRecipe, TruestandError
+from truestand.core.errors import BadRecipe, Fault, TruestandError
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout
 from truestand.station.acquire import Live
@@ -130,8 +130,11 @@ def _profile(layout: Layout, payload: bytes) -> dict[str, list[float | None]]:
 
 
 def _tell(event: Mapping[str, Any]) -> None:
-    sys.stdout.write(json.dumps(event, allow_nan=False) + "\n")
-    sys.stdout.flush()
+    try:
+        sys.stdout.write(json.dumps(event, allow_nan=False) + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError as gone:
+        raise Fault("the page's server stopped while the job ran") from gone
 
 
 def _interrupt(number: int, frame: Any) -> None:

@@ -1,7 +1,7 @@
 """The results store as the page sees it: read only, and read again only where something came to it."""
 
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +48,23 @@ class Kept:
     def calibration(self) -> Entry | None:
         """The newest that was not withdrawn, as last corrected."""
         known = self._known()
-        for number in sorted((n for n, e in known.results.items() if e.kind == "calibration"), reverse=True):
-            last = known.last(number)
-            if known.results[last].record is not None:
-                return known.told(last)
-        return None
+        newest = next(known.standing("calibration"), None)
+        return None if newest is None else known.told(newest.number)
+
+    def verification(self) -> Entry | None:
+        """The newest of that calibration, but one that is undecided takes back no *does not hold*."""
+        known = self._known()
+        calibration = next(known.standing("calibration"), None)
+        if calibration is None:
+            return None
+        records = {e.record for e in known.origins(calibration.number)}
+        found = [
+            v for v in known.standing("verification")
+            if known.origins(v.number)[-1].evidence.get("calibration") in records
+        ]  # fmt: skip
+        decided = [v for v in found if v.status != "undecided"][:1]
+        counts = [v for v in decided if v.status == "does_not_hold"] or found
+        return known.told(counts[0].number) if counts else None
 
     def record(self, number: int) -> Mapping[str, Any]:
         """The record, checked against its hash; of a withdrawal there is none."""
@@ -62,7 +74,8 @@ class Kept:
         record = self._records.get(stored.record)
         if record is None:
             record = Store(self._folder).record(stored)
-            self._records = {stored.record: record}  # the newest calibration's is asked for again and again
+            # those of the newest calibration and its verification are asked for again and again
+            self._records = dict([*self._records.items(), (stored.record, record)][-2:])
         return record
 
     def file(self, number: int, role: str) -> Path | None:
@@ -112,12 +125,23 @@ class _Known:
         self.results = {e.number: e for e in entries if e.kind in SHOWN or e.kind == "correction"}
         self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
 
+    def origins(self, number: int) -> list[Stored]:
+        """A result and what it corrects, the original last."""
+        found = [self.results[number]]
+        while found[-1].kind == "correction" and found[-1].about in self.results:
+            found.append(self.results[found[-1].about])
+        return found
+
     def kind(self, number: int) -> str:
         """A correction is of the kind that it corrects."""
-        entry = self.results[number]
-        while entry.kind == "correction" and entry.about in self.results:
-            entry = self.results[entry.about]
-        return entry.kind
+        return self.origins(number)[-1].kind
+
+    def standing(self, kind: str) -> Iterator[Stored]:
+        """Results of a kind that were not withdrawn, as last corrected; the newest original first."""
+        for number in sorted((n for n, e in self.results.items() if e.kind == kind), reverse=True):
+            last = self.results[self.last(number)]
+            if last.record is not None:
+                yield last
 
     def last(self, number: int) -> int:
         """The last correction's number, or its own."""

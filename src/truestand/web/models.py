@@ -121,11 +121,17 @@ class Entry(BaseModel):
 class CalibrationState(BaseModel):
     """What the stand's newest calibration is worth."""
 
-    state: Literal["valid", "untrusted", "expired", "none"]
+    state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "none"]
+    """``does_not_hold`` and ``undecided`` are what a verification of it found."""
     number: int | None = None
     time: str | None = None
     valid_until: str | None = None
     reasons: list[str] = []
+    """Of the verification, where the state is what it found; of the calibration otherwise."""
+    verification: int | None = None
+    """Number of the verification that counts."""
+    verified: str | None = None
+    """When that was."""
 
 
 class Home(BaseModel):
@@ -135,6 +141,8 @@ class Home(BaseModel):
     last: list[Entry]
     job: Job | None
     fault: str | None
+    not_stopped: list[str]
+    """What the fault left on or moving: *Laser may be ON* and the like, in plain words."""
     parts: list[Part]
 
 

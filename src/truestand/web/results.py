@@ -21,6 +21,9 @@ class Results(Protocol):
     def calibration(self) -> Entry | None:
         """The calibration that counts: the newest that was not withdrawn, as last corrected."""
 
+    def verification(self) -> Entry | None:
+        """The verification that counts for that calibration; None: it was not verified."""
+
     def record(self, number: int) -> Mapping[str, Any]:
         """Its calibration.json, inspection.json or verification.json."""
 

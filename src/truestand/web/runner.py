@@ -94,7 +94,7 @@ class Running:
         if self.state == "running":
             why = f": {said}" if said else ""
             self.state = "aborted" if self.aborted is not None else "failed"
-            self.message = f"the worker ended with code {code}{why}; see that the table stands still and reset"
+            self.message = f"the worker ended with code {code}{why}; see that table and laser are off, then reset"
         for name, state in self.states.items():
             if state == "running":
                 self.states[name] = "done" if self.state == "done" else "failed"

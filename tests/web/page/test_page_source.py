@@ -40,7 +40,8 @@ def test_no_key_stands_twice():
 
 def test_what_the_server_may_say_has_words():
     for prefix, words in {
-        "calibration": ("valid", "untrusted", "expired", "none"), "home": (), "part": ("gear", "turned", "cad"),
+        "calibration": ("valid", "untrusted", "does_not_hold", "expired", "undecided", "none"),
+        "home": (), "part": ("gear", "turned", "cad"),
         "kind": ("inspection", "calibration", "verification"), "role": ("operator", "engineer"),
         "verdict": ("conforms", "does_not_conform", "undecided", "valid", "untrusted", "holds", "does_not_hold"),
         "recipes.kind": ("stand", "artefact", "part"), "step.state": ("waiting", "running", "done", "failed"),

@@ -1,9 +1,10 @@
 """The first view: is the stand calibrated, until when, what came last, what can be done."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.station.latch import latched_fault
+from truestand.station.latch import latched_fault, not_stopped
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import CalibrationState, Home
 from truestand.web.page import Page, ThePage
@@ -22,25 +23,39 @@ def home(page: ThePage) -> dict[str, Any]:
     busy = page.runner.busy
     return {
         "calibration": calibration_state(page, datetime.now(UTC)),
-        "last": page.results.entries(kinds=("calibration", "inspection"), limit=LAST),
+        "last": page.results.entries(limit=LAST),
         "job": page.runner.current(),
         "fault": None if busy else latched_fault(page.settings.stand) or None,
+        "not_stopped": [] if busy else not_stopped(page.settings.stand),
         "parts": parts_of(page),
     }
 
 
 def calibration_state(page: Page, now: datetime) -> CalibrationState:
-    """Of the newest calibration."""
+    """Of the newest calibration, and of what a verification found since."""
     entry = page.results.calibration()
     if entry is None:
         return CalibrationState(state="none")
     record = page.results.record(entry.number)
-    until = record.get("valid_until")
-    state = "untrusted" if record.get("status") != "valid" else "expired" if _over(until, now) else "valid"
-    reasons = [str(reason) for reason in record.get("reasons") or []]
-    return CalibrationState.model_validate(
-        {"state": state, "number": entry.number, "time": entry.time, "valid_until": until, "reasons": reasons}
-    )
+    until, verification = record.get("valid_until"), page.results.verification()
+    state = _worth(record, None if verification is None else verification.verdict, now)
+    told: dict[str, Any] = {"state": state, "number": entry.number, "time": entry.time, "valid_until": until}
+    if verification is not None:
+        told |= {"verification": verification.number, "verified": verification.time}
+        if state == verification.verdict:
+            record = page.results.record(verification.number)
+    return CalibrationState.model_validate(told | {"reasons": [str(r) for r in record.get("reasons") or []]})
+
+
+def _worth(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str:
+    """The worst that can be said of a calibration with this record and the ``verdict`` of its verification."""
+    if record.get("status") != "valid":
+        return "untrusted"
+    if verdict == "does_not_hold":
+        return "does_not_hold"
+    if _over(record.get("valid_until"), now):
+        return "expired"
+    return "undecided" if verdict == "undecided" else "valid"
 
 
 def _over(until: str | None, now: datetime) -> bool:

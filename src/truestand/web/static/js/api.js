@@ -41,7 +41,7 @@ export async function loadSession() {
 export async function loadHome(signal) {
   store.home = await get("api/home", signal);
   store.fault = store.home.fault;
-  if (store.home.job || !store.job) store.job = store.home.job;
+  store.know(store.home.job);
   store.tell("home");
   store.tell("job");
   return store.home;

@@ -22,7 +22,7 @@ export function frame(body) {
     h("div", { class: "unseen", role: "status", id: "said" }));
   const strips = [fault(), lost(), running()];
   put(bars, strips);
-  for (const event of ["session", "connected"]) store.on(event, () => head(top));
+  store.on("session", () => head(top));
   for (const event of ["session", "page", "job"]) store.on(event, () => navigate(nav));
   for (const event of ["home", "job", "page", "connected"]) store.on(event, () => strips.forEach((strip) => strip.draw()));
   head(top);
@@ -79,8 +79,13 @@ function strip(kind, fill) {
 }
 
 function fault() {
-  const bar = strip("bad", () => store.fault && [store.fault, mark("bad"),
-    h("p", {}, h("strong", {}, t("fault.title")), " ", store.fault), button(t("fault.reset"), reset, { kind: "danger" })]);
+  const bar = strip("bad", () => {
+    const left = store.home?.not_stopped ?? [];
+    bar.classList.toggle("hazard", left.length > 0);
+    return store.fault && [store.fault, mark("bad", left.length ? "huge" : ""),
+      h("div", {}, left.map((what) => h("p", { class: "left" }, what)), left.length > 0 && h("p", {}, h("strong", {}, t("fault.left"))),
+        h("p", {}, h("strong", {}, t("fault.title")), " ", store.fault)), button(t("fault.reset"), reset, { kind: "danger" })];
+  });
   bar.setAttribute("role", "alert");
   return bar;
 }
@@ -97,7 +102,7 @@ async function reset() {
 }
 
 function lost() {
-  const bar = strip("open", () => (store.connected ? null : ["lost", mark("open"), h("p", {}, t("frame.lost"))]));
+  const bar = strip("open", () => (store.connected && store.reached ? null : ["lost", mark("open"), h("p", {}, t("frame.lost"))]));
   bar.setAttribute("role", "status");
   return bar;
 }
@@ -105,7 +110,7 @@ function lost() {
 /** The job at work, seen from every other page. */
 function running() {
   const bar = strip("busy", () => {
-    if (!store.running || store.page === "job") return null;
+    if (!store.running || !store.reached || store.page === "job") return null;
     return [store.job.id, mark("busy"), h("p", {}, h("strong", {}, t(`job.running.${store.job.kind}`)), " ", store.job.title ?? ""),
       h("progress", { max: 1, "aria-label": t("job.progress") }), h("span", { class: "share" }), link(t("job.show"), "/job", { kind: "primary" })];
   });

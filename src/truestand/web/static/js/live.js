@@ -1,14 +1,17 @@
-// The live channel: jobs and profiles as they come. While it is down, the job is asked for every two seconds.
+// The live channel: jobs and profiles as they come. While it is down, or silent though a job runs, the job is asked for.
 
 import { get, loadHome } from "./api.js";
 import { store } from "./store.js";
 
 const POLL = 2000;
+const SILENT = 5000;
+const ANSWER = 4000;
 const WAITS = [500, 1000, 2000, 4000];
 let socket = null;
 let failures = 0;
-let polling = null;
 let retry = null;
+let heardAt = 0;
+setInterval(poll, POLL);
 
 /** Open the channel, once; it reopens itself for ever. */
 export function listen() {
@@ -31,20 +34,32 @@ export function listen() {
 
 function connected(yes) {
   if (yes) failures = 0;
-  if (yes) clearInterval(polling);
-  if (yes && !store.connected) take(null, true);
-  polling = yes ? null : (polling ?? setInterval(poll, POLL));
+  if (yes) reached(true);
+  if (yes && !store.connected) loadHome().catch(() => {});
   if (store.connected === yes) return;
   store.connected = yes;
   store.tell("connected");
 }
 
+/** A connection whose other end is gone may stay open for minutes: where nothing comes from it, ask. */
 async function poll() {
-  const job = await get("api/jobs/current").catch(() => undefined);
-  if (job !== undefined) take(job);
+  if (!store.session?.role || (store.connected && !(store.running && Date.now() - heardAt > SILENT))) return;
+  try {
+    take(await get("api/jobs/current", AbortSignal.timeout(ANSWER)));
+    reached(true);
+  } catch (wrong) {
+    reached(wrong.status !== 0);
+  }
+}
+
+function reached(yes) {
+  if (store.reached === yes) return;
+  store.reached = yes;
+  store.tell("connected");
 }
 
 function heard(event) {
+  heardAt = Date.now();
   if (event.type === "job") take(event.job);
   if (event.type !== "live") return;
   store.live = { ...event.live, step: store.job?.step };
@@ -52,11 +67,10 @@ function heard(event) {
 }
 
 /** A job as it is now. Home is asked anew when it ends: verdicts, calibration and fault may have changed. */
-export function take(job, unsure = false) {
+function take(job) {
   const before = store.job;
   if (job && job.id !== before?.id) store.live = null;
-  if (job) store.job = job;
-  if (job) store.tell("job");
-  const ended = before?.state === "running" && job && job.state !== "running";
-  if (ended || unsure) loadHome().catch(() => {});
+  store.know(job);
+  store.tell("job");
+  if (before?.state === "running" && !store.running) loadHome().catch(() => {});
 }

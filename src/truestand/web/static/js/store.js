@@ -1,5 +1,7 @@
 // What several parts of the page know together, and who wants to hear of a change.
 
+import { t } from "./texts.js";
+
 const listeners = new Map();
 
 export const store = {
@@ -9,6 +11,8 @@ export const store = {
   job: null,
   live: null,
   connected: true,
+  /** Whether the server answered when it was last asked. */
+  reached: true,
 
   /** Call `act` on each change of `name`, until `signal` aborts. */
   on(name, act, signal) {
@@ -19,6 +23,12 @@ export const store = {
 
   tell(name) {
     for (const act of [...(listeners.get(name) ?? [])]) act();
+  },
+
+  /** What the server says of the job. One that it no longer knows ended with the server that ran it. */
+  know(job) {
+    if (job) this.job = job;
+    else if (this.running) this.job = { ...this.job, state: "ended", message: t("job.ended") };
   },
 
   get running() {

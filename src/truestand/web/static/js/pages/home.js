@@ -34,11 +34,14 @@ function calibration(c) {
 function until(c) {
   const lines = [];
   const words = c.state === "expired" ? "home.until.past" : "home.until.yet";
-  if (c.valid_until) lines.push(h("p", { class: "until" }, t(words, { time: when(c.valid_until), distance: distance(c.valid_until) })));
+  const verdict = c.state === "does_not_hold" || c.state === "undecided";
+  if (verdict) lines.push(h("p", { class: "until" }, t("home.verified", { time: when(c.verified), distance: distance(c.verified) })));
+  else if (c.valid_until) lines.push(h("p", { class: "until" }, t(words, { time: when(c.valid_until), distance: distance(c.valid_until) })));
   else if (c.state === "valid") lines.push(h("p", { class: "until" }, t("home.until.open")));
   if (c.state === "none") lines.push(h("p", {}, t("home.never")));
   for (const reason of c.reasons ?? []) lines.push(h("p", {}, reason));
-  if (c.number) lines.push(h("p", {}, h("a", { class: "plain", href: `#/results/${c.number}` }, t("home.calibration", { number: c.number, time: when(c.time) }))));
+  const from = verdict ? c.verification : c.number;
+  if (from) lines.push(h("p", {}, h("a", { class: "plain", href: `#/results/${from}` }, t(verdict ? "home.verification" : "home.calibration", { number: from, time: when(c.time) }))));
   return lines;
 }
 

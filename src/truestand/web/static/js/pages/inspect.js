@@ -2,7 +2,8 @@
 
 import { get, loadHome, send } from "../api.js";
 import { add, h, put } from "../dom.js";
-import { icon } from "../marks.js";
+import { when } from "../format.js";
+import { icon, judged, mark } from "../marks.js";
 import { alertBox, button, empty, field, heading, link, stepper } from "../parts.js";
 import { to } from "../router.js";
 import { store } from "../store.js";
@@ -14,8 +15,8 @@ const said = { part: null, serial: "", order: "", operator: null };
 export const STEPS = ["choose", "identify", "mount", "measure", "verdict"];
 
 export async function show(page, { part, step }, signal) {
+  await loadHome(signal);
   if (store.running) return to("/job", true);
-  if (!store.home) await loadHome(signal);
   if (!part) return choose(page, signal);
   const parts = await get("api/parts", signal);
   const chosen = parts.find((p) => p.name === part);
@@ -38,9 +39,12 @@ function choice(part) {
 
 /** Nothing can be decided on a stand that is not calibrated: said before the work, not after it. */
 function warning() {
-  const { state } = store.home.calibration;
+  const { state, verified, reasons } = store.home.calibration;
   if (state === "valid") return null;
-  return h("div", { class: "notice open" }, icon("warn"), h("p", {}, t(`inspect.warning.${state}`)), link(t("home.calibrate"), "/calibrate"));
+  const { tone } = judged(state);
+  return h("div", { class: `notice ${tone}`, role: "alert" }, mark(tone),
+    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), (reasons ?? []).map((reason) => h("p", {}, reason))),
+    link(t("home.calibrate"), "/calibrate", { kind: "primary go", sign: "calibrate" }));
 }
 
 function identify(page, part) {
@@ -62,12 +66,13 @@ function identify(page, part) {
 function mount(page, part) {
   if (said.part !== part.name) return to(`/inspect/${encodeURIComponent(part.name)}`, true);
   const wrong = h("div", {});
+  const ready = store.home.calibration.state === "valid";
   add(page, stepper(names(), 2), heading(t("inspect.mount")), warning(),
     h("section", { class: "card" }, h("dl", { class: "facts-list" }, fact(t("inspect.part"), part.title || part.name),
       fact(t("inspect.serial"), said.serial), fact(t("inspect.order"), said.order), fact(t("inspect.operator"), said.operator)),
     h("ol", { class: "todo" }, ["mount.part", "mount.clean", "mount.clear"].map((key) => h("li", {}, t(key)))), wrong,
     h("div", { class: "actions" }, link(t("action.back"), `/inspect/${encodeURIComponent(part.name)}`, { sign: "back" }),
-      button(t("inspect.start"), start, { kind: "primary go", sign: "play" }))));
+      button(t("inspect.start"), start, { kind: ready ? "primary go" : "", sign: "play" }))));
 
   function start(event) {
     return begin({ kind: "inspect", part: part.name, serial: said.serial, order: said.order, operator: said.operator }, event.currentTarget, wrong);

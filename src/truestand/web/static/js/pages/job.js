@@ -16,7 +16,7 @@ import { names as inspectionSteps } from "./inspect.js";
 const TONES = { waiting: "none", running: "busy", done: "good", failed: "bad" };
 
 export async function show(page, _, signal) {
-  store.job ??= await get("api/jobs/current", signal).catch(() => null);
+  store.job ??= await get("api/jobs/current", signal);
   if (!store.home) await loadHome(signal);
   if (!store.job) {
     add(page, heading(t("job.title")), empty(t("job.none"), link(t("page.home"), "/", { kind: "primary" })));
@@ -51,14 +51,24 @@ function working(signal) {
   const sensors = h("div", { class: "sensors" });
   const table = dial();
   const views = new Map();
+  const unknown = stamp("unknown", null, t("job.unknown"), "h2");
+  const known = h("div", { class: "working" },
+    h("section", { class: "card control", "aria-label": t("job.progress") }, h("div", { class: "gauge" }, share, gauge), steps, message, wrong, stop),
+    h("section", { class: "card seen", "aria-label": t("live.title") }, table.element, sensors));
+  drawReached();
   drawJob();
   drawLive();
   store.on("job", drawJob, signal);
   store.on("live", drawLive, signal);
-  return [guide(job, 0), heading(title(job)),
-    h("div", { class: "working" },
-      h("section", { class: "card control", "aria-label": t("job.progress") }, h("div", { class: "gauge" }, share, gauge), steps, message, wrong, stop),
-      h("section", { class: "card seen", "aria-label": t("live.title") }, table.element, sensors))];
+  store.on("connected", drawReached, signal);
+  return [guide(job, 0), heading(title(job)), unknown, known];
+
+  /** What was known last is not shown as if it still were so. */
+  function drawReached() {
+    known.hidden = !store.reached;
+    unknown.hidden = store.reached;
+    if (!store.reached) say(t("job.unknown"));
+  }
 
   function drawJob() {
     if (!store.running) return;
@@ -174,8 +184,9 @@ function onward(job) {
     const again = `/inspect/${encodeURIComponent(job.part)}`;
     return [link(t(job.state === "done" ? "job.next_part" : "job.again"), again, { kind: "primary", sign: job.state === "done" ? "next" : "again" }), details, link(t("page.home"), "/", { sign: "home" })];
   }
-  const trusted = job.state === "done" && job.status !== "untrusted";
-  return [trusted ? link(t("home.inspect"), "/inspect", { kind: "primary", sign: "inspect" }) : link(t("job.again"), "/calibrate", { kind: "primary", sign: "again" }),
+  const trusted = ["valid", "holds"].includes(job.verdict ?? job.status);
+  const calibrate = job.state === "done" ? link(t("home.calibrate"), "/calibrate", { kind: "primary", sign: "calibrate" }) : link(t("job.again"), "/calibrate", { kind: "primary", sign: "again" });
+  return [trusted ? link(t("home.inspect"), "/inspect", { kind: "primary", sign: "inspect" }) : calibrate,
     details, link(t("page.home"), "/", { sign: "home" })];
 }
 

@@ -1,0 +1,150 @@
+"""What the page says of the stand, in a real browser on the real server: nothing is a mock but the worker."""
+
+import subprocess
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+import page_lab
+from page_lab import Client, served
+from truestand.station.latch import Latch
+from truestand.store import Store
+
+expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
+
+MOVED = "sensor, radially: the sensor has moved or turned in the laser plane: calibrate again"
+
+
+@pytest.fixture
+def tab(chromium):
+    context = chromium.new_context(viewport={"width": 1280, "height": 800})
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def store(page):
+    """With a calibration that is valid."""
+    found = Store.open(page.settings.store, create=True)
+    found.add("calibration", {"format": "truestand.calibration", "version": 1, "status": "valid", "reasons": []})
+    return found
+
+
+def verify(store, verdict, reasons=(), number=1):
+    """Keep a verification of a calibration, as the job and the command line do."""
+    against = store.evidence(store.entry(number))["record"]
+    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": list(reasons)}
+    return store.add("verification", record, {"calibration": against})
+
+
+def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store, tab):
+    verify(store, "does_not_hold", [MOVED])
+    with served(page) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
+        expect(tab.locator(".stamp")).to_contain_text(MOVED)
+        expect(tab.locator(".stamp .until")).to_contain_text("verified")
+        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        tab.goto(f"http://127.0.0.1:{port}/#/inspect/gear")
+        tab.get_by_role("button", name="Next").click()
+        expect(tab.locator(".notice.bad")).to_contain_text("The calibration does not hold, as the verification of")
+        expect(tab.locator(".notice.bad")).to_contain_text(MOVED)
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+def test_a_verification_that_is_undecided_says_so(page, store, tab):
+    verify(store, "undecided", ["sensor, radially: found 9.80 um with U 2.00 um, limit 10.00 um"])
+    with served(page) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
+        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        tab.goto(f"http://127.0.0.1:{port}/#/inspect")
+        expect(tab.locator(".notice.open")).to_contain_text("whether the calibration still holds is not known")
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
+    with served(page) as port:
+        client = Client(port)
+        client.session()
+        client.post("/api/jobs", {"kind": "verify", "serial": "moved"})
+        tab.goto(f"http://127.0.0.1:{port}/#/job")
+        expect(tab.locator(".stamp.bad .word")).to_have_text("does not hold")
+        expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
+
+
+@contextmanager
+def server(folder, port=0):
+    """A page in a process of its own; the process and its port."""
+    command = [sys.executable, page_lab.__file__, str(folder), str(port)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process, int(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def watch_a_job(tab, port):
+    """Start a job that runs until it is aborted, and look at it."""
+    client = Client(port)
+    client.session()
+    client.post("/api/jobs", {"kind": "calibrate", "serial": "long"})
+    tab.goto(f"http://127.0.0.1:{port}/#/job")
+    tab.get_by_role("button", name="Stop").wait_for()
+
+
+def silent(socket):
+    """A connection that stays open though nothing comes any more: a cable that was pulled."""
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
+    if cut:
+        tab.route_web_socket("**/api/live", silent)
+    with server(tmp_path) as (process, port):
+        watch_a_job(tab, port)
+        process.kill()
+        expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
+        expect(tab.locator(".stamp")).to_contain_text("Whether the job still runs is not known")
+        expect(tab.get_by_role("button", name="Stop")).to_be_hidden()
+    with server(tmp_path, port):
+        expect(tab.locator(".stamp.bad .word")).to_have_text("Ended", timeout=20_000)
+        expect(tab.locator(".stamp")).to_contain_text("The server stopped while it ran")
+        tab.get_by_role("link", name="Try again").click()
+        tab.get_by_role("button", name="Start").wait_for()
+
+
+def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
+    tab.route_web_socket("**/api/live", silent)
+    with served(page) as port:
+        watch_a_job(tab, port)
+        tab.context.set_offline(True)
+        expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
+        tab.goto(f"http://127.0.0.1:{port}/#/results")
+        expect(tab.locator(".strip.open")).to_be_visible()
+        expect(tab.locator(".strip.busy")).to_be_hidden()
+        tab.context.set_offline(False)
+        expect(tab.locator(".strip.busy")).to_be_visible(timeout=20_000)
+        tab.goto(f"http://127.0.0.1:{port}/#/job")
+        tab.get_by_role("button", name="Stop").wait_for()
+
+
+LIT = "Laser may be ON: sensor front"
+
+
+def test_a_laser_that_may_be_on_is_told_first_and_large(page, tab):
+    with served(page) as port:
+        watch_a_job(tab, port)
+        latch = Latch(page.settings.stand)
+        latch.fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
+        latch.close()
+        tab.get_by_role("button", name="Stop").click()
+        for path in ("#/job", "#/"):
+            tab.goto(f"http://127.0.0.1:{port}/{path}")
+            told = tab.get_by_role("alert").get_by_text("Laser may be ON")
+            expect(told.first).to_have_text(LIT)
+            expect(tab.get_by_role("alert").first).to_contain_text("Switch it off at its supply now")
+            assert told.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
+            assert told.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
+            expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")
