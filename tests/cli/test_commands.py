@@ -396,6 +396,46 @@ def test_form_refuses_in_one_line(tmp_path, arguments, message):
     assert not (tmp_path / "form.json").exists()
 
 
+CIRCLE_OF_5_MM = [(5 * np.cos(t), 5 * np.sin(t), 0.0) for t in np.linspace(0, 2 * np.pi, 72, endpoint=False)]
+
+
+@pytest.mark.parametrize(
+    ("header", "row", "arguments"),
+    [
+        ("id,x,y,z", "{i},{x:.6f},{y:.6f},{z:.6f}", []),
+        ("x_um,y_um,z_um", "{x:.6f}e3,{y:.6f}e3,{z:.6f}e3", []),
+        ("x_m,y_m,z_m", "{x:.6f}e-3,{y:.6f}e-3,{z:.6f}e-3", []),
+        ("Z [mm];Y [um];X [m]", "{z:.6f};{y:.6f}e3;{x:.6f}e-3", []),
+        ("id,east,north,up", "{i},{x:.6f}e3,{y:.6f}e3,{z:.6f}e3", ["--columns", "east,3,4", "--unit", "um"]),
+    ],
+)
+def test_form_places_columns_and_units_by_their_names(tmp_path, header, row, arguments):
+    rows = [row.format(i=i, x=x, y=y, z=z) for i, (x, y, z) in enumerate(CIRCLE_OF_5_MM)]
+    (tmp_path / "p.csv").write_text("\n".join([header, *rows, ""]))
+    done = run("form", tmp_path / "p.csv", "--feature", "circle", "--json", *arguments)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["radius"] == pytest.approx(5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("header", "arguments", "message"),
+    [
+        ("x,z,intensity", [], "no column 'y' among 'x, z, intensity'"),
+        ("x_inch,y_inch,z_inch", [], "no column 'x'"),
+        ("profile,x_mm,z_mm", [], "found a scan"),
+        ("x_um,y_um,z_um", ["--unit", "mm"], "--unit mm"),
+        ("x,y,z", ["--columns", "x,y"], "need three"),
+        ("x,y,z", ["--columns", "x,y,z", "--calibration", "c.json"], "are for points"),
+    ],
+)
+def test_form_refuses_columns_that_it_can_not_place_in_one_line(tmp_path, header, arguments, message):
+    np.savetxt(tmp_path / "p.csv", CIRCLE_OF_5_MM, delimiter=",", fmt="%.6f", header=header, comments="")
+    done = run("form", tmp_path / "p.csv", "--feature", "circle", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
 def test_form_under_an_untrusted_calibration_ends_3_and_is_written(bench, tmp_path):
     record = json.loads((bench / "calibration.json").read_text())
     record["status"], record["reasons"] = "untrusted", ["made so by this test"]

@@ -64,7 +64,8 @@ def long_csv(draw):
 @st.composite
 def point_text(draw, count=False):
     text, _, end = draw(tables(draw(st.integers(3, 4)), numbers.filter(bool)))
-    head = f"{len(text.splitlines())}{end}" if count else draw(st.sampled_from(["", "x y z" + end, "# c" + end]))
+    heads = ["", "x y z" + end, "z_um x_m y_mm" + end, "# c" + end]
+    head = f"{len(text.splitlines())}{end}" if count else draw(st.sampled_from(heads))
     return draw(marks) + (head + text + end).encode()
 
 

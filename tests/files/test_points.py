@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestand.core.errors import UnreadableFile
+from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.points import read_ply, read_points
 
 TWO = [[1.5, -2.0, 3.0], [4.0, 5.0, 6e-3]]
@@ -23,6 +23,18 @@ GOOD = {
     "old Mac": b"1.5 -2 3\r4 5 6e-3\r",
     "byte order mark": b"\xef\xbb\xbf1.5 -2 3\n4 5 6e-3\n",
     "names": b"x;y;z\n1.5;-2;3\n4;5;6e-3\n",
+    "names in another order": b"n;Z;Y;X\n1;3;-2;1.5\n2;6e-3;5;4\n",
+    "names below a title": b"Ring of 3\nid,x,y,z,nx,ny,nz\n1,1.5,-2,3,0,0,1\n2,4,5,6e-3,0,0,1\n",
+    "names in a comment": b"# by Karol\n# columns: z y x\n3 -2 1.5\n6e-3 5 4\n",
+    "names above a comment": b"z y x\n# x y z\n3 -2 1.5\n6e-3 5 4\n",
+    "quoted names": b'"id","X [um]","Y [mm]","Z [m]"\n1,1500.0,-2,3e-3\n2,4000.0,5,6e-6\n',
+    "units, between spaces": b"x [mm] y (mm) z_mm\n1.5 -2 3\n4 5 6e-3\n",
+    "micro sign": "x (\u00b5m)\ty (\u03bcm)\tz (um)\n1500\t-2000\t3000\n4000\t5000\t6\n".encode(),
+    "micro sign, Latin-1": b"x_\xb5m y_\xb5m z_\xb5m\n1500 -2000 3000\n4000 5000 6\n",
+    "metres": b"x_m;y_m;z_m\n0,0015;-0,002;0,003\n0,004;0,005;0,000006\n",
+    "a title": b"Points of ring 3\n1.5 -2 3\n4 5 6e-3\n",
+    "a comment that names an axis": b"# turned about z\n1.5 -2 3\n4 5 6e-3\n",
+    "a cloud of ours as text": b"profile,point,x,y,z\n0,0,1.5,-2,3\n0,1,4,5,6e-3\n",
     "comment": b"# scanned by Karol\n1.5 -2 3\n4 5 6e-3\n\n",
     "NIST": b"2\n1.5 -2 3\n4 5 6e-3\n",
     "ascii ply": b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float64 x\nproperty double y\nproperty double z\n"
@@ -55,13 +67,27 @@ BAD = {
     ),
     "ply without z": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
-        "no z",
+        "no column 'z'",
     ),
     "ply with lists": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n1 2\n",
         "plain",
     ),
     "ply, faces first": (b"ply\nformat ascii 1.0\nelement face 1\nelement vertex 1\nend_header\n", "first element"),
+    "no y": (b"x,z,intensity\n1.5,2,3\n", "no column 'y' among 'x, z, intensity'"),
+    "no y in a comment": (b"# x z intensity\n1.5 2 3\n", "no column 'y'"),
+    "no names of ours": (b"east north up\n1 2 3\n", "no column 'x'"),
+    "a title of as many words as numbers": (b"Points of ring\n1 2 3\n", "no column 'x'"),
+    "x twice": (b"x,y,z,x_um\n1.5,2,3,4\n", "2 columns 'x'"),
+    "an unknown unit": (b"x_inch,y_inch,z_inch\n1.5,2,3\n", "no column 'x' among 'x_inch"),
+    "an unknown unit in brackets": (b"x [in] y [in] z [in]\n1 2 3\n", "no column 'x' among 'x_in,"),
+    "a unit for some": (b"x, y, z [um]\n1.5,2,3\n", "on each"),
+    "more names": (b"id x y z\n1 2 3\n", "4 column names"),
+    "fewer names": (b"x y z\n1 2 3 4\n", "3 column names"),
+    "names in a sentence": (b"# x y z in um\n1 2 3\n", "5 column names"),
+    "a scan": (b"profile,point,x_mm,z_mm\n0,0,1,2\n", "found a scan"),
+    "a scan that can't be told by its first line": (b"# k1\nprofile;point;x;z\n0;0;1;2\n", "no column 'y'"),
+    "too large in mm": (b"x_m y_m z_m\n1 2 1e308\n", "line 2"),
     "ply without end": (b"ply\nformat ascii 1.0\nelement vertex 1\n", "header"),
 }
 
@@ -78,6 +104,47 @@ def test_refused(tmp_path, name):
     (tmp_path / "p").write_bytes(data)
     with pytest.raises(UnreadableFile, match=message):
         read_points(tmp_path / "p")
+
+
+@pytest.mark.parametrize(
+    ("data", "columns", "unit"),
+    [
+        (b"n a b c\n7 1.5 -2 3\n8 4 5 6e-3\n", "A,B,C", None),
+        (b"n a b c\n7 1.5 -2 3\n8 4 5 6e-3\n", "2,3,4", None),
+        (b"n a b_um c\n7 1500 -2000 3000\n8 4000 5000 6\n", "a,b,c", "um"),
+        (b"x_inch y_inch z_inch\n1.5 -2 3\n4 5 6e-3\n", "1,y_inch,3", "mm"),
+        (b"7 3 -2 1.5\n8 6e-3 5 4\n", "4,3,2", "mm"),
+        (b"0.0015 -0.002 0.003\n0.004 0.005 0.000006\n", None, "m"),
+        (b"# x y z in um\n1500 -2000 3000\n4000 5000 6\n", "1,2,3", "um"),
+        (GOOD["ascii ply"].replace(b" x", b" A"), "a,y,z", None),
+        (GOOD["big-endian ply"], "2,3,4", "mm"),
+    ],
+)
+def test_columns_and_unit_are_those_given(tmp_path, data, columns, unit):
+    (tmp_path / "p").write_bytes(data)
+    assert read_points(tmp_path / "p", columns, unit).tolist() == TWO
+
+
+@pytest.mark.parametrize(
+    ("data", "columns", "unit", "message"),
+    [
+        (b"1 2 3\n", "x,y,z", None, "no column 'x' among '1, 2, 3'"),
+        (b"1 2 3\n", "1,2,4", None, "no column '4'"),
+        (b"1 2 3\n", "0,1,2", None, "no column '0'"),
+        (b"1 2 3\n", "1,2", None, "need three"),
+        (b"1 2 3\n", "1,2,2", None, "need three"),
+        (b"x_um y_um z_um\n1 2 3\n", None, "mm", "--unit mm"),
+        (b"x_um y_um z_um\n1 2 3\n", "1,2,3", "mm", "--unit mm"),
+        (b"x_inch y_inch z_inch\n1 2 3\n", "1,2,3", None, "on each"),
+        (b"x_inch y_inch z_inch\n1 2 3\n", None, "mm", "no column 'x'"),
+        (b"# x y z in um\n1 2 3\n", "1,2,3", None, "5 column names"),
+        (GOOD["big-endian ply"], "a,y,z", None, "no column 'a' among 'red, x, y, z'"),
+    ],
+)
+def test_columns_and_unit_that_do_not_fit_are_refused(tmp_path, data, columns, unit, message):
+    (tmp_path / "p").write_bytes(data)
+    with pytest.raises((UnreadableFile, BadRecipe), match=message):
+        read_points(tmp_path / "p", columns, unit)
 
 
 def test_missing(tmp_path):

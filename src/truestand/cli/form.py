@@ -35,6 +35,14 @@ class ReferenceName(StrEnum):
     MCC = "MCC"
 
 
+class LengthUnit(StrEnum):
+    """The unit of coordinates."""
+
+    MM = "mm"
+    UM = "um"
+    M = "m"
+
+
 FORM_NAMES = {
     "line": "straightness",
     "plane": "flatness",
@@ -46,7 +54,7 @@ FORM_NAMES = {
 
 def form(
     points: Annotated[
-        Path, typer.Argument(metavar="POINTS", help="x y z text, PLY or NIST .ds in mm; a scan with --calibration.")
+        Path, typer.Argument(metavar="POINTS", help="x y z text, PLY or NIST .ds; a scan with --calibration.")
     ],
     feature: Annotated[FeatureName, typer.Option(help="What to associate.")],
     reference: Annotated[
@@ -55,6 +63,12 @@ def form(
             help="Least squares; circle and cylinder also minimum zone, maximum inscribed, minimum circumscribed."
         ),
     ] = ReferenceName.LSC,
+    columns: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1.")
+    ] = None,
+    unit: Annotated[
+        LengthUnit | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
+    ] = None,
     filter_upr: Annotated[
         float | None, typer.Option(min=0.001, help="Circle: Gaussian filter, half of this many waves a turn passes.")
     ] = None,
@@ -78,6 +92,8 @@ def form(
     """Associate a line, plane, circle, cylinder or sphere with points, and measure the form that remains.
 
     Example: truestand form points.xyz --feature circle --reference MZC --filter-upr 50 -o form.json
+
+    Example: truestand form export.csv --feature plane --columns 2,3,4 --unit um
     """
     from truestand.cli.talk import now, print_json, working
     from truestand.core.errors import BadRecipe
@@ -92,10 +108,12 @@ def form(
             "--surface, --height-mm, --stand and --start-angle-deg are for scans; "
             "pass --calibration CALIBRATION.json too"
         )
+    if calibration is not None and (columns is not None or unit is not None):
+        raise BadRecipe("--columns and --unit are for points; leave them out with --calibration")
     run_out, known = None, None
     with working(f"Reading {points.name}", quiet):
         if calibration is None:
-            cloud = read_points(points)
+            cloud = read_points(points, columns, unit)
         else:
             tied = _transferred(points, calibration, stand, feature, start_angle_deg)
             cells, known = _section(tied, feature, surface, height_mm), tied.calibration

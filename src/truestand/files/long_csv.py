@@ -17,7 +17,9 @@ from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.text import (
+    LENGTHS,
     Dialect,
+    column_names,
     dialect_of,
     line_of,
     normal,
@@ -32,8 +34,8 @@ Lines = NDArray[np.intp]
 
 FORMAT = "long csv"
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "x": {"mm": 1.0, "um": 1e-3, "m": 1e3},
-    "z": {"mm": 1.0, "um": 1e-3, "m": 1e3},
+    "x": LENGTHS,
+    "z": LENGTHS,
     "angle": {"deg": radians(1.0), "rad": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
@@ -46,7 +48,7 @@ MOST_EMPTY = 1000
 
 def is_long_csv(head: bytes) -> bool:
     """Whether a text starts with a header that names a profile and an x."""
-    names = _names(_header(head))
+    names = column_names(_header(head))
     return "profile" in names and any(n == "x" or n.startswith("x_") for n in names)
 
 
@@ -62,20 +64,14 @@ def read_long_csv(path: Path) -> Recording:
     refuse_nul(data, name)
     data = data.removeprefix(BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     header, _, body = data.partition(b"\n")
-    columns = _columns(_names(header), name)
+    columns = _columns(column_names(header), name)
     dialect = _dialect(header, body, name)
-    table, lines = _numbers(normal(body, dialect, name, 2), len(_names(header)), name)
+    table, lines = _numbers(normal(body, dialect, name, 2), len(column_names(header)), name)
     return _recording({key: table[:, i] * factor for key, (i, factor) in columns.items()}, lines, name, sha256)
 
 
 def _header(data: bytes) -> bytes:
     return data[:4096].removeprefix(BYTE_ORDER_MARK).split(b"\n", 1)[0].split(b"\r", 1)[0]
-
-
-def _names(header: bytes) -> list[str]:
-    text = header.decode("utf-8", "replace").strip().lower()
-    separator = next((s for s in ";\t," if s in text), None)
-    return [n.strip().strip('"') for n in text.split(separator)]
 
 
 def _columns(names: list[str], file: str) -> dict[str, tuple[int, float]]:

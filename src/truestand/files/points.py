@@ -1,18 +1,26 @@
-"""Cartesian points (n, 3) mm from text (x y z), PLY and NIST's .ds, told apart by their content."""
+"""Cartesian points (n, 3) mm from text (x y z), PLY and NIST's .ds, told apart by their content.
+
+Names place the columns, and give their units; text without names holds x y z first, in mm. What names can't place is
+refused, because another column reads as a coordinate too, and a factor of a thousand is nobody's guess.
+"""
 
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.errors import UnreadableFile
+from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.lines import BYTE_ORDER_MARK
+from truestand.files.long_csv import is_long_csv
 from truestand.files.text import (
     ENOUGH_CELLS,
+    LENGTHS,
     Dialect,
     check_text,
+    column_names,
     dialect_of,
     normal,
     number,
@@ -34,17 +42,29 @@ _PLY_START = re.compile(rb"\s*ply[ \t]*(\r\n|\n|\r)")
 _HEADER_END = re.compile(rb"[\r\n]end_header[ \t]*\r?\n")
 _HEADER_END_MAC = re.compile(rb"\rend_header[ \t]*\r")
 """Where the first line ends so: a binary body may start with a line feed."""
-_WORDS = re.compile(rb"[A-Za-z_]{2,}|^[\s\"]*[xX]\b")
+_WORDS = re.compile(rb"[A-Za-z_]{2,}|^[\s\"]*[A-Za-z]\b.*[A-Za-z]")
+_COMMENT = re.compile(rb"\A\s*(#|//)[#/\s]*(\w+:)?")
+"""Its mark, and a label such as ``columns:``."""
+_BRACKETS = re.compile(rb" ?[\[(] ?(\w+) ?[\])]")
+_MICRO = re.compile(rb"\xc2\xb5|\xce\xbc|\xb5")
+"""The micro sign and the Greek letter in UTF-8, the micro sign in Latin-1."""
+AXES = ["x", "y", "z"]
 _COUNT = re.compile(r"[0-9]{1,18}")
 LONGEST_HEADER = 65_536
 
 
-def read_points(path: Path | str) -> Array:
+def read_points(path: Path | str, columns: str | None = None, unit: str | None = None) -> Array:
     """The points of a file, (n, 3) mm; further columns or properties are left aside.
 
+    ``columns`` says which are x, y and z, by names or by numbers from 1: ``"east,north,up"``, ``"2,3,4"``. ``unit``
+    (mm, um, m) is that of columns whose names give none; without it they are in mm.
+
     Raises:
-        UnreadableFile: missing, empty, cut off, no numbers, or ambiguous; with the line where there is one.
+        UnreadableFile: missing, empty, cut off, no numbers, or ambiguous; with the line where there is one. Names that
+            don't place x, y and z, or units that are not known or contradict ``unit``.
+        BadRecipe: ``columns`` are not three.
     """
+    wanted = None if columns is None else _names(columns.encode())
     path = Path(path)
     try:
         data = path.read_bytes().removeprefix(BYTE_ORDER_MARK)
@@ -52,13 +72,11 @@ def read_points(path: Path | str) -> Array:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong}); check the path") from wrong
     if _PLY_START.match(data):
         vertices = _vertices(data, path.name)
-        missing = [axis for axis in "xyz" if axis not in vertices]
-        if missing:
-            raise UnreadableFile(f"{path.name}: the PLY's vertices have no {missing[0]}; need x, y and z")
-        points = np.column_stack([_as_float(vertices[axis]) for axis in "xyz"])
+        places = _places([name.lower() for name in vertices], wanted or AXES, unit, path.name)
+        points = _in_mm(list(vertices.values()), places)
         _refuse_infinite_vertex(points, path.name)
         return points
-    return _text_points(data, path.name)
+    return _text_points(data, wanted, unit, path.name)
 
 
 def read_ply(path: Path | str) -> dict[str, NDArray[Any]]:
@@ -85,12 +103,6 @@ def _vertices(data: bytes, name: str) -> dict[str, NDArray[Any]]:
         raise UnreadableFile(f"{name}: the PLY promises {count} vertices and is cut off before; copy it again")
     vertices = np.frombuffer(data, dtype=kind, count=count, offset=end.end())
     return {field: vertices[field] for field in kind.names or ()}
-
-
-def _as_float(values: NDArray[Any]) -> Array:
-    """float64; a signalling NaN is a NaN, and no warning."""
-    with np.errstate(invalid="ignore"):
-        return values.astype(np.float64)
 
 
 def _refuse_infinite_vertex(points: Array, name: str) -> None:
@@ -159,13 +171,18 @@ def _as_kind(values: Array, kind: "np.dtype[Any]", field: str, name: str, first_
     return cast
 
 
-def _text_points(data: bytes, name: str) -> Array:
+def _text_points(data: bytes, wanted: list[str] | None, unit: str | None, name: str) -> Array:
     refuse_nul(data, name)
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     rows = (data if b";" in data else re.sub(rb"[ \t]+", b" ", data)).split(b"\n")
     first = 0
     while first < len(rows) and _is_heading(rows[first]):
         first += 1
+    heading = data.split(b"\n", first)[:first]
+    if wanted is None and is_long_csv(data) and "y" not in _stems(_names(rows[0])):
+        raise UnreadableFile(
+            f"{name}: found a scan (profile, x, z), need points; pass --calibration CALIBRATION.json, or roll it up"
+        )
     kept = rows[first:]
     while kept and not kept[-1].strip():
         kept.pop()
@@ -184,13 +201,113 @@ def _text_points(data: bytes, name: str) -> Array:
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
     if not data.endswith(b"\n"):
         _whole_last_number(kept, dialect.separator, name, first + len(kept))
-    return values[:, :3]
+    points = _in_mm(values.T, _text_places(heading, values.shape[1], wanted, unit, name))
+    refuse_infinite(points, name, first + 1)
+    return points
+
+
+def _text_places(
+    heading: list[bytes], width: int, wanted: list[str] | None, unit: str | None, file: str
+) -> list[tuple[int, float]]:
+    """Index and factor to mm of x, y and z in lines of ``width`` numbers under a heading.
+
+    Raises:
+        UnreadableFile: the heading names another number of columns, unless numbers and a unit are given.
+    """
+    numbers = [str(i + 1) for i in range(width)]
+    names = _header(heading, width)
+    if names is not None and len(names) != width:
+        if wanted is None or unit is None or not set(wanted) <= set(numbers):
+            raise UnreadableFile(
+                f"{file}: found {len(names)} column names, {_shown(names)}, and {width} numbers a line, need as many; "
+                "pass --columns by number and --unit"
+            )
+        names = None
+    if names is None:
+        return _places(numbers, wanted or numbers[:3], unit, file)
+    return _places(names, wanted or AXES, unit, file)
+
+
+def _header(heading: list[bytes], width: int) -> list[str] | None:
+    """The last column names among the lines above the numbers; those in a comment only where there are no others."""
+    found = None
+    for line in sorted(heading, key=_is_comment, reverse=True):  # comments first
+        names = _names(line)
+        axes, fits = len(_stems(names) & set(AXES)), len(names) == width
+        if axes + fits > 2 if _is_comment(line) else axes > 1 or fits:
+            found = names
+    return found
+
+
+def _names(line: bytes) -> list[str]:
+    """Column names with units as in ``x_um``, from ``x [um]`` and ``x (um)`` too, or from a comment."""
+    text = _MICRO.sub(b"u", _COMMENT.sub(b"", line))
+    return column_names(_BRACKETS.sub(rb"_\1", text).rstrip(b";, \t"))
+
+
+def _is_comment(line: bytes) -> bool:
+    return _COMMENT.match(line) is not None
+
+
+def _stems(names: list[str]) -> set[str]:
+    """What the names begin with, up to an ending that may be a unit."""
+    return {name.partition("_")[0] for name in names}
+
+
+def _places(names: list[str], wanted: list[str], unit: str | None, file: str) -> list[tuple[int, float]]:
+    """Index and factor to mm of the wanted columns x, y and z.
+
+    Raises:
+        UnreadableFile: a column that is missing or twice there, a unit that is not known or contradicts ``unit``.
+        BadRecipe: not three columns.
+    """
+    indices = [_index(names, one, file) for one in wanted]
+    if len(set(indices)) != 3 or len(indices) != 3:
+        raise BadRecipe(f"found --columns {','.join(wanted)}, need three, of x, y and z, such as 2,3,4")
+    chosen = [names[i] for i in indices]
+    units = [_split_unit(name)[1] for name in chosen]
+    if unit is None and None in units and any("_" in name for name in chosen):
+        raise UnreadableFile(
+            f"{file}: found the columns {_shown(chosen)}, need a unit (_mm, _um, _m) on each; name it or pass --unit"
+        )
+    if unit is not None and not {unit, None}.issuperset(units):
+        raise UnreadableFile(
+            f"{file}: found --unit {unit} and the columns {_shown(chosen)}, need the same; leave --unit out"
+        )
+    return [(i, LENGTHS[own or unit or "mm"]) for i, own in zip(indices, units, strict=True)]
+
+
+def _index(names: list[str], wanted: str, file: str) -> int:
+    """Where a column stands that is named, with or without its unit, or given by its number."""
+    found = [i for i, name in enumerate(names) if wanted in (str(i + 1), name, _split_unit(name)[0])]
+    if len(found) != 1:
+        raise UnreadableFile(
+            f"{file}: found {len(found) or 'no'} column{'s' * (len(found) > 1)} {wanted!r} among {_shown(names)}, need "
+            "one; name x, y and z in the header (x_mm, x_um, x_m; x alone is mm), or pass --columns and --unit"
+        )
+    return found[0]
+
+
+def _split_unit(name: str) -> tuple[str, str | None]:
+    """A name without its unit of length, and the unit; None where it has none that is known."""
+    stem, _, unit = name.rpartition("_")
+    return (stem, unit) if stem and unit in LENGTHS else (name, None)
+
+
+def _shown(names: list[str]) -> str:
+    return repr(", ".join(names)[:100])
+
+
+def _in_mm(columns: "Sequence[NDArray[Any]] | NDArray[Any]", places: Iterable[tuple[int, float]]) -> Array:
+    """Points (n, 3) mm; a signalling NaN is a NaN, and no warning."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.column_stack([np.multiply(columns[i], factor, dtype=np.float64) for i, factor in places])
 
 
 def _is_heading(row: bytes) -> bool:
     """An empty line, a comment, or a line of column names."""
     row = row.strip()
-    if not row or row.startswith((b"#", b"//")):
+    if not row or _is_comment(row):
         return True
     cells = [cell for cell in re.split(rb"[\s;,]+", row) if cell]
     mostly_numbers = 2 * sum(number(cell) is not None for cell in cells) > len(cells)

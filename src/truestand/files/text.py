@@ -18,6 +18,8 @@ _NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
 
 ENOUGH_CELLS = 20
 """Numbers that tell how many decimals a file is written with."""
+LENGTHS = {"mm": 1.0, "um": 1e-3, "m": 1e3}
+"""Units of length as a column's name ends with them, in mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +28,13 @@ class Dialect:
 
     separator: bytes
     decimal: bytes
+
+
+def column_names(header: bytes) -> list[str]:
+    """The names in a header, in lower case, without quotes."""
+    text = header.decode("utf-8", "replace").strip().lower()
+    separator = next((s for s in ";\t," if s in text), None)
+    return [n.strip().strip('"') for n in text.split(separator)]
 
 
 def dialect_of(sample: bytes, name: str) -> Dialect:
