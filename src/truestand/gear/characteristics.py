@@ -88,7 +88,7 @@ def _damaged(line: Characteristic, told: Told, nominal: Involute, at: tuple[int,
     regions = reading(told.damage, told.zones[_zone(line.name)], side, tooth)
     if not regions:
         return line
-    gravest = max(regions, key=lambda d: 1e9 if d.depth is None else abs(d.depth))
+    gravest = max(regions, key=lambda d: (not d.resolved, abs(d.depth or 1e9)))
     depths = [abs(d.depth or 0.0) for d in regions]
     most = sum(depths) / nominal.gear.teeth if line.size else max(depths)
     u = most * _per_delta(line.name, told, nominal) / sqrt(3.0)  # anywhere between none of it and all
@@ -96,7 +96,7 @@ def _damaged(line: Characteristic, told: Told, nominal: Involute, at: tuple[int,
     doubted = replace(line, U=hypot(line.U or 0.0, 2 * u), budget=tuple(budget), reason=gravest.text)
     if line.verdict is None:
         return doubted
-    if gravest.depth is None:
+    if not gravest.resolved:
         return replace(doubted, verdict="undecided")
     return replace(decided(doubted), capable=line.capable)  # U of a sound part is what the stand can do
 

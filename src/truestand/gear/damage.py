@@ -27,8 +27,10 @@ LEFT_OUT = 0.1
 """Weight below which a cell is left out: 3.9 robust standard deviations off."""
 DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 """Robust standard deviations by which a reading departs; share and number of such readings that mark a cell."""
-LEAST_CELLS = 4
-"""Cells that make a region: fewer may be stray readings."""
+LEAST_CELLS, IN_ONE_ROW = 4, 8
+"""Cells that make a region, and so many where they lie in one row: fewer may be strays, or the speckle of a profile."""
+UNSEEN = 0.25
+"""What a cell counts that is merely not seen: readings get lost on sound flanks too."""
 DEEPEST = 0.98
 """Quantile of a region's readings that is its depth: the last few may be strays."""
 CUT = 0.5
@@ -37,6 +39,8 @@ ON_MOST = 0.75
 """Share of the teeth that must show a cell for it to be missed on the others."""
 TRACE = 1 / 20
 """Share of the face to either side of its middle in which profile and position are read."""
+STEPS_ACROSS = 3.0
+"""Steps of the table that a region must be wide for its depth to be known."""
 STEPS = 1.5
 """Steps of the table to either side of the measuring circle over which position and helix are read."""
 
@@ -53,6 +57,8 @@ class Damage:
     """(roll lengths, heights)."""
     depth: float | None
     """mm by which its readings depart, positive into the material; None: not seen, or beyond the gate."""
+    resolved: bool
+    """Whether profiles enough cross it to tell its depth."""
     rolls: tuple[float, float]
     """mm, from and to."""
     heights: tuple[float, float]
@@ -66,7 +72,9 @@ class Damage:
         where = f"{flank}, roll length {a:.1f} to {b:.1f} mm, height {c:.1f} to {d:.1f} mm"
         if self.depth is None:
             return f"{where}: the flank is not seen where other teeth show it"
-        return f"{where}: readings {1000 * abs(self.depth):.0f} um {'below' if self.depth > 0 else 'above'} the flank"
+        least = "" if self.resolved else "at least "
+        side = "below" if self.depth > 0 else "above"
+        return f"{where}: readings {least}{1000 * abs(self.depth):.0f} um {side} the flank"
 
 
 def damage_of(flanks: Flanks, grid: Grid, weighed: Weighed, nominal: Involute, step: float) -> tuple[Damage, ...]:
@@ -82,21 +90,24 @@ def damage_of(flanks: Flanks, grid: Grid, weighed: Weighed, nominal: Involute, s
     out = (weighed.weight.reshape(shape) < LEFT_OUT) & np.isfinite(grid.delta)
     far = DEPARTS * grid.scatter
     found = []
-    for sign, cells in (
+    for sign, count in (
         (1, (out & (rest < 0)) | _departing(cell[below > far], grid)),
         (-1, (out & (rest > 0)) | _departing(cell[below < -far], grid)),
         (0, _unconfirmed(flanks, grid, nominal, step)),
     ):
-        mask = cells & ranges
-        bridged = across_gaps(mask, grid, nominal, step)
-        for side, tooth in np.argwhere(mask.any(axis=(2, 3))):
+        count = np.where(ranges, count, 0.0)
+        bridged = across_gaps(count > 0, grid, nominal, step)
+        for side, tooth in np.argwhere((count > 0).any(axis=(2, 3))):
             own = np.flatnonzero(flanks.which == side * teeth + tooth) if sign else None
-            for region in _regions(mask[side, tooth], bridged[side, tooth]):
+            for region in _regions(count[side, tooth], bridged[side, tooth]):
                 depth = None
                 if own is not None:
                     here = own[region.reshape(-1)[cell[own] % region.size]]
                     depth = sign * float(np.quantile(sign * below[here], DEEPEST))
-                found.append(Damage(int(side), int(tooth), region, depth, *_extent(grid, region)))
+                rolls, heights = _extent(grid, region)
+                coarse = STEPS_ACROSS * float(step_on_flank(nominal, sum(rolls) / 2, step))
+                resolved = depth is not None and rolls[1] - rolls[0] >= coarse
+                found.append(Damage(int(side), int(tooth), region, depth, resolved, rolls, heights))
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
 
@@ -106,27 +117,35 @@ def _departing(cell: NDArray[np.int64], grid: Grid) -> Bools:
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
 
 
-def _unconfirmed(flanks: Flanks, grid: Grid, nominal: Involute, step: float) -> Bools:
-    """Cells (2, teeth, roll lengths, heights) that a flank doesn't show and the same flank of most teeth does."""
+def _unconfirmed(flanks: Flanks, grid: Grid, nominal: Involute, step: float) -> Array:
+    """What cells (2, teeth, roll lengths, heights) count that a flank doesn't show and that of most teeth does.
+
+    1 where readings lie beyond the gate instead, less where none are there, and no more than profiles fall on them.
+    """
     solid = solid_cells(grid)
+    advance = step_on_flank(nominal, grid.rolls, step)
     lowest = grid.rolls - nominal.control_roll < step_on_flank(nominal, nominal.control_roll, step)
     shown = across_gaps(solid, grid, nominal, step)
     shown |= across_gaps(solid, grid, nominal, 2 * step) & lowest[:, None]  # no profile may lie below the first one
+    cut = np.zeros_like(shown)
     if flanks.beyond is not None:
         at = cell_of(flanks.beyond, nominal, *grid.delta.shape[2:])
         beyond = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
         enough = np.maximum(CUT * grid.usual, FEW)
-        shown &= (beyond < enough) | (grid.count >= enough)
-    return np.asarray((shown.mean(axis=1, keepdims=True) >= ON_MOST) & ~shown)
+        cut = (beyond >= enough) & (grid.count < enough)
+    missed = ~shown | cut
+    missed &= (~missed).mean(axis=1, keepdims=True) >= ON_MOST
+    profiles = np.minimum(nominal.gear.evaluation.resolution / advance, 1.0)[:, None]
+    return np.where(missed, np.where(cut, 1.0, UNSEEN) * profiles, 0.0)
 
 
-def _regions(cells: Bools, bridged: Bools) -> list[Bools]:
-    """Stretches of cells (roll lengths, heights) that hang together in ``bridged``, where there are enough."""
+def _regions(count: Array, bridged: Bools) -> list[Bools]:
+    """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and count enough."""
     from scipy.ndimage import label
 
     marked, number = label(bridged, np.ones((3, 3)))
-    regions = (cells & (marked == n) for n in range(1, number + 1))
-    return [r for r in regions if np.count_nonzero(r) >= LEAST_CELLS]
+    regions = ((count > 0) & (marked == n) for n in range(1, number + 1))
+    return [r for r in regions if count[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)]
 
 
 def _extent(grid: Grid, region: Bools) -> tuple[tuple[float, float], tuple[float, float]]:

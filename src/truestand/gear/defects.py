@@ -16,7 +16,7 @@ from truestand.core.inspection import Defect, Flank
 from truestand.gear.coverage import Coverage
 from truestand.gear.evaluate import residuals, weigh
 from truestand.gear.evidence import DefectMap, FoldedMap
-from truestand.gear.flanks import TIP_MARGIN, Flanks, only
+from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights, only
 from truestand.gear.fold import gone_teeth, tip_places
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of
@@ -40,6 +40,10 @@ TOOTH_DEPTH = 0.1
 """mm of radius by which a tooth's tip may miss what the other teeth have (CONTRACT.md, Verdicts)."""
 LEAST_TIP_U = 0.005
 """mm, k = 2: the depth of a broken tip is not known better."""
+ALIKE = 0.5
+"""Share of the teeth from which a height at which tips are low tells nothing: a chamfer, or a reflection."""
+LEAST_HIDDEN = 3
+"""Rows of a tip that must be hidden: less lies in the shadow of a broken edge."""
 ON_MOST = 0.75
 """Share of the teeth that must show a place of the tip for it to be missed on the others."""
 LEAST_ROUND, ROUNDS = 6, 30
@@ -64,7 +68,7 @@ def find_defects(
 
     ``scatter``: standard deviation of a flank's points, mm.
     """
-    whole = _whole_teeth(folded, nominal)
+    whole = _whole_teeth(folded, nominal, flank_heights(flanks, nominal))
     gone = {d.tooth for d in whole if d.kind == "missing tooth"}
     if not coverage.position.any():
         return whole, None
@@ -197,27 +201,45 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: fl
     )  # fmt: skip
 
 
-def _whole_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Defect, ...]:
-    """Missing teeth, broken corners, burrs: the tip's land of each tooth against the drawing's or the others'."""
+def _whole_teeth(folded: FoldedMap, nominal: Involute, face: tuple[float, float]) -> tuple[Defect, ...]:
+    """Missing teeth, broken corners, burrs: the tip's land of each tooth against the drawing's or the others'.
+
+    ``face``: heights (mm in C) between which the toothing was seen; beyond lie the real end faces.
+    """
     tip = folded.radius[:, tip_places(folded, nominal)]
     gone = gone_teeth(folded, nominal)
     drop = _usual_tips(folded, nominal, gone)[:, None] - _median(tip, 1)
+    half = _length(folded, np.ones(1, dtype=bool)) / 2
+    on_face = (folded.heights - half >= face[0]) & (folded.heights + half <= face[1])
+    whole, drop = drop, np.where(on_face, drop, np.nan)
     known = drop[~gone][np.isfinite(drop[~gone])]
     U = max(2 * 1.4826 * float(np.median(np.abs(known - np.median(known)))), LEAST_TIP_U) if known.size else LEAST_TIP_U
     least = TOOTH_DEPTH - GUARD_FACTOR * U / 2
+    low = np.nan_to_num(drop[~gone]) > least
+    drop = np.where(low.sum(axis=0) >= ALIKE * max(int((~gone).sum()), 1), np.nan, drop)
     hidden = ~np.isfinite(drop) & (np.isfinite(drop).mean(axis=0) >= ON_MOST)
     found = []
     for tooth, row in enumerate(drop):
         if gone[tooth]:
-            found.append(_tooth(folded, tooth, np.isfinite(row), row, "missing tooth", U))
+            found.append(_tooth(folded, tooth, np.isfinite(whole[tooth]), whole[tooth], "missing tooth", U))
             continue
-        for sign, kind in ((1.0, "chipped tip"), (-1.0, "burr")):
-            for run in _runs(sign * np.nan_to_num(row) > least):
-                at_end = (run[0] and not run[-1]) or (run[-1] and not run[0])
-                name = "chipped end" if at_end and kind == "chipped tip" else kind
-                found.append(_tooth(folded, tooth, run, row, name, U))
-        found += [_hidden(folded, tooth, run) for run in _runs(hidden[tooth])]
+        found += _broken(folded, tooth, row, hidden[tooth], least, U)
+        found += [_tooth(folded, tooth, run, row, "burr", U) for run in _runs(row < -least) if run.sum() >= LEAST_CELLS]
     return tuple(found)
+
+
+def _broken(folded: FoldedMap, tooth: int, drop: Array, hidden: Bools, least: float, U: float) -> list[Defect]:
+    """Where a tip is lower by ``least`` (mm) than the others', or hidden: beside a broken edge lies its shadow."""
+    low = np.nan_to_num(drop) > least
+    found = []
+    for stretch in _runs(low | ~np.isfinite(drop)):  # rows that no tooth shows part nothing
+        run = _filled(stretch & (low | hidden))
+        at_end = (run[0] and not run[-1]) or (run[-1] and not run[0])
+        if low[run].any():
+            found.append(_tooth(folded, tooth, run, drop, "chipped end" if at_end else "chipped tip", U))
+        elif run.sum() >= LEAST_HIDDEN:
+            found.append(_hidden(folded, tooth, run))
+    return found
 
 
 def _usual_tips(folded: FoldedMap, nominal: Involute, gone: Bools) -> Array:
@@ -248,11 +270,21 @@ def _median(values: Array, axis: int) -> Array:
     return np.asarray(np.where(number > 0, (found[0] + found[1]) / 2, np.nan).squeeze(axis))
 
 
+def _filled(on: Bools) -> Bools:
+    """From the first row to the last."""
+    rows = np.flatnonzero(on)
+    filled = np.zeros_like(on)
+    if rows.size:
+        filled[rows[0] : rows[-1] + 1] = True
+    return filled
+
+
 def _runs(on: Bools) -> list[Bools]:
+    """Stretches of rows."""
     from scipy.ndimage import label
 
     marked, number = label(on)
-    return [marked == n for n in range(1, number + 1) if int((marked == n).sum()) >= LEAST_CELLS]
+    return [marked == n for n in range(1, number + 1)]
 
 
 def _tooth(folded: FoldedMap, tooth: int, run: Bools, drop: Array, kind: str, U: float) -> Defect:

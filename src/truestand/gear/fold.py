@@ -22,10 +22,12 @@ from truestand.gear.grid import centres_of
 Array = NDArray[np.float64]
 
 PLACES = 48
-HEIGHT_CELL = 1.0
+HEIGHT_CELL = 0.5
 """mm."""
-THIN = 4
+THIN = 2
 """Every so many points of a profile make the map."""
+STRAY = 0.25
+"""Share of a place's usual number of points below which a cell holds strays only."""
 REACH = 1.0
 """mm beyond tip and root that are looked at."""
 TIP_PLACE = 0.6
@@ -64,10 +66,16 @@ def fold(surface: Surface, nominal: Involute, datum: Pose, turned: float) -> Fol
         cells.append(((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row)
         radii.append(p.radius)
     middle, span = (low + high) / 2, 1.01 * (high - low)
-    radius, _ = medians(np.concatenate(cells), np.concatenate(radii) - middle, g.teeth * PLACES * rows, span)
-    return FoldedMap(
-        (radius + middle).reshape(g.teeth, PLACES, rows), centres_of(-0.5, 0.5, PLACES), centres_of(bottom, top, rows)
-    )
+    radius, count = medians(np.concatenate(cells), np.concatenate(radii) - middle, g.teeth * PLACES * rows, span)
+    shape = g.teeth, PLACES, rows
+    told = np.where(_enough(count.reshape(shape)), (radius + middle).reshape(shape), np.nan)
+    return FoldedMap(told, centres_of(-0.5, 0.5, PLACES), centres_of(bottom, top, rows))
+
+
+def _enough(count: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which cells (teeth, places, heights) hold more than strays, against what their place usually holds."""
+    usual = np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in np.moveaxis(count, 1, 0)])
+    return np.asarray(count >= np.maximum(STRAY * usual, 1.0)[:, None])
 
 
 def tip_places(folded: FoldedMap, nominal: Involute) -> NDArray[np.bool_]:
