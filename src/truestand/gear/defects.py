@@ -214,7 +214,7 @@ def _whole_teeth(folded: FoldedMap, nominal: Involute, face: tuple[float, float]
     whole, drop = drop, np.where(on_face, drop, np.nan)
     known = drop[~gone][np.isfinite(drop[~gone])]
     U = max(2 * 1.4826 * float(np.median(np.abs(known - np.median(known)))), LEAST_TIP_U) if known.size else LEAST_TIP_U
-    least = TOOTH_DEPTH - GUARD_FACTOR * U / 2
+    least = max(TOOTH_DEPTH - GUARD_FACTOR * U / 2, TOOTH_DEPTH / 2)
     low = np.nan_to_num(drop[~gone]) > least
     drop = np.where(low.sum(axis=0) >= ALIKE * max(int((~gone).sum()), 1), np.nan, drop)
     hidden = ~np.isfinite(drop) & (np.isfinite(drop).mean(axis=0) >= ON_MOST)
@@ -291,6 +291,8 @@ def _tooth(folded: FoldedMap, tooth: int, run: Bools, drop: Array, kind: str, U:
     """A finding on a tooth's tip, with its verdict: a burr has none."""
     depth = float(np.nanmax(drop[run]) if kind != "burr" else np.nanmin(drop[run]))
     verdict = None if kind == "burr" else decide(depth, U, (None, TOOTH_DEPTH))
+    if verdict == "does_not_conform" and np.count_nonzero(run) < LEAST_CELLS:
+        verdict = "undecided"  # a reflection may lie on one row of the tip
     score = abs(depth) / TOOTH_DEPTH * SIGNIFICANT
     return Defect(
         tooth + 1, None, None, float(folded.heights[run].mean()), depth, _length(folded, run), kind, score, U=U,
