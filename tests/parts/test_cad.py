@@ -259,3 +259,54 @@ def test_what_lies_beside_the_model_is_no_part_of_it():
     assert np.isnan(found.deviation[below]).all()
     assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=1e-4)
     assert values(found)["deviation_rms"] < 0.05 * UM
+
+
+def bowl(depth, radius):
+    """The exact wheel's scan with a smooth bowl in the lower face, along the rays."""
+    _, mesh, scan, known = wheel()
+    surface = apply_calibration(scan, known)
+    with np.errstate(invalid="ignore"):
+        away = np.hypot(surface.x - 15, surface.y) / radius
+        inside = (away < 1) & (surface.z < 5.0001)
+    facing = cos(radians(41.802)) * cos(radians(0.3))
+    longer = np.where(inside, depth * (1 - np.minimum(away, 1) ** 2) ** 2 / facing / np.hypot(scan.x, scan.z), 0.0)
+    return mesh, replace(scan, x=scan.x * (1 + longer), z=scan.z * (1 + longer)), known
+
+
+@pytest.mark.parametrize("radius", [0.8, 1.2, 2.0])
+def test_a_dent_that_a_patch_flattens_is_not_decided(radius):
+    """0.1 mm deep, limits of 0.08 mm: a mean over the patch reads less, and its U says by how much."""
+    mesh, scan, known = bowl(0.1, radius)
+    found = inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08)))
+    low = next(c for c in found.characteristics if c.name == "deviation_min")
+    assert low.verdict != "conforms" and found.verdict != "conforms"
+    assert low.value - low.U < -0.09
+    high = next(c for c in found.characteristics if c.name == "deviation_max")
+    assert high.verdict == "conforms"
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["read behind", "not read"])
+def test_a_tooth_that_is_gone_is_no_agreement(lost):
+    """The rays that should meet it go on to what lies behind, or come back with nothing."""
+    own, mesh, _, known = wheel()
+    broken = extruded(own.outline(40, without=(3,)), own.bottom, own.top)
+    scan = scanned(broken, known, None, TURNED, profiles=700, points=240)
+    if lost:
+        sound = scanned(mesh, known, None, TURNED, profiles=700, points=240)
+        gone = np.isfinite(scan.z) & np.isfinite(sound.z) & (np.abs(scan.z - sound.z) > 0.5)
+        scan = replace(scan, x=np.where(gone, np.nan, scan.x), z=np.where(gone, np.nan, scan.z))
+    found = inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08)))
+    assert found.verdict != "conforms"
+    assert not {c.verdict for c in found.characteristics} & {"conforms"}
+    (told,) = (r for r in found.remarks if "model surface" in r)
+    assert float(told.split("polar angle ")[1].split()[0]) == pytest.approx(45.7, abs=1.5)  # three pitches, turned
+
+
+def test_wild_and_lost_readings_leave_no_surface_unmet():
+    _, mesh, scan, known = wheel()
+    rng = np.random.default_rng(8)
+    wild, lost = rng.random(scan.z.shape) < 0.2, rng.random(scan.z.shape) < 0.1
+    reach = np.where(wild, rng.uniform(70, 120, scan.z.shape) / scan.z, 1.0)
+    dirty = replace(scan, x=np.where(lost, np.nan, scan.x * reach), z=np.where(lost, np.nan, scan.z * reach))
+    found = inspect_cad(apply_calibration(dirty, known), Cad(mesh, fit="angle", limits=(-0.08, 0.08)))
+    assert not any("model surface" in r for r in found.remarks)

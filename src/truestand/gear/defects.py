@@ -42,8 +42,8 @@ LEAST_TIP_U = 0.005
 """mm, k = 2: the depth of a broken tip is not known better."""
 ALIKE = 0.5
 """Share of the teeth from which a height at which tips are low tells nothing: a chamfer, or a reflection."""
-LEAST_HIDDEN = 3
-"""Rows of a tip that must be hidden: less lies in the shadow of a broken edge."""
+LEAST_HIDDEN = 1
+"""Rows of a tip that must be hidden for it to be doubted: one may have lost its readings."""
 ON_MOST = 0.75
 """Share of the teeth that must show a place of the tip for it to be missed on the others."""
 LEAST_ROUND, ROUNDS = 6, 30

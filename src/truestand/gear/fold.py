@@ -22,12 +22,12 @@ from truestand.gear.grid import centres_of
 Array = NDArray[np.float64]
 
 PLACES = 48
-HEIGHT_CELL = 0.5
-"""mm."""
+HEIGHT_CELL, COLUMNS = 0.5, 3.0
+"""mm, and points of a profile that a cell must be high at least."""
 THIN = 2
 """Every so many points of a profile make the map."""
 STRAY = 0.25
-"""Share of a place's usual number of points below which a cell holds strays only."""
+"""Share of a tip's usual number of points at a height below which they are strays."""
 REACH = 1.0
 """mm beyond tip and root that are looked at."""
 TIP_PLACE = 0.6
@@ -54,28 +54,36 @@ def fold(surface: Surface, nominal: Involute, datum: Pose, turned: float) -> Fol
     g = nominal.gear
     low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
     bottom, top = g.face_from + END_MARGIN, g.face_to - END_MARGIN
-    rows = max(1, round((top - bottom) / HEIGHT_CELL))
-    cells, radii = [], []
+    places, heights, radii = [], [], []
     for first in range(0, surface.x.shape[0], BLOCK):
         block = slice(first, min(first + BLOCK, surface.x.shape[0]))
         p = located(surface, nominal, datum, block, low, high, THIN)
         turns = (p.angle - turned) / g.pitch
         tooth = np.rint(turns)
         place = np.clip(((turns - tooth + 0.5) * PLACES).astype(np.int64), 0, PLACES - 1)
-        row = np.clip(((p.height - bottom) / (top - bottom) * rows).astype(np.int64), 0, rows - 1)
-        cells.append(((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row)
+        places.append((tooth.astype(np.int64) % g.teeth) * PLACES + place)
+        heights.append(p.height)
         radii.append(p.radius)
     middle, span = (low + high) / 2, 1.01 * (high - low)
-    radius, count = medians(np.concatenate(cells), np.concatenate(radii) - middle, g.teeth * PLACES * rows, span)
+    height = np.concatenate(heights)
+    apart = (top - bottom) * surface.x.shape[0] / max(height.size, 1)  # of the points of a profile
+    rows = max(1, round((top - bottom) / max(HEIGHT_CELL, COLUMNS * apart)))
+    row = np.clip(((height - bottom) / (top - bottom) * rows).astype(np.int64), 0, rows - 1)
+    radius, count = medians(
+        np.concatenate(places) * rows + row, np.concatenate(radii) - middle, g.teeth * PLACES * rows, span
+    )
     shape = g.teeth, PLACES, rows
-    told = np.where(_enough(count.reshape(shape)), (radius + middle).reshape(shape), np.nan)
-    return FoldedMap(told, centres_of(-0.5, 0.5, PLACES), centres_of(bottom, top, rows))
+    told = FoldedMap((radius + middle).reshape(shape), centres_of(-0.5, 0.5, PLACES), centres_of(bottom, top, rows))
+    told.radius[:, tip_places(told, nominal)] = _without_strays(told, count.reshape(shape), nominal)
+    return told
 
 
-def _enough(count: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which cells (teeth, places, heights) hold more than strays, against what their place usually holds."""
-    usual = np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in np.moveaxis(count, 1, 0)])
-    return np.asarray(count >= np.maximum(STRAY * usual, 1.0)[:, None])
+def _without_strays(folded: FoldedMap, count: NDArray[np.int64], nominal: Involute) -> Array:
+    """The tips' lands, NaN at heights with far fewer points than usual: strays where no point of a profile falls."""
+    tip = tip_places(folded, nominal)
+    points = count[:, tip].sum(axis=1, keepdims=True)
+    usual = float(np.median(points[points > 0])) if points.any() else 0.0
+    return np.where(points < STRAY * usual, np.nan, folded.radius[:, tip])
 
 
 def tip_places(folded: FoldedMap, nominal: Involute) -> NDArray[np.bool_]:

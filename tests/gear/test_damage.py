@@ -1,0 +1,166 @@
+"""A damaged gear must not conform: what figures leave out stands in their U, or they are undecided.
+
+Class 10 as in the issue: limits of f_p 33, F_alpha 44, f_falpha 35, f_Halpha 27, F_beta 50, f_fbeta 37 um.
+"""
+
+from dataclasses import replace
+from functools import cache
+from math import radians
+
+import numpy as np
+import pytest
+
+from gears import SPUR, helical, scan_of, simulation, true_calibration
+from truestand.core.surface import apply_calibration
+from truestand.gear.inspect import inspect_gear
+from truestand.sim import Chip, Dent, GearErrors, Worn
+
+UM = 1e-3
+GEAR = replace(SPUR, accuracy_class=10)
+SOUND = GearErrors(phase=radians(3.0))
+UNEVEN = replace(SOUND, pitch_left=(0.0,) * 4 + (0.004,) + (0.0,) * 19)
+FACE = (4.0, 26.0)
+PROFILE, HELIX, PITCH = ("F_alpha", "f_falpha"), ("F_beta", "f_fbeta"), ("f_p",)
+
+
+def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
+    return replace(errors, worn=(Worn(tooth, "left", rolls, heights, depth, edge),))
+
+
+@cache
+def inspected(errors, gear=GEAR, how=None, thin=3):
+    """The issue's sensor: 5 um on steep flanks, a good encoder; every third point is mostly enough."""
+    scan = scan_of(gear, errors, how or simulation())
+    sensor = replace(scan.stand.sensor, incidence_U=0.005)
+    stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
+    few = replace(scan, x=scan.x[:, ::thin], z=scan.z[:, ::thin], stand=stand)
+    known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
+    return inspect_gear(apply_calibration(few, known), gear)
+
+
+def verdict(found, name, tooth=5, flank="left"):
+    return next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == (name, tooth, flank)).verdict
+
+
+@pytest.mark.parametrize(
+    ("errors", "touched"),
+    [
+        (worn((8.5, 9.8), FACE, 0.06), PROFILE),
+        (worn((0.0, 15.0), (14.0, 16.0), 0.06), (*PROFILE, *HELIX)),
+        (worn((0.0, 15.0), (19.0, 21.0), 0.06), HELIX),
+        (worn((4.0, 5.2), FACE, 0.06), PROFILE),
+        (worn((8.5, 9.8), FACE, -0.06), PROFILE),
+        (worn((8.0, 9.3), (13.0, 16.0), -0.3), (*PROFILE, *HELIX)),
+        (worn((7.0, 9.5), (13.0, 17.0), 0.4), (*PROFILE, *HELIX)),
+    ],
+    ids=["groove across", "groove along", "along, off mid-face", "near the root", "ridge", "spatter", "crater"],
+)
+def test_figures_that_read_damage_are_not_decided(errors, touched):
+    found = inspected(errors)
+    assert found.verdict != "conforms"
+    for name in touched:
+        assert verdict(found, name) == verdict(found, name, None) == "undecided", name
+        assert verdict(found, name, 9) == "conforms"
+    line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == (touched[0], 5, "left"))
+    assert line.reason is not None and line.reason.startswith("tooth 5 left, roll length")
+    assert line.capable  # which is the stand's, not the part's
+    assert any(line.reason in remark for remark in found.remarks)
+
+
+def test_a_flank_worn_over_the_pitch_point_leaves_pitch_undecided():
+    """f_p is 30 um times the arc beyond what the flank reads elsewhere: 34 um, and 4 um without the wear."""
+    found = inspected(worn((7.0, 9.5), FACE, 0.03, 1.25, UNEVEN))
+    line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == ("f_p", None, "left"))
+    assert line.verdict == "undecided"
+    assert abs(line.value - 34.2 * UM) < line.U
+
+
+def test_damage_that_no_trace_touches_is_listed_and_decides_no_trace():
+    found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.03))
+    assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
+    assert any("tooth 5 left" in remark and "below the flank" in remark for remark in found.remarks)
+
+
+def test_the_deeper_the_groove_the_larger_u():
+    """The depth that stands in U is the groove's, whatever it is."""
+    for depth in (0.01, 0.02, 0.04, 0.1):
+        found = inspected(worn((8.5, 9.8), FACE, depth))
+        line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == ("f_falpha", 5, "left"))
+        left_out = next(b.U for b in line.budget if b.name == "damage left out")
+        assert left_out == pytest.approx(2 / np.sqrt(3) * depth, rel=0.1, abs=4 * UM)
+        assert (line.verdict == "conforms") is (depth < 0.03)
+
+
+@pytest.mark.parametrize(
+    ("errors", "kind", "depth"),
+    [
+        (replace(SOUND, chips=(Chip(5, 15.0, 26.0, 2.0),)), "chipped end", 2.0),
+        (replace(SOUND, chips=(Chip(5, 15.0, 26.0, 4.4),)), "chipped end", 4.4),
+        (replace(SOUND, chips=(Chip(5, 12.0, 15.0, 0.12),)), "chipped tip", 0.12),
+        (replace(SOUND, missing=(5,)), "missing tooth", 4.5),
+    ],
+    ids=["half a tooth", "half a tooth to the root", "0.12 mm", "missing"],
+)
+def test_a_broken_tooth_does_not_conform(errors, kind, depth):
+    found = inspected(errors, thin=1)
+    (broken,) = (d for d in found.defects if d.verdict is not None)
+    assert (broken.tooth, broken.kind, broken.verdict) == (5, kind, "does_not_conform")
+    assert broken.depth == pytest.approx(depth, abs=0.05)
+    assert broken.U is not None and broken.U < 0.02
+    assert found.verdict == "does_not_conform"
+
+
+def test_a_corner_that_broke_off_in_the_shadow_of_its_tooth_is_doubted():
+    """The sensor looks up at 42 degrees to the axis: of the break at the upper end it sees nothing."""
+    found = inspected(replace(SOUND, chips=(Chip(5, 23.5, 26.0, 1.0),)), thin=1)
+    assert [(d.tooth, d.kind, d.verdict) for d in found.defects] == [(5, "hidden tip", "undecided")]
+    assert found.verdict == "undecided"
+
+
+def test_a_tip_broken_by_less_than_is_allowed_conforms():
+    found = inspected(replace(SOUND, chips=(Chip(5, 12.0, 15.0, 0.07),)))
+    assert found.verdict == "conforms" and all(d.verdict is None for d in found.defects)
+
+
+def test_a_broken_tooth_leaves_the_figures_of_its_flanks_undecided():
+    found = inspected(replace(SOUND, chips=(Chip(5, 15.0, 26.0, 4.4),)))
+    for name in (*PROFILE, *HELIX):
+        assert verdict(found, name) == "undecided" and verdict(found, name, 9) == "conforms"
+    assert verdict(found, "f_p", None) == "undecided"
+
+
+@pytest.mark.parametrize(
+    ("how", "thin"),
+    [
+        (None, 3),
+        (simulation(outliers=0.2, dropouts=0.1), 1),
+        (simulation(outliers=0.2, dropouts=0.1), 3),
+        (simulation(outliers=0.4, dropouts=0.6), 1),
+        (simulation(speckle=0.005), 1),
+        (simulation(noise=0.02), 3),
+    ],
+    ids=["clean", "20 % wild, 10 % lost", "the same, sparse", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
+)
+def test_sound_gears_leave_nothing_undecided(how, thin):
+    found = inspected(SOUND, GEAR, how, thin)
+    assert found.verdict == "conforms"
+    assert all(d.verdict is None for d in found.defects)
+
+
+@pytest.mark.parametrize("helix", [15.0, -20.0])
+def test_flanks_at_the_edge_of_sight_are_no_damage(helix):
+    """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
+    gear = replace(helical(helix), accuracy_class=10)
+    found = inspected(SOUND, gear, simulation(4400, upright=True), 1)
+    doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
+    assert len(doubted) <= 3  # of 288
+
+
+def test_dents_are_decided_where_they_lie():
+    """One on both traces, one on neither, one on the helix trace."""
+    places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))
+    dents = tuple(Dent(tooth, "left", roll, height, 0.75, 0.1) for tooth, roll, height in places)
+    found = inspected(replace(SOUND, dents=dents), thin=1)
+    assert [verdict(found, "f_falpha", tooth) for tooth in (2, 7, 9)] == ["undecided", "conforms", "conforms"]
+    assert [verdict(found, "f_fbeta", tooth) for tooth in (2, 7, 9)] == ["undecided", "conforms", "undecided"]
+    assert sorted((d.kind, d.tooth) for d in found.defects) == [("dent", 2), ("dent", 7), ("dent", 9)]
