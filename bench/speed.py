@@ -24,6 +24,8 @@ from truestand.files.recipes import write_starters
 
 PROFILES = 11_000
 POINTS = 640
+EMPTY = 0.2
+"""Share of empty cells in the file with gaps."""
 NUMBERS = {f"column_{i + 1}": pl.Float64 for i in range(POINTS)}
 
 
@@ -73,6 +75,18 @@ def read_with_numpy(path: Path) -> None:
     assert np.loadtxt(path, delimiter=",").shape == (3 * PROFILES, POINTS)
 
 
+def write_with_gaps(csv: Path, path: Path, share: float = EMPTY) -> None:
+    """The same file with a share of the points of X and Z as empty cells, as real exports have them."""
+    empty = np.random.default_rng(0).random((PROFILES, POINTS)) < share
+    lines = csv.read_text().split("\n")
+    for block in (0, 2):
+        first = block * (PROFILES + 1)
+        for row, gone in enumerate(empty, first):
+            cells = lines[row].split(",")
+            lines[row] = ",".join("" if g else cell for cell, g in zip(cells, gone, strict=True))
+    path.write_text("\n".join(lines))
+
+
 def main() -> None:
     """Measure, print one table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -84,13 +98,14 @@ def main() -> None:
         stand, shaft = folder / "stand.toml", folder / "shaft.toml"
         command("simulate", stand, "--artefact", shaft, "-o", folder / "k1.csv", "-q")
         command("import", folder / "k1.csv", "--stand", stand, "-o", folder / "k1.h5", "-q")
+        write_with_gaps(folder / "k1.csv", folder / "gaps.csv")
         measured = measure(folder, stand, shaft, repeat)
     Console(width=110).print(table_of(measured))
 
 
 def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[str, float, str, str]]:
     """What was measured: name, seconds, against what, further remarks; each the median of ``repeat``, interleaved."""
-    csv, native, out = folder / "k1.csv", folder / "k1.h5", folder / "c.json"
+    csv, gaps, native, out = folder / "k1.csv", folder / "gaps.csv", folder / "k1.h5", folder / "c.json"
     runs: dict[str, list[Any]] = {}
     scan = ts.read_scan(native)
     calibration = ts.calibrate(scan, ts.read_shaft(shaft))
@@ -100,6 +115,10 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
         runs.setdefault("numpy", []).append(timed(lambda: read_with_numpy(csv)))
         runs.setdefault("csv", []).append(
             command("calibrate", csv, "--stand", stand, "--artefact", shaft, "-o", out, "-q")
+        )
+        runs.setdefault("polars, gaps", []).append(timed(lambda: read_at_once_with_polars(gaps)))
+        runs.setdefault("csv, gaps", []).append(
+            command("calibrate", gaps, "--stand", stand, "--artefact", shaft, "-o", out, "-q")
         )
         runs.setdefault("native", []).append(command("calibrate", native, "--artefact", shaft, "-o", out, "-q"))
         runs.setdefault("roll cli", []).append(command("roll", native, "--calibration", out, "-o", folder / "c.ply"))
@@ -121,6 +140,11 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
             "calibrate from the CSV", wall["csv"],
             f"{wall['csv'] / reading:.1f} x polars, {wall['csv'] / wall['numpy']:.2f} x numpy",
             f"{cpu['csv']:.1f} s CPU, {peak['csv']:.2f} GB",
+        ),
+        (
+            f"calibrate from the CSV with {EMPTY:.0%} empty cells", wall["csv, gaps"],
+            f"{wall['csv, gaps'] / wall['polars, gaps']:.1f} x polars reading that file",
+            f"{cpu['csv, gaps']:.1f} s CPU, {peak['csv, gaps']:.2f} GB",
         ),
         ("calibrate from the native file", wall["native"], f"{wall['native'] / reading:.1f} x polars",
          f"{cpu['native']:.1f} s CPU, {peak['native']:.2f} GB"),

@@ -61,7 +61,7 @@ class Defect:
     depth: float | None
     extent: float | None
     kind: str
-    """dent | bump | chipped tip | chipped end | burr | missing tooth | hidden tip."""
+    """dent | bump | chipped tip | chipped end | burr | missing tooth | hidden tip | chipped flank."""
     score: float
     second_score: float | None = None
     """IsolationForest, 0..1, where scikit-learn is installed."""

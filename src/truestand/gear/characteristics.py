@@ -93,7 +93,7 @@ def _damaged(line: Characteristic, told: Told, nominal: Involute, at: tuple[int,
     most = sum(depths) / nominal.gear.teeth if line.size else max(depths)
     u = most * _per_delta(line.name, told, nominal) / sqrt(3.0)  # anywhere between none of it and all
     budget = sorted((*line.budget, Contribution(LEFT_OUT, 2 * u, u, "rectangular")), key=lambda c: -c.U)
-    doubted = replace(line, U=hypot(line.U or 0.0, 2 * u), budget=tuple(budget), reason=gravest.text)
+    doubted = replace(line, U=hypot(line.U or 0.0, 2 * u), grade=None, budget=tuple(budget), reason=gravest.text)
     if line.verdict is None:
         return doubted
     if not gravest.resolved:

@@ -57,6 +57,8 @@ class Damage:
     """(roll lengths, heights)."""
     depth: float | None
     """mm by which its readings depart, positive into the material; None: not seen, or beyond the gate."""
+    beyond: bool
+    """Whether readings lie beyond the gate instead, ``flanks.GATE`` mm and more from the flank."""
     resolved: bool
     """Whether profiles enough cross it to tell its depth."""
     rolls: tuple[float, float]
@@ -89,11 +91,12 @@ def damage_of(flanks: Flanks, grid: Grid, weighed: Weighed, nominal: Involute, s
     below = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     out = (weighed.weight.reshape(shape) < LEFT_OUT) & np.isfinite(grid.delta)
     far = DEPARTS * grid.scatter
+    unconfirmed, cut = _unconfirmed(flanks, grid, nominal, step)
     found = []
     for sign, count in (
         (1, (out & (rest < 0)) | _departing(cell[below > far], grid)),
         (-1, (out & (rest > 0)) | _departing(cell[below < -far], grid)),
-        (0, _unconfirmed(flanks, grid, nominal, step)),
+        (0, unconfirmed),
     ):
         count = np.where(ranges, count, 0.0)
         bridged = across_gaps(count > 0, grid, nominal, step)
@@ -107,7 +110,8 @@ def damage_of(flanks: Flanks, grid: Grid, weighed: Weighed, nominal: Involute, s
                 rolls, heights = _extent(grid, region)
                 coarse = STEPS_ACROSS * float(step_on_flank(nominal, sum(rolls) / 2, step))
                 resolved = depth is not None and rolls[1] - rolls[0] >= coarse
-                found.append(Damage(int(side), int(tooth), region, depth, resolved, rolls, heights))
+                beyond = not sign and bool(cut[side, tooth][region].any())
+                found.append(Damage(int(side), int(tooth), region, depth, beyond, resolved, rolls, heights))
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
 
@@ -117,10 +121,11 @@ def _departing(cell: NDArray[np.int64], grid: Grid) -> Bools:
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
 
 
-def _unconfirmed(flanks: Flanks, grid: Grid, nominal: Involute, step: float) -> Array:
+def _unconfirmed(flanks: Flanks, grid: Grid, nominal: Involute, step: float) -> tuple[Array, Bools]:
     """What cells (2, teeth, roll lengths, heights) count that a flank doesn't show and that of most teeth does.
 
     1 where readings lie beyond the gate instead, less where none are there, and no more than profiles fall on them.
+    And where readings lie beyond the gate.
     """
     solid = solid_cells(grid)
     advance = step_on_flank(nominal, grid.rolls, step)
@@ -136,7 +141,7 @@ def _unconfirmed(flanks: Flanks, grid: Grid, nominal: Involute, step: float) -> 
     missed = ~shown | cut
     missed &= (~missed).mean(axis=1, keepdims=True) >= ON_MOST
     profiles = np.minimum(nominal.gear.evaluation.resolution / advance, 1.0)[:, None]
-    return np.where(missed, np.where(cut, 1.0, UNSEEN) * profiles, 0.0)
+    return np.where(missed, np.where(cut, 1.0, UNSEEN) * profiles, 0.0), cut
 
 
 def _regions(count: Array, bridged: Bools) -> list[Bools]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from truestand.core.decide import GUARD_FACTOR, decide
 from truestand.core.inspection import Defect, Flank
 from truestand.gear.coverage import Coverage
+from truestand.gear.damage import Damage
 from truestand.gear.evaluate import residuals, weigh
 from truestand.gear.evidence import DefectMap, FoldedMap
 from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights, only
@@ -38,6 +39,8 @@ GAP = 9
 """Cells of roll length that may lie between two profiles: a deep dent near the root moves them apart."""
 TOOTH_DEPTH = 0.1
 """mm of radius by which a tooth's tip may miss what the other teeth have (CONTRACT.md, Verdicts)."""
+CHIP_GUARD = 0.01
+"""mm by which a flank must be deeper for it to be doubted: dents are told to a tenth of their depth."""
 LEAST_TIP_U = 0.005
 """mm, k = 2: the depth of a broken tip is not known better."""
 ALIKE = 0.5
@@ -80,6 +83,23 @@ def find_defects(
     found = [d for d in _on_flanks(found_map, grid) if d.tooth not in gone and not _at_chip(d, whole, nominal)]
     found = _scored_again(found, found_map)
     return tuple(sorted((*whole, *found), key=lambda d: -d.score)), found_map
+
+
+def chipped_flanks(damage: tuple[Damage, ...]) -> tuple[Defect, ...]:
+    """Regions of flanks deeper than a tooth may be broken: chips, unless the sensor was deceived."""
+    found = []
+    for d in damage:
+        if not d.beyond and (d.depth or 0.0) <= TOOTH_DEPTH + CHIP_GUARD:
+            continue
+        (a, b), (c, e) = d.rolls, d.heights
+        flank: Flank = FLANKS[d.side]  # type: ignore[assignment]
+        found.append(
+            Defect(
+                d.tooth + 1, flank, (a + b) / 2, (c + e) / 2, d.depth, max(b - a, e - c), "chipped flank", 0.0,
+                verdict="undecided",
+            )
+        )  # fmt: skip
+    return tuple(found)
 
 
 def _below_tips(flanks: Flanks, folded: FoldedMap, nominal: Involute, scatter: float) -> Flanks:

@@ -17,7 +17,7 @@ from truestand.gear.budget import expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Told, characteristics_of, settings_of
 from truestand.gear.coverage import FINE, Coverage, coverage_of, profiles_for, step_on_flank
 from truestand.gear.damage import Damage, damage_of, zones_of
-from truestand.gear.defects import find_defects
+from truestand.gear.defects import chipped_flanks, find_defects
 from truestand.gear.diagnosis import diagnosis
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import Measures, Weighed, evaluate, pitch_extremes, weigh
@@ -84,7 +84,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         kind="gear",
         name=gear.name,
         characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
-        defects=defects,
+        defects=(*defects, *chipped_flanks(told.damage)),
         reasons=(*reasons, *_unevenness(steady)),
         scan_sha256=scan.sha256,
         remarks=(

@@ -66,6 +66,8 @@ def _head(inspection: Inspection, calibration: Calibration | None, company: Comp
     verdict = inspection.verdict
     mark, word = VERDICTS[verdict]
     meant = "nothing may be decided on this calibration" if inspection.reasons else MEANT[verdict]
+    if verdict not in {c.verdict for c in inspection.characteristics} and any(d.verdict for d in inspection.defects):
+        meant = "a tooth is broken" if verdict == "does_not_conform" else "a tooth may be broken"
     return (
         head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
         + stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
