@@ -81,6 +81,14 @@ def test_damage_that_no_trace_touches_is_listed_and_decides_no_trace():
     assert any("tooth 5 left" in remark and "below the flank" in remark for remark in found.remarks)
 
 
+def test_a_crater_that_no_trace_touches_leaves_the_gear_undecided():
+    found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.2))
+    assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
+    (chip,) = (d for d in found.defects if d.verdict is not None)
+    assert (chip.tooth, chip.flank, chip.kind, chip.verdict) == (5, "left", "chipped flank", "undecided")
+    assert found.verdict == "undecided"
+
+
 def test_the_deeper_the_groove_the_larger_u():
     """The depth that stands in U is the groove's, whatever it is."""
     for depth in (0.01, 0.02, 0.04, 0.1):

@@ -85,20 +85,20 @@ def find_defects(
     return tuple(sorted((*whole, *found), key=lambda d: -d.score)), found_map
 
 
-def chipped_flanks(damage: tuple[Damage, ...]) -> tuple[Defect, ...]:
-    """Regions of flanks deeper than a tooth may be broken: chips, unless the sensor was deceived."""
+def chipped_flanks(damage: tuple[Damage, ...], told: tuple[Defect, ...]) -> tuple[Defect, ...]:
+    """Regions of flanks deeper than a tooth may be broken: chips, unless the sensor was deceived.
+
+    Of teeth that are ``told`` to be broken they say nothing new.
+    """
+    broken = {d.tooth for d in told if d.verdict is not None}
     found = []
     for d in damage:
-        if not d.beyond and (d.depth or 0.0) <= TOOTH_DEPTH + CHIP_GUARD:
+        if d.tooth + 1 in broken or (not d.beyond and (d.depth or 0.0) <= TOOTH_DEPTH + CHIP_GUARD):
             continue
         (a, b), (c, e) = d.rolls, d.heights
         flank: Flank = FLANKS[d.side]  # type: ignore[assignment]
-        found.append(
-            Defect(
-                d.tooth + 1, flank, (a + b) / 2, (c + e) / 2, d.depth, max(b - a, e - c), "chipped flank", 0.0,
-                verdict="undecided",
-            )
-        )  # fmt: skip
+        place, extent = ((a + b) / 2, (c + e) / 2), max(b - a, e - c)
+        found.append(Defect(d.tooth + 1, flank, *place, d.depth, extent, "chipped flank", 0.0, verdict="undecided"))
     return tuple(found)
 
 

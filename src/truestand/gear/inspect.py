@@ -84,7 +84,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         kind="gear",
         name=gear.name,
         characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
-        defects=(*defects, *chipped_flanks(told.damage)),
+        defects=(*defects, *chipped_flanks(told.damage, defects)),
         reasons=(*reasons, *_unevenness(steady)),
         scan_sha256=scan.sha256,
         remarks=(
