@@ -304,12 +304,15 @@ def _line(
     job: _Job, name: str, value: float | None, budget: tuple[tuple[Contribution, ...], float] | None, coverage: float
 ) -> Characteristic:
     lines, U = budget if budget is not None else ((), None)
-    return decided(
-        Characteristic(
-            name, value, U, limits=_limits(job.part, name), coverage=coverage, status=status_of(coverage),
-            standard="ISO 1101 profile of a surface" if name == "profile" else None, budget=lines,
-        )
+    whole = Characteristic(
+        name, value, U, limits=_limits(job.part, name), coverage=coverage, status=status_of(coverage),
+        standard="ISO 1101 profile of a surface" if name == "profile" else None, budget=lines,
     )  # fmt: skip
+    if budget is None:
+        return decided(whole)
+    # What lies within patches can only be farther out: where the means fail already, it takes nothing back.
+    means = decided(replace(whole, U=doubt.together([c for c in lines if c.name != WITHIN])[1]))
+    return replace(means, U=U) if means.verdict == "does_not_conform" else decided(whole)
 
 
 def _limits(part: Cad, name: str) -> tuple[float | None, float | None] | None:
