@@ -45,8 +45,6 @@ LEAST_TIP_U = 0.005
 """mm, k = 2: the depth of a broken tip is not known better."""
 ALIKE = 0.5
 """Share of the teeth from which a height at which tips are low tells nothing: a chamfer, or a reflection."""
-LEAST_HIDDEN = 1
-"""Rows of a tip that must be hidden for it to be doubted: one may have lost its readings."""
 ON_MOST = 0.75
 """Share of the teeth that must show a place of the tip for it to be missed on the others."""
 LEAST_ROUND, ROUNDS = 6, 30
@@ -257,7 +255,7 @@ def _broken(folded: FoldedMap, tooth: int, drop: Array, hidden: Bools, least: fl
         at_end = (run[0] and not run[-1]) or (run[-1] and not run[0])
         if low[run].any():
             found.append(_tooth(folded, tooth, run, drop, "chipped end" if at_end else "chipped tip", U))
-        elif run.sum() >= LEAST_HIDDEN:
+        elif run.any():
             found.append(_hidden(folded, tooth, run))
     return found
 
