@@ -72,7 +72,7 @@ def test_columns_of_its_own_come_in_rad_and_seconds(tmp_path):
         ("profile,angle,x_mm,z_mm\n0,1,1,1\n", ["angle_deg"]),
         ("profile,x_mm,z_mm\n", ["no readings"]),
         ("profile,x_mm,z_mm\n0,1,2\n0,1\n", ["2 values in line 3", "3"]),
-        ("profile,x_mm,z_mm\n0,1\n0,1\n", ["2 values a line", "3"]),
+        ("profile,x_mm,z_mm\n0,1\n0,1\n", ["2 values in line 2", "3"]),
         ("profile,x_mm,z_mm\n0,1,two\n", ["two", "line 2"]),
         ("profile,x_mm,z_mm\n0.5,1,2\n", ["profile number"]),
         ("profile,x_mm,z_mm\n,1,2\n", ["line 2", "no profile number"]),

@@ -1,6 +1,7 @@
 """A text file's lines by position, read when asked for: a scan of a hundred megabytes needs no copy in memory."""
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -8,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from truestand.core.errors import UnreadableFile
+from truestand.files.cells import PIECE
 from truestand.files.text import refuse_nul
 
 CHUNK = 1 << 20
@@ -51,8 +53,6 @@ class Lines:
             ends.append(size)
         self.ends = np.array(ends, dtype=np.intp)
         self.starts = np.concatenate([[len(BYTE_ORDER_MARK) * self.marked], self.ends[:-1] + 1])
-        self.plain = self.end == b"\n" and not self.marked and not loose
-        """Whether every text reader sees the same lines."""
         if loose:
             self._refuse_inside(other, path.name)
 
@@ -74,6 +74,15 @@ class Lines:
         """The lines of ``block`` with ``\\n`` between them."""
         text = self._read(self.starts[block.start], self.ends[block.stop - 1])
         return text.replace(b"\r", b"\n" if self.end == b"\r" else b"")
+
+    def pieces(self, block: range) -> Iterator[bytes]:
+        """The lines of ``block`` in pieces of whole lines, ``\\n`` at the end of each line."""
+        first = block.start
+        while first < block.stop:
+            fit = int(np.searchsorted(self.ends, self.starts[first] + PIECE))
+            stop = min(max(fit, first + 1), block.stop)
+            yield self.text(range(first, stop)) + b"\n"
+            first = stop
 
     def blank(self, i: int) -> bool:
         """Whether line i holds nothing but white space."""

@@ -5,7 +5,6 @@ factor of a thousand is nobody's guess. One row a reading; what has no row was n
 """
 
 import hashlib
-import io
 from collections.abc import Mapping
 from math import radians
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
+from truestand.files.cells import pieces_of, read_cells
 from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.text import (
     LENGTHS,
@@ -22,11 +22,8 @@ from truestand.files.text import (
     column_names,
     dialect_of,
     line_of,
-    normal,
     refuse_cut_number,
-    refuse_infinite,
     refuse_nul,
-    refuse_words,
 )
 
 Array = NDArray[np.float64]
@@ -66,7 +63,7 @@ def read_long_csv(path: Path) -> Recording:
     header, _, body = data.partition(b"\n")
     columns = _columns(column_names(header), name)
     dialect = _dialect(header, body, name)
-    table, lines = _numbers(normal(body, dialect, name, 2), len(column_names(header)), name)
+    table, lines = _numbers(body, dialect, len(column_names(header)), name)
     return _recording({key: table[:, i] * factor for key, (i, factor) in columns.items()}, lines, name, sha256)
 
 
@@ -105,58 +102,31 @@ def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
     return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
 
 
-def _numbers(body: bytes, columns: int, name: str) -> tuple[Array, Lines]:
+def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Lines]:
     """All readings (n, columns), and the line in the file of each."""
     if not body.strip():
         raise UnreadableFile(f"{name}: found a header and no readings; need at least one profile")
-    while b",," in body:
-        body = body.replace(b",,", b",nan,")
-    body = body.replace(b",\n", b",nan\n").replace(b"\n,", b"\nnan,")
-    body = b"nan" * body.startswith(b",") + body + b"nan" * body.endswith(b",")
-    _whole_last_number(body, name)
-    try:
-        table = np.loadtxt(io.BytesIO(body), delimiter=",", ndmin=2, comments=None)
-    except ValueError as wrong:
-        rows = body.split(b"\n")
-        refuse_words(rows, name, 2)
-        _refuse_other_lengths(rows, columns, name)
-        raise UnreadableFile(f"{name}: {wrong}") from wrong
-    lines = _lines(body, table.shape[0])
-    if table.shape[1] != columns:
+    _whole_last_number(body, dialect, name)
+    cells = read_cells(pieces_of(body), dialect, name, 2)
+    other = np.flatnonzero((cells.per_line != columns) & (cells.per_line > 0))
+    if other.size:
         raise UnreadableFile(
-            f"{name}: found {table.shape[1]} values a line from line {lines[0]}, the header names {columns}"
+            f"{name}: found {cells.per_line[other[0]]} values in line {other[0] + 2}, the header names {columns}; the "
+            "file may be cut off"
         )
-    if np.isinf(table).any():
-        row = int(np.flatnonzero(np.isinf(table).any(axis=1))[0])
-        refuse_infinite(table[row : row + 1], name, int(lines[row]))
-    return table, lines
+    return cells.values.reshape(-1, columns), np.flatnonzero(cells.per_line) + 2
 
 
-def _lines(body: bytes, readings: int) -> Lines:
-    """The line in the file of every reading: empty lines hold none."""
-    if body.count(b"\n") + (not body.endswith(b"\n")) == readings:
-        return np.arange(2, 2 + readings)
-    return np.array([i for i, row in enumerate(body.split(b"\n"), start=2) if row.strip()])
-
-
-def _whole_last_number(body: bytes, name: str) -> None:
+def _whole_last_number(body: bytes, dialect: Dialect, name: str) -> None:
     """Refuse a file that ends inside a number of its last column.
 
     Raises:
         UnreadableFile: with the last line.
     """
     if not body.endswith(b"\n"):
-        cells = [row.rsplit(b",", 1)[-1] for row in body[-10_000:].split(b"\n")[1:]]
-        refuse_cut_number(cells, name, line_of(body, len(body)) + 1)
-
-
-def _refuse_other_lengths(rows: list[bytes], columns: int, name: str) -> None:
-    for i, row in enumerate(rows):
-        if row.strip() and row.count(b",") + 1 != columns:
-            raise UnreadableFile(
-                f"{name}: found {row.count(b',') + 1} values in line {i + 2}, the header names {columns}; the file may "
-                "be cut off"
-            )
+        rows = body[-10_000:].split(b"\n")[1:]
+        cells = [row.rsplit(dialect.separator, 1)[-1].replace(dialect.decimal, b".") for row in rows]
+        refuse_cut_number([cell for cell in cells if cell.strip()], name, line_of(body, len(body)) + 1)
 
 
 def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) -> Recording:

@@ -5,9 +5,6 @@ padded with NaN at the end). A separator that ends every line of a block adds no
 the first and the last cell of each line, because Y is one number a profile.
 """
 
-import tempfile
-import warnings
-from collections.abc import Callable
 from math import isinf
 from pathlib import Path
 
@@ -16,6 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
+from truestand.files.cells import Cells, read_cells
 from truestand.files.lines import BYTE_ORDER_MARK, Lines
 from truestand.files.text import (
     ENOUGH_CELLS,
@@ -25,8 +23,6 @@ from truestand.files.text import (
     number,
     refuse_cut_number,
     refuse_infinite,
-    refuse_words,
-    written_out,
 )
 
 Array = NDArray[np.float64]
@@ -54,12 +50,11 @@ def read_xyz_blocks(path: Path, head: bytes) -> Recording:
     with Lines(path, head) as lines:
         blocks = _blocks(lines, name)
         dialect = _dialect(lines, name)
-        x, z = (_matrix(path, lines, b, dialect) for b in (blocks[0], blocks[2]))
-        if x is None or z is None or x.shape != z.shape:
-            x, z = (_careful(lines, b, dialect, name) for b in (blocks[0], blocks[2]))
-            x, z = _same_shape(x, z, lines, blocks, name)
+        x, z = (read_cells(lines.pieces(b), dialect, name, b.start + 1) for b in (blocks[0], blocks[2]))
+        x, z = _same_shape(x, z, blocks, name)
         _whole_last_number(lines, blocks[2], dialect, name)
-        return Recording(x, z, FORMAT, lines.sha256, y=_profile_values(lines, blocks[1], dialect, name))
+        y = _profile_values(lines, blocks[1], dialect, name)
+        return Recording(_matrix(x, blocks[0], name), _matrix(z, blocks[2], name), FORMAT, lines.sha256, y=y)
 
 
 def _dialect(lines: Lines, name: str) -> Dialect:
@@ -100,101 +95,62 @@ def _blocks(lines: Lines, name: str) -> tuple[range, range, range]:
     return x, y, z
 
 
-def _matrix(path: Path, lines: Lines, block: range, dialect: Dialect) -> Array | None:
-    """One block's numbers (profiles, points) as they stand; None where the careful way has to be taken."""
-    plain = dialect.decimal == b"." and dialect.separator != b" " and lines.plain
-    if not plain or any(lines.blank(i) for i in (block.start, block.stop - 1)):
+def _closed(cells: Cells) -> Cells | None:
+    """The cells without the empty one after a separator that ends every line; None where not every line ends so."""
+    filled = cells.per_line > 0
+    if not cells.open[filled].all():
         return None
-    try:
-        values = _load(path, dialect.separator, block)
-    except ValueError:  # lines of different length, or no numbers: the careful way says which
-        return None
-    refuse_infinite(values, path.name, block.start + 1)
-    return values
+    last = np.cumsum(cells.per_line)[filled] - 1
+    return Cells(np.delete(cells.values, last), cells.per_line - filled, np.zeros_like(cells.open))
 
 
-def _load(path: Path, separator: bytes, block: range) -> Array:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            values = np.loadtxt(
-                str(path), delimiter=separator.decode(), skiprows=block.start, max_rows=len(block), ndmin=2,
-                comments=None, encoding="latin-1",
-            )  # fmt: skip
-        except UserWarning as wrong:
-            raise ValueError(str(wrong)) from wrong
-    if values.shape[0] != len(block):
-        raise ValueError("lines were left out")
-    return values
-
-
-def _careful(lines: Lines, block: range, dialect: Dialect, name: str) -> Array:
-    """Gaps written out as nan, short lines filled up, every line checked."""
-    rows = normal(lines.text(block), dialect, name, block.start + 1).split(b"\n")
-    if all(row.endswith(b",") or not row.strip() for row in rows):
-        rows = [row[:-1] for row in rows]
-    cells = [row.count(b",") + 1 for row in rows]
-    longest = max(cells)
-    if longest * len(rows) > MOST_FILLED * max(sum(cells), MOST_FILLED**2):
-        raise UnreadableFile(
-            f"{name}: found {longest} values in line {block.start + cells.index(longest) + 1} and fewer than a "
-            f"{MOST_FILLED}th of it in most others, need lines of like length; export it again"
-        )
-    filled = [written_out(row, longest) for row in rows]
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "block.csv"
-        file.write_bytes(b"\n".join(filled))
-        try:
-            values = _load(file, b",", range(len(block)))
-        except ValueError as wrong:
-            refuse_words(filled, name, block.start + 1)
-            raise UnreadableFile(f"{name}: lines {block.start + 1} to {block.stop}: {wrong}") from wrong
-    refuse_infinite(values, name, block.start + 1)
-    return values
-
-
-def _same_shape(x: Array, z: Array, lines: Lines, blocks: tuple[range, range, range], name: str) -> tuple[Array, Array]:
-    """X and Z as matrices of one shape: as many cells in a profile's line of the one block as of the other.
+def _same_shape(x: Cells, z: Cells, blocks: tuple[range, range, range], name: str) -> tuple[Cells, Cells]:
+    """X and Z, as many cells in a profile's line of the one block as of the other.
 
     A last column that is empty in every line of one block only looks like a separator at the end; it is NaN there.
 
     Raises:
         UnreadableFile: with the line.
     """
-    (x_written, x_ended), (z_written, z_ended) = (_cells_by_line(lines, b) for b in (blocks[0], blocks[2]))
-    if not (np.array_equal(x_written, z_written) or np.array_equal(x_written - x_ended, z_written - z_ended)):
-        row = int(np.flatnonzero(x_written != z_written)[0])
+    closed_x, closed_z = _closed(x), _closed(z)
+    same = np.array_equal(x.per_line, z.per_line)
+    if not same or (closed_x and closed_z):
+        x, z = closed_x or x, closed_z or z
+    if not np.array_equal(x.per_line, z.per_line):
+        row = int(np.flatnonzero(x.per_line != z.per_line)[0])
         raise UnreadableFile(
-            f"{name}: found {z_written[row]} values in line {blocks[2].start + row + 1} (block Z), need "
-            f"{x_written[row]} as in line {blocks[0].start + row + 1} (block X); the file may be cut off"
+            f"{name}: found {z.per_line[row]} values in line {blocks[2].start + row + 1} (block Z), need "
+            f"{x.per_line[row]} as in line {blocks[0].start + row + 1} (block X); the file may be cut off"
         )
-    width = max(x.shape[1], z.shape[1])
-    return _filled_up(x, width), _filled_up(z, width)
+    return x, z
 
 
-def _filled_up(values: Array, width: int) -> Array:
-    if values.shape[1] == width:
-        return values
-    return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=np.nan)
+def _matrix(cells: Cells, block: range, name: str) -> Array:
+    """One block's numbers (profiles, points), short lines filled up with NaN.
 
-
-def _cells_by_line(lines: Lines, block: range) -> tuple[NDArray[np.intp], bool]:
-    """Values in each line as separators count them, and whether a separator ends every line."""
-    sample = lines.text(range(block.start, min(block.start + 50, block.stop)))
-    separator = next((s for s in (b";", b"\t") if s in sample), b"," if b" " not in sample.strip() else b" ")
-    count: Callable[[bytes], int] = (
-        (lambda row: len(row.split())) if separator == b" " else (lambda row: row.count(separator) + 1)
-    )
-    cells = np.array([0 if lines.blank(i) else count(lines[i]) for i in block], dtype=np.intp)
-    return cells, all(lines[i].endswith(separator) for i in block if not lines.blank(i))
+    Raises:
+        UnreadableFile: a line so much longer than the others that it is damage; with the line.
+    """
+    longest = int(cells.per_line.max())
+    if longest * len(block) > MOST_FILLED * max(cells.values.size, MOST_FILLED**2):
+        raise UnreadableFile(
+            f"{name}: found {longest} values in line {block.start + int(cells.per_line.argmax()) + 1} and fewer than a "
+            f"{MOST_FILLED}th of it in most others, need lines of like length; export it again"
+        )
+    if (cells.per_line == longest).all():
+        return cells.values.reshape(len(block), longest)
+    values = np.full((len(block), longest), np.nan)
+    values[np.arange(longest) < cells.per_line[:, None]] = cells.values
+    return values
 
 
 def _profile_values(lines: Lines, block: range, dialect: Dialect, name: str) -> Array | None:
     """Y, one number a profile; None where a line's first and last cell differ, or a line has none."""
     values = np.full(len(block), np.nan)
     for i, line in enumerate(block):
-        row = normal(lines[line].strip(), dialect, name, line + 1).strip(b",")
-        first, last = number(row.split(b",", 1)[0] or b"nan"), number(row.rsplit(b",", 1)[-1] or b"nan")
+        row = lines[line].strip().strip(dialect.separator)
+        cells = row.split(dialect.separator, 1)[0], row.rsplit(dialect.separator, 1)[-1]
+        first, last = (number(normal(cell, dialect, name, line + 1).strip() or b"nan") for cell in cells)
         if first is None or last is None:
             raise UnreadableFile(f"{name}: found no number in line {line + 1} (block Y); need numbers")
         if isinf(first) or isinf(last):

@@ -1,0 +1,169 @@
+"""Cells of number text as float64, many at a time: plain, empty and left out ones take the same way at the same speed.
+
+The digits of a decimal number make a whole number, its decimal mark a power of ten. Below 10^15 both are exact, so
+their quotient is the float64 nearest to the text, as ``float`` gives it. What is written otherwise (exponents, more
+digits) is left to ``float``.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from math import isinf
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.files.text import Dialect, normal, refuse_infinite, refuse_words
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+
+PIECE = 1 << 18
+"""Bytes of text at a time, so that the arrays of its cells stay in the processor's cache."""
+MOST_DIGITS = 15
+"""Whole numbers of more digits are not all exact in float64."""
+LONGEST = MOST_DIGITS + 2
+"""Characters of the longest plain number: digits, sign, decimal mark."""
+POWERS = np.append(10.0 ** np.arange(LONGEST + 1), np.nan)
+LINE_END, SPACE, MINUS, ZERO = b"\n -0"
+LOWER_CASE = 0x20
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """The cells of consecutive lines, one after the other."""
+
+    values: Array
+    """(n,); NaN for an empty cell and ``nan``."""
+    per_line: Indices
+    """Cells in each line, (lines,); an empty line has none."""
+    open: Mask
+    """Whether the last cell of a line is empty, (lines,): a separator ends the line, or the line is empty."""
+
+
+def read_cells(pieces: Iterable[bytes], dialect: Dialect, name: str, first_line: int) -> Cells:
+    """The cells of text that comes in pieces of whole lines, a line end at the end of each.
+
+    Raises:
+        UnreadableFile: a cell that is no finite number, or has another decimal mark; with the line, counted from
+            ``first_line``.
+    """
+    values, size, parts = np.empty(0), 0, []
+    line = first_line
+    for text in pieces:
+        found, per_line, is_open = _cells(_without_padding(text, dialect.separator), dialect, name, line)
+        before, size = size, size + found.size
+        if size > values.size:
+            values.resize(size + size // 4, refcheck=False)  # in place: a second copy would cost memory and time
+        values[before:size] = found
+        parts.append((per_line, is_open))
+        line += per_line.size
+    values.resize(size, refcheck=False)
+    per_line, is_open = (np.concatenate(part) for part in zip(*parts, strict=True))
+    empty = is_open & (per_line == 1)
+    if empty.any():
+        values = values[np.repeat(~empty, per_line)]
+        per_line[empty] = 0
+    return Cells(values, per_line, is_open)
+
+
+def pieces_of(text: bytes) -> Iterator[bytes]:
+    """A text in pieces of whole lines, a line end at the end of each."""
+    start = 0
+    while start < len(text):
+        stop = text.find(b"\n", start + PIECE) + 1 or len(text)
+        yield text[start:stop] if text[stop - 1] == LINE_END else text[start:stop] + b"\n"
+        start = stop
+
+
+def _without_padding(text: bytes, separator: bytes) -> bytes:
+    """The text without white space beside separators and line ends; inside a cell a run of it becomes one space."""
+    if b"\t" in text and separator not in b"\t ":
+        text = text.replace(b"\t", b" ")
+    if b" " not in text:
+        return text
+    raw = np.frombuffer(b"\n" + text, dtype=np.uint8)
+    space = raw == SPACE
+    before = space | (raw == ord(separator)) | (raw == LINE_END)
+    text = raw[1:][~(space[1:] & before[:-1])].tobytes().replace(b" \n", b"\n")
+    return text if separator == b" " else text.replace(b" " + separator, separator)
+
+
+def _cells(text: bytes, dialect: Dialect, name: str, first_line: int) -> tuple[Array, Indices, Mask]:
+    """Values, and for each line how many they are and whether the last one is empty."""
+    raw = np.frombuffer(text + bytes(LONGEST), dtype=np.uint8)
+    stops = np.flatnonzero((raw == ord(dialect.separator)) | (raw == LINE_END))
+    starts = np.concatenate([[0], stops[:-1] + 1])
+    lengths = np.minimum(stops - starts, LONGEST + 1).astype(np.uint8)
+    ends = np.flatnonzero(raw.take(stops) == LINE_END)
+    values, plain = _decimals(raw, starts, lengths, ord(dialect.decimal))
+    other = np.flatnonzero(~plain & (lengths > 0))
+    other = other[~_is_nan(raw, starts[other], lengths[other])]
+    if other.size:
+        chosen = np.zeros(values.size, dtype=bool)
+        chosen[other] = True
+        cells = raw[: len(text)][np.repeat(chosen, np.diff(stops, prepend=-1))]
+        cells[cells == ord(dialect.separator)] = LINE_END
+        lines = first_line + np.searchsorted(ends, other)
+        values[other] = _other_numbers(cells.tobytes(), dialect, name, lines)
+    return values, np.diff(ends, prepend=-1), lengths[ends] == 0
+
+
+def _decimals(raw: Bytes, starts: Indices, lengths: Bytes, mark: int) -> tuple[Array, Mask]:
+    """The value of every cell that is a plain decimal number, NaN for the others; and which are plain."""
+    longest = min(int(lengths.max()), LONGEST)
+    whole: NDArray[Any] = np.zeros(starts.size, dtype=np.uint32 if longest < 10 else np.float64)
+    digits, decimals, marks = (np.zeros(starts.size, dtype=np.uint8) for _ in range(3))
+    for i in range(longest):  # the i-th character of every cell
+        character = raw[i:].take(starts)
+        inside = lengths > i
+        digit = character - np.uint8(ZERO)
+        is_digit = (digit < 10) & inside
+        whole *= is_digit * np.uint8(9) + np.uint8(1)  # ten where a digit follows
+        whole += digit * is_digit
+        digits += is_digit
+        decimals += is_digit & (marks > 0)
+        marks += (character == mark) & inside
+    negative = raw.take(starts) == MINUS
+    plain = (digits > 0) & (digits <= MOST_DIGITS) & (marks < 2) & (digits + marks + negative == lengths)
+    values = whole / POWERS.take(np.where(plain, decimals, np.uint8(LONGEST + 1)))
+    return np.negative(values, out=values, where=negative), plain
+
+
+def _is_nan(raw: Bytes, starts: Indices, lengths: Bytes) -> Mask:
+    """Which cells are ``nan``, in upper or lower case."""
+    found: Mask = lengths == 3
+    for i, letter in enumerate(b"nan"):
+        found &= (raw[i:].take(starts) | LOWER_CASE) == letter
+    return found
+
+
+def _other_numbers(text: bytes, dialect: Dialect, name: str, lines: Indices) -> list[float]:
+    """The numbers of cells that are written otherwise, one a line of ``text``; ``lines`` are theirs in the file.
+
+    Raises:
+        UnreadableFile: as ``read_cells``.
+    """
+    unusual = b"_" in text or (dialect.decimal == b"," and b"." in text)
+    try:
+        values = [] if unusual else [float(cell) for cell in text.replace(dialect.decimal, b".").split(b"\n")[:-1]]
+    except ValueError:
+        values = []
+    if values and not any(map(isinf, values)):
+        return values
+    return [_number(cell, dialect, name, int(line)) for cell, line in zip(text.split(b"\n")[:-1], lines, strict=True)]
+
+
+def _number(cell: bytes, dialect: Dialect, name: str, line: int) -> float:
+    """The number of one cell, NaN if it holds but white space.
+
+    Raises:
+        UnreadableFile: as ``read_cells``.
+    """
+    cell = normal(cell, dialect, name, line).strip()
+    refuse_words([cell], name, line)
+    value = float(cell or b"nan")
+    refuse_infinite(np.array([[value]]), name, line)
+    return value
