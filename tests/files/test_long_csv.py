@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
@@ -104,3 +106,34 @@ def test_what_is_written_is_read_back(tmp_path):
     for name in ("x", "z", "time", "counter", "encoder", "intensity"):
         assert np.array_equal(getattr(back, name), getattr(written, name), equal_nan=True), name
     assert np.allclose(back.angle, written.angle, rtol=0, atol=1e-11)
+
+
+NAMES = ["profile", "point", "x_mm", "z_mm", "intensity"]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_any_table_reads_as_a_slow_reader_reads_it(tmp_path_factory, data):
+    separator, mark = data.draw(st.sampled_from([",.", ";.", ";,", "\t,"]))
+    eol, padding = data.draw(st.sampled_from(["\n", "\r\n", "\r"])), data.draw(st.sampled_from(["", " "]))
+    number = st.integers(-(10**6), 10**6).map(lambda um: f"{um / 1000:.3f}") | st.sampled_from(["", "nan", "5", "1e-3"])
+    places = data.draw(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 4)), unique=True, min_size=1))
+    expected = np.full((3, 4, 5), np.nan)
+    rows = [NAMES]
+    for profile, point in places:
+        cells = [data.draw(number) for _ in range(3)]
+        expected[:, profile, point] = [float(cell or "nan") for cell in cells]
+        rows.append([str(profile), str(point), *(cell.replace(".", mark) for cell in cells)])
+    path = tmp_path_factory.mktemp("slow") / "long.csv"
+    blank = data.draw(st.sampled_from(["", eol]))
+    path.write_bytes(eol.join([*((separator + padding).join(row) + blank for row in rows), ""]).encode())
+    recording = read_recording(path)
+    profiles, points = zip(*places, strict=True)
+    seen = np.s_[min(profiles) : max(profiles) + 1, min(min(points), 1) : max(points) + 1]
+    for found, values in zip((recording.x, recording.z, recording.intensity), expected, strict=True):
+        assert np.array_equal(found, values[seen], equal_nan=True)
+
+
+def test_a_file_with_gaps_that_was_cut_off_is_refused(tmp_path):
+    rows = "".join(f"0,{i}.125,{'' if i % 3 else '2.125'}\n" for i in range(90))
+    refused(tmp_path, f"profile,x_mm,z_mm\n{rows}0,7.125,2.1", "line 92", "cut off")

@@ -193,3 +193,60 @@ def test_what_is_written_is_read_back_to_the_last_bit(tmp_path_factory, z, seed)
     back = read_recording(path)
     assert np.array_equal(back.x, x)
     assert np.array_equal(back.z, z, equal_nan=True)
+
+
+def read_slowly(text, separator, decimal):
+    """X and Z by the rules of docs/formats.md, a cell at a time."""
+
+    def number(cell):
+        return float(cell.replace(decimal, ".")) if cell.strip() else np.nan
+
+    def matrix(block):
+        rows = block.split("\n")
+        if all(row.endswith(separator) for row in rows):
+            rows = [row[:-1] for row in rows]
+        return [[number(cell) for cell in (row.split() if separator == " " else row.split(separator))] for row in rows]
+
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").strip("\n")
+    x, _, z = (matrix(block) for block in text.split("\n\n"))
+    width = max(map(len, x + z))
+    return [np.array([row + [np.nan] * (width - len(row)) for row in rows]) for rows in (x, z)]
+
+
+@st.composite
+def tables(draw):
+    """An XYZ file with gaps and lines of different length in any dialect, and its separator and decimal mark."""
+    separator, decimal = draw(st.sampled_from([",.", ";.", ";,", "\t.", "\t,", " .", " ,"]))
+    number = st.integers(-(10**6), 10**6).map(lambda um: f"{um / 1000:.3f}") | st.sampled_from(["7", "-0.0", "2.5e-1"])
+    gap = st.sampled_from(["nan", "NaN"] + [""] * (separator != " "))
+    lengths = draw(st.lists(st.integers(2, 9), min_size=1, max_size=6))
+    end, padding = draw(st.sampled_from(["", separator])), draw(st.sampled_from(["", " "]))
+    blocks = []
+    for cells in (number | gap, st.just("3"), number | gap):
+        rows = [["1.5", "-2.5", *draw(st.lists(cells, min_size=n - 2, max_size=n - 2))] for n in lengths]
+        blocks.append("".join((separator + padding).join(row).replace(".", decimal) + end + "\n" for row in rows))
+    eol, mark = draw(st.sampled_from(["\n", "\r\n", "\r"])), draw(st.sampled_from(["", "\ufeff"]))
+    return mark + "\n".join(blocks).replace("\n", eol), separator, decimal
+
+
+@settings(max_examples=100, deadline=None)
+@given(table=tables(), piece=st.sampled_from([1, 20, 1 << 18]))
+def test_any_table_reads_as_a_slow_reader_reads_it(tmp_path_factory, table, piece):
+    path = tmp_path_factory.mktemp("slow") / "scan.csv"
+    path.write_bytes(table[0].encode())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truestand.files.lines.PIECE", piece)
+        recording = read_recording(path)
+    x, z = read_slowly(*table)
+    assert np.array_equal(recording.x, x, equal_nan=True)
+    assert np.array_equal(recording.z, z, equal_nan=True)
+
+
+def test_gaps_uneven_lines_and_decimal_commas_are_not_read_cell_by_cell(tmp_path, monkeypatch):
+    """That took most of the time with files as sensors write them."""
+    monkeypatch.setattr("truestand.files.cells._other_numbers", None)
+    path = tmp_path / "uneven.csv"
+    path.write_text("1,5;2,5;3,5;\n1,5;;\n\n0;0;0\n1;1\n\n90,5;;92,5;\n;93,5;\n")
+    recording = read_recording(path)
+    assert np.array_equal(recording.x, [[1.5, 2.5, 3.5], [1.5, np.nan, np.nan]], equal_nan=True)
+    assert np.array_equal(recording.z, [[90.5, np.nan, 92.5], [np.nan, 93.5, np.nan]], equal_nan=True)
