@@ -135,12 +135,16 @@ def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) 
             _refuse_fractions(columns[key], key, lines, name)
     row = np.asarray(columns["profile"] - columns["profile"].min(), dtype=np.intp)
     profiles = int(row.max()) + 1
-    point = _points(columns.get("point"), row, name)
+    point = _points(columns.get("point"), row)
     shape = (profiles, int(point.max()) + 1)
     if shape[0] * shape[1] > max(MOST_EMPTY * row.size, MOST_EMPTY**2):
         raise UnreadableFile(
             f"{name}: found {row.size} readings, profile and point numbers for {shape[0]} x {shape[1]}; check them"
         )
+    seen = np.zeros(shape, dtype=bool)
+    seen[row, point] = True
+    if np.count_nonzero(seen) < row.size:
+        raise UnreadableFile(f"{name}: found the same profile and point twice; check columns 'profile' and 'point'")
 
     def matrix(values: Array) -> Array:
         full = np.full(shape, np.nan)
@@ -190,7 +194,7 @@ def _refuse_fractions(values: Array, key: str, lines: Lines, name: str) -> None:
         )
 
 
-def _points(point: Array | None, row: NDArray[np.intp], name: str) -> NDArray[np.intp]:
+def _points(point: Array | None, row: NDArray[np.intp]) -> NDArray[np.intp]:
     """Column of every reading: its point number (from 0 or 1), or its place among its profile's readings."""
     if point is None:
         order = np.argsort(row, kind="stable")
@@ -198,8 +202,4 @@ def _points(point: Array | None, row: NDArray[np.intp], name: str) -> NDArray[np
         column = np.empty(row.size, dtype=np.intp)
         column[order] = np.arange(row.size) - first
         return column
-    column = point.astype(np.intp) - (1 if point.min() >= 1 else 0)
-    cell = row * (int(column.max()) + 1) + column
-    if np.unique(cell).size != cell.size:
-        raise UnreadableFile(f"{name}: found the same profile and point twice; check columns 'profile' and 'point'")
-    return column
+    return point.astype(np.intp) - (1 if point.min() >= 1 else 0)
