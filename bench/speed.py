@@ -10,6 +10,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,26 @@ EMPTY = 0.2
 """Share of empty cells in the file with gaps."""
 NUMBERS = {f"column_{i + 1}": pl.Float64 for i in range(POINTS)}
 
+
+@dataclass(frozen=True)
+class Csv:
+    """A scan as text: what it is, its file, and how polars is told to read it."""
+
+    what: str
+    file: str
+    separator: str = ","
+
+    @property
+    def polars(self) -> dict[str, Any]:
+        commas = self.separator == ";"
+        return {"has_header": False, "schema": NUMBERS, "separator": self.separator, "decimal_comma": commas}
+
+
+CSVS = (
+    Csv("the CSV", "k1.csv"),
+    Csv(f"the CSV with {EMPTY:.0%} empty cells", "gaps.csv"),
+    Csv(f"the CSV with {EMPTY:.0%} empty cells and decimal commas", "commas.csv", ";"),
+)
 
 LAUNCH = """
 import os, subprocess, sys, time
@@ -58,16 +80,16 @@ def timed(work: Callable[[], Any]) -> float:
     return time.perf_counter() - started
 
 
-def read_with_polars(path: Path) -> None:
+def read_with_polars(csv: Csv, folder: Path) -> None:
     """The three blocks as three frames of numbers: what a script with polars would do."""
     for block in range(3):
-        frame = pl.read_csv(path, has_header=False, skip_rows=block * (PROFILES + 1), n_rows=PROFILES, schema=NUMBERS)
+        frame = pl.read_csv(folder / csv.file, skip_rows=block * (PROFILES + 1), n_rows=PROFILES, **csv.polars)
         assert frame.shape == (PROFILES, POINTS)
 
 
-def read_at_once_with_polars(path: Path) -> None:
+def read_at_once_with_polars(csv: Csv, folder: Path) -> None:
     """All lines in one frame, the empty lines as rows without numbers."""
-    assert pl.read_csv(path, has_header=False, schema=NUMBERS).shape[1] == POINTS
+    assert pl.read_csv(folder / csv.file, **csv.polars).shape[1] == POINTS
 
 
 def read_with_numpy(path: Path) -> None:
@@ -87,6 +109,11 @@ def write_with_gaps(csv: Path, path: Path, share: float = EMPTY) -> None:
     path.write_text("\n".join(lines))
 
 
+def write_with_commas(csv: Path, path: Path) -> None:
+    """The same file as a German computer writes it."""
+    path.write_bytes(csv.read_bytes().translate(bytes.maketrans(b",.", b";,")))
+
+
 def main() -> None:
     """Measure, print one table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -99,60 +126,68 @@ def main() -> None:
         command("simulate", stand, "--artefact", shaft, "-o", folder / "k1.csv", "-q")
         command("import", folder / "k1.csv", "--stand", stand, "-o", folder / "k1.h5", "-q")
         write_with_gaps(folder / "k1.csv", folder / "gaps.csv")
+        write_with_commas(folder / "gaps.csv", folder / "commas.csv")
         measured = measure(folder, stand, shaft, repeat)
     Console(width=110).print(table_of(measured))
 
 
 def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[str, float, str, str]]:
-    """What was measured: name, seconds, against what, further remarks; each the median of ``repeat``, interleaved."""
-    csv, gaps, native, out = folder / "k1.csv", folder / "gaps.csv", folder / "k1.h5", folder / "c.json"
-    runs: dict[str, list[Any]] = {}
+    """What was measured: name, seconds, against what, further remarks; medians over rounds of all of it in turn."""
+    native, out = folder / "k1.h5", folder / "c.json"
     scan = ts.read_scan(native)
     calibration = ts.calibrate(scan, ts.read_shaft(shaft))
+    walls: dict[str, list[float]] = {}
+    commands: dict[str, list[tuple[float, float, float]]] = {}
+
+    def clock(what: str, work: Callable[[], Any]) -> None:
+        walls.setdefault(what, []).append(timed(work))
+
+    def run(what: str, *arguments: object) -> None:
+        commands.setdefault(what, []).append(command(*arguments))
+        walls.setdefault(what, []).append(commands[what][-1][0])
+
     for _ in range(repeat):
-        runs.setdefault("polars", []).append(timed(lambda: read_with_polars(csv)))
-        runs.setdefault("polars at once", []).append(timed(lambda: read_at_once_with_polars(csv)))
-        runs.setdefault("numpy", []).append(timed(lambda: read_with_numpy(csv)))
-        runs.setdefault("csv", []).append(
-            command("calibrate", csv, "--stand", stand, "--artefact", shaft, "-o", out, "-q")
-        )
-        runs.setdefault("polars, gaps", []).append(timed(lambda: read_at_once_with_polars(gaps)))
-        runs.setdefault("csv, gaps", []).append(
-            command("calibrate", gaps, "--stand", stand, "--artefact", shaft, "-o", out, "-q")
-        )
-        runs.setdefault("native", []).append(command("calibrate", native, "--artefact", shaft, "-o", out, "-q"))
-        runs.setdefault("roll cli", []).append(command("roll", native, "--calibration", out, "-o", folder / "c.ply"))
+        for csv in CSVS:
+            ways = [timed(partial(read, csv, folder)) for read in (read_with_polars, read_at_once_with_polars)]
+            walls.setdefault(f"polars reads {csv.what}", []).append(min(ways))
+            run(
+                f"calibrate from {csv.what}", "calibrate", folder / csv.file, "--stand", stand, "--artefact", shaft,
+                "-o", out, "-q",
+            )  # fmt: skip
+        clock("numpy reads the CSV", lambda: read_with_numpy(folder / CSVS[0].file))
+        run("calibrate from the native file", "calibrate", native, "--artefact", shaft, "-o", out, "-q")
+        run("roll to PLY, whole command", "roll", native, "--calibration", out, "-o", folder / "c.ply")
         surface = apply_calibration(scan, calibration)
         cloud = np.stack([surface.x, surface.y, surface.z])
         del surface
-        runs.setdefault("copy", []).append(timed(cloud.copy))
-        runs.setdefault("roll", []).append(timed(lambda: apply_calibration(scan, calibration)))
+        clock("copy a rolled-up scan in memory", cloud.copy)
+        clock("roll, library call", lambda: apply_calibration(scan, calibration))
         del cloud
-        runs.setdefault("help", []).append(command("--help"))
-    wall = {k: statistics.median(v[0] if isinstance(v, tuple) else v for v in values) for k, values in runs.items()}
-    cpu = {k: statistics.median(v[1] for v in values) for k, values in runs.items() if isinstance(values[0], tuple)}
-    peak = {k: max(v[2] for v in values) for k, values in runs.items() if isinstance(values[0], tuple)}
-    reading = min(wall["polars"], wall["polars at once"])
+        run("truestand --help", "--help")
+
+    def line(what: str, *against: tuple[str, str]) -> tuple[str, float, str, str]:
+        """A row of the table; ratios are those within a round, because the machine is shared."""
+        ratios = [
+            f"{statistics.median(a / b for a, b in zip(walls[what], walls[other], strict=True)):.1f} x {name}"
+            for other, name in against
+        ]
+        used = ""
+        if what in commands:
+            cpu, peak = statistics.median(c for _, c, _ in commands[what]), max(p for _, _, p in commands[what])
+            used = f"{cpu:.1f} s CPU, {peak:.2f} GB"
+        return what, statistics.median(walls[what]), ", ".join(ratios), used
+
+    polars = ("polars reads the CSV", "polars")
     return [
-        ("polars reads the CSV", reading, "1", ""),
-        ("numpy reads the CSV", wall["numpy"], f"{wall['numpy'] / reading:.1f} x polars", ""),
-        (
-            "calibrate from the CSV", wall["csv"],
-            f"{wall['csv'] / reading:.1f} x polars, {wall['csv'] / wall['numpy']:.2f} x numpy",
-            f"{cpu['csv']:.1f} s CPU, {peak['csv']:.2f} GB",
-        ),
-        (
-            f"calibrate from the CSV with {EMPTY:.0%} empty cells", wall["csv, gaps"],
-            f"{wall['csv, gaps'] / wall['polars, gaps']:.1f} x polars reading that file",
-            f"{cpu['csv, gaps']:.1f} s CPU, {peak['csv, gaps']:.2f} GB",
-        ),
-        ("calibrate from the native file", wall["native"], f"{wall['native'] / reading:.1f} x polars",
-         f"{cpu['native']:.1f} s CPU, {peak['native']:.2f} GB"),
-        ("copy a rolled-up scan in memory", wall["copy"], "1", ""),
-        ("roll, library call", wall["roll"], f"{wall['roll'] / wall['copy']:.1f} x the copy", ""),
-        ("roll to PLY, whole command", wall["roll cli"], "", f"{cpu['roll cli']:.1f} s CPU, {peak['roll cli']:.2f} GB"),
-        ("truestand --help", wall["help"], "", f"{cpu['help']:.2f} s CPU"),
-    ]  # fmt: skip
+        *(line(f"polars reads {csv.what}") for csv in CSVS),
+        line("numpy reads the CSV", polars),
+        *(line(f"calibrate from {csv.what}", (f"polars reads {csv.what}", "polars")) for csv in CSVS),
+        line("calibrate from the native file", polars),
+        line("copy a rolled-up scan in memory"),
+        line("roll, library call", ("copy a rolled-up scan in memory", "the copy")),
+        line("roll to PLY, whole command"),
+        line("truestand --help"),
+    ]
 
 
 def table_of(measured: list[tuple[str, float, str, str]]) -> Table:
