@@ -1,13 +1,14 @@
 """Cells of number text as float64, many at a time: plain, empty and left out ones take the same way at the same speed.
 
-The digits of a decimal number make a whole number, its decimal mark a power of ten. Below 10^15 both are exact, so
-their quotient is the float64 nearest to the text, as ``float`` gives it. What is written otherwise (exponents, more
-digits) is left to ``float``.
+numpy's text reader takes no empty cells and no uneven lines, and writing these out for it takes as long as reading.
+Here the digits of a decimal number make a whole number, its decimal mark a power of ten. Below 10^15 both are exact,
+so their quotient is the float64 nearest to the text, as ``float`` gives it. What is written otherwise (exponents, more
+digits) is left to numpy's text reader.
 """
 
+import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from math import isinf
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ MOST_DIGITS = 15
 LONGEST = MOST_DIGITS + 2
 """Characters of the longest plain number: digits, sign, decimal mark."""
 POWERS = np.append(10.0 ** np.arange(LONGEST + 1), np.nan)
+COLUMNS = 64
+"""Of the tables in which cells go to numpy's text reader, which takes long for a line and little for a cell."""
 LINE_END, SPACE, MINUS, ZERO = b"\n -0"
 LOWER_CASE = 0x20
 
@@ -105,9 +108,11 @@ def _cells(text: bytes, dialect: Dialect, name: str, first_line: int) -> tuple[A
         chosen = np.zeros(values.size, dtype=bool)
         chosen[other] = True
         cells = raw[: len(text)][np.repeat(chosen, np.diff(stops, prepend=-1))]
-        cells[cells == ord(dialect.separator)] = LINE_END
-        lines = first_line + np.searchsorted(ends, other)
-        values[other] = _other_numbers(cells.tobytes(), dialect, name, lines)
+        try:
+            values[other] = _other_numbers(cells, other.size, dialect)
+        except ValueError:
+            found = zip(starts[other], stops[other], np.searchsorted(ends, other) + first_line, strict=True)
+            values[other] = [_number(text[start:stop], dialect, name, int(line)) for start, stop, line in found]
     return values, np.diff(ends, prepend=-1), lengths[ends] == 0
 
 
@@ -140,20 +145,26 @@ def _is_nan(raw: Bytes, starts: Indices, lengths: Bytes) -> Mask:
     return found
 
 
-def _other_numbers(text: bytes, dialect: Dialect, name: str, lines: Indices) -> list[float]:
-    """The numbers of cells that are written otherwise, one a line of ``text``; ``lines`` are theirs in the file.
+def _other_numbers(cells: Bytes, count: int, dialect: Dialect) -> Array:
+    """The numbers (count,) of cells that are written otherwise, each with the separator or line end after it.
 
     Raises:
-        UnreadableFile: as ``read_cells``.
+        ValueError: one is no finite number, or has another decimal mark.
     """
-    unusual = b"_" in text or (dialect.decimal == b"," and b"." in text)
-    try:
-        values = [] if unusual else [float(cell) for cell in text.replace(dialect.decimal, b".").split(b"\n")[:-1]]
-    except ValueError:
-        values = []
-    if values and not any(map(isinf, values)):
-        return values
-    return [_number(cell, dialect, name, int(line)) for cell, line in zip(text.split(b"\n")[:-1], lines, strict=True)]
+    if dialect.decimal == b",":
+        if ord(".") in cells:
+            raise ValueError
+        cells[cells == ord(",")] = ord(".")
+    separator = ord(dialect.separator)
+    cells[cells == LINE_END] = separator
+    cells[np.flatnonzero(cells == separator)[COLUMNS - 1 :: COLUMNS]] = LINE_END
+    table = cells.tobytes() + (b"0" + dialect.separator) * (-count % COLUMNS)  # the last line as long as the others
+    rows = np.loadtxt(
+        io.BytesIO(table[:-1]), delimiter=dialect.separator.decode(), comments=None, encoding="ascii", ndmin=2
+    )
+    if np.isinf(rows).any():
+        raise ValueError
+    return rows.reshape(-1)[:count]
 
 
 def _number(cell: bytes, dialect: Dialect, name: str, line: int) -> float:
