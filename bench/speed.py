@@ -48,7 +48,7 @@ class Csv:
 CSVS = (
     Csv("the CSV", "k1.csv"),
     Csv(f"the CSV with {EMPTY:.0%} empty cells", "gaps.csv"),
-    Csv(f"the CSV with {EMPTY:.0%} empty cells and decimal commas", "commas.csv", ";"),
+    Csv(f"the CSV with {EMPTY:.0%} empty cells, decimal commas", "commas.csv", ";"),
 )
 
 LAUNCH = """
@@ -110,7 +110,7 @@ def write_with_gaps(csv: Path, path: Path, share: float = EMPTY) -> None:
 
 
 def write_with_commas(csv: Path, path: Path) -> None:
-    """The same file as a German computer writes it."""
+    """The same file with decimal commas."""
     path.write_bytes(csv.read_bytes().translate(bytes.maketrans(b",.", b";,")))
 
 
@@ -128,7 +128,7 @@ def main() -> None:
         write_with_gaps(folder / "k1.csv", folder / "gaps.csv")
         write_with_commas(folder / "gaps.csv", folder / "commas.csv")
         measured = measure(folder, stand, shaft, repeat)
-    Console(width=110).print(table_of(measured))
+    Console(width=120).print(table_of(measured))
 
 
 def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[str, float, str, str]]:
