@@ -116,13 +116,21 @@ class LogWriter:
         self.append(kind, json.dumps(content, allow_nan=False).encode(), time)
 
     def close(self) -> None:
-        """Put everything onto the disk."""
+        """Put everything onto the disk.
+
+        Raises:
+            NoSpace: the disk failed, now or since the last append.
+        """
         if self._ended.is_set():
             return
         self._ended.set()
         self._syncing.join()
         try:
+            if self._unsynced is not None:
+                raise self._unsynced
             os.fsync(self._file)
+        except OSError as wrong:
+            raise self._failure(wrong) from wrong
         finally:
             os.close(self._file)
 
@@ -141,10 +149,13 @@ class LogWriter:
             while written < len(data):
                 written += os.write(self._file, data[written:])
         except OSError as wrong:
-            raise NoSpace(
-                f"{self.path}: can't go on recording ({wrong.strerror or wrong}); what was recorded so far is kept: "
-                "free some space, then `truestand recover` it"
-            ) from wrong
+            raise self._failure(wrong) from wrong
+
+    def _failure(self, wrong: OSError) -> NoSpace:
+        return NoSpace(
+            f"{self.path}: can't go on recording ({wrong.strerror or wrong}); what was recorded so far is kept: "
+            "free some space, then `truestand recover` it"
+        )
 
     def _sync(self) -> None:
         while not self._ended.wait(SYNC_EVERY):

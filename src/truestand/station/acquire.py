@@ -149,7 +149,11 @@ class _Run:
         ]
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
             try:
-                self._turn([together.submit(self._record_sensor, i) for i in range(len(self.plans))])
+                recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
+                self._turn(recorders)
+                self.over.set()
+                for recorder in recorders:  # one may have failed since the last look
+                    recorder.result()
             except BaseException as wrong:
                 self._end_badly(wrong)
                 raise
