@@ -181,6 +181,10 @@ def test_plain_frames_keep_every_bit():
             {"driver": "scancontrol", "address": "10.0.0.5", "model": "99-1"},
             "stand.toml: model: found scanCONTROL type '99-1'",
         ),
+        (
+            {"driver": "scancontrol", "address": "10.0.0.5", "model": "29xx-50", "laser": "none"},
+            "stand.toml: laser: found none",
+        ),
         ({"driver": "scancontrol", "address": "it", "model": "29xx-50"}, "address: found 'it'; expected 4 octets"),
         ({"driver": "range-camera", "address": "10.0.0.5", "z_step_mm": 0.01}, "needs the key x_step_mm"),
         ({"driver": "replay"}, "driver replay needs the key file"),

@@ -13,7 +13,7 @@ from pathlib import Path
 from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
-from truestand.devices.sensor import Layout
+from truestand.devices.sensor import Laser, Layout
 from truestand.files.recipes import stand_recipe
 from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
 from truestand.station.convert import SensorPlan, begin_record
@@ -40,7 +40,7 @@ SPACE_EVERY = 1.0
 class SensorJob:
     """How one sensor takes part."""
 
-    power: str
+    power: Laser
     encoder: bool
     by_table: bool = False
     """The encoder triggers it: while the table stands, it rightly sends nothing."""

@@ -122,7 +122,7 @@ def _record(
     left: dict[str, str] = {}
     try:
         with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
-            jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
+            jobs = {s.name: SensorJob(s.power, s.encoder, s.trigger == "encoder") for s in devices.sensor}
             try:
                 acquire(station, order, jobs, log, now(), show)
             finally:

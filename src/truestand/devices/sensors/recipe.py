@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 from truestand.core import scancontrol
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
-from truestand.devices.sensor import LineSensor
+from truestand.devices.sensor import Laser, LineSensor
 from truestand.files.checking import Recipe
 
 Positive = Annotated[float, Field(gt=0)]
@@ -37,7 +37,8 @@ class SensorRecipe(Recipe):
     trigger: Literal["internal", "encoder", "external"] = "internal"
     trigger_input: Literal["rs422", "digital"] = "rs422"
     """Where encoder or trigger are wired to."""
-    laser: Literal["full", "reduced"] = "full"
+    laser: Literal["full", "reduced", "none"] = "full"
+    """Power while a scan is taken; none: the sensor has no laser that a program may or could switch."""
     encoder: bool = True
     """The sensor counts the table's encoder and stamps each profile with it."""
     packet_size: Annotated[int, Field(ge=0, le=16_000)] = 0
@@ -66,6 +67,8 @@ class SensorRecipe(Recipe):
             if getattr(self, key) in ("", None):
                 raise ValueError(f"driver {self.driver} needs the key {key}")
         if self.driver == "scancontrol":
+            if self.laser == "none":
+                raise ValueError('laser: found none, need "full" or "reduced": a scanCONTROL has a laser')
             try:
                 scancontrol.scale_of(self.model)
             except BadRecipe as wrong:
@@ -76,6 +79,11 @@ class SensorRecipe(Recipe):
     @classmethod
     def _numeric(cls, address: str) -> str:
         return str(IPv4Address(address)) if address else address
+
+    @property
+    def power(self) -> Laser:
+        """What the laser is switched to while a scan is taken; off where there is none."""
+        return "off" if self.laser == "none" else self.laser
 
     def shape(self, sensor: Sensor) -> tuple[int, float]:
         """Points of a profile, and profiles per second.
