@@ -15,7 +15,7 @@ from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
 from truestand.devices.sensor import Laser, Layout
 from truestand.files.recipes import stand_recipe
-from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
+from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
 from truestand.station.convert import SensorPlan, begin_record
 from truestand.station.machine import Event, State
 from truestand.station.recipe import Order
@@ -75,8 +75,9 @@ def acquire(
     log: Path,
     created: str,
     show: Show = lambda live: None,
+    written: Callable[[Record], None] = lambda record: None,
 ) -> None:
-    """Record one scan to ``log``; ``convert`` makes scans of it. ``jobs`` by the sensors' names.
+    """Record one scan to ``log``, each record to ``written`` once it is there. ``jobs`` by the sensors' names.
 
     Whatever goes wrong, an interruption too, ends with the table halted, the lasers off, and what came on the disk.
 
@@ -94,7 +95,7 @@ def acquire(
         )
         demand_space(log, order, plans)
         station.home()
-        with LogWriter(log) as writer:
+        with LogWriter(log, written) as writer:
             begin = begin_record(stand_recipe(station.stand), order, plans, created, f"truestand {__version__}")
             writer.append_json(Kind.BEGIN, begin, time.monotonic())
             _Run(station, order, jobs, plans, writer, show).record()
