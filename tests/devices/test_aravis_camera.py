@@ -12,7 +12,8 @@ from truestand.core.stand import Sensor
 from truestand.devices.gige.camera import Camera
 from truestand.devices.gige.control import discover
 from truestand.devices.layout import decode
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 
 pytestmark = pytest.mark.skipif(
     library() is None, reason=f"{LIBRARY} is not installed (apt-get install libaravis-0.8-0)"

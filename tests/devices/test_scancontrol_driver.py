@@ -10,7 +10,8 @@ from truestand.core.stand import Sensor
 from truestand.devices.gige.control import Control, discover
 from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensors import scancontrol
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor, profiles_per_frame
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
 from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults, Kind

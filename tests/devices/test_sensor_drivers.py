@@ -7,7 +7,8 @@ from truestand.core.errors import BadRecipe, DeviceError, UnreadableFile
 from truestand.core.stand import Sensor
 from truestand.devices.layout import Unwrapper, decode, encode_plain
 from truestand.devices.sensor import Layout, Profiles
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.sensors.replay import Replay
 from truestand.files.checking import checked
 

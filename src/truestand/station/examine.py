@@ -14,7 +14,8 @@ from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.latch import demand_free, reset_latch

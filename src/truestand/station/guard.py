@@ -17,7 +17,8 @@ from pathlib import Path
 
 from truestand.core.errors import DeviceLost, TruestandError
 from truestand.core.stand import Stand
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of

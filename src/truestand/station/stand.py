@@ -12,7 +12,7 @@ from truestand.core.errors import DeviceError, TruestandError
 from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
 from truestand.devices.sensor import Laser, LineSensor
-from truestand.devices.sensors.recipe import open_sensor
+from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.station.gates import GatedDrive, GatedSensor
 from truestand.station.latch import in_words

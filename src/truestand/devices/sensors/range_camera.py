@@ -16,7 +16,7 @@ class RangeCamera:
     """A range camera as ``LineSensor``. It has no counter, time or encoder in its frames, and switches no laser."""
 
     def __init__(self, recipe: SensorRecipe, sensor: Sensor) -> None:
-        """Connects and takes control. Errors as ``recipe.open_sensor``."""
+        """Connects and takes control. Errors as ``open_sensor``."""
         self.name = recipe.name
         self._recipe = recipe
         self._points, self._rate = recipe.shape(sensor)

@@ -1,6 +1,5 @@
-"""``[[devices.sensor]]`` of stand.toml, and how a sensor is opened by it."""
+"""``[[devices.sensor]]`` of stand.toml."""
 
-from collections.abc import Callable
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
@@ -9,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from truestand.core import scancontrol
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
-from truestand.devices.sensor import Laser, LineSensor
+from truestand.devices.sensor import Laser
 from truestand.files.checking import Recipe
 
 Positive = Annotated[float, Field(gt=0)]
@@ -103,31 +102,3 @@ class SensorRecipe(Recipe):
 def profiles_per_frame(rate: float) -> int:
     """How many profiles a frame holds at ``rate`` profiles/s: 50 frames/s, 20 profiles at most."""
     return round(min(max(rate / FRAMES_PER_SECOND, 1), MOST_PROFILES))
-
-
-def open_sensor(recipe: SensorRecipe, sensor: Sensor) -> LineSensor:
-    """The sensor of the recipe, connected, not yet streaming.
-
-    Raises:
-        BadRecipe: rate or points stated nowhere.
-        DeviceLost: nobody answers.
-        DeviceError: held by another program, or not the sensor of the recipe.
-        UnreadableFile: a replay without its scan.
-        MissingExtra: no GenICam on this platform.
-    """
-    return _driver(recipe.driver)(recipe, sensor)
-
-
-def _driver(name: Driver) -> Callable[[SensorRecipe, Sensor], LineSensor]:
-    """Only what is needed is loaded."""
-    if name == "scancontrol":
-        from truestand.devices.sensors.scancontrol import ScanControl
-
-        return ScanControl
-    if name == "range-camera":
-        from truestand.devices.sensors.range_camera import RangeCamera
-
-        return RangeCamera
-    from truestand.devices.sensors.replay import Replay
-
-    return Replay
