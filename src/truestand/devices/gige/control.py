@@ -14,6 +14,7 @@ from contextlib import suppress
 from truestand.core.errors import DeviceError, DeviceLost
 from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import Command, Register, Status
+from truestand.devices.wire.malformed import Malformed
 
 PATIENCE = 0.14
 """s for one answer."""
@@ -198,7 +199,7 @@ class Control:
                 answer = gvcp.decode_acknowledge(self._socket.recv(2048))
             except TimeoutError:
                 return None
-            except gvcp.Malformed:
+            except Malformed:
                 continue
             except OSError:  # the other machine says that nobody listens: no answer, at once
                 self._stop.wait(min(0.02, rest))
@@ -231,7 +232,7 @@ def discover(addresses: list[str], timeout: float = 0.5) -> list[dict[str, str]]
             end = time.monotonic() + timeout / 2
             while len(found) < len(addresses) and (rest := end - time.monotonic()) > 0:
                 asking.settimeout(rest)
-                with suppress(OSError, gvcp.Malformed):
+                with suppress(OSError, Malformed):
                     data, (source, _) = asking.recvfrom(2048)
                     answer = gvcp.decode_acknowledge(data)
                     if answer.command == Command.DISCOVERY and source in addresses:
