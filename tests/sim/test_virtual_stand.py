@@ -89,7 +89,7 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
             table.home()
             sensor.set_laser("full")
             sensor.start()
-            table.turn(radians(80.0))
+            table.start_move(100.0, radians(80.0))
             z, encoder, counter = seen(sensor, 1.0)
         finally:
             sensor.close()

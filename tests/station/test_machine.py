@@ -83,13 +83,6 @@ class StandUnderAnyHand(RuleBasedStateMachine):
         self.attempt(lambda: self.station.table.start_move(position, speed))
         assert allowed or len(self.drive.begun) == begun
 
-    @rule(speed=st.floats(-1.0, 1.0))
-    def turn(self, speed) -> None:
-        allowed = self.machine.state in MAY_MOVE
-        begun = len(self.drive.begun)
-        self.attempt(lambda: self.station.table.turn(speed))
-        assert allowed or len(self.drive.begun) == begun
-
     @rule(power=st.sampled_from(["off", "reduced", "full"]))
     def light(self, power) -> None:
         allowed = self.machine.state in MAY_SHINE or power == "off"

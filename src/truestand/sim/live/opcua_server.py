@@ -65,7 +65,6 @@ class OpcUaServer(Serving):
         methods: list[tuple[str, Method, int]] = [
             (m.home, lambda: self.table.home(), 0),
             (m.move, lambda target, speed: self.table.move(self._in(target), self._in(speed)), 2),
-            (m.turn, lambda speed: self.table.turn(self._in(speed)), 1),
             (m.halt, lambda: self.table.halt(), 0),
             (m.reset, lambda: self.table.reset(), 0),
         ]
