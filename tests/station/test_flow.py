@@ -9,9 +9,9 @@ import pytest
 
 from lab import lab
 from truestand.core.scan import interpret
-from truestand.files import read
-from truestand.files.read import read_recording
-from truestand.files.scan_log import SUSPECT, Kind, Record
+from truestand.files.scans import read
+from truestand.files.scans.read import read_recording
+from truestand.files.scans.scan_log import SUSPECT, Kind, Record
 from truestand.station import convert as convert_module
 from truestand.station import frames as frames_module
 from truestand.station import jobs

@@ -12,7 +12,7 @@ from truestand.core.errors import DeviceLost
 from truestand.core.stand import Stand
 from truestand.devices.axis import DriveState, RotaryTable
 from truestand.devices.sensor import Frame
-from truestand.files.scan_log import Kind, read_log
+from truestand.files.scans.scan_log import Kind, read_log
 from truestand.station import acquire as acquire_module
 from truestand.station import watch
 from truestand.station.acquire import SensorJob, acquire

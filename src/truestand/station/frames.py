@@ -3,7 +3,7 @@
 import mmap
 from collections.abc import Iterator
 
-from truestand.files.scan_log import SUSPECT, Record
+from truestand.files.scans.scan_log import SUSPECT, Record
 
 MAP_BYTES = 1 << 26
 """Payloads are copied into maps of this size; the system has each back with its last frame, as no heap would do it."""

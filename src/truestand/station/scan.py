@@ -7,10 +7,10 @@ from pathlib import Path
 
 from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
-from truestand.files.native import FORMAT
-from truestand.files.read import sha256_of
-from truestand.files.recipes import stand_from_recipe, stand_recipe
-from truestand.files.write_scan import write_recording
+from truestand.files.recipes.recipes import stand_from_recipe, stand_recipe
+from truestand.files.scans.native import FORMAT
+from truestand.files.scans.read import sha256_of
+from truestand.files.scans.write_scan import write_recording
 from truestand.station.acquire import Live, SensorJob, acquire
 from truestand.station.convert import Converted, Log, LogSorter, convert
 from truestand.station.guard import guard
