@@ -212,6 +212,26 @@ def test_a_store_is_read_again_only_where_something_came(store):
     assert [e.number for e in kept.entries()] == [2, 1]
 
 
+def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
+    kept = Kept(store.folder)
+    store.add("calibration", calibration(), time="2026-01-02T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [1]
+    store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [2, 1]
+    assert kept.calibration().number == 2
+
+
+def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
+    kept = Kept(store.folder)
+    store.add("calibration", calibration())
+    assert len(kept.entries()) == 1
+    store.folder.rename(tmp_path / "before")
+    other = Store.open(store.folder, create=True)
+    for serial in ("1", "2"):
+        other.add("inspection", inspection(serial=serial))
+    assert [(e.number, e.serial) for e in kept.entries()] == [(2, "2"), (1, "1")]
+
+
 def test_a_damaged_store_is_told(client, page, store):
     store.add("calibration", calibration())
     (page.settings.store / "store.db").write_bytes(b"no database")
