@@ -110,7 +110,8 @@ def _change_users(store: Path, add: str | None, role: RoleName, remove: str | No
         users[add] = make_user(add, role.value, _password(add))
     write_users(path, users)
     if not quiet:
-        typer.echo(f"{path}: {', '.join(f'{u.name} ({u.role})' for u in users.values()) or 'no users'}")
+        nobody = "no users, so that nobody may enter; add one, or remove this file to let in everyone on this machine"
+        typer.echo(f"{path}: {', '.join(f'{u.name} ({u.role})' for u in users.values()) or nobody}")
 
 
 def _password(name: str) -> str:

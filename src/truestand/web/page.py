@@ -61,9 +61,6 @@ class Page:
     devices: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while something other than a job talks to the stand's devices."""
 
-    guarded: bool = False
-    """It began with users: should the last one be removed, nobody may enter rather than everybody."""
-
     @property
     def folder(self) -> Folder:
         """The recipes."""
@@ -71,15 +68,14 @@ class Page:
 
     @property
     def login_needed(self) -> bool:
-        """Whether there are users, or were when it began."""
-        return self.guarded or bool(self.gatekeeper.users)
+        """Whether there are users, or were."""
+        return self.gatekeeper.login_needed
 
     def who(self, cookie: str | None, seen: bool = True) -> Who:
         """Who a cookie belongs to; on a page that never had users everyone is an engineer."""
-        users = self.gatekeeper.users
         if not self.login_needed:
             return Who(None, "engineer")
-        user = users.get(self.sessions.user(cookie, seen) or "")
+        user = self.gatekeeper.users.get(self.sessions.user(cookie, seen) or "")
         return Who(None, None) if user is None else Who(user.name, user.role)
 
     def is_csrf(self, cookie: str | None, token: str | None) -> bool:

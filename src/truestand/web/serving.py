@@ -66,12 +66,11 @@ def serve(
         BadRecipe: a bind that anyone can reach, and no users; or an address that can't be had.
         MissingExtra: what is served beside the page needs a package that isn't installed.
     """
-    if not is_loopback(binding.host) and not page.login_needed:
+    if not is_loopback(binding.host) and not page.gatekeeper.users:
         raise BadRecipe(
             f"found --host {binding.host} and no users, need one for a page that others can reach; "
             "run truestand serve --add-user NAME --role engineer"
         )
-    page.guarded = page.login_needed
     listening = bind(binding)
     host, port = listening.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host

@@ -103,15 +103,22 @@ class Gatekeeper:
         self.path = path
         self._hashing = threading.Lock()
         self._read: tuple[float, dict[str, User]] | None = None
+        self._guarded = False
         self._nobody = make_user("nobody", "operator", secrets.token_hex(16))
 
     @property
     def users(self) -> Mapping[str, User]:
         """As the file has them now."""
         at = self.path.stat().st_mtime_ns if self.path.exists() else 0
+        self._guarded |= at != 0
         if self._read is None or self._read[0] != at:
             self._read = (at, read_users(self.path))
         return self._read[1]
+
+    @property
+    def login_needed(self) -> bool:
+        """Whether there are users or were: with the last one removed nobody may enter, rather than everybody."""
+        return bool(self.users) or self._guarded
 
     def check(self, name: str, password: str) -> User | None:
         """The user of that name and password. Takes as long for a name that nobody has."""

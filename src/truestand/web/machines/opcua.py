@@ -20,7 +20,7 @@ from truestand.core.errors import BadRecipe
 from truestand.web.machines.lines import Line
 from truestand.web.machines.methods import START, Methods
 from truestand.web.machines.nodes import TEXTS, Kind, Nodes, Value
-from truestand.web.machines.people import People, Rules
+from truestand.web.machines.people import Peers, People, Rules
 from truestand.web.machines.state import EVALUATIONS, Json, Teller, Told
 
 NAMESPACE = "urn:truestand"
@@ -50,13 +50,13 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors
 
 
 @asynccontextmanager
-async def opcua_server(teller: Teller, url: str, login_needed: bool) -> AsyncIterator[str]:
+async def opcua_server(teller: Teller, url: str) -> AsyncIterator[str]:
     """A server that shows what the teller tells, as long as this is open; its address.
 
     Raises:
         BadRecipe: an address that can't be had.
     """
-    server = await _made(teller, url, login_needed)
+    server = await _made(teller, url)
     shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
     await shown.build(Methods(teller.page, shown.refuse))
     await shown.show(teller.newest)
@@ -135,10 +135,10 @@ async def _follow(teller: Teller, shown: Shown) -> None:
         await shown.show(told)
 
 
-async def _made(teller: Teller, url: str, login_needed: bool) -> Server:
+async def _made(teller: Teller, url: str) -> Server:
     """A server that nobody can reach yet; asyncua takes a second to build the standard's address space."""
-    people = People(teller.page, login_needed)
-    server = Server(user_manager=people)
+    people = People(teller.page)
+    server = Server(Peers(people))
     with _no_collection():
         await server.init()
     await server.set_application_uri(f"{NAMESPACE}:{socket.gethostname()}")
