@@ -1,5 +1,6 @@
 """Results out of a real store, over HTTP."""
 
+import csv
 import json
 import struct
 from pathlib import Path
@@ -12,6 +13,7 @@ from truestand.files.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.kept import Kept
+from truestand.web.machines.lines import lines_of
 from truestand.web.routes.home import _over
 from truestand.web.security import REPORT_CSP
 
@@ -297,6 +299,33 @@ def test_characteristics_come_as_csv(client, store):
     assert client.get("/api/results/2/characteristics.csv").status == 404
     damaged = client.get("/api/results/3/characteristics.csv")
     assert damaged.status == 409 and "damaged" in damaged.problem
+
+
+LIMITED = [
+    (line("C_alpha", 4.0, limit_um=5.0, limits_um=[-5.0, 5.0]), [-5.0, 5.0]),
+    (line("C_beta", 4.0, limit_um=5.0), [-5.0, 5.0]),  # as 0.1 wrote it
+    (line("f_Halpha", 3.0, limit_um=5.0, limits_um=[None, 5.0]), [None, 5.0]),
+    (line("F_alpha", 3.0, limit_um=5.0, limits_um=[-5.0, 5.0]), [-5.0, 5.0]),
+    (line("F_beta", 3.0, limit_um=5.0), [None, 5.0]),
+    (line("deviation_min", 3.0, limit_um=-5.0, limits_um=[-5.0, None]), [-5.0, None]),
+    (line("F_r", 3.0, limit_um=None, limits_um=None), [None, None]),
+    (line("s", 0, value_mm=3.1, limits_mm=[3.0, None]), [3.0, None]),
+]
+
+
+def test_page_machines_csv_and_trends_tell_the_same_limits(client, store):
+    record = inspection() | {"part": {"kind": "gear", "name": "demo wheel"}, "characteristics": [c for c, _ in LIMITED]}
+    store.add("inspection", record)
+    expected = {c["name"]: both for c, both in LIMITED}
+    shown = client.get("/api/results/1").json["record"]["characteristics"]
+    assert {c["name"]: c.get("limits_um") or c.get("limits_mm") or [None, None] for c in shown} == expected
+    assert {one.name: [one.lower, one.upper] for one in lines_of("inspection", record)} == expected
+    table = csv.DictReader(client.get("/api/results/1/characteristics.csv").body.decode().splitlines())
+    assert {
+        row["name"]: [float(row[end]) if row[end] else None for end in ("lower_limit", "upper_limit")] for row in table
+    } == expected
+    trends = client.get("/api/history?kind=inspection&part=gear").json["quantities"]
+    assert {q["name"]: q["limits"] or [None, None] for q in trends} == expected
 
 
 def test_a_calibration_comes_as_a_certificate(client, store):
