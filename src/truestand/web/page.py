@@ -60,6 +60,8 @@ class Page:
     throttle: Throttle = field(default_factory=Throttle)
     devices: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while something other than a job talks to the stand's devices."""
+    recipes: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while a recipe is written, and while a job reads what it starts with: neither comes between the other."""
 
     @property
     def folder(self) -> Folder:
