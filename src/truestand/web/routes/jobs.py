@@ -5,6 +5,8 @@ import re
 from datetime import UTC, datetime
 from typing import Any
 
+from starlette.concurrency import run_in_threadpool
+
 from truestand.files.recipes import read_toml
 from truestand.station.jobs import STEPS
 from truestand.web.doors import Doors, Policy, Who
@@ -32,7 +34,7 @@ async def start(body: JobBody, page: ThePage, who: TheWho) -> dict[str, Any]:
         if not _PLAIN.fullmatch(text or ""):
             raise Problem(422, "found control characters in a name, need plain text; type it again")
     async with page.devices, page.recipes:
-        return _begin(body, page, who)
+        return await run_in_threadpool(_begin, body, page, who)
 
 
 def current(page: ThePage) -> dict[str, Any] | None:
