@@ -1,5 +1,6 @@
 """Results out of a real store, over HTTP."""
 
+import asyncio
 import csv
 import json
 import struct
@@ -14,6 +15,7 @@ from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.kept import Kept
 from truestand.web.machines.lines import lines_of
+from truestand.web.routes import evidence
 from truestand.web.routes.home import _over
 from truestand.web.security import REPORT_CSP
 
@@ -141,6 +143,39 @@ def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
     assert client.get("/api/results/2/cloud").status == 404
 
 
+def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page, store, tmp_path):
+    for name in ("first", "second"):
+        (tmp_path / name).write_text(name)
+        store.add("inspection", inspection(serial=name), {"cloud": tmp_path / name})
+
+    async def meet():
+        over, asked = asyncio.Event(), []
+
+        async def ask(task, *arguments, **more):
+            asked.append(task)
+            if task == "audit" or Path(arguments[0]).read_text() == "second":
+                await over.wait()
+            else:
+                Path(arguments[1]).parent.mkdir(exist_ok=True)
+                Path(arguments[1]).write_text("made")
+            return []
+
+        page.ask = ask
+        audit = asyncio.create_task(evidence.audit(page))
+        async with asyncio.timeout(20):
+            await evidence.cloud(1, page)
+            making = asyncio.create_task(evidence.cloud(2, page))
+            while len(asked) < 3:
+                await asyncio.sleep(0.01)
+            await evidence.cloud(1, page)
+        assert sorted(asked) == ["audit", "cloud", "cloud"] and not audit.done() and not making.done()
+        making.cancel()
+        over.set()
+        assert await audit == {"findings": []}
+
+    asyncio.run(meet())
+
+
 def test_a_changed_cloud_is_not_shown(client, store, tmp_path):
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
     (kept,) = [p for p in (tmp_path / "results" / "evidence").rglob("*") if p.is_file() and p.stat().st_size > 100_000]
@@ -194,8 +229,6 @@ def test_a_damaged_cloud_is_refused(tmp_path, damage):
 
 
 def test_the_cache_forgets_what_was_not_looked_at(client, page, store, tmp_path, monkeypatch):
-    from truestand.web.routes import evidence
-
     monkeypatch.setattr(evidence, "CACHED", 2)
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply", 100, 100)})
     for points in (1000, 2000, 3000, 4000):

@@ -60,6 +60,10 @@ class Page:
     throttle: Throttle = field(default_factory=Throttle)
     devices: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while something other than a job talks to the stand's devices."""
+    clouds: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while a cloud is thinned out: one at a time, for its memory."""
+    audits: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while the store is audited."""
     recipes: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while a recipe is written, and while a job reads what it starts with: neither comes between the other."""
 
