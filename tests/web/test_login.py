@@ -152,9 +152,16 @@ def test_a_removed_user_is_out_at_once(visitor, guarded_page):
     assert visitor.get("/api/home").status == 200
     users = read_users(guarded_page.gatekeeper.path)
     del users["olga"]
-    time.sleep(0.01)
     write_users(guarded_page.gatekeeper.path, users)
     assert visitor.get("/api/home").status == 401
+
+
+def test_users_are_read_again_where_the_time_of_the_file_is_the_same(tmp_path):
+    gatekeeper, time_ns = Gatekeeper(tmp_path / "u"), 1_800_000_000_000_000_000
+    for name in ("olga", "anna"):
+        write_users(tmp_path / "u", {name: make_user(name, "operator", PASSWORD)})
+        os.utime(tmp_path / "u", ns=(time_ns, time_ns))
+        assert set(gatekeeper.users) == {name}
 
 
 def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
