@@ -1,14 +1,17 @@
 """The OPC UA server as asyncua's own client sees it, over a real socket."""
 
 import asyncio
+import gc
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
 
 import pytest
 from asyncua import ua
+from asyncua.server import address_space
 
 from command import run
 from machine_lab import keep, make_page, plc, served
@@ -20,6 +23,7 @@ from truestand.files.recipes import write_starters
 from truestand.station.latch import latch_path, reset_latch
 from truestand.web.machines.attach import wanted
 from truestand.web.machines.lines import lines_of
+from truestand.web.machines.opcua import Shown
 from truestand.web.machines.people import People, peer
 from truestand.web.users import write_users
 
@@ -331,6 +335,27 @@ def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
         process.communicate()
     refused = run(*serve, "--opcua", "opc.tcp://0.0.0.0:0")
     assert refused.returncode == 2 and "no users" in refused.stderr
+
+
+def test_a_server_that_does_not_come_up_leaves_no_executor(page, monkeypatch):
+    made = []
+
+    class Executor(ThreadPoolExecutor):
+        def __init__(self):
+            super().__init__()
+            made.append(self)
+
+    async def fail(shown, methods):
+        made[0].submit(int).result(20)  # it has a thread
+        raise BadRecipe("found nothing to show")
+
+    monkeypatch.setattr(address_space, "ThreadPoolExecutor", Executor)
+    monkeypatch.setattr(Shown, "build", fail)
+    with pytest.raises(BadRecipe, match="nothing to show"):
+        talk(page, None)
+    with pytest.raises(RuntimeError, match="shutdown"):
+        made[0].submit(int)
+    assert gc.get_freeze_count() == 0
 
 
 def test_a_store_that_cant_be_read_calibrates_nothing(page):

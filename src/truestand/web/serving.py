@@ -86,8 +86,9 @@ def serve(
         if open_browser:
             webbrowser.open(address)
 
-    server = Server(config(page, binding), page.runner, ready, beside)
-    asyncio.run(server.serve([listening]))
+    with listening:  # where what is served beside it doesn't come up
+        server = Server(config(page, binding), page.runner, ready, beside)
+        asyncio.run(server.serve([listening]))
 
 
 def _demand_addresses(proxies: Sequence[str]) -> None:

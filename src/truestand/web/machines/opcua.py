@@ -56,23 +56,22 @@ async def opcua_server(teller: Teller, url: str) -> AsyncIterator[str]:
     Raises:
         BadRecipe: an address that can't be had.
     """
-    server = await _made(teller, url)
-    shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
-    await shown.build(Methods(teller.page, shown.refuse))
-    await shown.show(teller.newest)
+    people = People(teller.page)
+    server = Server(Peers(people))
     try:
-        await server.start()
-    except OSError as wrong:
-        raise BadRecipe(
-            f"{url}: {wrong.strerror or wrong}; end what serves there, or choose another address"
-        ) from wrong
-    showing = asyncio.create_task(_follow(teller, shown))
-    try:
-        yield _address(server, url)
+        await _build(server, people, url)
+        shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
+        await shown.build(Methods(teller.page, shown.refuse))
+        await shown.show(teller.newest)
+        await _start(server, url)
+        showing = asyncio.create_task(_follow(teller, shown))
+        try:
+            yield _address(server, url)
+        finally:
+            showing.cancel()
+            await asyncio.gather(showing, return_exceptions=True)
     finally:
-        showing.cancel()
-        await asyncio.gather(showing, return_exceptions=True)
-        await server.stop()
+        await server.stop()  # its executor for methods too, which is there before it starts
         gc.unfreeze()
 
 
@@ -135,10 +134,8 @@ async def _follow(teller: Teller, shown: Shown) -> None:
         await shown.show(told)
 
 
-async def _made(teller: Teller, url: str) -> Server:
-    """A server that nobody can reach yet; asyncua takes a second to build the standard's address space."""
-    people = People(teller.page)
-    server = Server(Peers(people))
+async def _build(server: Server, people: People, url: str) -> None:
+    """All that a server needs before anybody can reach it; the standard's address space takes asyncua a second."""
     with _no_collection():
         await server.init()
     await server.set_application_uri(f"{NAMESPACE}:{socket.gethostname()}")
@@ -149,7 +146,15 @@ async def _made(teller: Teller, url: str) -> Server:
     server.set_identity_tokens([ua.AnonymousIdentityToken, ua.UserNameIdentityToken])
     server.iserver.allow_remote_admin = False
     server.limits = TransportLimits(max_chunk_count=MESSAGE // 65535 + 1, max_message_size=MESSAGE)
-    return server
+
+
+async def _start(server: Server, url: str) -> None:
+    try:
+        await server.start()
+    except OSError as wrong:
+        raise BadRecipe(
+            f"{url}: {wrong.strerror or wrong}; end what serves there, or choose another address"
+        ) from wrong
 
 
 def _stand(told: Told) -> dict[str, Value]:
