@@ -2,12 +2,14 @@
 
 import asyncio
 import ipaddress
+import signal
 import socket
 import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 
@@ -155,7 +157,11 @@ class Server(uvicorn.Server):
         self._watching.cancel()
         await self._beside.__aexit__(None, None, None)
         await super().shutdown(sockets)
-        self._captured_signals.clear()  # being asked to end is how a server ends well
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Being asked to end is how a server ends well: uvicorn's own would raise the signal again at the end."""
+        self.force_exit |= self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
 
 
 def config(page: Page, binding: Binding) -> uvicorn.Config:

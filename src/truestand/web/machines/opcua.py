@@ -195,9 +195,8 @@ def _address(server: Server, url: str) -> str:
     """With the port that was free, where it was 0."""
     told = urlsplit(url)
     assert server.bserver is not None
-    port = server.bserver._server.sockets[0].getsockname()[1]  # type: ignore[union-attr]
     host = f"[{told.hostname}]" if ":" in (told.hostname or "") else told.hostname
-    return f"opc.tcp://{host}:{port}{told.path}"
+    return f"opc.tcp://{host}:{server.bserver.port}{told.path}"
 
 
 @contextmanager
