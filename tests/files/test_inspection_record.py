@@ -10,8 +10,8 @@ from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.frames import Pose
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.stand import Stand
-from truestand.files.inspection_record import characteristics_from, inspection_record, limits_of, with_limits
-from truestand.files.schemas import schema_text
+from truestand.files.records.inspection_record import characteristics_from, inspection_record, limits_of, with_limits
+from truestand.files.records.schemas import schema_text
 
 STILL = Pose(np.eye(3), np.zeros(3))
 

@@ -15,7 +15,7 @@ import pytest
 
 import truestand
 from command import run
-from truestand.files.recipes import write_starters
+from truestand.files.recipes.recipes import write_starters
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from truestand.files.inspection_record import with_limits
+from truestand.files.records.inspection_record import with_limits
 
 Json = dict[str, Any]
 LONG_NAME = "Sun wheel of the second planetary stage, hobbed and shaved, drawing 4711-0815-42 rev. F"

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from truestand.files.inspection_record import limits_of
+from truestand.files.records.inspection_record import limits_of
 
 UNITS = ("um", "mm", "mrad", "deg")
 Record = Mapping[str, Any]

@@ -7,7 +7,7 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from truestand.files.recipes import read_toml
+from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
 from truestand.web.doors import Doors, Policy, Who
 from truestand.web.folder import Listed

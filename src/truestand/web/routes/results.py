@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import Query
 
-from truestand.files.inspection_record import with_limits
+from truestand.files.records.inspection_record import with_limits
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Entry, History, Result
 from truestand.web.page import Page, ThePage

@@ -1,0 +1,152 @@
+"""inspection.json (CONTRACT.md): an inspection with its keys and units. mm inside, um for deviations outside."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from truestand._version import __version__
+from truestand.core.calibration import Calibration, ScanSummary
+from truestand.core.errors import UnreadableFile
+from truestand.core.inspection import Characteristic, Defect, Inspection
+from truestand.files.records.records import scan_record, without_nan
+from truestand.gear.figures import NEVER_NEGATIVE
+
+Record = dict[str, Any]
+Limits = tuple[float | None, float | None]
+
+FORMAT, VERSION = "truestand.inspection", 1
+UM = 1000.0
+
+
+def inspection_record(
+    inspection: Inspection, calibration: Calibration, scan: ScanSummary, calibration_sha256: str, created: str
+) -> Record:
+    """The record; ``created`` is an ISO time."""
+    i = inspection
+    record: Record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "verdict": i.verdict,
+        "reasons": list(i.reasons),
+        "remarks": list(i.remarks),
+        "part": {"kind": i.kind, "name": i.name, **i.identity},
+        "characteristics": [_characteristic(c) for c in i.characteristics],
+        "defects": [_defect(d) for d in i.defects],
+        "defect_limit_um": None if i.defect_depth is None else UM * i.defect_depth,
+        "settings": dict(i.settings),
+        "published": [_published(name, value) for name, value in i.published.items()],
+        "calibration": {"sha256": calibration_sha256, "status": calibration.status, "created": calibration.created},
+        "scan": scan_record(scan),
+        "software": f"truestand {__version__}",
+        "created": created,
+    }
+    finite: Record = without_nan(record)
+    return finite
+
+
+def _characteristic(c: Characteristic) -> Record:
+    line: Record = {"name": c.name, "flank": c.flank, "tooth": c.tooth}
+    if c.section is not None:
+        line["section"] = c.section
+    if c.size:
+        line |= {"value_mm": c.value, "U_mm": c.U, "limits_mm": None if c.limits is None else list(c.limits)}
+    else:
+        line |= {
+            "value_um": None if c.value is None else UM * c.value,
+            "U_um": None if c.U is None else UM * c.U,
+            "limit_um": None if c.limits is None else _limit(c.limits),
+            "limits_um": None if c.limits is None else [None if v is None else UM * v for v in c.limits],
+        }
+    line |= {
+        "grade": c.grade,
+        "coverage": c.coverage,
+        "status": c.status,
+        "verdict": c.verdict,
+        "capable": c.capable,
+        "standard": c.standard,
+    }
+    if c.reason is not None:
+        line["reason"] = c.reason
+    if c.tooth is None:
+        scale = 1.0 if c.size else UM
+        unit = "U_mm" if c.size else "U_um"
+        line["contributions"] = [{"name": b.name, unit: scale * b.U} for b in c.budget]
+    return line
+
+
+def characteristics_from(record: Mapping[str, Any]) -> list[Characteristic]:
+    """The lines of a record, without their budgets.
+
+    Raises:
+        UnreadableFile: they are not as truestand writes them.
+    """
+    try:
+        return [_line(c, record) for c in record.get("characteristics") or []]
+    except (KeyError, TypeError, ValueError) as wrong:
+        raise UnreadableFile(f"inspection.json: found a damaged line ({wrong}); inspect again") from wrong
+
+
+def limits_of(c: Mapping[str, Any], record: Mapping[str, Any]) -> Limits | None:
+    """Lower and upper limit of a record's line in the line's unit, None: that side is open; None alone: no limit.
+
+    Records of 0.1 have the one limit of a deviation as ``limit_um`` alone: the upper one, and the lower one too where a
+    gear's deviation has a sign.
+    """
+    both = c.get("limits_mm") or c.get("limits_um")
+    if both is not None:
+        low, high = both
+        return low, high
+    limit = c.get("limit_um")
+    if limit is None:
+        return None
+    gear = (record.get("part") or {}).get("kind") == "gear"
+    return (-limit if gear and c.get("name") not in NEVER_NEGATIVE else None), limit
+
+
+def with_limits(record: Mapping[str, Any]) -> Record:
+    """The record with ``limits_um`` in every line of a deviation, as records of 0.1 lack it: for who reads no rules."""
+    lines = [
+        c if "value_mm" in c else {**c, "limits_um": limits_of(c, record)} for c in record.get("characteristics") or ()
+    ]
+    return {**record, "characteristics": lines} if lines else {**record}
+
+
+def _line(c: Mapping[str, Any], record: Mapping[str, Any]) -> Characteristic:
+    size = "value_mm" in c
+    unit, scale = ("mm", 1.0) if size else ("um", UM)
+    value, U = (None if (v := c.get(f"{key}_{unit}")) is None else float(v) / scale for key in ("value", "U"))
+    limits = limits_of(c, record)
+    if limits is not None:
+        low, high = (None if v is None else v / scale for v in limits)
+        limits = (low, high)
+    return Characteristic(
+        c["name"], value, U, c.get("flank"), c.get("tooth"), c.get("section"), size, limits, c.get("grade"),
+        c["coverage"], c["status"], c.get("verdict"), c.get("capable", True), c.get("standard"),
+        reason=c.get("reason"),
+    )  # fmt: skip
+
+
+def _limit(limits: Limits) -> float | None:
+    """The one limit of a deviation for those that take one: the upper; the lower where there is no upper."""
+    low, high = limits
+    return UM * high if high is not None else None if low is None else UM * low
+
+
+def _defect(d: Defect) -> Record:
+    return {
+        "tooth": d.tooth,
+        "flank": d.flank,
+        "roll_length_mm": d.roll_length,
+        "height_mm": d.height,
+        "depth_um": None if d.depth is None else UM * d.depth,
+        "U_um": None if d.U is None else UM * d.U,
+        "extent_mm": d.extent,
+        "kind": d.kind,
+        "score": d.score,
+        "second_score": d.second_score,
+        "verdict": d.verdict,
+    }
+
+
+def _published(name: str, value: float) -> Record:
+    plain, _, flank = name.partition(" ")
+    return {"name": plain, "flank": flank or None, "value_um": UM * value}
