@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from truestand.calibration.peers import Finding, peers
 from truestand.core.frames import Pose, shaft_parameters
-from truestand.core.peers import Finding, peers
 from truestand.core.scan import interpret
 from truestand.sim import Keyway, Patch, Simulation, paper_shaft, paper_simulation, paper_stand, simulate
 

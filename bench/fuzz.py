@@ -53,21 +53,21 @@ def read_or_refused(kind: str, path: Path) -> str | None:
 
 
 def _scan(path: Path) -> None:
-    from truestand.files.read import recordings
+    from truestand.files.scans.read import recordings
 
     for read in recordings(path).values():
         _valid(read())
 
 
 def _raw(path: Path) -> None:
-    from truestand.files.read import read_recording
-    from truestand.files.scancontrol_raw import RawLayout
+    from truestand.files.scans.read import read_recording
+    from truestand.files.scans.scancontrol_raw import RawLayout
 
     _valid(read_recording(path, layout=RawLayout("29xx-50", 16)))
 
 
 def _valid(recording: Any) -> None:
-    from truestand.files.read import info
+    from truestand.files.scans.read import info
 
     shape = recording.x.shape
     matrices = [m for m in (recording.x, recording.z, recording.intensity) if m is not None]
@@ -80,7 +80,7 @@ def _valid(recording: Any) -> None:
 
 
 def _points(path: Path) -> None:
-    from truestand.files.points import read_points
+    from truestand.files.shapes.points import read_points
 
     points = read_points(path)
     assert points.shape[1:] == (3,)
@@ -89,14 +89,14 @@ def _points(path: Path) -> None:
 
 
 def _ply(path: Path) -> None:
-    from truestand.files.points import read_ply
+    from truestand.files.shapes.points import read_ply
 
     assert len({v.shape for v in read_ply(path).values()}) == 1
     _points(path)
 
 
 def _stand(path: Path) -> None:
-    from truestand.files.recipes import read_simulation, read_stand, stand_from_recipe, stand_recipe
+    from truestand.files.recipes.recipes import read_simulation, read_stand, stand_from_recipe, stand_recipe
 
     stand = read_stand(path)
     back = stand_from_recipe(stand_recipe(stand))
@@ -105,14 +105,14 @@ def _stand(path: Path) -> None:
 
 
 def _shaft(path: Path) -> None:
-    from truestand.files.recipes import read_shaft, shaft_from_recipe, shaft_recipe
+    from truestand.files.recipes.recipes import read_shaft, shaft_from_recipe, shaft_recipe
 
     artefact = read_shaft(path)
     assert shaft_from_recipe(shaft_recipe(artefact)) == artefact
 
 
 def _calibration(path: Path) -> None:
-    from truestand.files.records import calibration_record, read_calibration
+    from truestand.files.records.records import calibration_record, read_calibration
 
     calibration = read_calibration(path)
     assert np.isfinite(calibration.table_from_sensor.matrix).all()
@@ -137,7 +137,7 @@ def native() -> bytes:
     """A small native scan with every column."""
     from truestand.core.scan import Recording
     from truestand.core.stand import Sensor, Stand, Table
-    from truestand.files.native import write_native
+    from truestand.files.scans.native import write_native
 
     x, z = np.array([[-1.5, 0.25], [-1.5, 0.5], [-1.25, 0.5]]), np.array([[95.5, 96.25], [95.25, np.nan], [95.0, 96.5]])
     n = np.arange(3.0)
@@ -295,9 +295,9 @@ def main() -> None:
     except ImportError:
         sys.exit("the fuzzer needs atheris, which is not installed; install it with: pip install atheris")
     with atheris.instrument_imports(include=["truestand", "tomllib", "json"]):
-        import truestand.files.points
-        import truestand.files.read
-        import truestand.files.records  # noqa: F401
+        import truestand.files.records.records
+        import truestand.files.scans.read
+        import truestand.files.shapes.points  # noqa: F401
     kind = sys.argv.pop(1)
     folder = Path(".benchmarks") / "fuzz" / kind
     corpus, path, words = folder / "corpus", folder / "file", folder / "words"

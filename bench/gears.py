@@ -15,13 +15,13 @@ from math import radians
 
 import numpy as np
 
-from truestand.core.calibrate import calibrate
+from truestand.apply.transfer import transfer
+from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
 from truestand.core.inspection import Defect, Inspection
 from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration
-from truestand.core.transfer import transfer
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import (

@@ -20,8 +20,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table as RichTable
 
+from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact
-from truestand.core.calibrate import calibrate
 from truestand.core.calibration import Calibration
 from truestand.core.frames import sensor_parameters, shaft_parameters
 from truestand.core.scan import Scan, interpret

@@ -21,7 +21,7 @@ import numpy as np
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
-from truestand.files.scan_log import Kind, LogWriter, read_log
+from truestand.files.scans.scan_log import Kind, LogWriter, read_log
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.container import raw_profiles, usual_shape
 from truestand.sim.live.faults import Faults

@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table as RichTable
 
+from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact, Cylinder
-from truestand.core.calibrate import calibrate
 from truestand.core.calibration import Calibration
 from truestand.core.errors import TruestandError
 from truestand.core.frames import Pose

@@ -20,7 +20,7 @@ from rich.table import Table
 
 import truestand as ts
 from truestand.core.surface import apply_calibration
-from truestand.files.recipes import write_starters
+from truestand.files.recipes.recipes import write_starters
 
 PROFILES = 11_000
 POINTS = 640

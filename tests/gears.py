@@ -6,7 +6,7 @@ from math import cos, radians
 
 import numpy as np
 
-from truestand.core.calibrate import calibrate
+from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan, interpret

@@ -11,8 +11,8 @@ from pathlib import Path
 from numpy.random import default_rng
 
 from truestand.devices.tables.recipe import TableRecipe
-from truestand.files.parts import read_part, read_part_simulation
-from truestand.files.recipes import read_shaft, read_simulation, read_stand, write_starters
+from truestand.files.recipes.parts import read_part, read_part_simulation
+from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand, write_starters
 from truestand.sim import simulation_from, virtual_part_from
 from truestand.sim.caster import Caster
 from truestand.sim.live.clock import Clock

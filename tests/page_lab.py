@@ -12,7 +12,7 @@ from pathlib import Path
 
 from websockets.sync.client import connect
 
-from truestand.files.recipes import write_starters
+from truestand.files.recipes.recipes import write_starters
 from truestand.web.hub import Hub
 from truestand.web.kept import Kept
 from truestand.web.page import Page, Settings

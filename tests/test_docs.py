@@ -111,8 +111,8 @@ def test_the_formats_page_shows_files_that_can_be_read(tmp_path):
         done = run("info", tmp_path / "scan.csv", "--json")
         assert done.returncode == 0, done.stderr
     page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
-    schema = (ROOT / "src/truestand/files/schemas/calibration.json").read_text(encoding="utf-8")
-    inspection = (ROOT / "src/truestand/files/schemas/inspection.json").read_text(encoding="utf-8")
+    schema = (ROOT / "src/truestand/files/records/schemas/calibration.json").read_text(encoding="utf-8")
+    inspection = (ROOT / "src/truestand/files/records/schemas/inspection.json").read_text(encoding="utf-8")
     for key in re.findall(r'^ +"(\w+)": {', inspection, re.MULTILINE) + re.findall(
         r'^    "(\w+)": {', schema, re.MULTILINE
     ):
@@ -146,8 +146,7 @@ def test_every_error_of_a_virtual_gear_is_explained():
 
 
 def test_every_key_of_the_recipes_is_explained():
-    from truestand.files import parts
-    from truestand.files.recipes import (
+    from truestand.files.recipes.recipes import (
         CertificateRecipe,
         CompanyRecipe,
         CylinderRecipe,
@@ -155,6 +154,7 @@ def test_every_key_of_the_recipes_is_explained():
         SensorRecipe,
         StoreRecipe,
         TableRecipe,
+        parts,
     )
 
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -167,7 +167,7 @@ def test_every_key_of_the_recipes_is_explained():
 
 
 def test_the_certificate_page_shows_a_laboratory_that_lacks_nothing(bench, tmp_path):
-    from truestand.files import laboratory
+    from truestand.files.recipes.recipes import laboratory
 
     page = ROOT / "docs" / "certificate.md"
     text = page.read_text(encoding="utf-8")

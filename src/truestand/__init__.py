@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any
 from truestand._version import __version__
 
 if TYPE_CHECKING:
+    from truestand.apply.transfer import Transfer, roll, transfer
+    from truestand.apply.verify import Verification, verify
+    from truestand.calibration.calibrate import calibrate
+    from truestand.calibration.positions import calibrate_positions
     from truestand.core.artefact import Artefact, Certificate, Cylinder
-    from truestand.core.calibrate import calibrate
     from truestand.core.calibration import Calibration
     from truestand.core.errors import TruestandError
     from truestand.core.frames import Pose
     from truestand.core.inspection import Characteristic, Defect, Inspection
-    from truestand.core.positions import calibrate_positions
     from truestand.core.scan import Recording, Scan, interpret
     from truestand.core.stand import Sensor, Stand, Table
     from truestand.core.surface import Surface
-    from truestand.core.transfer import Transfer, roll, transfer
-    from truestand.core.verify import Verification, verify
-    from truestand.files.clouds import write_cloud
-    from truestand.files.parts import read_part
-    from truestand.files.read import read_scan
-    from truestand.files.recipes import read_shaft, read_stand
-    from truestand.files.records import read_calibration, write_calibration
+    from truestand.files.recipes.parts import read_part
+    from truestand.files.recipes.recipes import read_shaft, read_stand
+    from truestand.files.records.records import read_calibration, write_calibration
+    from truestand.files.scans.read import read_scan
+    from truestand.files.shapes.clouds import write_cloud
     from truestand.gear.drawing import Gear
     from truestand.gear.match import identify
     from truestand.parts.inspect import inspect
@@ -52,24 +52,24 @@ _HOME = {
     "Stand": "core.stand",
     "Surface": "core.surface",
     "Table": "core.stand",
-    "Transfer": "core.transfer",
+    "Transfer": "apply.transfer",
     "TruestandError": "core.errors",
-    "Verification": "core.verify",
-    "calibrate": "core.calibrate",
-    "calibrate_positions": "core.positions",
+    "Verification": "apply.verify",
+    "calibrate": "calibration.calibrate",
+    "calibrate_positions": "calibration.positions",
     "identify": "gear.match",
     "inspect": "parts.inspect",
     "interpret": "core.scan",
-    "read_calibration": "files.records",
-    "read_part": "files.parts",
-    "read_scan": "files.read",
-    "read_shaft": "files.recipes",
-    "read_stand": "files.recipes",
-    "roll": "core.transfer",
-    "transfer": "core.transfer",
-    "verify": "core.verify",
-    "write_calibration": "files.records",
-    "write_cloud": "files.clouds",
+    "read_calibration": "files.records.records",
+    "read_part": "files.recipes.parts",
+    "read_scan": "files.scans.read",
+    "read_shaft": "files.recipes.recipes",
+    "read_stand": "files.recipes.recipes",
+    "roll": "apply.transfer",
+    "transfer": "apply.transfer",
+    "verify": "apply.verify",
+    "write_calibration": "files.records.records",
+    "write_cloud": "files.shapes.clouds",
 }
 
 __all__ = [

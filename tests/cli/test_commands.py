@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 
 from command import run
 from exports import scancontrol
-from truestand.files.points import read_ply
+from truestand.files.shapes.points import read_ply
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
 COMMANDS = [

@@ -46,7 +46,7 @@ def test_a_gear_with_errors_does_not_conform(bench):
     assert done.returncode == 1, done.stderr
     assert "does not conform" in done.stdout and "paper's method" in done.stdout
     record = json.loads((bench / "inspection.json").read_text())
-    schema = json.loads(files("truestand.files.schemas").joinpath("inspection.json").read_text())
+    schema = json.loads(files("truestand.files.records.schemas").joinpath("inspection.json").read_text())
     jsonschema.Draft202012Validator(schema).validate(record)
     truth = json.loads((bench / "truth.json").read_text())["part"]
     for c in record["characteristics"]:
@@ -178,9 +178,9 @@ def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench):
     (bench / "blind.h5").write_bytes((bench / "turned.h5").read_bytes())
     script = (
         "import sys; from dataclasses import replace; import numpy as np\n"
-        "from truestand.files.read import read_recording, read_scan\n"
-        "from truestand.files.records import read_calibration\n"
-        "from truestand.files.write_scan import write_recording\n"
+        "from truestand.files.scans.read import read_recording, read_scan\n"
+        "from truestand.files.records.records import read_calibration\n"
+        "from truestand.files.scans.write_scan import write_recording\n"
         "from truestand.core.surface import apply_calibration\nfrom pathlib import Path\n"
         "r = read_recording(Path('turned.h5'))\n"
         "s = apply_calibration(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
@@ -230,7 +230,7 @@ def test_a_turned_part_and_a_cad_model_go_the_same_way(bench):
     (bench / "cad.toml").write_text('kind = "cad"\nfile = "base.stl"\nfit = "none"\nlimits_um = [-150.0, 150.0]\n')
     done = inspect(bench, "-o", "cad.json", "--report", "c.html", scan="k1.h5", part="cad.toml")
     assert done.returncode == 0, done.stderr
-    schema = json.loads(files("truestand.files.schemas").joinpath("inspection.json").read_text())
+    schema = json.loads(files("truestand.files.records.schemas").joinpath("inspection.json").read_text())
     for name in ("turned-part.json", "cad.json"):
         jsonschema.Draft202012Validator(schema).validate(json.loads((bench / name).read_text()))
     lines = {c["name"]: c for c in json.loads((bench / "cad.json").read_text())["characteristics"]}

@@ -11,8 +11,8 @@ from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.frames import Pose
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.stand import Stand
-from truestand.files.characteristics_csv import COLUMNS, characteristics_csv, write_characteristics
-from truestand.files.inspection_record import inspection_record
+from truestand.files.records.characteristics_csv import COLUMNS, characteristics_csv, write_characteristics
+from truestand.files.records.inspection_record import inspection_record
 
 LINES = (
     Characteristic("f_p", 0.0123456789, 0.0017, "left", None, limits=(None, 0.012), grade=9, verdict="does_not_conform",

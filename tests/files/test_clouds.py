@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
-from truestand.files.clouds import write_cloud
-from truestand.files.points import read_ply
+from truestand.files.shapes.clouds import write_cloud
+from truestand.files.shapes.points import read_ply
 
 
 def cloud(profiles=1030, points=3):

@@ -7,7 +7,7 @@ import pytest
 
 from exports import GOCATOR, gocator, gocator_profiles, gocator_surface
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.read import read_recording, recordings
+from truestand.files.scans.read import read_recording, recordings
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "gocator"
 Z = [[np.nan, 27.224, np.nan], [27.11, 26.975, 26.849]]

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from exports import joescan, joescan_profile, packed
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.read import info_of_several, read_recording, recordings
-from truestand.files.write_scan import write_recording
+from truestand.files.scans.read import info_of_several, read_recording, recordings
+from truestand.files.scans.write_scan import write_recording
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
 WHOLE = Path(__file__).parents[3] / "shared" / "data" / "joescan" / "2022_6_24_12_45_45.raw"

@@ -5,8 +5,8 @@ import pytest
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.read import info, read_recording
-from truestand.files.write_scan import write_long_csv
+from truestand.files.scans.read import info, read_recording
+from truestand.files.scans.write_scan import write_long_csv
 
 
 def read(folder, text, encoding="utf-8"):

@@ -9,8 +9,8 @@ import trimesh
 
 from step import step_box
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
-from truestand.files.meshes import read_mesh
-from truestand.files.parts import read_part
+from truestand.files.recipes.parts import read_part
+from truestand.files.shapes.meshes import read_mesh
 
 SIZE, AT = (1.5, 2.0, 4.0), (1.0, 2.0, 3.0)
 

@@ -12,9 +12,9 @@ from hypothesis.extra.numpy import arrays
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.core.scan import Recording
 from truestand.core.stand import Sensor, Stand, Table
-from truestand.files.native import read_native, write_native
-from truestand.files.read import read_recording
-from truestand.files.write_scan import write_recording
+from truestand.files.scans.native import read_native, write_native
+from truestand.files.scans.read import read_recording
+from truestand.files.scans.write_scan import write_recording
 
 STAND = Stand(Table(0.3, "cw"), (Sensor("front", 200.0, points=5, range=(70.0, 120.0)),))
 

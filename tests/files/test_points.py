@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.points import read_ply, read_points
+from truestand.files.shapes.points import read_ply, read_points
 
 TWO = [[1.5, -2.0, 3.0], [4.0, 5.0, 6e-3]]
 

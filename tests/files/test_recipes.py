@@ -5,7 +5,7 @@ from math import radians
 import pytest
 
 from truestand.core.errors import BadRecipe
-from truestand.files.recipes import (
+from truestand.files.recipes.recipes import (
     read_shaft,
     read_simulation,
     read_stand,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 
-from truestand.core.calibrate import calibrate
+from truestand.calibration.calibrate import calibrate
 from truestand.core.errors import UnreadableFile
 from truestand.core.surface import apply_calibration
-from truestand.files.records import calibration_record, read_calibration, write_calibration
-from truestand.files.schemas import schema_text
+from truestand.files.records.records import calibration_record, read_calibration, write_calibration
+from truestand.files.records.schemas import schema_text
 from truth import scan_of, shaft
 
 WHEN = "2026-11-21T12:00:00Z"

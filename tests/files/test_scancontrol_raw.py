@@ -5,8 +5,8 @@ import pytest
 
 from exports import scancontrol, scancontrol_profile
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.read import read_recording
-from truestand.files.scancontrol_raw import RawLayout
+from truestand.files.scans.read import read_recording
+from truestand.files.scans.scancontrol_raw import RawLayout
 
 LAYOUT = RawLayout("29xx-50", 16)
 

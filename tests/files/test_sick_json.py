@@ -10,7 +10,7 @@ from exports import sick
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import interpret
 from truestand.core.stand import Stand
-from truestand.files.read import info, read_recording
+from truestand.files.scans.read import info, read_recording
 
 GROOVE = Path(__file__).parents[1] / "data" / "sick" / "groove.json"
 REAL = Path(__file__).parents[3] / "shared" / "data" / "sick"

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.read import info, read_recording
-from truestand.files.write_scan import write_xyz_blocks
+from truestand.files.scans.read import info, read_recording
+from truestand.files.scans.write_scan import write_xyz_blocks
 
 EXPORT = Path(__file__).parents[3] / "shared" / "data" / "scancontrol" / "xyz_blocks.csv"
 

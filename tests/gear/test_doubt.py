@@ -8,13 +8,13 @@ import pytest
 
 from gears import SPUR, calibrated, scan_of, simulation, true_calibration
 from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
-from truestand.core.influence import unknowns_of
 from truestand.core.surface import apply_calibration
 from truestand.gear.figures import figures_of
 from truestand.gear.flanks import find_flanks
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear, read_flanks
 from truestand.sim import GearErrors
+from truestand.uncertainty.influence import unknowns_of
 
 UM = 1e-3
 PERFECT = GearErrors(phase=radians(3.0))

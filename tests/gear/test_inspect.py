@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from gears import SPUR, UPRIGHT, WORN, calibrated, helical, scan_of, simulation, true_calibration, truth_of
+from truestand.apply.transfer import transfer
 from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.surface import Surface, apply_calibration
-from truestand.core.transfer import transfer
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import GearErrors
 

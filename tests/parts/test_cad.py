@@ -10,11 +10,11 @@ import pytest
 from solids import calibration, circle, extruded, noisy, scanned, wheel
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import shaft_from_rotor, table_from_sensor
-from truestand.core.influence import independent_parts, unknowns_of
 from truestand.core.surface import Surface, apply_calibration
 from truestand.parts.cad import inspect_cad
 from truestand.parts.cast import meet, solid_of
 from truestand.parts.drawings import Cad, Mesh
+from truestand.uncertainty.influence import independent_parts, unknowns_of
 
 TURNED = radians(0.7)
 UM = 1e-3

@@ -7,17 +7,17 @@ from math import hypot, pi, sqrt
 import numpy as np
 import pytest
 
-from truestand.core.calibrate import calibrate
+from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration, Positions, StepAxis
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
-from truestand.core.influence import independent_parts, unknowns_of
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
-from truestand.core.upr import transmission
+from truestand.form.upr import transmission
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, simulate
+from truestand.uncertainty.influence import independent_parts, unknowns_of
 from truth import PLANE, TILTED, Named, shaft
 
 NOISE = 0.005

@@ -7,8 +7,8 @@ from html.parser import HTMLParser
 
 import pytest
 
-from truestand.core.calibrate import calibrate
-from truestand.core.evidence import gather
+from truestand.calibration.calibrate import calibrate
+from truestand.calibration.evidence import gather
 from truestand.report.calibration import calibration_report
 from truestand.report.terminal import summary_table
 from truth import scan_of, shaft, truth_of

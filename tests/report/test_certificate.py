@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
+from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Certificate
-from truestand.core.calibrate import calibrate
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.laboratory import read_laboratory
-from truestand.files.records import calibration_record
-from truestand.files.xml_schema import read_schema, violations
+from truestand.files.recipes.laboratory import read_laboratory
+from truestand.files.records.records import calibration_record
+from truestand.files.records.xml_schema import read_schema, violations
 from truestand.report.certificate import Issue, certificate, lacking, refusals
 from truth import scan_of, shaft
 

@@ -8,11 +8,11 @@ from functools import cache
 
 import pytest
 
-from truestand.core.calibrate import calibrate
+from truestand.calibration.calibrate import calibrate
+from truestand.calibration.evidence import gather
 from truestand.core.errors import BadRecipe
-from truestand.core.evidence import gather
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.files.company import MOST_BYTES, Company, read_company
+from truestand.files.recipes.company import MOST_BYTES, Company, read_company
 from truestand.report.calibration import calibration_report
 from truestand.report.inspection import inspection_report
 from truth import scan_of, shaft

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from truestand.core.errors import BadRecipe, DeviceError
-from truestand.core.scancontrol import decode_container, unwrap_encoder
 from truestand.core.stand import Sensor
 from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
+from truestand.files.scans.scancontrol import decode_container, unwrap_encoder
 from truestand.sim import Optics, Simulation, paper_shaft, paper_stand
 from truestand.sim.caster import Caster
 from truestand.sim.live.faults import Kind

@@ -9,7 +9,7 @@ import pytest
 
 from lab import lab
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, LimitExceeded, NoSpace
-from truestand.files.read import read_recording, read_scan
+from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import Kind
 from truestand.station import stand as stand_module
 from truestand.station.latch import latch_path, reset_latch

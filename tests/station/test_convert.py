@@ -9,8 +9,8 @@ from truestand.core.errors import NotEnoughData, UnreadableFile
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.devices.layout import encode_plain
 from truestand.devices.sensor import Layout, Profiles
-from truestand.files.recipes import stand_recipe
-from truestand.files.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
+from truestand.files.recipes.recipes import stand_recipe
+from truestand.files.scans.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
 from truestand.station.convert import SensorPlan, begin_record, convert
 from truestand.station.recipe import Order
 from truestand.station.scan import write_scans

@@ -60,7 +60,7 @@ def kill_once(stand, name, wait) -> Killed:
 
 
 def profiles_in(log) -> int:
-    from truestand.files.scan_log import Kind, read_log
+    from truestand.files.scans.scan_log import Kind, read_log
 
     return 4 * sum(record.kind is Kind.FRAME for record in read_log(log))
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.core.errors import NoSpace, UnreadableFile
-from truestand.files.scan_log import MAGIC, Damage, Kind, LogWriter, read_log
+from truestand.files.scans.scan_log import MAGIC, Damage, Kind, LogWriter, read_log
 
 
 @pytest.fixture

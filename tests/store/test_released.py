@@ -9,8 +9,8 @@ import jsonschema
 import pytest
 
 from truestand.core.errors import BadStore
-from truestand.files.records import read_calibration
-from truestand.files.schemas import schema_text
+from truestand.files.records.records import read_calibration
+from truestand.files.records.schemas import schema_text
 from truestand.store import Store, database
 
 RELEASED = Path(__file__).parents[1] / "released"

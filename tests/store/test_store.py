@@ -111,7 +111,7 @@ def test_a_missing_file_leaves_the_store_as_it_was(store, tmp_path):
 
 def test_the_record_has_the_hash_of_its_own_file(store, tmp_path):
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.read import sha256_of
+    from truestand.files.scans.read import sha256_of
 
     write_json_atomic(tmp_path / "calibration.json", CALIBRATION)
     assert store.add("calibration", CALIBRATION).record == sha256_of(tmp_path / "calibration.json")

@@ -14,8 +14,8 @@ from machine_lab import keep, make_page, plc, served
 from machine_records import calibration, inspection, line, verification
 from page_lab import PASSWORD
 from truestand.core.errors import BadRecipe
-from truestand.files.read import sha256_of
-from truestand.files.recipes import write_starters
+from truestand.files.recipes.recipes import write_starters
+from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, reset_latch
 from truestand.web.machines.attach import wanted
 from truestand.web.machines.lines import lines_of

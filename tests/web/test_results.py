@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truestand.core.errors import UnreadableFile
-from truestand.files.clouds import open_cloud, write_cloud
+from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.kept import Kept

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from command import run
-from truestand.files.recipes import write_starters
+from truestand.files.recipes.recipes import write_starters
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="signals")
 

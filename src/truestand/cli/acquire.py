@@ -36,7 +36,7 @@ def acquire(
     from truestand.cli.keeping import keeping
     from truestand.cli.live import ended_by_signals, live_bar
     from truestand.core.errors import BadRecipe
-    from truestand.files.write_scan import NATIVE, check_output
+    from truestand.files.scans.write_scan import NATIVE, check_output
     from truestand.station.recipe import order_of, read_devices
     from truestand.station.scan import output_of, take_scan
 

@@ -20,11 +20,11 @@ from truestand.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from truestand.apply.transfer import Transfer
     from truestand.core.artefact import Artefact
     from truestand.core.calibration import Calibration
     from truestand.core.scan import Scan
-    from truestand.core.transfer import Transfer
-    from truestand.files.company import Company
+    from truestand.files.recipes.company import Company
 
 
 class Method(StrEnum):
@@ -66,14 +66,14 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
+    from truestand.calibration.calibrate import calibrate as find
+    from truestand.calibration.positions import calibrate_positions
     from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
-    from truestand.core.calibrate import calibrate as find
-    from truestand.core.positions import calibrate_positions
-    from truestand.files.company import read_company
-    from truestand.files.read import read_scan
-    from truestand.files.recipes import read_shaft, read_stand
-    from truestand.files.records import read_json, write_calibration
+    from truestand.files.recipes.company import read_company
+    from truestand.files.recipes.recipes import read_shaft, read_stand
+    from truestand.files.records.records import read_json, write_calibration
+    from truestand.files.scans.read import read_scan
     from truestand.report.pdf import check_report
 
     check_report(report)
@@ -146,8 +146,8 @@ def write_report(
     company: "Company | None" = None,
 ) -> None:
     """The report with the published method's result beside the exact model's."""
-    from truestand.core.calibrate import calibrate as find
-    from truestand.core.evidence import gather
+    from truestand.calibration.calibrate import calibrate as find
+    from truestand.calibration.evidence import gather
     from truestand.report.calibration import calibration_report
     from truestand.report.pdf import write_report as write_file
 

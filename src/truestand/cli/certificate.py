@@ -34,9 +34,9 @@ def certificate(
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_bytes_atomic
     from truestand.files.json_text import parse_json
-    from truestand.files.laboratory import read_laboratory
-    from truestand.files.records import read_calibration
-    from truestand.files.xml_schema import read_schema, violations
+    from truestand.files.recipes.laboratory import read_laboratory
+    from truestand.files.records.records import read_calibration
+    from truestand.files.records.xml_schema import read_schema, violations
     from truestand.report.certificate import Issue, lacking, refusals
     from truestand.report.certificate import certificate as made_of
 

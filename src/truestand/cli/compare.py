@@ -38,13 +38,13 @@ def compare(
     """
     from time import perf_counter
 
+    from truestand.calibration.peers import peers
     from truestand.cli.talk import now, print_json, print_table, working
-    from truestand.core.peers import peers
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.comparison import axis_of, comparison_record, comparison_row
-    from truestand.files.read import read_scan
-    from truestand.files.recipes import read_shaft, read_stand
-    from truestand.files.records import read_json
+    from truestand.files.recipes.recipes import read_shaft, read_stand
+    from truestand.files.records.comparison import axis_of, comparison_record, comparison_row
+    from truestand.files.records.records import read_json
+    from truestand.files.scans.read import read_scan
 
     shaft, described = read_shaft(artefact), None if stand is None else read_stand(stand)
     known = None if truth is None else axis_of(read_json(truth), truth)

@@ -44,7 +44,7 @@ def demo(
     """
     from truestand.cli.live import ended_by_signals
     from truestand.cli.talk import print_table
-    from truestand.files.recipes import STARTERS, write_starters
+    from truestand.files.recipes.recipes import STARTERS, write_starters
     from truestand.report.terminal import inspection_table, summary_table
 
     _refuse_real_scans(out)
@@ -77,7 +77,7 @@ class Bench:
         """Take a scan with the stand at its addresses, into the folder."""
         from truestand.cli.live import live_bar
         from truestand.core.errors import DeviceError
-        from truestand.files.read import read_scan
+        from truestand.files.scans.read import read_scan
         from truestand.station.recipe import order_of
         from truestand.station.scan import take_scan
 
@@ -104,7 +104,7 @@ class Bench:
 
 
 def _bench(out: Path, quiet: bool) -> Bench:
-    from truestand.files.recipes import read_shaft
+    from truestand.files.recipes.recipes import read_shaft
     from truestand.station.latch import latch_path
     from truestand.station.recipe import read_devices
 
@@ -156,14 +156,14 @@ def _virtual_stand(out: Path) -> Iterator[None]:
 
 def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, Any]]:
     """Scan the shaft, calibrate by both methods, write all of it: ours, the paper's, the truth."""
+    from truestand.calibration.calibrate import calibrate
+    from truestand.calibration.evidence import gather
     from truestand.cli.talk import now, working
-    from truestand.core.calibrate import calibrate
-    from truestand.core.evidence import gather
     from truestand.core.surface import apply_calibration
     from truestand.files.atomic import write_json_atomic, write_text_atomic
-    from truestand.files.clouds import write_cloud
-    from truestand.files.company import read_company
-    from truestand.files.records import write_calibration
+    from truestand.files.recipes.company import read_company
+    from truestand.files.records.records import write_calibration
+    from truestand.files.shapes.clouds import write_cloud
     from truestand.report.calibration import calibration_report
 
     out, quiet = bench.out, bench.quiet
@@ -187,14 +187,14 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
 
 def _inspect(bench: Bench, calibration: "Calibration") -> tuple["Inspection", dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
+    from truestand.apply.transfer import transfer
     from truestand.cli.inspect import Written, write
     from truestand.cli.talk import now, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.surface import apply_calibration
-    from truestand.core.transfer import transfer
-    from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_part
-    from truestand.files.read import sha256_of
+    from truestand.files.recipes.parts import read_part
+    from truestand.files.records.inspection_record import inspection_record
+    from truestand.files.scans.read import sha256_of
     from truestand.parts.inspect import inspect
 
     out, quiet = bench.out, bench.quiet

@@ -9,11 +9,11 @@ import typer
 from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
 
 if TYPE_CHECKING:
+    from truestand.apply.transfer import Transfer
     from truestand.core.artefact import Cylinder
     from truestand.core.calibration import Calibration
-    from truestand.core.form import Form
-    from truestand.core.sections import Section
-    from truestand.core.transfer import Transfer
+    from truestand.form.form import Form
+    from truestand.form.sections import Section
 
 
 class FeatureName(StrEnum):
@@ -97,11 +97,11 @@ def form(
     """
     from truestand.cli.talk import now, print_json, working
     from truestand.core.errors import BadRecipe
-    from truestand.core.form import evaluate
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.form_record import form_record
-    from truestand.files.points import read_points
-    from truestand.files.read import sha256_of
+    from truestand.files.records.form_record import form_record
+    from truestand.files.scans.read import sha256_of
+    from truestand.files.shapes.points import read_points
+    from truestand.form.form import evaluate
 
     if calibration is None and any(given is not None for given in (surface, height_mm, stand, start_angle_deg)):
         raise BadRecipe(
@@ -138,12 +138,12 @@ def _transferred(
     path: Path, calibration: Path, stand: Path | None, feature: FeatureName, start_angle_deg: float | None
 ) -> "Transfer":
     """The scan, and the calibration as it applies to it."""
+    from truestand.apply.transfer import transfer
     from truestand.core.errors import BadRecipe
     from truestand.core.scan import interpret
-    from truestand.core.transfer import transfer
-    from truestand.files.read import read_recording
-    from truestand.files.recipes import read_stand
-    from truestand.files.records import read_calibration
+    from truestand.files.recipes.recipes import read_stand
+    from truestand.files.records.records import read_calibration
+    from truestand.files.scans.read import read_recording
 
     if feature not in (FeatureName.CIRCLE, FeatureName.CYLINDER):
         raise BadRecipe(f"a {feature.value} can't be taken from a scan of the artefact; use circle or cylinder")
@@ -156,8 +156,8 @@ def _transferred(
 
 def _section(tied: "Transfer", feature: FeatureName, surface: str | None, height: float | None) -> "Section":
     """Cells of one cylinder of the artefact in a scan."""
-    from truestand.core.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
     from truestand.core.surface import apply_calibration
+    from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
 
     rolled = apply_calibration(tied.scan, tied.calibration)
     cylinder, low, high = _stretch(tied.calibration, surface)

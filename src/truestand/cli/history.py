@@ -8,7 +8,7 @@ import typer
 from truestand.cli.options import JsonOption, QuietOption, StoreOption
 
 if TYPE_CHECKING:
-    from truestand.core.gage import GageStudy
+    from truestand.statistics.gage import GageStudy
     from truestand.store import Store
     from truestand.store.history import Inspected, Series
 
@@ -82,7 +82,7 @@ def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | N
 
 def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.company import read_company
+    from truestand.files.recipes.company import read_company
     from truestand.report.history import history_report
 
     here = Path("stand.toml")
@@ -144,11 +144,11 @@ def _gage(
 ) -> None:  # fmt: skip
     from truestand.cli.keeping import opened
     from truestand.cli.talk import print_json, print_table
-    from truestand.core.gage import gage_study, readings_of
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.study import read_study
+    from truestand.files.records.study import read_study
     from truestand.report.history import study_report
     from truestand.report.history_tables import study_table
+    from truestand.statistics.gage import gage_study, readings_of
     from truestand.store.history import repeated
 
     table = source.lower().endswith((".csv", ".txt"))

@@ -29,18 +29,18 @@ def identify(
 
     Example: truestand identify gear.csv --calibration calibration.json -o gear.toml
     """
+    from truestand.apply.transfer import transfer
     from truestand.cli.calibrate import tell_doubts
     from truestand.cli.talk import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.core.frames import Pose
     from truestand.core.scan import interpret
     from truestand.core.surface import apply_calibration
-    from truestand.core.transfer import transfer
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.parts import seen_recipe
-    from truestand.files.read import read_recording
-    from truestand.files.recipes import read_stand
-    from truestand.files.records import read_calibration
+    from truestand.files.recipes.parts import seen_recipe
+    from truestand.files.recipes.recipes import read_stand
+    from truestand.files.records.records import read_calibration
+    from truestand.files.scans.read import read_recording
     from truestand.gear.match import identify as tell
     from truestand.gear.match import toothed_heights
 

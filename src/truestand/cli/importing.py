@@ -31,9 +31,9 @@ def import_scan(
     Example: truestand import k1.csv --stand stand.toml -o k1.h5
     """
     from truestand.cli.talk import hint, working
-    from truestand.files.read import read_recording
-    from truestand.files.recipes import read_stand
-    from truestand.files.write_scan import write_recording
+    from truestand.files.recipes.recipes import read_stand
+    from truestand.files.scans.read import read_recording
+    from truestand.files.scans.write_scan import write_recording
 
     described = None if stand is None else read_stand(stand)
     with working(f"Importing {scan.name}", quiet):

@@ -21,8 +21,8 @@ def info(
     Example: truestand info k1.csv
     """
     from truestand.cli.talk import print_json, working
-    from truestand.files.read import info as describe
-    from truestand.files.read import info_of_several, read_recording, recordings
+    from truestand.files.scans.read import info as describe
+    from truestand.files.scans.read import info_of_several, read_recording, recordings
 
     with working(f"Reading {scan.name}", quiet):
         layout = raw_layout(raw_type, points)

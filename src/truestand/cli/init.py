@@ -17,7 +17,7 @@ def init(
 
     Example: truestand init my-stand
     """
-    from truestand.files.recipes import write_starters
+    from truestand.files.recipes.recipes import write_starters
 
     for path in write_starters(directory, force=force):
         if not quiet:

@@ -20,7 +20,7 @@ from truestand.cli.options import (
 if TYPE_CHECKING:
     from truestand.core.inspection import Inspection
     from truestand.core.surface import Surface
-    from truestand.files.company import Company
+    from truestand.files.recipes.company import Company
 
 EXIT_CODES = {"conforms": 0, "does_not_conform": 1, "undecided": 3}
 
@@ -57,17 +57,17 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
+    from truestand.apply.transfer import transfer
     from truestand.cli.keeping import keeping
     from truestand.cli.talk import now, print_json, print_table, working
     from truestand.core.calibration import ScanSummary
     from truestand.core.scan import interpret
     from truestand.core.surface import apply_calibration
-    from truestand.core.transfer import transfer
-    from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_part
-    from truestand.files.read import read_recording, sha256_of
-    from truestand.files.recipes import read_stand
-    from truestand.files.records import read_calibration, read_json
+    from truestand.files.recipes.parts import read_part
+    from truestand.files.recipes.recipes import read_stand
+    from truestand.files.records.inspection_record import inspection_record
+    from truestand.files.records.records import read_calibration, read_json
+    from truestand.files.scans.read import read_recording, sha256_of
     from truestand.parts.inspect import inspect as judge
     from truestand.report.terminal import inspection_table
 
@@ -99,7 +99,7 @@ def inspect(
 
 def _identity(part: Path, serial: str | None, operator: str | None) -> dict[str, str]:
     """Serial number, order and operator: what the options say, otherwise the recipe."""
-    from truestand.files.parts import read_identity
+    from truestand.files.recipes.parts import read_identity
 
     told = {"serial": serial, "operator": operator}
     return read_identity(part) | {key: value for key, value in told.items() if value is not None}
@@ -107,7 +107,7 @@ def _identity(part: Path, serial: str | None, operator: str | None) -> dict[str,
 
 def _evidence(scan: Path, calibration: Path, part: Path) -> dict[str, Path | None]:
     """What an inspection rests on, by role; a CAD model stands in a file of its own."""
-    from truestand.files.recipes import read_toml
+    from truestand.files.recipes.recipes import read_toml
 
     recipe = read_toml(part)
     model = part.parent / str(recipe["file"]) if recipe.get("kind") == "cad" else None
@@ -133,8 +133,8 @@ class Written:
 
 def planned(record: Path, cloud: Path | None, report: Path | None, table: Path | None, stand: Path | None) -> Written:
     """Where the results go, refused before the work is done where one can't be written."""
-    from truestand.files.clouds import check_suffix
-    from truestand.files.company import read_company
+    from truestand.files.recipes.company import read_company
+    from truestand.files.shapes.clouds import check_suffix
     from truestand.report.pdf import check_report
 
     check_report(report)
@@ -152,8 +152,8 @@ def write(
 ) -> None:
     """Record, cloud with deviations, characteristics, report."""
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.characteristics_csv import write_characteristics
-    from truestand.files.clouds import write_cloud
+    from truestand.files.records.characteristics_csv import write_characteristics
+    from truestand.files.shapes.clouds import write_cloud
 
     write_json_atomic(to.record, record)
     if to.cloud is not None and inspection.deviation is not None:

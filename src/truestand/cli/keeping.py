@@ -36,7 +36,7 @@ def keeping(store: Path | None, stand: Path | None, operator: str | None, quiet:
     Raises:
         BadStore: a store that can't be written to.
     """
-    from truestand.files.recipes import read_store_folder
+    from truestand.files.recipes.recipes import read_store_folder
 
     folder = store or (None if stand is None else read_store_folder(stand))
     if folder is not None:
@@ -65,7 +65,7 @@ def folder_of(store: Path | None) -> Path:
         BadRecipe: neither.
     """
     from truestand.core.errors import BadRecipe
-    from truestand.files.recipes import read_store_folder
+    from truestand.files.recipes.recipes import read_store_folder
 
     here = Path("stand.toml")
     folder = store or (read_store_folder(here) if here.is_file() else None)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from truestand.files.scancontrol_raw import RawLayout
+    from truestand.files.scans.scancontrol_raw import RawLayout
 
 StandOption = Annotated[
     Path | None, typer.Option("--stand", metavar="STAND.toml", help="The stand; default: the one the input carries.")
@@ -52,7 +52,7 @@ def raw_layout(raw_type: str | None, points: int | None) -> "RawLayout | None":
         BadRecipe: one of them without the other.
     """
     from truestand.core.errors import BadRecipe
-    from truestand.files.scancontrol_raw import RawLayout
+    from truestand.files.scans.scancontrol_raw import RawLayout
 
     if raw_type is None and points is None:
         return None

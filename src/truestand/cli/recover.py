@@ -24,7 +24,7 @@ def recover(
     from truestand.cli.acquire import tell
     from truestand.cli.talk import working
     from truestand.core.errors import BadRecipe
-    from truestand.files.write_scan import NATIVE, check_output
+    from truestand.files.scans.write_scan import NATIVE, check_output
     from truestand.station.scan import Taken, write_scans
 
     target = log.with_suffix(".h5") if output is None else output

@@ -22,14 +22,14 @@ def roll(
 
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
+    from truestand.apply.transfer import transfer
     from truestand.cli.calibrate import tell_doubts, tell_witness
     from truestand.cli.talk import working
     from truestand.core.surface import apply_calibration
-    from truestand.core.transfer import transfer
-    from truestand.files.clouds import check_suffix, write_cloud
-    from truestand.files.read import read_recording
-    from truestand.files.recipes import read_stand
-    from truestand.files.records import read_calibration
+    from truestand.files.recipes.recipes import read_stand
+    from truestand.files.records.records import read_calibration
+    from truestand.files.scans.read import read_recording
+    from truestand.files.shapes.clouds import check_suffix, write_cloud
 
     check_suffix(output)
     known = read_calibration(calibration)

@@ -14,6 +14,6 @@ def schema(
 
     Example: truestand schema calibration > calibration.schema.json
     """
-    from truestand.files.schemas import schema_text
+    from truestand.files.records.schemas import schema_text
 
     typer.echo(schema_text(name), nl=False)

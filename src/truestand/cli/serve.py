@@ -69,7 +69,7 @@ def serve(
         _change_users(kept, add_user, role, remove_user, quiet)
         return
     from truestand.core.errors import BadRecipe
-    from truestand.files.recipes import read_stand
+    from truestand.files.recipes.recipes import read_stand
     from truestand.web.machines.attach import machines, wanted
     from truestand.web.page import Settings
     from truestand.web.serving import Binding, make_page
@@ -87,7 +87,7 @@ def serve(
 
 def _store_of(stand: Path) -> Path:
     """As stand.toml says; beside it where it says nothing."""
-    from truestand.files.recipes import read_store_folder
+    from truestand.files.recipes.recipes import read_store_folder
 
     return (read_store_folder(stand) if stand.is_file() else None) or stand.parent / "results"
 

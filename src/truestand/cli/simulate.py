@@ -37,9 +37,9 @@ def simulate(
     """
     from truestand.cli.talk import working
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.parts import read_part, read_part_simulation
-    from truestand.files.recipes import read_shaft, read_simulation, read_stand
-    from truestand.files.write_scan import check_output, write_recording
+    from truestand.files.recipes.parts import read_part, read_part_simulation
+    from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand
+    from truestand.files.scans.write_scan import check_output, write_recording
     from truestand.sim import paper_shaft, simulation_from, truth_record, virtual_part_from
     from truestand.sim import simulate as scan_virtually
 

@@ -71,8 +71,8 @@ def simulate(
 
 
 def _described(stand: Path, artefact: Path | None, part: Path | None, pace: float, seed: int) -> "VirtualStand":
-    from truestand.files.parts import read_part, read_part_simulation
-    from truestand.files.recipes import read_shaft, read_simulation
+    from truestand.files.recipes.parts import read_part, read_part_simulation
+    from truestand.files.recipes.recipes import read_shaft, read_simulation
     from truestand.sim import paper_shaft, simulation_from, virtual_part_from
     from truestand.sim.live.stand import virtual_stand
     from truestand.station.recipe import read_devices, sensor_of

@@ -16,7 +16,7 @@ from truestand.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from truestand.core.verify import Verification
+    from truestand.apply.verify import Verification
 
 EXIT_CODES = {"holds": 0, "does_not_hold": 1, "undecided": 3}
 
@@ -45,17 +45,17 @@ def verify(
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
+    from truestand.apply.verify import verify as hold
     from truestand.cli.keeping import keeping
     from truestand.cli.talk import hint, now, print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.core.scan import interpret
     from truestand.core.units import mm_from_um
-    from truestand.core.verify import verify as hold
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.read import read_recording, sha256_of
-    from truestand.files.recipes import read_shaft, read_stand
-    from truestand.files.records import read_calibration
-    from truestand.files.verification_record import verification_record
+    from truestand.files.recipes.recipes import read_shaft, read_stand
+    from truestand.files.records.records import read_calibration
+    from truestand.files.records.verification_record import verification_record
+    from truestand.files.scans.read import read_recording, sha256_of
 
     into = keeping(store, stand, operator, quiet)
     old = read_calibration(calibration)

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core import scancontrol
 from truestand.core.errors import DeviceError
 from truestand.devices.sensor import Layout, Profiles
+from truestand.files.scans import scancontrol
 
 PLAIN_HEAD = 3
 """Numbers before the points of a plain profile: counter, time, encoder."""

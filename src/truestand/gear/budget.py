@@ -15,17 +15,17 @@ from math import hypot, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.apply.datum import Datum
+from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.calibration.checks import linearity_name, linearity_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.checks import linearity_name, linearity_of
-from truestand.core.datum import Datum
-from truestand.core.influence import points_of, unknowns_of
 from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
 from truestand.gear.evaluate import Measures, Weighed, evaluate
 from truestand.gear.figures import Figures, figures_of
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
+from truestand.uncertainty.influence import points_of, unknowns_of
 
 Array = NDArray[np.float64]
 Field = Callable[[Array], Array]

@@ -6,8 +6,8 @@ from math import degrees, hypot, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.apply.datum import Datum
 from truestand.core.calibration import Contribution
-from truestand.core.datum import Datum
 from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.inspection import Characteristic, Flank, status_of
 from truestand.core.scan import Scan

@@ -6,8 +6,8 @@ from math import cos, degrees
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration
-from truestand.core.datum import Datum, datum_of
 from truestand.core.errors import BadRecipe, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan

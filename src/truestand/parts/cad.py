@@ -10,13 +10,11 @@ from math import degrees, sqrt, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.datum import Datum, datum_of
 from truestand.core.decide import EDITION, GUARD_FACTOR, decided
-from truestand.core.denoise import cleared
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.influence import moves
 from truestand.core.inspection import Characteristic, Inspection, status_of
 from truestand.core.rays import sensor_origins
 from truestand.core.scan import Scan
@@ -28,6 +26,8 @@ from truestand.parts.patches import Grid, Patches, farthest, patches_of
 from truestand.parts.place import Placing, Rays, motions, place, told
 from truestand.parts.unmet import Region, unmet_regions
 from truestand.parts.view import coverage_of
+from truestand.statistics.noise import cleared
+from truestand.uncertainty.influence import moves
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -5,10 +5,10 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
+from truestand.calibration.checks import linearity_name, linearity_of
+from truestand.calibration.priors import SMOOTH
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.checks import linearity_name, linearity_of
-from truestand.core.priors import SMOOTH
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.inspection import PARTIAL
-from truestand.core.upr import NEGLIGIBLE, transmission
+from truestand.form.upr import NEGLIGIBLE, transmission
 from truestand.parts.patches import Mask
 
 Array = NDArray[np.float64]

@@ -6,12 +6,10 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.datum import Datum, datum_of
 from truestand.core.decide import EDITION, GUARD_FACTOR, decided
-from truestand.core.denoise import cleared, from_noise
 from truestand.core.errors import NotEnoughData
-from truestand.core.influence import moves
 from truestand.core.inspection import PARTIAL, Characteristic, Inspection, Status, status_of
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
@@ -19,6 +17,8 @@ from truestand.parts import doubt
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import Grid, Patches, patches_of
 from truestand.parts.roundness import STATISTICS, Reading, Rings, read_rings
+from truestand.statistics.noise import cleared, from_noise
+from truestand.uncertainty.influence import moves
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
+from truestand.calibration.evidence import Evidence
 from truestand.core.calibration import Calibration
-from truestand.core.evidence import Evidence
 from truestand.core.units import um
-from truestand.files.company import Company
+from truestand.files.recipes.company import Company
 from truestand.report import figures, tables
 from truestand.report.numbers import number
 from truestand.report.page import K_NOTE, framed, head, page, stamp, unseen

@@ -11,7 +11,7 @@ from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.laboratory import LaboratoryRecipe
+from truestand.files.recipes.laboratory import LaboratoryRecipe
 from truestand.report.certificate_parties import administrative_data
 from truestand.report.certificate_results import measurement_results
 from truestand.report.dcc_xml import SCHEMA, VERSION, XSI, node, printed

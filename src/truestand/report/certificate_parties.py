@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from truestand._version import __version__
-from truestand.files.laboratory import ContactRecipe
+from truestand.files.recipes.laboratory import ContactRecipe
 from truestand.report.dcc_xml import LANGUAGE, NOT_STATED, Node, identification, name, node, plain, text
 
 if TYPE_CHECKING:

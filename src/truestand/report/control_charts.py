@@ -5,9 +5,9 @@ from datetime import datetime
 
 from matplotlib.figure import Figure
 
-from truestand.core.control import ControlChart
-from truestand.core.gage import GageStudy
 from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, styled
+from truestand.statistics.control import ControlChart
+from truestand.statistics.gage import GageStudy
 
 MARK = "#a8240b"
 

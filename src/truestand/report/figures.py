@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from truestand.calibration.evidence import Evidence, FlatMap, Projection, Rolled
 from truestand.core.calibration import Calibration, StaticProfile
-from truestand.core.evidence import Evidence, FlatMap, Projection, Rolled
 from truestand.core.units import um
 from truestand.report.drawing import (
     BEFORE,

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from truestand.core.control import MR_FACTOR, ControlChart
-from truestand.core.gage import GageStudy
 from truestand.report.control_charts import components, individuals
 from truestand.report.numbers import number, places
 from truestand.report.page import framed, page
+from truestand.statistics.control import MR_FACTOR, ControlChart
+from truestand.statistics.gage import GageStudy
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from truestand.core.control import Point
-from truestand.core.gage import GageStudy
 from truestand.report.history import Course, Inspected
 from truestand.report.numbers import number, places
+from truestand.statistics.control import Point
+from truestand.statistics.gage import GageStudy
 
 if TYPE_CHECKING:
     from rich.table import Table

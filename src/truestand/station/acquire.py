@@ -14,8 +14,8 @@ from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
 from truestand.devices.sensor import Layout
-from truestand.files.recipes import stand_recipe
-from truestand.files.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
+from truestand.files.recipes.recipes import stand_recipe
+from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
 from truestand.station.convert import SensorPlan, begin_record
 from truestand.station.machine import Event, State
 from truestand.station.recipe import Order

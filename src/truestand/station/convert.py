@@ -15,8 +15,8 @@ from truestand.core.stand import Stand
 from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensor import Layout
 from truestand.files.checking import refuse_other_types
-from truestand.files.recipes import stand_from_recipe
-from truestand.files.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
+from truestand.files.recipes.recipes import stand_from_recipe
+from truestand.files.scans.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
 from truestand.station.recipe import Order, order_from
 from truestand.station.sync import (
     ClockLine,

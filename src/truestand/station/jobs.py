@@ -87,12 +87,12 @@ def run(job: Job, watching: Watching) -> Result:
 
 
 def _calibrate(job: Job, watching: Watching) -> Result:
-    from truestand.core.calibrate import calibrate
-    from truestand.core.evidence import gather
+    from truestand.calibration.calibrate import calibrate
+    from truestand.calibration.evidence import gather
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.company import read_company
-    from truestand.files.recipes import read_shaft
-    from truestand.files.records import write_calibration
+    from truestand.files.recipes.company import read_company
+    from truestand.files.recipes.recipes import read_shaft
+    from truestand.files.records.records import write_calibration
     from truestand.report.calibration import calibration_report
 
     artefact = _needed(job.artefact, "the shaft's recipe (shaft.toml)")
@@ -112,15 +112,15 @@ def _calibrate(job: Job, watching: Watching) -> Result:
 
 
 def _inspect(job: Job, watching: Watching) -> Result:
+    from truestand.apply.transfer import transfer
     from truestand.core.calibration import ScanSummary
     from truestand.core.surface import apply_calibration
-    from truestand.core.transfer import transfer
     from truestand.files.atomic import write_json_atomic, write_text_atomic
-    from truestand.files.clouds import write_cloud
-    from truestand.files.company import read_company
-    from truestand.files.inspection_record import inspection_record
-    from truestand.files.parts import read_identity, read_part
-    from truestand.files.read import sha256_of
+    from truestand.files.recipes.company import read_company
+    from truestand.files.recipes.parts import read_identity, read_part
+    from truestand.files.records.inspection_record import inspection_record
+    from truestand.files.scans.read import sha256_of
+    from truestand.files.shapes.clouds import write_cloud
     from truestand.parts.inspect import inspect
     from truestand.report.inspection import inspection_report
 
@@ -145,11 +145,11 @@ def _inspect(job: Job, watching: Watching) -> Result:
 
 
 def _verify(job: Job, watching: Watching) -> Result:
-    from truestand.core.verify import verify
+    from truestand.apply.verify import verify
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.read import sha256_of
-    from truestand.files.recipes import read_shaft
-    from truestand.files.verification_record import verification_record
+    from truestand.files.recipes.recipes import read_shaft
+    from truestand.files.records.verification_record import verification_record
+    from truestand.files.scans.read import sha256_of
 
     against = _needed(job.calibration, "a calibration")
     old = _known(against)
@@ -167,7 +167,7 @@ def _verify(job: Job, watching: Watching) -> Result:
 
 def _scan(job: Job, watching: Watching, name: str) -> "Scan":
     """A complete scan with the stand's one sensor; an incomplete one proves nothing."""
-    from truestand.files.read import read_scan
+    from truestand.files.scans.read import read_scan
 
     stand, devices = read_devices(job.stand)
     if len(devices.sensor) > 1:
@@ -188,7 +188,7 @@ def _scan(job: Job, watching: Watching, name: str) -> "Scan":
 
 
 def _known(path: Path) -> "Calibration":
-    from truestand.files.records import read_calibration
+    from truestand.files.records.records import read_calibration
 
     return read_calibration(path)
 

@@ -13,7 +13,7 @@ from truestand.core.stand import Sensor, Stand
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.checking import Recipe, checked
-from truestand.files.recipes import read_devices_table, read_stand
+from truestand.files.recipes.recipes import read_devices_table, read_stand
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
-from truestand.files.read import read_recording
-from truestand.files.write_scan import write_recording
+from truestand.files.scans.read import read_recording
+from truestand.files.scans.write_scan import write_recording
 from truestand.station.acquire import Live, SensorJob, acquire
 from truestand.station.convert import Converted, convert
 from truestand.station.guard import guard

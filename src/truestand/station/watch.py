@@ -10,8 +10,8 @@ from math import degrees, tau
 
 import numpy as np
 
-from truestand.core.scancontrol import decode_stamps
 from truestand.devices.sensor import Frame, Layout
+from truestand.files.scans.scancontrol import decode_stamps
 
 SILENCE = 0.5
 """s without a frame."""

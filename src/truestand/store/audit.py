@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from truestand.core.errors import BadStore
-from truestand.files.read import sha256_of
+from truestand.files.scans.read import sha256_of
 from truestand.store import anchor as anchors
 from truestand.store import database
 from truestand.store.anchor import Anchor

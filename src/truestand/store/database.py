@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from truestand.core.errors import BadStore
-from truestand.files.read import sha256_of
+from truestand.files.scans.read import sha256_of
 
 NAME = "store.db"
 BUSY = 5.0

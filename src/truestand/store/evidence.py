@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from truestand.core.errors import BadStore
-from truestand.files.read import sha256_of
+from truestand.files.scans.read import sha256_of
 from truestand.store.anchor import sync_folder
 
 EVIDENCE, INCOMING = "evidence", "incoming"

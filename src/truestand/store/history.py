@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from truestand.core.control import ControlChart, control_chart
 from truestand.core.errors import NotEnoughData
+from truestand.statistics.control import ControlChart, control_chart
 from truestand.store.entry import Entry
 from truestand.store.store import Standing, Store
 

@@ -5,8 +5,8 @@ import tomllib
 from pathlib import Path
 
 from truestand.core.errors import BadRecipe, TruestandError
-from truestand.files.parts import part_of
-from truestand.files.recipes import read_devices_table, read_shaft, read_stand, read_toml
+from truestand.files.recipes.parts import part_of
+from truestand.files.recipes.recipes import read_devices_table, read_shaft, read_stand, read_toml
 from truestand.station.recipe import read_devices
 from truestand.web.folder import kind_of
 

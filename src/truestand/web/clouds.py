@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.files.atomic import replacing
-from truestand.files.clouds import open_cloud
+from truestand.files.shapes.clouds import open_cloud
 
 EXTREME = 0.05
 """Share of the points that is kept for those that deviate most."""

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 from truestand.core.errors import BadRecipe
 from truestand.files.atomic import write_text_atomic
-from truestand.files.parts import KINDS
-from truestand.files.recipes import read_toml
+from truestand.files.recipes.parts import KINDS
+from truestand.files.recipes.recipes import read_toml
 from truestand.web.problem import Problem
 
 Kind = Literal["stand", "artefact", "part"]

@@ -85,8 +85,8 @@ def certificate(record: str, laboratory: str) -> str:
     """The Digital Calibration Certificate of a calibration's record; a draft where there is no laboratory.toml."""
     from truestand.core.errors import BadRecipe
     from truestand.files.json_text import parse_json
-    from truestand.files.laboratory import read_laboratory
-    from truestand.files.records import read_calibration
+    from truestand.files.recipes.laboratory import read_laboratory
+    from truestand.files.records.records import read_calibration
     from truestand.report.certificate import Issue, refusals
     from truestand.report.certificate import certificate as made_of
 

@@ -4,8 +4,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from truestand.core.control import ControlChart, control_chart
 from truestand.report.quantities import WORDS
+from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry, Store
 from truestand.store.history import inspections, series
 from truestand.web.models import Point, Quantity, TrendFinding

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from truestand.core import scancontrol
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
 from truestand.devices.sensor import LineSensor
 from truestand.files.checking import Recipe
+from truestand.files.scans import scancontrol
 
 Positive = Annotated[float, Field(gt=0)]
 Driver = Literal["scancontrol", "range-camera", "replay"]

@@ -14,7 +14,7 @@ from truestand.core.stand import Sensor
 from truestand.devices.layout import encode_plain
 from truestand.devices.sensor import Frame, Laser, Layout, Profiles, StreamStatistics
 from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
-from truestand.files.read import read_recording
+from truestand.files.scans.read import read_recording
 
 
 class Replay:

@@ -7,13 +7,13 @@ camera; not on a sensor of metal and glass.
 from contextlib import suppress
 from math import log2
 
-from truestand.core import scancontrol
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.core.stand import Sensor
 from truestand.devices.gige.assembly import SILENCE
 from truestand.devices.gige.camera import Camera
 from truestand.devices.sensor import Frame, Laser, Layout, StreamStatistics
 from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
+from truestand.files.scans import scancontrol
 
 IDLE, EXPOSURE = 0xF0F00800, 0xF0F0081C
 """Both in 10 us; together the time from profile to profile."""

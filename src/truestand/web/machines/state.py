@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from truestand.core.errors import TruestandError
-from truestand.files.read import sha256_of
+from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, latched_fault
 from truestand.web.hub import Listener
 from truestand.web.machines.lines import Line, lines_of

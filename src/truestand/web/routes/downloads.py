@@ -3,8 +3,8 @@
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response
 
-from truestand.files.characteristics_csv import csv_of
-from truestand.files.inspection_record import characteristics_from
+from truestand.files.records.characteristics_csv import csv_of
+from truestand.files.records.inspection_record import characteristics_from
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Entry
 from truestand.web.page import ThePage

@@ -5,7 +5,7 @@ import re
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.files.recipes import read_toml
+from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
 from truestand.web.doors import Doors, Policy, Who
 from truestand.web.folder import Listed

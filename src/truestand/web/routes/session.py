@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
-from truestand.files.recipes import read_toml
+from truestand.files.recipes.recipes import read_toml
 from truestand.web.doors import Doors, Policy, Who
 from truestand.web.models import LoginBody, SessionTold
 from truestand.web.page import Page, ThePage, TheWho

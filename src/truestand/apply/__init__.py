@@ -1,0 +1,1 @@
+"""A calibration and another scan: does it hold, where is the part."""

@@ -1,0 +1,159 @@
+"""Where the axis about which a part is judged stands in C, and how well that is known.
+
+C's Z is the axis of the shaft's base. A part sits on the seat (the next cylinder), or is judged about the axis that
+both have in common; what the certificate leaves open on their coaxiality, or what several clampings have measured of
+it, says how far that axis is off. How well the base's own axis is known stands in the calibration's covariance.
+"""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Literal
+
+from truestand.calibration.priors import UNSTATED_COAXIALITY_U
+from truestand.core.artefact import Cylinder
+from truestand.core.calibration import Calibration, Contribution, StepAxis
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose, shaft_from_rotor
+
+DatumName = Literal["base", "seat", "common"]
+
+COAXIALITY = "coaxiality of the datum"
+CLEARANCE = "bore clearance"
+SEAT = "seat"
+"""A cylinder of that name is the seat; without one it is the first above the base."""
+UNSTATED_APART = 20.0
+"""mm between base and seat, and length of the seat, where the calibration carries no drawing."""
+SLOPE_OF_OFFSET = sqrt(12.0)
+"""Over a length L, the slope of a line through evenly spread noise is known to sqrt(12) / L of what its middle is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Datum:
+    """The datum axis in C."""
+
+    name: DatumName
+    pose: Pose
+    """datum_from_shaft: Z along the datum axis, the origin where it passes C's height 0, no twist about Z."""
+    U_offset: float
+    """mm, k = 2: sideways, in each direction, at ``height``."""
+    U_slope: float
+    """rad, k = 2, about ``height``."""
+    height: float
+    """mm: height in C at which ``U_offset`` counts and about which the axis may lean."""
+    contributions: tuple[Contribution, ...]
+    """Lines of ``U_offset``, largest first, in mm."""
+    remark: str
+    """Which axis it is and where it is known from."""
+
+    def lines(self, height: float) -> tuple[Contribution, ...]:
+        """U (mm, k = 2) of the axis sideways at a height in C: ``contributions`` with what the slope adds there."""
+        lean = self.U_slope * abs(height - self.height)
+        kept = [c for c in self.contributions if c.name != self._coaxial]
+        own = next((c for c in self.contributions if c.name == self._coaxial), None)
+        U = hypot(lean, 0.0 if own is None else own.U)
+        if U > 0:
+            kept.append(Contribution(self._coaxial, U, U / 2, "normal", 1.0))
+        return tuple(sorted(kept, key=lambda c: -c.U))
+
+    def expanded(self, height: float) -> float:
+        """U (mm, k = 2) of the axis sideways, in each direction, at a height in C."""
+        return hypot(*(c.U for c in self.lines(height)))
+
+    @property
+    def _coaxial(self) -> str:
+        return next((c.name for c in self.contributions if c.name.startswith(COAXIALITY)), COAXIALITY)
+
+
+def datum_of(calibration: Calibration, name: DatumName, bore_clearance: float = 0.0) -> Datum:
+    """The datum axis ``name`` of a part that sits on the calibrated shaft with ``bore_clearance`` (mm, diametral).
+
+    base: C's own axis. seat: the next cylinder's. common: through the middles of both (ISO 5459, A-B). An axis that
+    several clampings measured is used as it was found; else the cylinders are taken for coaxial, with the
+    certificate's U. With clearance the part may sit anywhere within half of it; it is held against tilting by the
+    shoulder, so that no slope comes with it.
+
+    Raises:
+        BadRecipe: the shaft has no second cylinder.
+    """
+    clearance = _clearance(bore_clearance)
+    if name == "base":
+        return _datum(name, (0.0, 0.0, 0.0, 0.0), None, 0.0, 0.0, clearance, "the shaft's base: Z of C")
+    base, seat = _cylinders(calibration)
+    axis = _measured(calibration, seat)
+    U, why = _coaxiality(seat, axis)
+    line = Contribution(f"{COAXIALITY}{why}", U, U / 2, "normal", 1.0)
+    told = "measured by several clampings" if axis is not None else "taken for coaxial with the base"
+    seat_name = SEAT if seat is None else seat.name
+    at = _middle(seat, UNSTATED_APART / 2)
+    offset = (0.0, 0.0) if axis is None else _at(axis, at)
+    if name == "seat":
+        slope = (0.0, 0.0) if axis is None else (axis.slope_x, axis.slope_y)
+        length = UNSTATED_APART if seat is None else seat.length
+        U_slope = U / length * (1.0 if axis is None else SLOPE_OF_OFFSET)
+        stands = (offset[0] - slope[0] * at, offset[1] - slope[1] * at, *slope)
+        return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat_name}, {told}")
+    low = _middle(base, at - UNSTATED_APART)
+    slope = (offset[0] / (at - low), offset[1] / (at - low))
+    stands = (-slope[0] * low, -slope[1] * low, *slope)
+    # The common axis leaves the base's at its middle, so all that is open on the seat is a slope about there.
+    hinge = Contribution(line.name, 0.0, 0.0, "normal", 1.0)
+    remark = f"the common axis of base and {seat_name}, {told}"
+    return _datum(name, stands, hinge, U / (at - low), low, clearance, remark)
+
+
+def _datum(
+    name: DatumName,
+    stands: tuple[float, float, float, float],
+    line: Contribution | None,
+    U_slope: float,
+    height: float,
+    clearance: tuple[Contribution, ...],
+    remark: str,
+) -> Datum:
+    """``stands``: where the axis passes height 0 (x, y, mm) and its slopes, in C."""
+    lines = sorted((*clearance, *(() if line is None else (line,))), key=lambda c: -c.U)
+    pose = shaft_from_rotor(*stands)  # the same question: the frame of an axis, without twist
+    return Datum(name, pose, hypot(*(c.U for c in lines)), U_slope, height, tuple(lines), remark)
+
+
+def _clearance(bore_clearance: float) -> tuple[Contribution, ...]:
+    """Rectangular within half the clearance; U = 2 u."""
+    u = bore_clearance / 2 / sqrt(3.0)
+    return (Contribution(CLEARANCE, 2 * u, u, "rectangular", 1.0),) if u > 0 else ()
+
+
+def _cylinders(calibration: Calibration) -> tuple[Cylinder | None, Cylinder | None]:
+    """Base and seat of the calibrated shaft; None where the calibration carries no drawing."""
+    if calibration.artefact is None:
+        return None, None
+    base, *further = calibration.artefact.cylinders
+    if not further:
+        raise BadRecipe(
+            f"found a datum on the seat, but {calibration.artefact.name!r} has one cylinder only; "
+            'add the seat as a [[cylinder]] of shaft.toml, or say datum = "base"'
+        )
+    return base, next((c for c in further if c.name == SEAT), further[0])
+
+
+def _measured(calibration: Calibration, seat: Cylinder | None) -> StepAxis | None:
+    axes = () if calibration.positions is None else calibration.positions.axes
+    if seat is None:
+        return axes[0] if axes else None
+    return next((a for a in axes if a.surface == seat.name), None)
+
+
+def _coaxiality(seat: Cylinder | None, axis: StepAxis | None) -> tuple[float, str]:
+    """U (mm, k = 2) of the seat's axis at its middle, and what to add to the line's name."""
+    if axis is not None:
+        return axis.U, ""
+    stated = None if seat is None else seat.coaxiality_U
+    return (UNSTATED_COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
+
+
+def _middle(cylinder: Cylinder | None, unstated: float) -> float:
+    return unstated if cylinder is None else (cylinder.bottom + cylinder.top) / 2
+
+
+def _at(axis: StepAxis, height: float) -> tuple[float, float]:
+    lever = height - axis.height
+    return axis.x + axis.slope_x * lever, axis.y + axis.slope_y * lever

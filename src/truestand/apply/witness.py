@@ -1,0 +1,304 @@
+"""The witness band: shaft that shows in a scan of a part, and what it says about the calibration that is applied there.
+
+Where the shaft is in view below or above the part, its first harmonic tells once more where the sensor stands radially,
+how eccentric the shaft runs, and, if nothing else does, from which zero the table's angle counts: the shaft's axis lies
+in a known direction of the rotor. Everything else (phi, laser plane, tilt, form) is taken from the calibration.
+"""
+
+from dataclasses import dataclass, replace
+from math import atan2, hypot, pi, sqrt, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.estimate import TUKEY, scatter_of
+from truestand.calibration.priors import UNSTATED_COAXIALITY_U
+from truestand.calibration.robust_wave import robust_wave
+from truestand.core.artefact import Cylinder
+from truestand.core.calibration import Calibration
+from truestand.core.frames import shaft_parameters
+from truestand.core.harmonics import wrap
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, apply_calibration, table_angle
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PROFILES = 2000
+REACH = 1.5
+"""mm by which the shaft may run more eccentrically than it did and still be looked for; a gear is farther out."""
+SLEEVE = 0.1
+"""mm by which a surface may differ from the one nearest to its drawing; beyond it, it was put on the shaft."""
+BIN = 0.25
+"""mm of height that is the shaft's or not."""
+EDGE = 0.5
+"""mm from a cylinder's ends that are not looked at: chamfers, fillets, burrs."""
+MOSTLY = 0.7
+"""Share of a bin's readings that must be the shaft's."""
+OFTEN = 0.2
+"""Share of the usual number of readings that a bin must have."""
+LEAST_HEIGHT = 1.0
+"""mm of shaft that make a band."""
+LEAST_READINGS = 3
+LEAST_REVOLUTIONS = 0.75
+LEAST_PROFILES = 50
+SECTORS = 72
+SETTLED = 1e-7
+"""rad."""
+MOST_STEPS = 20
+K = 2.0
+BEARING_U = 2e-4
+"""mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """What the band says; mm and rad, U with k = 2."""
+
+    surfaces: tuple[str, ...]
+    height: float
+    """mm of shaft in view."""
+    angle_shift: float
+    """What has to be added to the scan's table angle so that it counts from the calibration's zero."""
+    angle_U: float
+    radial: float
+    """By how much the sensor stands farther out than the calibration says."""
+    radial_U: float
+    eccentricity_change: tuple[float, float]
+    """Axis of the shaft against the calibration's, x and y in R, at the scan's own zero of the angle."""
+    eccentricity_size: float
+    """By how much it runs more eccentrically, whatever the zero of the angle."""
+    eccentricity_U: float
+    change_U: float
+    """Of ``eccentricity_change``, in the direction in which it is known worst."""
+
+
+def witness(scan: Scan, calibration: Calibration) -> Witness | None:
+    """What the shaft in view of a scan says; None where too little of it shows, or the drawing is not known.
+
+    The published method's calibration holds no pose of the shaft to compare with: None.
+    """
+    if calibration.artefact is None or calibration.method == "paper" or scan.revolutions < LEAST_REVOLUTIONS:
+        return None
+    few = _few(scan)
+    start = _first_look(few, calibration)
+    if start is None:
+        return None
+    shift, bands = start
+    fit = _fitted(few, calibration, shift, bands)
+    for _ in range(MOST_STEPS):
+        turn = _turn(fit, calibration)
+        shift += turn
+        fit = _fitted(few, calibration, shift, bands)
+        if abs(turn) < SETTLED:
+            break
+    if abs(fit.move[0]) > REACH:
+        return None  # something else, taken for the shaft
+    return _told(fit, shift, calibration, bands)
+
+
+@dataclass(frozen=True, slots=True)
+class _Band:
+    """Readings (N, M) of one cylinder that are looked at."""
+
+    cylinder: Cylinder
+    on: Mask
+    height: float
+    """mm of it in view."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Sensor's radial move and the axis' sideways move (x, y) in R, mm, with their covariance (3, 3)."""
+
+    move: Array
+    covariance: Array
+    middle: float
+    """mm: mean height of the readings."""
+
+
+def _few(scan: Scan) -> Scan:
+    """Profiles spread over the scan."""
+    rows = np.unique(np.linspace(0, scan.profiles - 1, PROFILES).astype(np.intp))
+    return replace(
+        scan, x=scan.x[rows], z=scan.z[rows], angle=scan.angle[rows], time=None, counter=None, intensity=None
+    )
+
+
+def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
+    """Which readings are the shaft's, and the zero of the table's angle by the direction of its first harmonic."""
+    assert calibration.artefact is not None
+    pose, angle = calibration.table_from_sensor, table_angle(scan, calibration)
+    u = pose.rotation[0, 0] * scan.x + pose.rotation[0, 2] * scan.z + pose.translation[0]
+    v = pose.rotation[2, 0] * scan.x + pose.rotation[2, 2] * scan.z + pose.translation[2]
+    ex, ey, tx, ty = shaft_parameters(calibration.shaft_from_rotor)
+    bands, shifts, offsets = [], [], []
+    for cylinder in calibration.artefact.cylinders:
+        ends = [hypot(ex + tx * h, ey + ty * h) for h in (cylinder.bottom, cylinder.top)]
+        on = _shaft_in_view(u, v, cylinder, max(ends) + REACH)
+        trace = _per_profile(u - cylinder.radius, on)
+        seen = np.isfinite(trace)
+        if np.count_nonzero(seen) < max(LEAST_PROFILES, 0.5 * seen.size):
+            continue
+        wave = robust_wave(angle[seen], trace[seen])
+        foreign = np.zeros(seen.size, dtype=np.bool_)
+        foreign[seen] = wave.foreign
+        on = on & ~foreign[:, None]
+        if not on.any():
+            continue
+        middle = float(np.median(v[on]))
+        bands.append(_Band(cylinder, on, float(np.ptp(v[on]))))
+        # Seen along T's X the axis stands at e cos(beta + theta): cos -> ex, sin -> -ey.
+        now = atan2(-float(wave.series.sin[0]), float(wave.series.cos[0]))
+        # p_R = Rz(-theta) p_T: an angle that counts too little by the shift turns the axis on by it.
+        shifts.append(wrap(now - atan2(ey + ty * middle, ex + tx * middle)))
+        offsets.append(wave.series.mean)
+    if not bands:
+        return None
+    own = np.abs(np.array(offsets) - min(offsets, key=abs)) < SLEEVE
+    bands, shifts = (
+        [b for b, o in zip(bands, own, strict=True) if o],
+        [s for s, o in zip(shifts, own, strict=True) if o],
+    )
+    return shifts[int(np.argmax([np.count_nonzero(b.on) for b in bands]))], bands
+
+
+def _shaft_in_view(u: Array, v: Array, cylinder: Cylinder, reach: float) -> Mask:
+    """Readings (N, M) on the heights of a cylinder at which mostly nothing else is seen."""
+    low, high = cylinder.bottom + EDGE, cylinder.top - EDGE
+    count = max(int((high - low) / BIN), 1)
+    off = u - cylinder.radius
+    with np.errstate(invalid="ignore"):
+        inside = (v >= low) & (v < low + count * BIN)
+        near = inside & (np.abs(off) < reach)
+    index = np.floor((np.where(inside, v, low) - low) / BIN).astype(np.intp).clip(0, count - 1)
+    seen, own = np.bincount(index[inside], minlength=count), np.bincount(index[near], minlength=count)
+    mean = np.bincount(index[near], off[near], count) / np.maximum(own, 1)
+    shaft = _shaft_bins(seen, own, mean)
+    return np.asarray(near & (shaft[index] & (np.count_nonzero(shaft) * BIN >= LEAST_HEIGHT)))
+
+
+def _shaft_bins(seen: NDArray[np.intp], own: NDArray[np.intp], mean: Array) -> Mask:
+    """Which bins (n,) of height are the shaft's: enough readings, mostly its own, and no sleeve on it."""
+    if not own.any():
+        return np.zeros(own.size, dtype=np.bool_)
+    shaft = np.asarray((own > 0) & (own >= MOSTLY * seen) & (own > OFTEN * np.median(own[own > 0])))
+    # Bins at the end of the view see the shaft only while it runs out towards them, and read it too large: few alike.
+    alike = (np.abs(mean[:, None] - mean) < SLEEVE / 2) @ np.where(shaft, own, 0)
+    nearest = min(mean[shaft & (alike >= OFTEN * alike[shaft].max(initial=0))], key=abs, default=0.0)
+    return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE))
+
+
+def _per_profile(values: Array, on: Mask) -> Array:
+    """Median (N,) of each profile's readings in use; NaN where there are too few."""
+    enough = np.count_nonzero(on, axis=1) >= LEAST_READINGS
+    trace = np.full(on.shape[0], np.nan)
+    if enough.any():
+        trace[enough] = np.nanmedian(np.where(on[enough], values[enough], np.nan), axis=1)
+    return trace
+
+
+def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Band]) -> _Fit:
+    """How far sensor and axis have moved, if the table's angle counts from ``shift``: robust least squares."""
+    turned = replace(scan, angle=scan.angle + shift)
+    surface = apply_calibration(turned, calibration)
+    angle = table_angle(turned, calibration)
+    rows, traces, heights, azimuths = [], [], [], []
+    for band in bands:
+        trace = _per_profile(_deviation(surface, band, calibration), band.on)
+        seen = np.flatnonzero(np.isfinite(trace))
+        psi = np.angle(np.where(band.on[seen], np.exp(1j * surface.angle[seen]), 0.0).sum(axis=1))
+        rows.append(seen)
+        traces.append(trace[seen])
+        azimuths.append(psi)
+        heights.append(np.full(seen.size, float(np.median(surface.z[band.on]))))
+    trace, psi, row = np.concatenate(traces), np.concatenate(azimuths), np.concatenate(rows)
+    # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
+    design = np.column_stack([np.cos(psi + angle[row]), -np.cos(psi), -np.sin(psi)])
+    move, covariance = _robust(design, -trace, np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS)
+    return _Fit(move, covariance, float(np.mean(np.concatenate(heights))))
+
+
+def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
+    """Deviation (N, M) mm of the readings from the calibrated shaft, its form and the static profile included."""
+    deviation = surface.radius - band.cylinder.radius
+    for h in calibration.harmonics:
+        if h.surface == band.cylinder.name:
+            deviation = deviation - h.amplitude * np.cos(h.upr * surface.angle - h.phase)
+    for s in calibration.static_profiles:
+        if s.surface == band.cylinder.name:
+            deviation = deviation - np.interp(surface.z, s.height, s.deviation)
+    return np.asarray(deviation)
+
+
+def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Solution (3,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
+    solution = np.linalg.lstsq(design, samples, rcond=None)[0]
+    weights = np.ones(samples.size)
+    for _ in range(30):
+        off = samples - design @ solution
+        scale = max(TUKEY * 1.4826 * float(np.median(np.abs(off))), 1e-7)
+        weights = np.square(np.maximum(1.0 - np.square(off / scale), 0.0))
+        better = np.linalg.lstsq(design * weights[:, None], samples * weights, rcond=None)[0]
+        done = np.abs(better - solution).max() < 1e-9
+        solution = better
+        if done:
+            break
+    weighted = design * weights[:, None]
+    inverse = np.linalg.pinv(weighted.T @ design)
+    scatter = scatter_of(weighted * (samples - design @ solution)[:, None], sectors)
+    return np.asarray(solution), np.asarray(inverse @ scatter @ inverse.T)
+
+
+def _axis(calibration: Calibration, height: float) -> Array:
+    ex, ey, tx, ty = shaft_parameters(calibration.shaft_from_rotor)
+    return np.array([ex + tx * height, ey + ty * height])
+
+
+def _turn(fit: _Fit, calibration: Calibration) -> float:
+    """By how much the table's angle must turn on so that the axis lies where the calibration has it."""
+    before = _axis(calibration, fit.middle)
+    after = before + fit.move[1:]
+    return wrap(atan2(after[1], after[0]) - atan2(before[1], before[0]))
+
+
+def _told(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band]) -> Witness:
+    axis = _axis(calibration, fit.middle)
+    size = max(hypot(*axis), 1e-9)
+    along = axis / size
+    across = np.array([-along[1], along[0]])
+    more = float(along @ fit.move[1:])
+    c, s = np.cos(shift), np.sin(shift)
+    moved = np.array([[c, -s], [s, c]]) @ (axis + more * along) - axis
+    doubt = _doubt(fit, calibration, bands)
+    return Witness(
+        surfaces=tuple(b.cylinder.name for b in bands),
+        height=float(sum(b.height for b in bands)),
+        angle_shift=wrap(shift),
+        angle_U=min(K * sqrt(float(across @ doubt @ across)) / size, pi),
+        radial=float(fit.move[0]),
+        radial_U=K * sqrt(float(fit.covariance[0, 0])),
+        eccentricity_change=(float(moved[0]), float(moved[1])),
+        eccentricity_size=more,
+        eccentricity_U=K * sqrt(float(along @ doubt @ along)),
+        change_U=K * sqrt(float(np.linalg.eigvalsh(doubt)[-1])),
+    )
+
+
+def _doubt(fit: _Fit, calibration: Calibration, bands: list[_Band]) -> Array:
+    """Covariance (2, 2) mm2 of the axis' move: the band's own, the calibration's noise, bearing and coaxiality.
+
+    What both scans share (certificate, mounting) cancels.
+    """
+    doubt = fit.covariance[1:, 1:] + (BEARING_U / K) ** 2 * np.eye(2)
+    if calibration.repeatability.size:
+        at = np.zeros((2, calibration.repeatability.shape[0]))
+        at[0, 4], at[0, 6], at[1, 5], at[1, 7] = 1.0, fit.middle, 1.0, fit.middle
+        doubt = doubt + at @ calibration.repeatability @ at.T
+    assert calibration.artefact is not None
+    total = sum(b.height for b in bands)
+    for band in bands:
+        if band.cylinder != calibration.artefact.base:
+            u = (band.cylinder.coaxiality_U or UNSTATED_COAXIALITY_U) / K * band.height / total
+            doubt = doubt + u * u * np.eye(2)
+    return np.asarray(doubt)

@@ -1,0 +1,1 @@
+"""One or several scans of the artefact in, a calibration out."""

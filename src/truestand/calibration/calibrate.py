@@ -1,0 +1,36 @@
+"""The calibration: one scan of the artefact in; where the sensor stands and how the shaft runs out."""
+
+from dataclasses import replace
+
+from truestand.calibration.height import with_height
+from truestand.calibration.paper import calibrate_paper
+from truestand.calibration.refine import refine
+from truestand.calibration.result import conclude
+from truestand.calibration.segment import segment
+from truestand.calibration.start import rough_stand
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import Calibration, Method
+from truestand.core.scan import Scan
+
+
+def calibrate(scan: Scan, artefact: Artefact, method: Method = "stand") -> Calibration:
+    """Where the sensor stands relative to the shaft, how the shaft runs, and how well that is known.
+
+    ``method`` is ``"stand"``, the exact model (docs/theory.md), or ``"paper"``, the published procedure of Klarák et
+    al. 2022, kept faithful so that anyone can reproduce it and see the difference.
+
+    Raises:
+        NotEnoughData: less than half a turn, too few points, or nothing that fits the drawing.
+    """
+    segments = segment(scan, artefact)
+    if method == "paper":
+        return _doubted(calibrate_paper(scan, artefact, segments), scan)
+    start = rough_stand(scan, segments, artefact)
+    fit = refine(scan, segments, artefact, start)
+    fit = with_height(scan, artefact, fit)
+    return _doubted(conclude(scan, artefact, fit), scan)
+
+
+def _doubted(calibration: Calibration, scan: Scan) -> Calibration:
+    """A scan that isn't proven whole carries its doubts on."""
+    return replace(calibration, reasons=(*calibration.reasons, *scan.doubts)) if scan.doubts else calibration

@@ -1,0 +1,263 @@
+"""Seven million readings to some ten thousand surface cells: robust means, with honest weights.
+
+A cell is a few neighbouring profiles times a short piece of height on one cylinder. Within it the model is linear to
+nanometres, so the means of x, z and angle carry all that the readings say. Readings far from the surface that the
+present model predicts are weighted down (Tukey's biweight) before the mean is taken; none is dropped from the scan.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import cos, sin, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.model import Model, Readings
+from truestand.calibration.segment import Band
+from truestand.core.frames import facing
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+BLOCK = 128
+"""Profiles worked on at once: fits the processor's cache."""
+GROUPS_PER_TURN = 500
+"""Groups of profiles a turn; the trace bends by nanometres within one."""
+BINS_PER_BAND = 16
+"""Height bins on a cylinder: enough for the static profile's degree 7."""
+FOREIGN_REACH = 4.0
+"""mm: a keyway or a flat is as deep, and its readings count as rejected."""
+LOOKUP = 0.02
+"""mm: resolution at which heights are looked up for their bin."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """How the scan is cut into cells: groups of profiles and bins of height."""
+
+    group: int
+    """Profiles in a group."""
+    groups: int
+    edges: tuple[Array, ...]
+    """mm, per cylinder in use: borders of its height bins."""
+
+    @property
+    def centres(self) -> Array:
+        """Height (B,) mm of the bins' middles, cylinder after cylinder."""
+        return np.concatenate([(e[:-1] + e[1:]) / 2 for e in self.edges])
+
+    @property
+    def cylinder(self) -> Ints:
+        """Which cylinder each bin lies on (B,)."""
+        return np.concatenate([np.full(e.size - 1, k, dtype=np.intp) for k, e in enumerate(self.edges)])
+
+    def lookup(self) -> tuple[Ints, float]:
+        """Bin index (B = none) over height in steps of ``LOOKUP`` from the returned start, one guard cell each end."""
+        low = min(e[0] for e in self.edges) - 2 * LOOKUP
+        high = max(e[-1] for e in self.edges) + 2 * LOOKUP
+        at = low + LOOKUP * (np.arange(int((high - low) / LOOKUP) + 2) + 0.5)
+        table = np.full(at.size, self.centres.size, dtype=np.intp)
+        first = 0
+        for e in self.edges:
+            inside = (at >= e[0]) & (at < e[-1])
+            table[inside] = first + np.searchsorted(e, at[inside], side="right") - 1
+            first += e.size - 1
+        table[0] = table[-1] = self.centres.size
+        return table, low
+
+
+def make_grid(scan: Scan, bands: tuple[Band, ...], groups_per_turn: int = GROUPS_PER_TURN) -> Grid:
+    """A grid for the scan and the parts of the cylinders that are measured on."""
+    per_turn = scan.profiles / max(scan.revolutions, 1e-9)
+    group = max(1, round(per_turn / groups_per_turn))
+    edges = tuple(np.linspace(b.low, b.high, BINS_PER_BAND + 1) for b in bands)
+    return Grid(group, -(-scan.profiles // group), edges)
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Means over cells (n,), with what they rest on."""
+
+    readings: Readings
+    """Mean x, z, angle, time; which cylinder."""
+    weight: Array
+    """Sum of the readings' robust weights."""
+    spread: Array
+    """mm: weighted standard deviation of the readings in the cell about the prediction."""
+    group: Ints
+    bin: Ints
+    points: int
+    """Readings on the artefact's surfaces: within ``reach`` of the predicted surface or rejected from it."""
+    rejected: int
+    """Of these, the ones with no weight."""
+    bend: float
+    """Mean weight over mean slope of the readings' pull: what rejecting wild ones costs in scatter."""
+
+
+def reduce(
+    scan: Scan,
+    model: Model,
+    parameters: Array,
+    grid: Grid,
+    limit: float,
+    reach: float,
+    foreign: NDArray[np.bool_] | None = None,
+) -> Cells:
+    """One robust pass over all readings.
+
+    Args:
+        scan: what the sensor saw.
+        model: the model with its layout.
+        parameters: present estimate.
+        grid: the cells.
+        limit: mm from the predicted surface at which a reading's weight becomes zero.
+        reach: mm from the predicted surface within which a reading counts as one of the surface's at all.
+        foreign: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
+    """
+    bins = grid.centres.size
+    sums = np.zeros((5, grid.groups * (bins + 1)))
+    points = kept = 0
+    mass = slack = 0.0
+    predicted = _predicted(scan, model, parameters, grid)
+    trusted = _trusted(scan, model, parameters, grid, foreign)
+    for block in _blocks(scan, grid, predicted, parameters, model.height):
+        near = np.abs(block.deviation) < reach
+        with np.errstate(invalid="ignore"):
+            ratio = block.deviation * (1.0 / limit)
+        left = np.maximum(1.0 - ratio * ratio, 0.0)
+        left[~near] = 0.0
+        if trusted is not None:
+            own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
+            near |= ~own & (np.abs(block.deviation) < FOREIGN_REACH)
+            left[~own] = 0.0
+        weight = left * left
+        points += int(np.count_nonzero(near))
+        kept += int(np.count_nonzero(weight))
+        mass, slack = mass + float(weight.sum()), slack + float(left.sum())
+        span = block.cells
+        size = span.stop - span.start
+        deviation = np.where(near, block.deviation, 0.0)
+        weighted = weight * deviation
+        sums[0, span] += np.bincount(block.index, weight, size)
+        sums[1, span] += np.bincount(block.index, weighted, size)
+        sums[2, span] += np.bincount(block.index, weighted * deviation, size)
+        sums[3, span] += np.bincount(block.index, weight * block.offset, size)
+        sums[4, span] += np.bincount(block.index, weight * block.profile, size)
+    bend = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
+    return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), bend)
+
+
+def _trusted(
+    scan: Scan, model: Model, p: Array, grid: Grid, foreign: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """Whether profile i may be looked at in bin j, (N, bins + 1); None where nothing is foreign."""
+    if foreign is None or not foreign.any():
+        return None
+    sector = np.floor(model.angle(p, scan.angle) * (foreign.shape[1] / tau)).astype(np.intp) % foreign.shape[1]
+    per_bin = np.vstack([foreign[grid.cylinder], np.zeros((1, foreign.shape[1]), dtype=np.bool_)])
+    return np.asarray(~per_bin[:, sector].T)
+
+
+@dataclass(frozen=True, slots=True)
+class _Block:
+    deviation: Array
+    offset: Array
+    profile: Array
+    index: Ints
+    cells: slice
+
+
+def _predicted(scan: Scan, model: Model, parameters: Array, grid: Grid) -> Array:
+    """u (groups + 1, B) mm where the model puts the surface at the groups' borders."""
+    border = np.arange(grid.groups + 1) * grid.group
+    last = np.minimum(border, scan.profiles - 1)
+    heights, cylinder = grid.centres, grid.cylinder
+    angle = np.repeat(scan.angle[last] + scan.step * (border - last), heights.size)
+    time = np.repeat(border / max(scan.profiles - 1, 1) - 0.5, heights.size)
+    out = np.empty((border.size, heights.size))
+    v = np.tile(heights, border.size)
+    which = np.tile(cylinder, border.size)
+    flat = out.reshape(-1)
+    for k in range(len(model.radii)):
+        on = which == k
+        flat[on] = model.radial_position(parameters, v[on], angle[on], time[on], k)
+    return out
+
+
+def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -> Iterator[_Block]:
+    """The readings on the artefact's bands, block by block: deviation from the prediction and cell index."""
+    phi, radial = float(p[0]), float(p[1])
+    side = facing(phi)
+    ux, uz, vx, vz = side * cos(phi), -side * sin(phi), sin(phi), cos(phi)
+    table, low = grid.lookup()
+    bins = grid.centres.size
+    centres = np.append(grid.centres, 0.0)
+    per_block = max(1, BLOCK // grid.group)
+    for first in range(0, grid.groups, per_block):
+        last = min(first + per_block, grid.groups)
+        rows = slice(first * grid.group, min(last * grid.group, scan.profiles))
+        x, z = scan.x[rows], scan.z[rows]
+        v = x * vx + z * vz + height
+        with np.errstate(invalid="ignore"):
+            step = np.clip((v - low) * (1.0 / LOOKUP), 0, table.size - 1)
+        step[np.isnan(step)] = 0
+        bin_ = table[step.astype(np.intp)]
+        pick = np.flatnonzero(bin_.reshape(-1) < bins)
+        n = np.arange(rows.start, rows.stop)
+        part = (n % grid.group) / grid.group
+        own = n // grid.group
+        surface = predicted[own] * (1 - part)[:, None] + predicted[own + 1] * part[:, None]
+        row = pick // x.shape[1]
+        chosen = bin_.reshape(-1)[pick]
+        u = ux * x.reshape(-1)[pick] + uz * z.reshape(-1)[pick] + radial
+        deviation = u - surface.reshape(-1)[row * bins + chosen]
+        yield _Block(
+            deviation,
+            v.reshape(-1)[pick] - centres[chosen],
+            n[row].astype(np.float64),
+            (own[row] - first) * (bins + 1) + chosen,
+            slice(first * (bins + 1), last * (bins + 1)),
+        )
+
+
+def _sag(predicted: Array, group: int) -> Array:
+    """By how much the mean of u over a group of profiles differs from u at their mean angle (groups, B), mm."""
+    steps = np.diff(predicted, axis=0)
+    bend = np.gradient(steps, axis=0) if len(steps) > 1 else np.zeros_like(steps)
+    return np.asarray(bend * (1.0 - 1.0 / group**2) / 24.0)
+
+
+def _means(
+    scan: Scan,
+    model: Model,
+    p: Array,
+    grid: Grid,
+    predicted: Array,
+    sums: Array,
+    counts: tuple[int, int],
+    bend: float,
+) -> Cells:
+    bins = grid.centres.size
+    cell = sums.reshape(5, grid.groups, bins + 1)[:, :, :bins]
+    full = cell[0] > 0.5
+    bin_, group = np.nonzero(full.T)  # cylinder after cylinder
+    weight = cell[0][group, bin_]
+    deviation, square, offset, profile = (cell[i][group, bin_] / weight for i in range(1, 5))
+    profile = np.clip(profile, 0, scan.profiles - 1)
+    part = profile / grid.group - group
+    surface = predicted[group, bin_] * (1 - part) + predicted[group + 1, bin_] * part
+    time = np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5])
+    phi, radial = float(p[0]), float(p[1])
+    side = facing(phi)
+    across = surface + deviation - _sag(predicted, grid.group)[group, bin_] - radial
+    up = grid.centres[bin_] + offset - model.height
+    readings = Readings(
+        side * cos(phi) * across + sin(phi) * up,
+        -side * sin(phi) * across + cos(phi) * up,
+        np.interp(profile, np.arange(scan.profiles), scan.angle),
+        time,
+        grid.cylinder[bin_],
+    )
+    spread = np.sqrt(np.maximum(square - deviation * deviation, 0.0))
+    return Cells(readings, weight, spread, group, bin_, *counts, bend)

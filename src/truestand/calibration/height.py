@@ -1,0 +1,123 @@
+"""Height zero: the shoulder face between the first two cylinders, where the scan shows it; else the nearest edge."""
+
+from dataclasses import replace
+from math import cos, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.estimate import gauss_newton
+from truestand.calibration.refine import Refined, sectors
+from truestand.core.artefact import Artefact
+from truestand.core.frames import facing, shaft_from_rotor
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+
+SAMPLED_PROFILES = 1000
+FACE_REACH = 0.3
+"""mm: half-height of the slab in which the face's points lie once the model is known."""
+LEVEL = 0.03
+"""mm by which the inner and the outer half of a face may differ in height."""
+EDGE_REACH = 1.5
+"""mm: how far from its expected place the edge of a cylinder is looked for."""
+LEAST_POINTS = 50
+
+
+def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
+    """The fit with the shoulder face at its height in the drawing.
+
+    Where the face is hidden, the end of the larger cylinder stands in for it; a chamfer there is no edge, so the height
+    stays among what is not identifiable.
+    """
+    if len(artefact.cylinders) < 2:
+        return fit
+    radius, height = _in_shaft(scan, fit)
+    face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
+    if face.size:
+        return _moved(scan, fit, _middle(face), seen=True)
+    edge = _edge(artefact, radius, height)
+    if edge is not None:
+        return _moved(scan, fit, edge, seen=False)
+    return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
+
+
+def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
+    """Radius and height in C (n, M) mm of the readings of evenly spread profiles."""
+    p = fit.solution.parameters
+    rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
+    x, z = scan.x[rows], scan.z[rows]
+    u = facing(p[0]) * (cos(p[0]) * x - sin(p[0]) * z) + p[1]
+    v = sin(p[0]) * x + cos(p[0]) * z + fit.model.height
+    angle = fit.model.angle(p, scan.angle[rows])[:, None]
+    c, s = np.cos(angle), np.sin(angle)
+    beside, level = p[2] + sin(p[3]) * v, cos(p[3]) * v
+    in_rotor = (c * u + s * beside, c * beside - s * u, level)
+    pose = shaft_from_rotor(*p[4:8])
+    a, b, h = (
+        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(x.shape, pose.translation[i]))
+        for i in range(3)
+    )
+    return np.hypot(a, b), h
+
+
+def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
+    """Heights (n,) mm above the drawing's shoulder of readings on its face, clear of its fillet and chamfer.
+
+    Empty where there are too few, or where their height changes across the face: that is a fillet, no face.
+    """
+    inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
+    margin = min(0.5, 0.2 * (outer - inner))
+    with np.errstate(invalid="ignore"):
+        above = height - artefact.shoulder
+        on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
+    face, across = above[on], radius[on]
+    if face.size < LEAST_POINTS:
+        return np.empty(0)
+    inside = across < np.median(across)
+    if not inside.any():
+        return np.empty(0)
+    slope = float(np.median(face[~inside]) - np.median(face[inside]))
+    return face if abs(slope) < LEVEL else np.empty(0)
+
+
+def _middle(heights: Array) -> float:
+    """The median of a slab of readings, with the slab moved to where it should be."""
+    middle = float(np.median(heights))
+    for _ in range(5):
+        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH / 2]))
+    return middle
+
+
+def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
+    """Height (mm) above the drawing's shoulder at which the larger cylinder ends; None where that end is not in view.
+
+    Each profile ends with its last reading there; the edge lies on average mean(g^2) / (2 mean(g)) further, g being the
+    gaps between readings, lost ones included (the waiting time of renewal theory).
+    """
+    lower, upper = artefact.cylinders[:2]
+    larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
+    beyond = outwards * (height - artefact.shoulder)
+    with np.errstate(invalid="ignore"):
+        row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
+    readings = beyond[row, column]
+    order = np.lexsort((readings, row))
+    row, readings = row[order], readings[order]
+    same = row[1:] == row[:-1]
+    gaps = np.diff(readings)[same]
+    if gaps.size < LEAST_POINTS:
+        return None
+    ends = readings[np.append(~same, True)]
+    return outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
+
+
+def _moved(scan: Scan, fit: Refined, shift: float, seen: bool) -> Refined:
+    """The fit with every height counted from ``shift``."""
+    model = replace(fit.model, height=fit.model.height - shift, middles=tuple(m - shift for m in fit.model.middles))
+    bands = tuple(replace(b, low=b.low - shift, high=b.high - shift) for b in fit.segments.bands)
+    segments = replace(fit.segments, bands=bands, height=model.height, shoulder_seen=seen)
+    p = fit.solution.parameters.copy()
+    p[2] += sin(p[3]) * shift
+    p[4:6] += p[6:8] * cos(p[3]) * shift
+    solution = gauss_newton(model, fit.cells, p, fit.priors, sectors(scan, fit.grid, fit.cells))
+    return replace(fit, model=model, segments=segments, solution=solution)

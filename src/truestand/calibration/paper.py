@@ -1,0 +1,262 @@
+"""The published method, step by step: Klarák et al., Sensors 2022, 22, 5306 (method name ``paper``).
+
+Kept faithful, so that anyone can reproduce the paper and see the difference; each function names its equation. Where
+the print can't be meant (Eq. 4 is no rotation, Eq. 6 leaves out the radius) the text's evident meaning is followed and
+the printed form stands beside it. What the method leaves wrong is described in docs/theory.md, *Reading the paper*, and
+tested: the leakage that is its "0.26 pi", the second harmonic e^2/4R, the polar angles.
+"""
+
+from dataclasses import dataclass
+from math import atan, atan2, cos, hypot, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.checks import no_zero
+from truestand.calibration.result import angle_zero
+from truestand.calibration.segment import Segments
+from truestand.calibration.start import LEAST_REVOLUTIONS, REACH
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import Calibration, PaperFigures, Residuals, ScanSummary
+from truestand.core.errors import NotEnoughData
+from truestand.core.frames import Pose, facing, shaft_from_rotor, table_from_sensor
+from truestand.core.harmonics import Bin, Harmonics, fit_harmonics, nearest_bin, wrap
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+
+
+def calibrate_paper(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+    """The paper's calibration of a scan (its Section 3).
+
+    Raises:
+        NotEnoughData: less than half a turn, or the base surface is not seen.
+    """
+    base = base_surface(scan, artefact, segments)
+    phi = axis_angle(base_line(base), segments.phi)
+    radial, _ = rotate(base, phi)
+    trace = radial_signal(radial)
+    wave = compensation_wave(scan.angle, trace)
+    nearest = nearest_bin(filled(trace), scan.revolutions)
+    left = compensate(radial, scan.angle, wave) - wave.mean
+    pose = _pose(artefact, segments, base, phi, wave.mean)
+    return _record(scan, artefact, segments, pose, wave, nearest, trace, left)
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSurface:
+    """Readings of the base cylinder (N, W) mm; NaN elsewhere. W columns hold all of it."""
+
+    x: Array
+    z: Array
+    angle: Array
+    columns: slice
+
+
+def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurface:
+    """Step 2: the points on the base cylinder. The paper chose them by hand; the segmentation does it here."""
+    if scan.revolutions < LEAST_REVOLUTIONS:
+        raise NotEnoughData(f"need one full revolution, got {scan.revolutions:.2f}; scan for longer")
+    bands = [b for b in segments.bands if b.cylinder == 0]
+    if not bands:
+        raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
+    band = bands[0]
+    ux, uz = facing(segments.phi) * cos(segments.phi), -facing(segments.phi) * sin(segments.phi)
+    vx, vz = sin(segments.phi), cos(segments.phi)
+    centre = artefact.base.radius - segments.radial
+    reach = REACH if len(artefact.cylinders) < 2 else min(REACH, 0.45 * _nearest_step(artefact))
+    on = np.empty(scan.x.shape, dtype=np.bool_)
+    for rows in _blocks(scan.profiles):
+        x, z = scan.x[rows], scan.z[rows]
+        v = vx * x + vz * z + segments.height
+        with np.errstate(invalid="ignore"):
+            on[rows] = (np.abs(ux * x + uz * z - centre) < reach) & (v > band.low) & (v < band.high)
+    used = np.flatnonzero(on.any(axis=0))
+    if not used.size:
+        raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
+    columns = slice(int(used[0]), int(used[-1]) + 1)
+    part = on[:, columns]
+    return BaseSurface(
+        np.where(part, scan.x[:, columns], np.nan), np.where(part, scan.z[:, columns], np.nan), scan.angle, columns
+    )
+
+
+def _nearest_step(artefact: Artefact) -> float:
+    return min(abs(c.radius - artefact.base.radius) for c in artefact.cylinders[1:])
+
+
+def base_line(base: BaseSurface) -> float:
+    """Step 3, Eq. 7-8: slope dz/dx of the least-squares line through the base points in the XZ plane.
+
+    Pooled over profiles, each about its own centre: in one heap the eccentricity smears the line by its square (0.7
+    degrees on the paper's stand).
+    """
+    seen = np.isfinite(base.z)
+    count = np.maximum(seen.sum(axis=1), 1)
+    sxx = sxz = 0.0
+    for rows in _blocks(base.x.shape[0]):
+        good = seen[rows]
+        x, z = np.where(good, base.x[rows], 0.0), np.where(good, base.z[rows], 0.0)
+        n = count[rows]
+        sxx += float(np.einsum("ij,ij->", x, x) - (x.sum(axis=1) ** 2 / n).sum())
+        sxz += float(np.einsum("ij,ij->", x, z) - (x.sum(axis=1) * z.sum(axis=1) / n).sum())
+    if sxx <= 0.0:
+        raise NotEnoughData("the base surface shows no length along the laser line; turn the sensor")
+    return sxz / sxx
+
+
+def axis_angle(slope: float, rough_phi: float) -> float:
+    """Step 3: the angle between axis and sensor z from the line's slope, rad.
+
+    The paper quotes -pi/2 - arctan(slope); of the four quadrants that fit a line, the one the segmentation found.
+    """
+    phi = -pi / 2 - atan(slope)
+    return phi + pi * round((rough_phi - phi) / pi)
+
+
+def displacement(base: BaseSurface) -> tuple[float, float]:
+    """Step 4, Eq. 3, 5, 6: the point (x, z) mm with the smallest Z. One bad point of seven million moves it."""
+    i = int(np.nanargmin(base.z))
+    return float(base.x.flat[i]), float(base.z.flat[i])
+
+
+def printed_matrix(phi: float) -> Array:
+    """Eq. 4 as printed, reduced to the XZ plane: no rotation (determinant -cos 2 phi); not used."""
+    return np.array([[cos(phi), -sin(phi)], [sin(phi), -cos(phi)]])
+
+
+def rotation_matrix(phi: float) -> Array:
+    """Eq. 1 and 4 as they must be meant: a proper rotation of the XZ plane that brings the axis parallel to Z of C."""
+    side = facing(phi)
+    return np.array([[side * cos(phi), -side * sin(phi)], [sin(phi), cos(phi)]])
+
+
+def rotate(base: BaseSurface, phi: float) -> tuple[Array, Array]:
+    """Step 5, Eq. 1, 4: radial and axial coordinates (N, W) mm, counted from the displacement of step 4."""
+    x0, z0 = displacement(base)
+    (a, b), (c, d) = rotation_matrix(phi)
+    radial, axial = np.empty_like(base.x), np.empty_like(base.x)
+    for rows in _blocks(base.x.shape[0]):
+        x, z = base.x[rows] - x0, base.z[rows] - z0
+        radial[rows] = a * x + b * z
+        axial[rows] = c * x + d * z
+    return radial, axial
+
+
+def radial_signal(radial: Array) -> Array:
+    """Step 6: one radial value a profile (N,) mm, the mean over its base points; NaN where none is seen."""
+    seen = np.isfinite(radial)
+    count = seen.sum(axis=1)
+    total = np.where(seen, radial, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def filled(trace: Array) -> Array:
+    """The trace with gaps interpolated: a Fourier transform needs every sample."""
+    seen = np.isfinite(trace)
+    at = np.arange(trace.size)
+    return np.interp(at, at[seen], trace[seen])
+
+
+def compensation_wave(angle: Array, trace: Array) -> Harmonics:
+    """Step 7, Eq. 2, 9: the once-per-turn wave at the frequency that the table's speed gives, by least squares."""
+    return fit_harmonics(angle, trace, (1,))
+
+
+def wave_phase(wave: Harmonics, angle: Array) -> float:
+    """Phase p of the wave written A cos(w i + p) over the profile number i, rad."""
+    forwards = np.sign(angle[-1] - angle[0])
+    return wrap(float(forwards * angle[0]) + atan2(-float(forwards * wave.sin[0]), float(wave.cos[0])))
+
+
+def arcsine_shift(angle: Array, trace: Array, wave: Harmonics, nearest: Bin) -> float:
+    """Step 7: the phase between the Fourier wave and the measured one by the mean difference of arcsines, rad.
+
+    The arcsine alone folds at +-pi/2; a sample a quarter turn on tells the rising branch from the falling one, so that
+    like is compared with like. ``arcsine_shift_literal`` is the printed form.
+    """
+    turn = np.abs(angle - angle[0])
+    amplitude = hypot(float(wave.cos[0]), float(wave.sin[0]))
+    ratio = np.clip((filled(trace) - wave.mean) / amplitude, -1.0, 1.0)
+    later = np.interp(turn + pi / 2, turn, ratio, right=np.nan)
+    measured = np.where(later >= 0, np.arcsin(ratio), pi - np.arcsin(ratio))
+    fourier = turn - nearest.phase + pi / 2
+    difference = np.exp(1j * (fourier - measured))[np.isfinite(later)]
+    return float(np.angle(difference.mean()))
+
+
+def arcsine_shift_literal(angle: Array, trace: Array, wave: Harmonics, nearest: Bin) -> Array:
+    """Step 7 taken literally: differences (N,) rad of the two arcsines; NaN where the measured one is undefined."""
+    ratio = (trace - wave.mean) / nearest.amplitude
+    with np.errstate(invalid="ignore"):
+        measured = np.arcsin(ratio)
+    return np.asarray(np.arcsin(np.cos(np.abs(angle - angle[0]) - nearest.phase)) - measured)
+
+
+def compensate(radial: Array, angle: Array, wave: Harmonics) -> Array:
+    """Step 8: the radial coordinate less the compensation wave (its mean stays), same shape."""
+    return radial - (wave(angle) - wave.mean)[:, None]
+
+
+def roll_up(radial: Array, axial: Array, angle: Array) -> tuple[Array, Array, Array]:
+    """Step 9, Eq. 10: the flat map rolled up: x, y, z (N, M) mm.
+
+    The printed angle n pi y / y_max (n counts half turns) is the table angle. ``radial`` must count from the axis:
+    Eq. 6 leaves the origin on the surface, so R is added before.
+    """
+    return radial * np.cos(angle)[:, None], -radial * np.sin(angle)[:, None], axial
+
+
+def _record(
+    scan: Scan,
+    artefact: Artefact,
+    segments: Segments,
+    pose: Pose,
+    wave: Harmonics,
+    nearest: Bin,
+    trace: Array,
+    left: Array,
+) -> Calibration:
+    ex, ey = float(wave.cos[0]), -float(wave.sin[0])
+    deviation = np.abs(left[np.isfinite(left)])
+    residuals = Residuals(float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0)
+    fit_phase = wave_phase(wave, scan.angle)
+    figures = PaperFigures(
+        bin=nearest.index,
+        bin_amplitude=nearest.amplitude,
+        fit_amplitude=hypot(ex, ey),
+        phase_error_pi=wrap(-nearest.phase - fit_phase) / pi,
+        arcsine_shift_pi=arcsine_shift(scan.angle, trace, wave, nearest) / pi,
+    )
+    zero = angle_zero(scan)
+    hidden = () if segments.shoulder_seen else ("height",)
+    return Calibration(
+        method="paper",
+        table_from_sensor=pose,
+        shaft_from_rotor=shaft_from_rotor(ex, ey, 0.0, 0.0),
+        stand=scan.stand,
+        angle_source=scan.angle_source,
+        angle_zero=zero,
+        rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step),
+        artefact=artefact,
+        residuals=residuals,
+        not_identifiable=("laser_plane_offset_mm", "laser_plane_tilt_deg", "tilt_mrad", "tilt_direction_deg", *hidden),
+        reasons=(*segments.reasons, *no_zero(zero)),
+        scan=ScanSummary.of(scan),
+        paper=figures,
+        valid_until=artefact.valid_until,
+    )
+
+
+def _pose(artefact: Artefact, segments: Segments, base: BaseSurface, phi: float, mean: float) -> Pose:
+    """The sensor's pose: the mean radial signal put at the base's radius (Eq. 6 with R added), height zero as found."""
+    (a, b), (c, d) = rotation_matrix(phi)
+    x0, z0 = displacement(base)
+    radial = artefact.base.radius - mean - (a * x0 + b * z0)
+    # The height of the segmentation belongs to its own angle; the displaced point is where both must agree.
+    at = sin(segments.phi) * x0 + cos(segments.phi) * z0 + segments.height
+    return table_from_sensor(phi, radial, at - (c * x0 + d * z0), 0.0, 0.0)
+
+
+def _blocks(profiles: int, size: int = 256) -> list[slice]:
+    return [slice(i, min(i + size, profiles)) for i in range(0, profiles, size)]

@@ -1,0 +1,175 @@
+"""From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
+
+from dataclasses import replace
+from math import degrees, hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.budget import DIRECTIONS, HALF_TURN, REPORTED, budget_of
+from truestand.calibration.checks import checks_of, reasons_of
+from truestand.calibration.model import GEOMETRY, Readings
+from truestand.calibration.posterior import weigh
+from truestand.calibration.priors import UNSTATED_COAXIALITY_U
+from truestand.calibration.refine import REACH, Refined
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import (
+    AngleZero,
+    Calibration,
+    Harmonic,
+    Residuals,
+    ScanSummary,
+    StaticProfile,
+    Uncertainty,
+)
+from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
+from truestand.core.scan import Scan
+
+Array = NDArray[np.float64]
+
+IDENTIFIABLE = 0.5
+"""A number is reported where the posterior u is at most this share of the prior's."""
+RESIDUAL_PROFILES = 300
+
+
+def conclude(
+    scan: Scan,
+    artefact: Artefact,
+    fit: Refined,
+    coaxiality: float | None = None,
+    further: dict[str, Array] | None = None,
+) -> Calibration:
+    """The calibration record's content from the exact model's fit.
+
+    ``coaxiality``: what is left open on the steps' axes (mm, k = 2) where more than the certificate is known of them.
+    ``further``: covariance (p, p) of the unknowns from other sources, by name.
+    """
+    posterior = weigh(fit.solution, fit.priors, plane_told(scan, artefact, fit, coaxiality))
+    posterior = replace(posterior, parts=posterior.parts | (further or {}))
+    fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
+    p, parts = posterior.parameters, posterior.parts
+    static = static_profiles(artefact, fit)
+    budget = budget_of(parts, scan, artefact, fit, static)
+    free_speed = scan.angle_source in ("index", "time")
+    residuals = residuals_of(scan, fit)
+    own = slice(0, REPORTED)
+    calibration = Calibration(
+        method="stand",
+        table_from_sensor=table_from_sensor(p[0], p[1], fit.model.height, p[3], p[2]),
+        shaft_from_rotor=shaft_from_rotor(*p[4:8]),
+        stand=scan.stand,
+        angle_source=scan.angle_source,
+        angle_zero=angle_zero(scan),
+        speed_factor=1.0 + float(p[9]) if free_speed else 1.0,
+        rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[9])),
+        artefact=artefact,
+        residuals=residuals,
+        harmonics=harmonics_of(artefact, fit),
+        static_profiles=static,
+        uncertainty=budget,
+        covariance_names=GEOMETRY[:REPORTED],
+        covariance=posterior.covariance[own, own],
+        repeatability=parts["noise"][own, own],
+        not_identifiable=_not_identifiable(scan, fit, budget),
+        checks=checks_of(scan, artefact, fit, residuals, static, budget),
+        scan=ScanSummary.of(scan),
+        valid_until=artefact.valid_until,
+    )
+    return reasons_of(calibration, fit)
+
+
+def plane_told(scan: Scan, artefact: Artefact, fit: Refined, coaxiality: float | None = None) -> bool:
+    """Whether the shaft can tell the laser plane: two diameters, and an eccentricity that outweighs their coaxiality.
+
+    u(d) = u(c) / (e |1/R2 - 1/R1|), against the mounting's own u (docs/theory.md, *What the data can tell*). What else
+    seems to tell d under a centred shaft comes from waves of form beyond the ones that are fitted.
+    """
+    cylinders = [artefact.cylinders[b.cylinder] for b in fit.segments.bands]
+    bend = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
+    if coaxiality is None:
+        coaxiality = max((c.coaxiality_U or UNSTATED_COAXIALITY_U for c in cylinders[1:]), default=0.0)
+    eccentricity = float(hypot(fit.solution.parameters[4], fit.solution.parameters[5]))
+    return len(cylinders) > 1 and coaxiality < eccentricity * bend * scan.stand.sensor.plane_offset_U
+
+
+def angle_zero(scan: Scan) -> AngleZero:
+    """What ties this scan's table angle to another scan's."""
+    if scan.angle_source in ("angle", "encoder"):
+        return "index"
+    return "home" if scan.stand.table.start == "home" else "unknown"
+
+
+def _step(scan: Scan) -> float:
+    """Table angle from one profile to the next, rad, whatever got lost between others."""
+    return float(np.median(np.abs(np.diff(scan.angle))))
+
+
+def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:
+    """Form harmonics of every cylinder in use."""
+    found = []
+    for k, band in enumerate(fit.segments.bands):
+        a, b = fit.solution.parameters[fit.model.form_slice(k)].reshape(2, -1)
+        name = artefact.cylinders[band.cylinder].name
+        found += [
+            Harmonic(name, n, float(hypot(c, s)), float(np.arctan2(s, c)))
+            for n, c, s in zip(range(2, fit.model.orders + 1), a, b, strict=True)
+        ]
+    return tuple(found)
+
+
+def static_profiles(artefact: Artefact, fit: Refined) -> tuple[StaticProfile, ...]:
+    """The static profile of every cylinder in use over height, 50 points each."""
+    p = fit.solution.parameters
+    side = facing(p[0])
+    profiles = []
+    for k, band in enumerate(fit.segments.bands):
+        height = np.linspace(band.low, band.high, 50)
+        across, up = fit.model.radii[k] - p[1], height - fit.model.height
+        x = side * np.cos(p[0]) * across + np.sin(p[0]) * up
+        z = -side * np.sin(p[0]) * across + np.cos(p[0]) * up
+        deviation = fit.model.static_basis(x, z, k) @ p[fit.model.static_slice(k)]
+        profiles.append(StaticProfile(artefact.cylinders[band.cylinder].name, height, deviation))
+    return tuple(profiles)
+
+
+def residuals_of(scan: Scan, fit: Refined) -> Residuals:
+    """rms and 90 % quantile of the trusted readings of evenly spread profiles; counts of all."""
+    deviation, _ = sampled_residuals(scan, fit)
+    trusted = np.abs(deviation[np.abs(deviation) < fit.limit])
+    rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else 0.0
+    p90 = float(np.quantile(trusted, 0.9)) if trusted.size else 0.0
+    return Residuals(rms, p90, fit.cells.points, fit.cells.rejected)
+
+
+def sampled_residuals(scan: Scan, fit: Refined, profiles: int = RESIDUAL_PROFILES) -> tuple[Array, Readings]:
+    """Residuals (n,) mm after everything fitted, and the readings, of evenly spread profiles."""
+    rows = np.unique(np.linspace(0, scan.profiles - 1, profiles).astype(np.intp))
+    x, z, p = scan.x[rows], scan.z[rows], fit.solution.parameters
+    u = facing(p[0]) * (np.cos(p[0]) * x - np.sin(p[0]) * z) + p[1]
+    v = np.sin(p[0]) * x + np.cos(p[0]) * z + fit.model.height
+    which = np.full(x.shape, -1, dtype=np.intp)
+    for k, band in enumerate(fit.segments.bands):
+        which[(v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < 5.0)] = k
+    row, point = np.nonzero(which >= 0)
+    time = rows / max(scan.profiles - 1, 1) - 0.5
+    readings = Readings(x[row, point], z[row, point], scan.angle[rows][row], time[row], which[row, point])
+    residuals = fit.model.residuals(p, readings)
+    near = np.abs(residuals) < max(REACH, fit.limit)
+    kept = np.flatnonzero(near)
+    return residuals[near], Readings(
+        readings.x[kept], readings.z[kept], readings.angle[kept], readings.time[kept], readings.cylinder[kept]
+    )
+
+
+def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) -> tuple[str, ...]:
+    """Quantities whose number would say more about the prior than about the scan."""
+    sensor = scan.stand.sensor
+    names = []
+    if IDENTIFIABLE * sensor.plane_offset_U < budget["laser_plane_offset_mm"].U:
+        names.append("laser_plane_offset_mm")
+    if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
+        names.append("laser_plane_tilt_deg")
+    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN]
+    if not fit.segments.shoulder_seen:
+        names.append("height")
+    return tuple(names)

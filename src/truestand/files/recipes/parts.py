@@ -1,0 +1,263 @@
+"""gear.toml and its kin (CONTRACT.md): what a part's drawing says. mm, um and degrees outside, mm and rad inside."""
+
+from collections.abc import Mapping
+from math import cos, degrees, radians, sin
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from truestand.core.errors import BadRecipe
+from truestand.files.checking import Recipe, checked
+from truestand.files.recipes.recipes import Positive, read_toml, told_of
+from truestand.files.shapes.meshes import read_mesh
+from truestand.gear.drawing import Evaluation, Gear, Modification
+from truestand.gear.match import MODULES, Seen, is_standard
+from truestand.parts.drawings import Cad, Section, Turned
+
+NotNegative = Annotated[float, Field(ge=0)]
+Limits = tuple[float, float]
+Part = Gear | Turned | Cad
+KINDS = ("gear", "turned", "cad")
+SIZES = ("s", "W_k", "M_d", "d_a", "d_f")
+UM = 1000.0
+
+
+class PartRecipe(Recipe):
+    """What every part's recipe may say."""
+
+    kind: Literal["gear", "turned", "cad"]
+    name: str = ""
+    serial: str | None = None
+    order: str | None = None
+    operator: str | None = None
+    datum: Literal["base", "seat", "common"] = "base"
+    bore_clearance_mm: NotNegative = 0.0
+    simulation: dict[str, Any] = Field(default_factory=dict)
+    """Only the virtual stand reads it."""
+
+
+class EvaluationRecipe(Recipe):
+    """``[evaluation]`` of a gear."""
+
+    control_diameter_mm: Positive | None = None
+    tip_form_diameter_mm: Positive | None = None
+    measuring_diameter_mm: Positive | None = None
+    ball_diameter_mm: Positive | None = None
+    span_teeth: Annotated[int, Field(ge=1)] | None = None
+    pitch_span: Annotated[int, Field(ge=1)] | None = None
+    slope_ends: Literal["full", "evaluation"] | None = None
+    resolution_mm: Positive = 0.25
+
+
+class ModificationRecipe(Recipe):
+    """``[modification]`` of a gear."""
+
+    tip_relief_um: NotNegative = 0.0
+    tip_relief_from_mm: Positive | None = None
+    profile_crowning_um: float = 0.0
+    helix_crowning_um: float = 0.0
+    helix_slope_um: float = 0.0
+
+
+class SizeLimitsRecipe(Recipe):
+    """``[limits]`` of a gear's sizes, [lower, upper] mm."""
+
+    s_mm: Limits | None = None
+    W_k_mm: Limits | None = None
+    M_d_mm: Limits | None = None
+    d_a_mm: Limits | None = None
+    d_f_mm: Limits | None = None
+    defect_depth_um: Positive | None = None
+
+
+class GearRecipe(PartRecipe):
+    """gear.toml as a whole."""
+
+    teeth: Annotated[int, Field(ge=3)]
+    module_mm: Positive
+    pressure_angle_deg: Annotated[float, Field(gt=5, lt=45)] = 20.0
+    helix_angle_deg: Annotated[float, Field(gt=-60, lt=60)] = 0.0
+    profile_shift: float = 0.0
+    face_width_mm: Positive
+    face_from_mm: float
+    tip_diameter_mm: Positive
+    root_diameter_mm: Positive
+    accuracy_class: Annotated[int, Field(ge=1, le=12)] | None = None
+    standard: Literal["ISO 1328-1:2013", "ISO 1328-1:1995"] = "ISO 1328-1:2013"
+    evaluation: EvaluationRecipe = EvaluationRecipe()
+    modification: ModificationRecipe = ModificationRecipe()
+    limits: SizeLimitsRecipe = SizeLimitsRecipe()
+
+
+class SectionRecipe(Recipe):
+    """``[[section]]`` of a turned part."""
+
+    name: str
+    from_mm: float
+    to_mm: float
+    diameter_mm: Positive
+    limits_mm: Limits | None = None
+    roundness_um: Positive | None = None
+    cylindricity_um: Positive | None = None
+    runout_um: Positive | None = None
+    total_runout_um: Positive | None = None
+
+
+class TurnedRecipe(PartRecipe):
+    """A turned part's recipe as a whole."""
+
+    section: Annotated[list[SectionRecipe], Field(min_length=1)]
+    upr: Annotated[int, Field(ge=2)] = 50
+
+
+class PoseRecipe(Recipe):
+    """``[pose]`` of a CAD model: turned about X, then Y, then Z of the datum axis's frame, then moved."""
+
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    z_mm: float = 0.0
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class CadRecipe(PartRecipe):
+    """The recipe of a part with a CAD model as a whole."""
+
+    file: str
+    """Beside the recipe, or a full path."""
+    unit: Literal["mm", "inch"] = "mm"
+    pose: PoseRecipe = PoseRecipe()
+    fit: Literal["none", "angle", "angle_and_height", "all"] = "angle"
+    limits_um: Limits | None = None
+    reach_mm: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "CadRecipe":
+        if self.limits_um is not None and not self.limits_um[0] < self.limits_um[1]:
+            raise ValueError(f"limits_um: found {list(self.limits_um)}, need [lower, upper]")
+        return self
+
+
+def read_part(path: Path | str) -> Part:
+    """The part of a gear.toml, of a turned part's recipe or of a CAD comparison's.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+        UnreadableFile: a CAD model that can't be read.
+        MissingExtra: a STEP model without its extra.
+    """
+    return part_of(read_toml(path), path)
+
+
+def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
+    """The part of a recipe's tables, as if they stood in ``path``; errors as ``read_part``."""
+    kind = table.get("kind")
+    if kind not in KINDS:
+        raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')
+    if kind == "gear":
+        return told_of(path, _gear, checked(GearRecipe, table, str(path)))
+    if kind == "turned":
+        return told_of(path, _turned, checked(TurnedRecipe, table, str(path)))
+    folder = Path(path).parent
+    return told_of(path, lambda r: _cad(r, folder), checked(CadRecipe, table, str(path)))
+
+
+def seen_recipe(seen: Seen, bottom: float, top: float) -> str:
+    """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
+    shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
+    helix = degrees(seen.helix_angle)
+    module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)
+    return (
+        "# Told from a scan: check every number against the drawing, and add accuracy_class.\n\n"
+        'kind = "gear"\n'
+        f"teeth = {seen.teeth}\n"
+        f"module_mm = {module}\n"
+        f"pressure_angle_deg = {degrees(seen.pressure_angle):g}\n"
+        f"helix_angle_deg = {0.0 if abs(helix) < 0.1 else round(helix, 2)}\n"
+        f"profile_shift = {round(shift, 3)}\n"
+        f"face_width_mm = {round(top - bottom, 2)}\n"
+        f"face_from_mm = {round(bottom, 2)}\n"
+        f"tip_diameter_mm = {round(seen.tip_diameter, 2)}\n"
+        f"root_diameter_mm = {round(seen.root_diameter, 2)}\n"
+    )
+
+
+def read_identity(path: Path | str) -> dict[str, str]:
+    """What tells this part from others of its kind: serial, order, operator, where the recipe has them."""
+    table = read_toml(path)
+    return {k: str(table[k]) for k in ("serial", "order", "operator") if table.get(k) is not None}
+
+
+def read_part_simulation(path: Path | str) -> dict[str, Any]:
+    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none."""
+    found = read_toml(path).get("simulation", {})
+    return dict(found) if isinstance(found, Mapping) else {}
+
+
+def _gear(r: GearRecipe) -> Gear:
+    e, m = r.evaluation, r.modification
+    sizes = {name: limits for name in SIZES if (limits := getattr(r.limits, f"{name}_mm")) is not None}
+    return Gear(
+        teeth=r.teeth,
+        module=r.module_mm,
+        face_width=r.face_width_mm,
+        face_from=r.face_from_mm,
+        tip_diameter=r.tip_diameter_mm,
+        root_diameter=r.root_diameter_mm,
+        pressure_angle=radians(r.pressure_angle_deg),
+        helix_angle=radians(r.helix_angle_deg),
+        profile_shift=r.profile_shift,
+        accuracy_class=r.accuracy_class,
+        standard=r.standard,
+        datum=r.datum,
+        bore_clearance=r.bore_clearance_mm,
+        name=r.name or "gear",
+        evaluation=Evaluation(
+            e.control_diameter_mm, e.tip_form_diameter_mm, e.measuring_diameter_mm, e.ball_diameter_mm,
+            e.span_teeth, e.pitch_span, e.slope_ends, e.resolution_mm,
+        ),
+        modification=Modification(
+            m.tip_relief_um / UM, m.tip_relief_from_mm, m.profile_crowning_um / UM, m.helix_crowning_um / UM,
+            m.helix_slope_um / UM,
+        ),
+        limits=sizes,
+        defect_depth=None if r.limits.defect_depth_um is None else r.limits.defect_depth_um / UM,
+    )  # fmt: skip
+
+
+def _turned(r: TurnedRecipe) -> Turned:
+    return Turned(tuple(_section(s) for s in r.section), r.name or "turned part", r.datum, r.bore_clearance_mm, r.upr)
+
+
+def _section(s: SectionRecipe) -> Section:
+    return Section(
+        s.name, s.from_mm, s.to_mm, s.diameter_mm, s.limits_mm,
+        *(None if v is None else v / UM for v in (s.roundness_um, s.cylindricity_um, s.runout_um, s.total_runout_um)),
+    )  # fmt: skip
+
+
+def _cad(r: CadRecipe, folder: Path) -> Cad:
+    return Cad(
+        mesh=read_mesh(folder / r.file, r.unit),
+        name=r.name or Path(r.file).stem,
+        pose=_pose(r.pose),
+        fit=r.fit,
+        limits=None if r.limits_um is None else (r.limits_um[0] / UM, r.limits_um[1] / UM),
+        reach=r.reach_mm,
+        datum=r.datum,
+        bore_clearance=r.bore_clearance_mm,
+    )
+
+
+def _pose(r: PoseRecipe) -> NDArray[np.float64]:
+    """(4, 4), mm."""
+    (a, b, c) = ((cos(radians(v)), sin(radians(v))) for v in r.rotation_deg)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a[0], -a[1]], [0.0, a[1], a[0]]])
+    about_y = np.array([[b[0], 0.0, b[1]], [0.0, 1.0, 0.0], [-b[1], 0.0, b[0]]])
+    about_z = np.array([[c[0], -c[1], 0.0], [c[1], c[0], 0.0], [0.0, 0.0, 1.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = about_z @ about_y @ about_x
+    pose[:3, 3] = r.x_mm, r.y_mm, r.z_mm
+    return pose

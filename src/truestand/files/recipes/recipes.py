@@ -1,0 +1,321 @@
+"""stand.toml and shaft.toml (CONTRACT.md): mm, um, ppm and degrees outside, mm and rad inside.
+
+Unknown keys are refused with the nearest right one: a typo in a recipe is an error, not a default.
+"""
+
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from math import degrees, radians
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field, model_validator
+
+from truestand.core.artefact import Artefact, Certificate, Cylinder
+from truestand.core.errors import BadRecipe
+from truestand.core.stand import Sensor, Stand, Table
+from truestand.files.atomic import write_text_atomic
+from truestand.files.checking import Recipe, checked
+
+Positive = Annotated[float, Field(gt=0)]
+STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
+
+
+class TableRecipe(Recipe):
+    """``[table]``."""
+
+    speed_rad_per_s: Positive | None = None
+    direction: Literal["ccw", "cw"] = "ccw"
+    start: Literal["home", "unknown"] = "home"
+    angle_U_arcsec: Positive | None = None
+
+
+class SensorRecipe(Recipe):
+    """``[[sensor]]``."""
+
+    name: str = "sensor"
+    profile_rate_hz: Positive | None = None
+    points: Annotated[int, Field(gt=0)] | None = None
+    range_mm: tuple[float, float] | None = None
+    mirrored: bool = False
+    serial: str | None = None
+    linearity_U_um: Positive | None = None
+    scale_U_ppm: Positive | None = None
+    plane_offset_U_mm: Positive = 1.0
+    plane_tilt_U_deg: Positive = 1.0
+    incidence_U_um: Positive | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "SensorRecipe":
+        if self.range_mm is not None and not self.range_mm[0] < self.range_mm[1]:
+            raise ValueError(f"range_mm: found {list(self.range_mm)}, need [nearest, farthest]")
+        return self
+
+
+class ScanRecipe(Recipe):
+    """``[scan]``."""
+
+    y: Literal["index", "time_s", "angle_deg", "encoder"] = "index"
+    counts_per_turn: Annotated[int, Field(ge=0)] = 0
+
+
+class StoreRecipe(Recipe):
+    """``[store]``: where results are kept."""
+
+    folder: str = "results"
+    """Beside the stand.toml, or a full path."""
+
+
+class CompanyRecipe(Recipe):
+    """``[company]``; ``files/recipes/company.py`` reads the logo."""
+
+    name: str = ""
+    address: str = ""
+    logo: str | None = None
+
+
+class StandRecipe(Recipe):
+    """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station."""
+
+    table: TableRecipe = TableRecipe()
+    sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
+    scan: ScanRecipe = ScanRecipe()
+    simulation: dict[str, Any] = Field(default_factory=dict)
+    devices: dict[str, Any] = Field(default_factory=dict)
+    store: StoreRecipe | None = None
+    company: CompanyRecipe | None = None
+    serial: str | None = None
+    order: str | None = None
+    operator: str | None = None
+
+
+class CylinderRecipe(Recipe):
+    """``[[cylinder]]``."""
+
+    name: str
+    diameter_mm: Positive
+    from_mm: float
+    to_mm: float
+    diameter_U_mm: Positive | None = None
+    coaxiality_U_mm: Positive | None = None
+
+
+class CertificateRecipe(Recipe):
+    """``[certificate]``."""
+
+    id: str | None = None
+    laboratory: str | None = None
+    date: str | None = None
+    valid_until: str | None = None
+    temperature_C: float | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _dates_as_text(cls, data: Any) -> Any:
+        """TOML knows dates; the record keeps their ISO text."""
+        if isinstance(data, Mapping):
+            return {k: v.isoformat() if hasattr(v, "isoformat") else v for k, v in data.items()}
+        return data
+
+
+class ShaftRecipe(Recipe):
+    """shaft.toml as a whole."""
+
+    name: str = "shaft"
+    cylinder: Annotated[list[CylinderRecipe], Field(min_length=1)]
+    certificate: CertificateRecipe | None = None
+    serial: str | None = None
+    order: str | None = None
+    operator: str | None = None
+
+
+R = TypeVar("R", bound=Recipe)
+Made = TypeVar("Made")
+
+
+def read_stand(path: Path | str) -> Stand:
+    """The stand of a stand.toml.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    return told_of(path, _stand, checked(StandRecipe, read_toml(path), str(path)))
+
+
+def read_shaft(path: Path | str) -> Artefact:
+    """The reference shaft of a shaft.toml.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    return told_of(path, _artefact, checked(ShaftRecipe, read_toml(path), str(path)))
+
+
+def read_simulation(path: Path | str) -> dict[str, Any]:
+    """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
+    return checked(StandRecipe, read_toml(path), str(path)).simulation
+
+
+def read_devices_table(path: Path | str) -> dict[str, Any]:
+    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none."""
+    return checked(StandRecipe, read_toml(path), str(path)).devices
+
+
+def read_store_folder(path: Path | str) -> Path | None:
+    """The folder of ``[store]`` of a stand.toml; None where it keeps no results."""
+    recipe = checked(StandRecipe, read_toml(path), str(path)).store
+    return None if recipe is None else Path(path).parent / recipe.folder
+
+
+def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
+    """The stand of a recipe embedded in a record or a native scan."""
+    return _stand(checked(StandRecipe, recipe, "the embedded stand"))
+
+
+def shaft_from_recipe(recipe: Mapping[str, Any]) -> Artefact:
+    """The artefact of a recipe embedded in a record."""
+    return _artefact(checked(ShaftRecipe, recipe, "the embedded artefact"))
+
+
+def stand_recipe(stand: Stand) -> dict[str, Any]:
+    """The stand with the keys of stand.toml; what was left open is left out."""
+    recipe = StandRecipe(
+        table=TableRecipe(
+            speed_rad_per_s=stand.table.speed,
+            direction=stand.table.direction,
+            start=stand.table.start,
+            angle_U_arcsec=None if stand.table.angle_U is None else 3600 * degrees(stand.table.angle_U),
+        ),
+        sensor=[_sensor_recipe(s) for s in stand.sensors],
+        scan=ScanRecipe(y=stand.y, counts_per_turn=stand.counts_per_turn),
+    )
+    return recipe.model_dump(mode="json", exclude_none=True, exclude={"simulation"})
+
+
+def shaft_recipe(artefact: Artefact) -> dict[str, Any]:
+    """The artefact with the keys of shaft.toml; what was left open is left out."""
+    c = artefact.certificate
+    recipe = ShaftRecipe(
+        name=artefact.name,
+        serial=artefact.serial,
+        cylinder=[
+            CylinderRecipe(
+                name=k.name,
+                diameter_mm=k.diameter,
+                from_mm=k.bottom,
+                to_mm=k.top,
+                diameter_U_mm=k.diameter_U,
+                coaxiality_U_mm=k.coaxiality_U,
+            )
+            for k in artefact.cylinders
+        ],
+        certificate=None
+        if c is None
+        else CertificateRecipe(
+            id=c.id, laboratory=c.laboratory, date=c.date, valid_until=c.valid_until, temperature_C=c.temperature
+        ),
+    )
+    return recipe.model_dump(mode="json", exclude_none=True)
+
+
+def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
+    """Write the commented starter recipes; returns their paths.
+
+    Raises:
+        BadRecipe: one of them exists and ``force`` is not set; nothing is written then.
+    """
+    paths = [Path(directory) / name for name in STARTERS]
+    there = [str(p) for p in paths if p.exists()]
+    if there and not force:
+        raise BadRecipe(f"found {', '.join(there)} already there; choose another folder or pass --force")
+    for path in paths:
+        source = files("truestand.files").joinpath("starters", path.name)
+        write_text_atomic(path, source.read_text(encoding="utf-8"))
+    return paths
+
+
+def read_toml(path: Path | str) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
+    except OSError as wrong:
+        raise BadRecipe(f"{path}: can't be read ({wrong.strerror or wrong}); `truestand init` writes one") from wrong
+    except UnicodeDecodeError as wrong:
+        raise BadRecipe(f"{path}: no UTF-8 text at byte {wrong.start}; save it as UTF-8") from wrong
+    except tomllib.TOMLDecodeError as wrong:
+        raise BadRecipe(f"{path}: no valid TOML: {wrong}") from wrong
+    except (ValueError, RecursionError) as wrong:  # numbers of thousands of digits, tables a thousand deep
+        raise BadRecipe(f"{path}: no valid TOML: {wrong}; `truestand init` writes a recipe to start from") from wrong
+
+
+def told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
+    """What a recipe makes; an error names its file."""
+    try:
+        return make(recipe)
+    except BadRecipe as wrong:
+        raise BadRecipe(f"{path}: {wrong}") from wrong
+
+
+def _stand(recipe: StandRecipe) -> Stand:
+    t = recipe.table
+    return Stand(
+        Table(
+            t.speed_rad_per_s,
+            t.direction,
+            t.start,
+            None if t.angle_U_arcsec is None else radians(t.angle_U_arcsec / 3600),
+        ),
+        tuple(_sensor(s) for s in recipe.sensor),
+        recipe.scan.y,
+        recipe.scan.counts_per_turn,
+    )
+
+
+def _sensor(s: SensorRecipe) -> Sensor:
+    return Sensor(
+        name=s.name,
+        profile_rate=s.profile_rate_hz,
+        points=s.points,
+        range=s.range_mm,
+        mirrored=s.mirrored,
+        serial=s.serial,
+        linearity_U=None if s.linearity_U_um is None else s.linearity_U_um / 1000.0,
+        scale_U=None if s.scale_U_ppm is None else s.scale_U_ppm / 1e6,
+        plane_offset_U=s.plane_offset_U_mm,
+        plane_tilt_U=radians(s.plane_tilt_U_deg),
+        incidence_U=None if s.incidence_U_um is None else s.incidence_U_um / 1000.0,
+    )
+
+
+def _sensor_recipe(s: Sensor) -> SensorRecipe:
+    return SensorRecipe(
+        name=s.name,
+        profile_rate_hz=s.profile_rate,
+        points=s.points,
+        range_mm=s.range,
+        mirrored=s.mirrored,
+        serial=s.serial,
+        linearity_U_um=None if s.linearity_U is None else s.linearity_U * 1000.0,
+        scale_U_ppm=None if s.scale_U is None else s.scale_U * 1e6,
+        plane_offset_U_mm=s.plane_offset_U,
+        plane_tilt_U_deg=degrees(s.plane_tilt_U),
+        incidence_U_um=None if s.incidence_U is None else s.incidence_U * 1000.0,
+    )
+
+
+def _artefact(recipe: ShaftRecipe) -> Artefact:
+    c = recipe.certificate
+    return Artefact(
+        tuple(
+            Cylinder(k.name, k.diameter_mm, k.from_mm, k.to_mm, k.diameter_U_mm, k.coaxiality_U_mm)
+            for k in recipe.cylinder
+        ),
+        recipe.name,
+        None if c is None else Certificate(c.id, c.laboratory, c.date, c.valid_until, c.temperature_C),
+        recipe.serial,
+    )

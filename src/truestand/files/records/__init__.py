@@ -1,0 +1,1 @@
+"""Records: what truestand writes and reads again."""

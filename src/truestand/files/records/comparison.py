@@ -1,0 +1,77 @@
+"""comparison.json: what every way to find the eccentricity says of one scan, with errors where the truth is given."""
+
+from collections.abc import Mapping
+from math import atan2, degrees, hypot
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from truestand._version import __version__
+from truestand.calibration.peers import Finding, Peer
+from truestand.core.errors import UnreadableFile
+from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
+from truestand.core.harmonics import wrap
+from truestand.core.scan import Scan
+
+Record = dict[str, Any]
+Truth = tuple[float, tuple[float, float, float, float]]
+"""phi (rad) and (ex, ey, tx, ty) of the shaft's axis: mm and slopes."""
+
+
+def axis_of(truth: Mapping[str, Any], path: Path) -> Truth:
+    """What truth.json says of the sensor's angle and the shaft's axis.
+
+    Raises:
+        UnreadableFile: it holds no poses.
+    """
+    try:
+        sensor = Pose.from_matrix(np.array(truth["sensor"]["table_from_sensor"], dtype=np.float64))
+        shaft = Pose.from_matrix(np.array(truth["shaft"]["shaft_from_rotor"], dtype=np.float64))
+    except (KeyError, TypeError, ValueError, IndexError) as wrong:
+        raise UnreadableFile(f"{path}: found no table_from_sensor and shaft_from_rotor, need a truth.json") from wrong
+    return sensor_parameters(sensor)[0], shaft_parameters(shaft)
+
+
+def comparison_row(way: Peer, found: Finding | str, seconds: float, truth: Truth | None) -> Record:
+    """One way's line; nulls and a ``reason`` where it found nothing."""
+    row: Record = dict.fromkeys(
+        ("eccentricity_um", "eccentricity_direction_deg", "height_mm", "tilt_mrad", "phi_deg", "rms_um", "seconds",
+         "axis_error_um", "phi_error_deg", "reason")
+    )  # fmt: skip
+    row = {"method": way.name, "library": way.library, **row}
+    if isinstance(found, str):
+        return {**row, "reason": found}
+    x, y = found.axis
+    row |= {
+        "eccentricity_um": 1000 * hypot(x, y),
+        "eccentricity_direction_deg": degrees(atan2(y, x)),
+        "height_mm": found.height,
+        "tilt_mrad": None if found.tilt is None else 1000 * found.tilt,
+        "phi_deg": None if found.phi is None else degrees(found.phi),
+        "rms_um": 1000 * found.rms,
+        "seconds": seconds,
+    }
+    if truth is not None:
+        phi, (ex, ey, tx, ty) = truth
+        row["axis_error_um"] = 1000 * hypot(x - ex - tx * found.height, y - ey - ty * found.height)
+        row["phi_error_deg"] = None if found.phi is None else degrees(wrap(found.phi - phi))
+    return row
+
+
+def comparison_record(scan: Scan, rows: list[Record], created: str) -> Record:
+    """The record; ``created`` is an ISO time."""
+    return {
+        "format": "truestand.comparison",
+        "version": 1,
+        "created": created,
+        "software": f"truestand {__version__}",
+        "scan": {
+            "sha256": scan.sha256,
+            "profiles": scan.profiles,
+            "points": int(scan.x.shape[1]),
+            "revolutions": scan.revolutions,
+            "seen": scan.seen,
+        },
+        "rows": rows,
+    }

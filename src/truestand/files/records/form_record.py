@@ -1,0 +1,49 @@
+"""form.json (CONTRACT.md): an associated feature with its form, mm and rad."""
+
+from typing import Any
+
+import numpy as np
+
+from truestand._version import __version__
+from truestand.form.form import Form
+
+FORMAT = "truestand.form"
+VERSION = 1
+
+
+def form_record(form: Form, created: str, source_sha256: str, run_out: float | None = None) -> dict[str, Any]:
+    """The record of an associated feature; ``run_out`` (mm) about C's axis, for calibrated scans."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "feature": form.feature,
+        "point": _list(form.point),
+        "direction": None if form.direction is None else _list(form.direction),
+        "radius": form.radius,
+        "rms": form.rms,
+        "form": form.form,
+        "reference": form.reference,
+        "filter": None if form.cutoff_upr is None else {"kind": "gaussian", "cutoff_upr": form.cutoff_upr},
+        "n": form.n,
+        "U": form.U,
+        "k": 2.0,
+        "noise": form.noise,
+        "noise_floor": form.noise_floor,
+        "run_out": run_out,
+        "certificate": None
+        if form.certificate is None
+        else {
+            "contacts": list(form.certificate.contacts),
+            "outside": list(form.certificate.outside),
+            "forces": list(form.certificate.forces),
+            "imbalance": form.certificate.imbalance,
+            "scope": form.certificate.scope,
+        },
+        "source": {"sha256": source_sha256},
+        "software": f"truestand {__version__}",
+        "created": created,
+    }
+
+
+def _list(values: "np.ndarray[Any, np.dtype[np.float64]]") -> list[float]:
+    return [float(v) for v in values]

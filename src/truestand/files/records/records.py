@@ -1,0 +1,372 @@
+"""calibration.json and verification.json: mm and rad inside, the units in the keys outside.
+
+Records are versioned and append-only: a reader here understands every version ever written, and a key once written
+keeps its meaning (docs/decisions/0003).
+"""
+
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand._version import __version__
+from truestand.core.calibration import (
+    Calibration,
+    Check,
+    Contribution,
+    Harmonic,
+    PaperFigures,
+    Residuals,
+    ScanSummary,
+    StaticProfile,
+    Uncertainty,
+)
+from truestand.core.errors import UnreadableFile
+from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.stand import Sensor, Stand, Table
+from truestand.files.atomic import write_json_atomic
+from truestand.files.checking import refuse_other_types
+from truestand.files.json_text import parse_json
+from truestand.files.recipes.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
+from truestand.files.records.positions import positions_record, read_positions
+
+FORMAT = "truestand.calibration"
+VERSION = 1
+LEAST_UPRIGHT = 1e-3
+"""Cosine of a shaft's tilt."""
+LONGEST_MOVE = 1e9
+"""mm: no stand is larger."""
+Record = dict[str, Any]
+Array = NDArray[np.float64]
+
+
+def calibration_record(calibration: Calibration, created: str) -> Record:
+    """The record (CONTRACT.md) of a calibration; ``created`` is an ISO time."""
+    c = calibration
+    record: Record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "status": c.status,
+        "reasons": list(c.reasons),
+        "method": c.method,
+        "created": created,
+        "valid_until": c.valid_until,
+        "software": f"truestand {__version__}",
+        "scan": None if c.scan is None else scan_record(c.scan),
+        "stand": stand_recipe(c.stand),
+        "artefact": None if c.artefact is None else shaft_recipe(c.artefact),
+        "table": {
+            "direction": c.stand.table.direction,
+            "angle_source": c.angle_source,
+            "angle_zero": c.angle_zero,
+            "rad_per_profile": c.rad_per_profile,
+            "speed_factor": c.speed_factor,
+        },
+        "sensor": {
+            "name": c.stand.sensor.name,
+            "table_from_sensor": c.table_from_sensor.matrix.tolist(),
+            "phi_deg": math.degrees(c.phi),
+            "laser_plane_tilt_deg": _degrees(c.plane_tilt),
+            "laser_plane_offset_mm": c.plane_offset,
+        },
+        "shaft": {
+            "shaft_from_rotor": c.shaft_from_rotor.matrix.tolist(),
+            "eccentricity_um": 1000.0 * c.eccentricity,
+            "eccentricity_direction_deg": _degrees(c.eccentricity_direction),
+            "eccentricity_vector": _vector(c),
+            "tilt_mrad": None if c.tilt is None else 1000.0 * c.tilt,
+            "tilt_direction_deg": _degrees(c.tilt_direction),
+        },
+        "residuals": None if c.residuals is None else _residuals(c.residuals),
+        "harmonics": [
+            {
+                "surface": h.surface,
+                "upr": h.upr,
+                "amplitude_um": 1000.0 * h.amplitude,
+                "phase_deg": math.degrees(h.phase),
+            }
+            for h in c.harmonics
+        ],
+        "static_profiles": [
+            {
+                "surface": s.surface,
+                "height_mm": s.height.tolist(),
+                "deviation_um": (1000.0 * s.deviation).tolist(),
+            }
+            for s in c.static_profiles
+        ],
+        "uncertainty": {
+            key: {"U": u.U, "k": u.k, "U_monte_carlo": u.monte_carlo, "contributions": _lines(u)}
+            for key, u in c.uncertainty.items()
+        },
+        "covariance": {
+            "names": list(c.covariance_names),
+            "matrix": c.covariance.tolist(),
+            "repeatability": c.repeatability.tolist(),
+        },
+        "not_identifiable": list(c.not_identifiable),
+        "checks": [
+            {"name": k.name, "value": k.value, "limit": k.limit, "ok": k.ok, "advice": k.advice} for k in c.checks
+        ],
+    }
+    if c.paper is not None:
+        record["paper"] = {
+            "bin": c.paper.bin,
+            "bin_amplitude_um": 1000.0 * c.paper.bin_amplitude,
+            "fit_amplitude_um": 1000.0 * c.paper.fit_amplitude,
+            "phase_error_pi": c.paper.phase_error_pi,
+            "arcsine_shift_pi": c.paper.arcsine_shift_pi,
+        }
+    if c.positions is not None:
+        record["positions"] = positions_record(c.positions)
+    finite: Record = without_nan(record)
+    return finite
+
+
+def write_calibration(path: Path | str, calibration: Calibration, created: str | None = None) -> Record:
+    """Write calibration.json (as a whole or not at all) and return its content.
+
+    ``created`` is an ISO time; the present one where none is given.
+    """
+    created = created or calibration.created or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    record = calibration_record(calibration, created)
+    write_json_atomic(Path(path), record)
+    return record
+
+
+def read_calibration(path: Path | str) -> Calibration:
+    """A calibration from its record, of any version ever written.
+
+    ``format``, ``version``, ``table``, ``sensor`` and ``shaft`` alone will do.
+
+    Raises:
+        UnreadableFile: no JSON, no calibration, a newer version, or transforms that are no rigid motion.
+    """
+    path = Path(path)
+    record = read_json(path)
+    if record.get("format") != FORMAT:
+        raise UnreadableFile(f"{path}: found format {record.get('format')!r}, need {FORMAT!r}; give a calibration.json")
+    version = record.get("version")
+    if not isinstance(version, int) or version > VERSION:
+        raise UnreadableFile(f"{path}: found version {version!r}, this truestand reads up to {VERSION}; update it")
+    try:
+        calibration = _calibration(record)
+        refuse_other_types(calibration, Calibration, "calibration")
+        return calibration
+    except (KeyError, TypeError, ValueError, AttributeError, ArithmeticError) as wrong:
+        raise UnreadableFile(f"{path}: the calibration record is incomplete or malformed ({wrong!r})") from wrong
+
+
+def read_json(path: Path) -> Record:
+    """A JSON object from a file.
+
+    Raises:
+        UnreadableFile: missing, no JSON, or no object.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as wrong:
+        raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong})") from wrong
+    except UnicodeDecodeError as wrong:
+        raise UnreadableFile(f"{path}: no JSON ({wrong})") from wrong
+    record = parse_json(text, str(path), "give a record written by truestand")
+    if not isinstance(record, dict):
+        raise UnreadableFile(f"{path}: found JSON that is no object; give a record written by truestand")
+    return record
+
+
+def _calibration(record: Record) -> Calibration:
+    table, sensor, shaft = record["table"], record["sensor"], record["shaft"]
+    covariance = record.get("covariance") or {}
+    stand = stand_from_recipe(record["stand"]) if record.get("stand") else _stand_of(table, sensor)
+    source = table.get("angle_source", "index")
+    return Calibration(
+        method="paper" if record.get("method") == "paper" else "stand",
+        table_from_sensor=_pose(sensor["table_from_sensor"], "table_from_sensor"),
+        shaft_from_rotor=_upright(_pose(shaft["shaft_from_rotor"], "shaft_from_rotor")),
+        stand=stand,
+        angle_source=source,
+        angle_zero=table.get("angle_zero") or ("index" if source in ("angle", "encoder") else "home"),
+        speed_factor=_speed_factor(table, stand),
+        rad_per_profile=table.get("rad_per_profile"),
+        artefact=shaft_from_recipe(record["artefact"]) if record.get("artefact") else None,
+        residuals=_read_residuals(record.get("residuals")),
+        harmonics=tuple(
+            Harmonic(h["surface"], int(h["upr"]), h["amplitude_um"] / 1000.0, math.radians(h["phase_deg"]))
+            for h in record.get("harmonics", [])
+        ),
+        static_profiles=tuple(
+            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / 1000.0)
+            for s in record.get("static_profiles", [])
+        ),
+        uncertainty={k: _uncertainty(u) for k, u in (record.get("uncertainty") or {}).items()},
+        covariance_names=tuple(covariance.get("names", ())),
+        covariance=_matrix(covariance.get("matrix")),
+        repeatability=_matrix(covariance.get("repeatability")),
+        not_identifiable=tuple(record.get("not_identifiable", ())),
+        checks=tuple(Check(c["name"], c["value"], c["limit"], c["ok"], c["advice"]) for c in record.get("checks", [])),
+        reasons=_reasons(record),
+        scan=_read_scan(record.get("scan")),
+        paper=_read_paper(record.get("paper")),
+        positions=read_positions(record.get("positions")),
+        software=record.get("software", ""),
+        created=record.get("created"),
+        valid_until=record.get("valid_until"),
+    )
+
+
+def _reasons(record: Record) -> tuple[str, ...]:
+    reasons = tuple(record.get("reasons", ()))
+    if record.get("status") == "untrusted" and not reasons:
+        return ("the record says untrusted and gives no reason",)
+    return reasons
+
+
+def _pose(matrix: Any, name: str) -> Pose:
+    array = np.asarray(matrix, dtype=np.float64)
+    if array.shape != (4, 4) or not np.isfinite(array).all():
+        raise ValueError(f"{name}: found shape {array.shape}, need a finite 4x4 matrix")
+    if np.abs(array).max() > LONGEST_MOVE:
+        raise ValueError(f"{name}: found {np.abs(array).max():.3g}, need mm of a stand")
+    pose = Pose.from_matrix(array)
+    drift = np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max()
+    if not drift <= 1e-6 or np.linalg.det(pose.rotation) < 0 or not np.allclose(array[3], [0, 0, 0, 1]):
+        raise ValueError(f"{name}: found no proper rotation (|R Rt - 1| = {drift:.2g}), need a rigid transform")
+    return pose
+
+
+def _upright(pose: Pose) -> Pose:
+    """A shaft's pose, whose eccentricity and tilt are those of an axis that crosses the plane Z = 0."""
+    if abs(pose.rotation[2, 2]) < LEAST_UPRIGHT:
+        raise ValueError("shaft_from_rotor: found a shaft that lies across the table's axis, need one along it")
+    return pose
+
+
+def _static_profile(surface: str, height: Array, deviation: Array) -> StaticProfile:
+    if height.ndim != 1 or deviation.shape != height.shape:
+        raise ValueError(f"static_profiles: found {height.shape} heights and {deviation.shape} deviations, need pairs")
+    return StaticProfile(surface, height, deviation)
+
+
+def _stand_of(table: Mapping[str, Any], sensor: Mapping[str, Any]) -> Stand:
+    """The least stand that a record without one implies: its direction, and one step of angle a profile."""
+    step = table.get("rad_per_profile")
+    return Stand(
+        Table(speed=step, direction=table.get("direction", "ccw")),
+        (Sensor(name=sensor.get("name", "sensor"), profile_rate=None if step is None else 1.0),),
+    )
+
+
+def _speed_factor(table: Mapping[str, Any], stand: Stand) -> float:
+    """Estimated over stated table speed; from the step a profile where an older or foreign record lacks the factor."""
+    if table.get("speed_factor") is not None:
+        return float(table["speed_factor"])
+    step, speed, rate = table.get("rad_per_profile"), stand.table.speed, stand.sensor.profile_rate
+    return float(step) * rate / speed if step and speed and rate else 1.0
+
+
+def _vector(c: Calibration) -> Record:
+    """The eccentricity as a vector in R with its ellipse: what holds where it is too small to have a direction."""
+    x, y, _, _ = shaft_parameters(c.shaft_from_rotor)
+    ellipse = c.eccentricity_ellipse
+    known = (
+        {}
+        if ellipse is None
+        else {
+            "U_major_um": 1000.0 * ellipse.major,
+            "U_minor_um": 1000.0 * ellipse.minor,
+            "major_direction_deg": math.degrees(ellipse.direction),
+        }
+    )
+    return {"x_um": 1000.0 * x, "y_um": 1000.0 * y, **known}
+
+
+def scan_record(s: ScanSummary) -> Record:
+    """Which scan a record rests on."""
+    return {
+        "sha256": s.sha256,
+        "profiles": s.profiles,
+        "points": s.points,
+        "revolutions": s.revolutions,
+        "seen": s.seen,
+    }
+
+
+def _read_scan(s: Any) -> ScanSummary | None:
+    return None if s is None else ScanSummary(s["sha256"], s["profiles"], s["points"], s["revolutions"], s["seen"])
+
+
+def _residuals(r: Residuals) -> Record:
+    return {"rms_um": 1000.0 * r.rms, "p90_um": 1000.0 * r.p90, "points": int(r.points), "rejected": int(r.rejected)}
+
+
+def _read_residuals(r: Any) -> Residuals | None:
+    return None if r is None else Residuals(r["rms_um"] / 1000.0, r["p90_um"] / 1000.0, r["points"], r["rejected"])
+
+
+def _read_paper(p: Any) -> PaperFigures | None:
+    if p is None:
+        return None
+    return PaperFigures(
+        p["bin"],
+        p["bin_amplitude_um"] / 1000.0,
+        p["fit_amplitude_um"] / 1000.0,
+        p["phase_error_pi"],
+        p["arcsine_shift_pi"],
+    )
+
+
+def _uncertainty(u: Any) -> Uncertainty:
+    lines = tuple(
+        Contribution(
+            c["name"], c["U"], c.get("value"), c.get("distribution", "normal"), c.get("sensitivity"),
+            math.inf if c.get("dof") is None else c["dof"],
+        )
+        for c in u.get("contributions", [])
+    )  # fmt: skip
+    return Uncertainty(u["U"], u["k"], lines, u.get("U_monte_carlo"))
+
+
+def _lines(u: Uncertainty) -> list[Record]:
+    """The budget's lines; null degrees of freedom are infinite."""
+    return [
+        {
+            "name": c.name,
+            "U": c.U,
+            "value": c.value,
+            "distribution": c.distribution,
+            "sensitivity": c.sensitivity,
+            "dof": None if math.isinf(c.dof) else c.dof,
+        }
+        for c in u.contributions
+    ]
+
+
+def _matrix(rows: Any) -> Array:
+    matrix = _array(rows or np.zeros((0, 0)))
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"covariance: found shape {matrix.shape}, need a square matrix")
+    return matrix
+
+
+def _array(values: Any) -> Array:
+    return np.array(values, dtype=np.float64)
+
+
+def _degrees(angle: float | None) -> float | None:
+    return None if angle is None else math.degrees(angle)
+
+
+def without_nan(value: Any) -> Any:
+    """The record with null where a number is not known: never NaN or infinity in a record."""
+    if isinstance(value, dict):
+        return {k: without_nan(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [without_nan(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,1 @@
+"""Scans: a reader for each format."""

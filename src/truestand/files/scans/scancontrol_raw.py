@@ -1,0 +1,116 @@
+"""Raw dumps of scanCONTROL sensors: profiles as they are sent (``files/scans/scancontrol.py``), no header.
+
+The bytes don't say the sensor's type, and the number of points only by where time stamps make sense. Both have to be
+told; that they are right is checked by the time stamp of every profile.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import UnreadableFile
+from truestand.core.scan import Recording
+from truestand.files.scans.columns import running
+from truestand.files.scans.scancontrol import (
+    COUNTER_MODULUS,
+    FEWEST_POINTS,
+    TIME_MODULUS,
+    Stamps,
+    decode_container,
+    decode_stamps,
+    profile_bytes,
+    unwrap_counter,
+    unwrap_encoder,
+    unwrap_time,
+)
+
+FORMAT = "scancontrol raw"
+USUAL_POINTS = (640, 1280, 320, 160, 2048, 1024, 512, 256)
+"""Readings in a profile that sensors can be set to."""
+SHARES = (2, 3, 4, 5, 8)
+"""Parts of a profile that are looked at for a time stamp of their own."""
+LONGEST_EXPOSURE = 0.1
+"""s: the sensors' longest is 0.04."""
+MOST_LOST = 1 << 16
+"""Profiles lost in a row, beyond which the counter is taken for something else."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawLayout:
+    """What a raw dump doesn't say of itself: the type of the sensor (``29xx-50``) and the readings in a profile."""
+
+    model: str
+    points: int
+
+
+def read_scancontrol_raw(path: Path, layout: RawLayout) -> Recording:
+    """The recording of a raw dump; time is the middle of the exposure, columns go on where the sensor's start again.
+
+    Raises:
+        UnreadableFile: no whole number of profiles, or one without a time stamp, with its byte.
+        BadRecipe: an unknown type, or a number of points that no sensor gives.
+    """
+    data = path.read_bytes()
+    if not data:
+        raise UnreadableFile(f"{path.name}: the file is empty; need a scan")
+    try:
+        found = decode_container(data, layout.points, layout.model)
+    except UnreadableFile as wrong:
+        raise UnreadableFile(f"{path.name}: {wrong}") from wrong
+    stamps = found.stamps
+    _refuse_other_points(data, stamps, layout.points, path.name)
+    encoder = running(unwrap_encoder(stamps.encoder))
+    opened = unwrap_time(stamps.opened)
+    return Recording(
+        found.x,
+        found.z,
+        FORMAT,
+        hashlib.sha256(data).hexdigest(),
+        time=opened + _exposure(stamps) / 2,
+        encoder=None if encoder is None else encoder.astype(np.float64),
+        counter=unwrap_counter(stamps.counter),
+    )
+
+
+def points_of(head: bytes, size: int) -> int | None:
+    """Readings in a profile, where the beginning of a file of ``size`` bytes looks like a raw dump; None otherwise."""
+    for points in USUAL_POINTS:
+        length = profile_bytes(points)
+        whole = len(head) // length * length
+        if whole >= 2 * length and size % length == 0 and _stamped(decode_stamps(head[:whole], points)).all():
+            return points
+    return None
+
+
+def _refuse_other_points(data: bytes, stamps: Stamps, points: int, name: str) -> None:
+    """Refuse profiles without a time stamp at their end, or with another one on the way there.
+
+    Raises:
+        UnreadableFile: with the first such profile and its byte, or the number of points that it should be.
+    """
+    odd = np.flatnonzero(~_stamped(stamps))
+    if odd.size:
+        raise UnreadableFile(
+            f"{name}: profile {odd[0]} (byte {odd[0] * profile_bytes(points)}) has no time stamp that follows the one "
+            f"before, need profiles of {points} points with Z, X and a time stamp; check --points, or record it again"
+        )
+    for parts in SHARES:
+        fewer, rest = divmod(points, parts)
+        if rest == 0 and fewer >= FEWEST_POINTS and _stamped(decode_stamps(data, fewer)).all():
+            raise UnreadableFile(
+                f"{name}: found time stamps as of profiles of {fewer} points, told were {points}; say --points {fewer}"
+            )
+
+
+def _stamped(found: Stamps) -> NDArray[np.bool_]:
+    """Which profiles (N,) have a time stamp that can be one, and a counter that follows the profile before."""
+    exposure = _exposure(found)
+    steps = np.diff(found.counter, prepend=found.counter[:1] - 1) % COUNTER_MODULUS
+    return (exposure > 0) & (exposure <= LONGEST_EXPOSURE) & (steps > 0) & (steps <= MOST_LOST)
+
+
+def _exposure(found: Stamps) -> NDArray[np.float64]:
+    return (found.closed - found.opened) % TIME_MODULUS

@@ -1,0 +1,230 @@
+"""Form of associated features: roundness, cylindricity, straightness, flatness, and run-out about a datum axis.
+
+Terms of ISO 12181 (roundness), ISO 12180 (cylindricity), ISO 12780 (straightness) and ISO 1101 (run-out). Run-out is
+indicator travel about the datum, not form: a round shaft that runs eccentric has a run-out of twice its eccentricity.
+"""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from statistics import NormalDist
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.errors import BadRecipe
+from truestand.form.associate import Feature, Placed, associate, cylinder_at, upright
+from truestand.form.upr import transmission, upr_filter
+from truestand.form.zone import Distance, Kind, Zone, zone
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+Reference = Literal["LSC", "MZC", "MIC", "MCC"]
+
+K = 2.0
+ZONED: tuple[Feature, ...] = ("circle", "cylinder")
+NOISE_POINTS = 20_000
+"""Points whose nearest neighbours tell the noise."""
+NEIGHBOURS_AMONG = 300_000
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Why a zone is the best: its contacts hold the axis in balance."""
+
+    contacts: tuple[int, ...]
+    """Points (row numbers, from 0) that hold the axis."""
+    outside: tuple[bool, ...]
+    forces: tuple[float, ...]
+    imbalance: float
+    scope: Literal["global", "local"]
+    """Proven against every other axis, or against every small move."""
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """An associated feature and how far the points depart from it: mm."""
+
+    feature: Feature
+    reference: Reference
+    point: Array
+    direction: Array | None
+    radius: float | None
+    rms: float
+    """Of the orthogonal distances."""
+    form: float
+    """Width of the zone: roundness, cylindricity, straightness, flatness; range of the deviations for a sphere."""
+    n: int
+    cutoff_upr: float | None
+    noise: float
+    """Standard deviation of one point as its nearest neighbours tell, form between them included: at most that."""
+    noise_floor: float
+    """What ``form`` would read from that noise alone."""
+    U: dict[str, float]
+    """Expanded (k = 2), from the scatter of the points: point, radius and form in mm, direction in rad."""
+    deviation: Array
+    """(n,) mm from the feature."""
+    certificate: Certificate | None = None
+
+
+def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cutoff_upr: float | None = None) -> Form:
+    """The ``feature`` of points (n, 3) mm by its reference, and the form that remains.
+
+    ``cutoff_upr`` puts a circle's profile through the Gaussian filter first.
+
+    Raises:
+        BadRecipe: a reference or filter that the feature doesn't have.
+        NotEnoughData: too few points, an open profile for a filter, points that don't hold the feature.
+    """
+    if reference != "LSC" and feature not in ZONED:
+        raise BadRecipe(f"a {feature} has the reference LSC only, got {reference}; use --feature circle or cylinder")
+    if cutoff_upr is not None and feature != "circle":
+        raise BadRecipe(f"the UPR filter is for closed circular profiles, got a {feature}; leave the filter out")
+    points = points[np.isfinite(points).all(axis=1)]
+    placed = associate(points, feature)
+    noise = Noise(point_noise(points, placed), float(len(points)))
+    if cutoff_upr is not None:
+        points = _filtered(points, placed, cutoff_upr)
+        placed, noise = associate(points, feature), noise.through(cutoff_upr)
+    if reference == "LSC":
+        return _by_least_squares(placed, noise, cutoff_upr)
+    return _by_zone(points, placed, reference, noise, cutoff_upr)
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of a point in mm, and of how many independent points."""
+
+    sd: float
+    count: float
+
+    @property
+    def floor(self) -> float:
+        """Expected range of that many normal readings (Blom 1958): form out of nothing, mm."""
+        n = self.count
+        return 0.0 if n < 2 else 2.0 * self.sd * NormalDist().inv_cdf((n - 0.375) / (n + 0.25))
+
+    def through(self, cutoff: float) -> "Noise":
+        """What the UPR filter leaves of it: the energy that passes, in twice as many waves as pass."""
+        passed = 1.0 + 2.0 * float(np.square(transmission(np.arange(1, int(6 * cutoff) + 1), cutoff)).sum())
+        return self if passed >= self.count else Noise(self.sd * sqrt(passed / self.count), passed)
+
+
+def point_noise(points: Array, placed: Placed) -> float:
+    """Standard deviation of one point, mm: deviations of nearest neighbours differ by sqrt(2) times that."""
+    from scipy.spatial import cKDTree
+
+    n = len(points)
+    if n < 4:
+        return 0.0
+    among = np.arange(n) if n <= NEIGHBOURS_AMONG else np.linspace(0, n - 1, NEIGHBOURS_AMONG).astype(np.intp)
+    on_feature = points[among] - placed.deviation[among, None] * _normals(points[among], placed)
+    asked = np.unique(np.linspace(0, among.size - 1, NOISE_POINTS).astype(np.intp))
+    _, near = cKDTree(on_feature).query(on_feature[asked], k=2)
+    other = np.where(near[:, 0] == asked, near[:, 1], near[:, 0])
+    step = placed.deviation[among[asked]] - placed.deviation[among[other]]
+    return float(np.sqrt(np.mean(step**2) / 2))
+
+
+def _normals(points: Array, placed: Placed) -> Array:
+    """Unit normals (n, 3) of the feature towards the points."""
+    if placed.feature == "plane" and placed.direction is not None:
+        return np.broadcast_to(placed.direction, points.shape)
+    away = points - placed.point
+    if placed.direction is not None:
+        away = away - np.outer(away @ placed.direction, placed.direction)
+    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None])
+
+
+def _filtered(points: Array, placed: Placed, cutoff: float) -> Array:
+    """The circle's points with their radial deviations filtered."""
+    local = (points - placed.point) @ placed.frame.T
+    angle = np.arctan2(local[:, 1], local[:, 0])
+    passed = upr_filter(angle, placed.deviation, cutoff)
+    return np.asarray(points + (passed - placed.deviation)[:, None] * _normals(points, placed))
+
+
+def _by_least_squares(placed: Placed, noise: Noise, cutoff: float | None) -> Form:
+    n = placed.deviation.size
+    spatial = placed.feature == "line" and placed.deviation.min() >= 0
+    width = 2 * float(placed.deviation.max()) if spatial else float(np.ptp(placed.deviation))
+    U: dict[str, float] = {}
+    if np.isfinite(placed.scatter).all():
+        covariance = placed.factors * np.outer(placed.scatter, placed.scatter)
+        position, slopes, radius = placed.layout
+        U["point"] = _largest(covariance[position, position])
+        if slopes is not None:
+            U["direction"] = _largest(covariance[slopes, slopes])
+        if radius is not None:
+            U["radius"] = K * sqrt(covariance[radius, radius])
+        U["form"] = K * sqrt(2.0) * noise.sd
+    return Form(
+        placed.feature, "LSC", placed.point, placed.direction, placed.radius, placed.rms, width, n, cutoff,
+        noise.sd, noise.floor, U, placed.deviation,
+    )  # fmt: skip
+
+
+def _largest(covariance: Array) -> float:
+    return K * float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+
+
+def _by_zone(points: Array, placed: Placed, kind: Kind, noise: Noise, cutoff: float | None) -> Form:
+    local = (points - placed.point) @ placed.frame.T
+    circle = placed.feature == "circle"
+    distance = _in_plane(local) if circle else _about_axis(local)
+    found = zone(distance, len(local), np.zeros(2 if circle else 4), kind)
+    radius = {"MZC": (found.outer + found.inner) / 2, "MCC": found.outer, "MIC": found.inner}[kind]
+    q = found.parameters
+    direction, point = placed.direction, placed.point + np.array([q[0], q[1], 0.0]) @ placed.frame
+    if not circle:
+        axis = np.array([q[2], q[3], 1.0]) @ placed.frame
+        direction = upright(axis / np.linalg.norm(axis))
+        point = point + direction * float((points.mean(axis=0) - point) @ direction)
+    deviation = distance(q, np.arange(len(local)))[0] - radius
+    certificate = Certificate(
+        tuple(map(int, found.contacts)), tuple(map(bool, found.outside)), tuple(map(float, found.forces)),
+        found.imbalance, "global" if circle and kind == "MCC" else "local",
+    )  # fmt: skip
+    return Form(
+        placed.feature, kind, point, direction, radius, float(np.sqrt(np.mean(deviation**2))),
+        found.outer - found.inner, len(local), cutoff, noise.sd, noise.floor,
+        _zone_expanded(found, kind, noise.sd, circle), deviation, certificate,
+    )  # fmt: skip
+
+
+def _zone_expanded(found: Zone, kind: Kind, noise: float, circle: bool) -> dict[str, float]:
+    """From the noise of the contacts alone, as they hold the axis."""
+    response = found.sensitivity * (K * noise)
+    m = found.parameters.size
+    # A one-sided reference holds one border; the other is where the farthest point happens to lie.
+    outer = response[m] if kind != "MIC" else np.zeros(response.shape[1])
+    inner = response[m + 1] if kind != "MCC" else np.zeros(response.shape[1])
+    radius = {"MZC": (outer + inner) / 2, "MCC": outer, "MIC": inner}[kind]
+    other = 0.0 if kind == "MZC" else K * noise
+    U = {
+        "point": float(np.linalg.norm(response[:2], 2)),
+        "radius": float(np.linalg.norm(radius)),
+        "form": hypot(float(np.linalg.norm(outer - inner)), other),
+    }
+    return U if circle else {**U, "direction": float(np.linalg.norm(response[2:4], 2))}
+
+
+def _in_plane(local: Array) -> Distance:
+    """Distances from a centre (x, y) in the circle's plane."""
+
+    def distance(q: Array, which: Ints) -> tuple[Array, Array]:
+        away = local[which, :2] - q
+        length = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-300)
+        return length, -away / length[:, None]
+
+    return distance
+
+
+def _about_axis(local: Array) -> Distance:
+    """Distances from an axis (x, y, slope x, slope y) near the frame's own."""
+
+    def distance(q: Array, which: Ints) -> tuple[Array, Array]:
+        length, slopes = cylinder_at(np.append(q, 0.0), local[which])
+        return length, slopes[:, :4]
+
+    return distance

@@ -1,0 +1,1 @@
+"""The budget, from sensitivities that the rooms above bring."""

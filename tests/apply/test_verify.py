@@ -1,0 +1,110 @@
+"""Does an old calibration still hold: moved things are named, doubt is not hidden."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians
+
+import pytest
+
+from truestand.apply.verify import verify
+from truestand.calibration.calibrate import calibrate
+from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.scan import interpret
+from truestand.sim import FormWave, simulate
+from truth import ABOVE, PLANE, TILTED, Named, shaft
+
+BASE = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 4000, "columns": ("angle",)})
+
+
+def scan(named, seed):
+    return interpret(simulate(named.stand(), named.simulation(), shaft(), seed).recording, named.stand())
+
+
+@cache
+def old():
+    return calibrate(scan(BASE, 0), shaft())
+
+
+def changed(**parts):
+    return replace(BASE, **{k: {**getattr(BASE, k), **v} for k, v in parts.items()})
+
+
+def test_another_scan_of_the_same_stand_holds():
+    found = verify(scan(BASE, 1), old(), shaft())
+    assert found.verdict == "holds"
+    assert all(c.value < 0.002 and 0 < c.U < 0.005 for c in found.changes)
+
+
+@pytest.mark.parametrize(
+    ("named", "what"),
+    [
+        (changed(mounting={"phi": ABOVE + radians(0.05)}), "sensor, radially"),
+        (changed(mounting={"standoff": 95.03}), "sensor, radially"),
+        (changed(mounting={"plane_offset": 0.30}), "sensor, sideways"),
+        (changed(running={"eccentricity": 0.92}), "shaft on the table"),
+        (changed(running={"eccentricity_direction": 0.75}), "shaft on the table"),
+        (changed(running={"tilt": 0.003}), "shaft on the table"),
+    ],
+)
+def test_what_moved_is_named(named, what):
+    found = verify(scan(named, 1), old(), shaft())
+    assert found.verdict == "does_not_hold"
+    assert what in {c.name for c in found.changes if c.verdict == "does_not_hold"}
+    assert any(what in reason and "calibrate again" in reason for reason in found.reasons)
+
+
+def test_at_the_limit_it_is_undecided():
+    """A shaft moved by just the limit can't be decided: U is not zero."""
+    found = verify(scan(changed(running={"eccentricity": 0.8889}), 1), old(), shaft(), limit=0.01)
+    assert next(c for c in found.changes if c.name == "shaft on the table").verdict == "undecided"
+    assert found.verdict == "undecided"
+
+
+def test_the_published_method_is_not_enough_to_verify_with():
+    paper = calibrate(scan(BASE, 0), shaft(), "paper")
+    found = verify(scan(BASE, 1), paper, shaft())
+    assert found.verdict == "undecided"
+    assert "published method" in found.reasons[0]
+
+
+def wheel_scan(start=0.0, zero="home", **running):
+    """The wheel of the transfer's tests on this stand, the shaft in view below it."""
+    base, seat = shaft().cylinders
+    parts = (base, Cylinder("seat", seat.diameter, 0.0, 5.0), Cylinder("wheel", 47.0, 5.0, 25.0))
+    named = changed(
+        mounting={"phi": radians(-41.802)}, running=running, acquisition={"columns": (), "start_angle": start}
+    )
+    stand = replace(named.stand(), table=replace(named.stand().table, start=zero))
+    lobes = (FormWave("wheel", 24, 2.0),)
+    simulation = replace(named.simulation(), workpiece=replace(named.simulation().workpiece, form=lobes))
+    return interpret(simulate(stand, simulation, Artefact(parts), 4).recording, stand)
+
+
+@cache
+def old_from_below():
+    named = changed(mounting={"phi": radians(-41.802)}, acquisition={"columns": ()}, workpiece={"form": ()})
+    return calibrate(scan(named, 0), shaft())
+
+
+@pytest.mark.parametrize(
+    ("now", "verdict"),
+    [
+        ({}, "holds"),
+        ({"start": 1.0, "zero": "unknown"}, "holds"),
+        ({"eccentricity": 0.92}, "does_not_hold"),
+        ({"eccentricity_direction": 0.75}, "does_not_hold"),
+    ],
+)
+def test_a_part_with_shaft_in_view_verifies_as_well(now, verdict):
+    found = verify(wheel_scan(**now), old_from_below(), shaft())
+    assert found.by == "witness"
+    assert found.verdict == verdict, found.reasons
+
+
+def test_a_shaft_scan_that_starts_elsewhere_is_tied_by_itself():
+    named = changed(acquisition={"columns": (), "start_angle": 1.0})
+    stand = replace(named.stand(), table=replace(named.stand().table, start="unknown"))
+    again = interpret(simulate(stand, named.simulation(), shaft(), 1).recording, stand)
+    first = calibrate(scan(changed(acquisition={"columns": ()}), 0), shaft())
+    found = verify(again, first, shaft())
+    assert (found.verdict, found.by) == ("holds", "calibration"), found.reasons
