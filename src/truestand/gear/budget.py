@@ -19,8 +19,8 @@ from truestand.apply.datum import Datum
 from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
 from truestand.calibration.checks import linearity_name, linearity_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
+from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.evaluate import Measures, Weighed, evaluate
 from truestand.gear.figures import Figures, figures_of
 from truestand.gear.geometry import SIGMA, Involute

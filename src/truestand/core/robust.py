@@ -1,9 +1,27 @@
-"""Medians of many small groups at once."""
+"""Robust statistics: the standard deviation from the median of deviations, Tukey's biweight, medians of many cells."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+MAD_TO_SD = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation: 1 / Phi^-1(3/4)."""
+TUKEY = 4.685
+"""Tukey's constant: standard deviations at which a weight becomes zero; 95 % efficient for normal noise."""
+
+
+def robust_sd(deviations: Array) -> float:
+    """Standard deviation of normal noise with the same median absolute deviation from 0; deviations of any shape.
+
+    NaN where there are none. Source: Rousseeuw and Croux 1993.
+    """
+    return MAD_TO_SD * float(np.median(np.abs(deviations))) if deviations.size else float("nan")
+
+
+def tukey_weights(ratio: Array) -> Array:
+    """Tukey's biweight (any shape) of deviations over the limit at which the weight is zero."""
+    return np.square(np.maximum(1.0 - np.square(ratio), 0.0))
 
 
 def medians(cell: NDArray[np.integer], values: Array, cells: int, span: float) -> tuple[Array, NDArray[np.int64]]:
