@@ -24,17 +24,20 @@ def tukey_weights(ratio: Array) -> Array:
     return np.square(np.maximum(1.0 - np.square(ratio), 0.0))
 
 
-def medians(cell: NDArray[np.integer], values: Array, cells: int, span: float) -> tuple[Array, NDArray[np.int64]]:
+def medians(
+    cell: NDArray[np.integer], values: Array, cells: int, span: float | None = None
+) -> tuple[Array, NDArray[np.int64]]:
     """Median (cells,) of the values (n,) in each cell, NaN where there is none, and how many there are.
 
     One sort of one key, the cell before the point and the value behind it: 1e5 cells leave 1e-10 of ``span``. Values
-    lie within half a ``span`` of 0; what lies beyond counts as lying there.
+    lie within half a ``span`` of 0; what lies beyond counts as lying there. None: as wide as the values are.
     """
-    key = np.sort(cell + np.clip(values / span + 0.5, 0.0, 0.999999))
+    width = 2.1 * float(np.abs(values).max(initial=1e-9)) if span is None else span
+    key = np.sort(cell + np.clip(values / width + 0.5, 0.0, 0.999999))
     count = np.bincount(cell, minlength=cells).astype(np.int64)
     first = np.cumsum(count) - count
     found = np.full(cells, np.nan)
     some = count > 0
     low, high = first[some] + (count[some] - 1) // 2, first[some] + count[some] // 2
-    found[some] = ((key[low] + key[high]) / 2 - np.flatnonzero(some) - 0.5) * span
+    found[some] = ((key[low] + key[high]) / 2 - np.flatnonzero(some) - 0.5) * width
     return found, count
