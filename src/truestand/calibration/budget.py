@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from truestand.calibration.checks import linearity_name, linearity_of
 from truestand.calibration.refine import Refined
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import Contribution, StaticProfile, Uncertainty
+from truestand.core.frames import UNKNOWNS
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
 
-REPORTED = 8
-"""The unknowns of the geometry proper stand first in the parameter vector."""
 K = 2.0
 TWO_SIGMA = 0.9545
 DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
@@ -28,14 +28,6 @@ HALF_TURN = 180.0
 """deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
 """mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""
-UNSTATED_SCALE_U = 1e-4
-"""Relative, k = 2, where the data sheet is silent."""
-TEMPERATURE_U, EXPANSION = 2.0, 11.5e-6
-"""K, k = 2, of the shaft against its certificate's temperature; 1/K, steel."""
-BEARING_U = 5e-4
-"""mm, k = 2: once-per-turn error of a good table bearing, which one scan can't tell from eccentricity."""
-ANGLE_U = 2e-4
-"""rad, k = 2: where a scan starts against the zero of the table's angle."""
 TRIALS = 20_000
 AGREE = 0.05
 """Share of U by which Monte Carlo may differ; beyond it (a magnitude near zero isn't normal) Monte Carlo stands."""
@@ -78,7 +70,7 @@ def budget_of(
 def sensitivities(p: Array) -> dict[str, Array]:
     """Gradient (8,) of each reported quantity, in the record's unit, over the geometry's unknowns in mm and rad."""
     e, t = hypot(p[4], p[5]), hypot(p[6], p[7])
-    unit = np.eye(REPORTED)
+    unit = np.eye(UNKNOWNS)
     ex, ey = unit[4], unit[5]
     tx, ty = unit[6], unit[7]
     return {
@@ -102,7 +94,7 @@ def type_b(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPro
     # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
     slope = sqrt(2.0) / (band.high - band.low)
     lever = abs((band.low + band.high) / 2 - fit.model.height)  # from the sensor's origin, about which phi turns
-    scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U
+    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
     bearing = {"eccentricity_um": 1000.0}
     if eccentricity > 1.0:
@@ -119,7 +111,7 @@ def type_b(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPro
         Input("temperature of the artefact (assumed)", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),
         Input("table bearing, once per turn (assumed)", BEARING_U / 2, "normal", bearing),
-        Input("zero of the table angle (assumed)", ANGLE_U / 2, "rectangular",
+        Input("zero of the table angle (assumed)", ANGLE_ZERO_U / 2, "rectangular",
               dict.fromkeys(DIRECTIONS, degrees(1))),
     )  # fmt: skip
 
@@ -133,9 +125,9 @@ def monte_carlo(
     e = 0 the eccentricity is no longer normal and its direction wraps.
     """
     rng = np.random.default_rng(seed)
-    whole = np.asarray(sum(parts.values()))[:REPORTED, :REPORTED]
-    drawn = p[:REPORTED] + rng.standard_normal((trials, REPORTED)) @ _root(whole).T
-    values, best = _quantities(drawn), _quantities(p[None, :REPORTED])
+    whole = np.asarray(sum(parts.values()))[:UNKNOWNS, :UNKNOWNS]
+    drawn = p[:UNKNOWNS] + rng.standard_normal((trials, UNKNOWNS)) @ _root(whole).T
+    values, best = _quantities(drawn), _quantities(p[None, :UNKNOWNS])
     off = {key: values[key] - best[key] for key in values}
     for i in inputs:
         noise = rng.standard_normal(trials) if i.distribution == "normal" else rng.uniform(-sqrt(3), sqrt(3), trials)
@@ -168,7 +160,7 @@ def _quantities(p: Array) -> dict[str, Array]:
 
 
 def _from_fit(name: str, part: Array, gradient: Array, fit: Refined) -> Contribution:
-    u = sqrt(max(float(gradient @ part[:REPORTED, :REPORTED] @ gradient), 0.0))
+    u = sqrt(max(float(gradient @ part[:UNKNOWNS, :UNKNOWNS] @ gradient), 0.0))
     if name == "noise":
         used = np.unique(fit.cells.group * len(fit.model.radii) + fit.cells.readings.cylinder).size
         return Contribution(name, K * u, u, "normal", 1.0, float(max(used - fit.model.size, 1)))

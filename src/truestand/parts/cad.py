@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.inspection import Characteristic, Inspection, status_of
-from truestand.core.rays import sensor_origins
+from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, table_angle
+from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.parts import doubt
 from truestand.parts.cast import Solid, meet, solid_of
 from truestand.parts.drawings import Cad

@@ -5,9 +5,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
 from truestand.calibration.checks import linearity_name, linearity_of
-from truestand.calibration.priors import SMOOTH
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
 from truestand.core.calibration import Calibration, Contribution
 
 Array = NDArray[np.float64]
@@ -51,7 +50,7 @@ def scale_line(calibration: Calibration, distance: float) -> Contribution:
     """From the sensor's scale over ``distance`` mm."""
     stated = calibration.stand.sensor.scale_U
     name = "scale of the sensor" + (" (assumed)" if stated is None else "")
-    return line(name, abs(distance) * (UNSTATED_SCALE_U if stated is None else stated))
+    return line(name, abs(distance) * (SCALE_U if stated is None else stated))
 
 
 def temperature_line(length: float) -> Contribution:
@@ -66,7 +65,7 @@ def bearing_line(factor: float) -> Contribution:
 
 def zero_line(radius: float, factor: float) -> Contribution:
     """From the zero of the table's angle, by which what lies at ``radius`` mm from the rotation axis is turned."""
-    return line(ZERO, factor * ANGLE_U * radius, "rectangular")
+    return line(ZERO, factor * ANGLE_ZERO_U * radius, "rectangular")
 
 
 def artefact_line(calibration: Calibration, factor: float) -> Contribution:

@@ -8,9 +8,17 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.errors import NotEnoughData
-from truestand.core.inspection import PARTIAL, Characteristic, Inspection, Status, status_of
+from truestand.core.inspection import (
+    EDITION,
+    GUARD_FACTOR,
+    PARTIAL,
+    Characteristic,
+    Inspection,
+    Status,
+    decided,
+    status_of,
+)
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
 from truestand.parts import doubt
