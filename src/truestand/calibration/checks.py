@@ -12,7 +12,6 @@ from truestand.calibration.segment import LEAST_SHARE, SURE
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
 from truestand.core.scan import Scan
-from truestand.core.stand import Sensor
 
 PROFILES = 120
 """Looked at for the share of outliers."""
@@ -113,16 +112,6 @@ def shared_form(fit: Refined) -> float:
     common = turning.mean(axis=0)
     alike = np.abs(turning - common).max(axis=0) < ALIKE * np.abs(common)
     return float(np.abs(common[alike]).max(initial=0.0))
-
-
-def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
-    """The sensor's linearity U (mm, k = 2): its data sheet's word or what is assumed, unless this scan shows worse."""
-    return max([sensor.linearity, *(s.peak_to_valley / 2 for s in static)])
-
-
-def linearity_name(sensor: Sensor) -> str:
-    """Of the budget's line."""
-    return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:

@@ -6,14 +6,15 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.model import ECCENTRICITY, TILT
 from truestand.calibration.refine import Refined
 from truestand.core.artefact import Artefact
 from truestand.core.frames import (
+    ECCENTRICITY,
     ECCENTRICITY_X,
     ECCENTRICITY_Y,
     PLANE_OFFSET,
     PLANE_TILT,
+    TILT,
     TILT_X,
     TILT_Y,
     UNKNOWNS,

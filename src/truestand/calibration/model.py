@@ -19,12 +19,14 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from truestand.core.frames import (
+    ECCENTRICITY,
     ECCENTRICITY_X,
     ECCENTRICITY_Y,
     PHI,
     PLANE_OFFSET,
     PLANE_TILT,
     RADIAL,
+    TILT,
     TILT_X,
     TILT_Y,
     UNKNOWNS,
@@ -45,7 +47,6 @@ GEOMETRY = (
 )  # fmt: skip
 """The unknowns in the order of the parameter vector: the eight of ``core.frames`` first."""
 DRIFT, SPEED = UNKNOWNS, UNKNOWNS + 1
-ECCENTRICITY, TILT = slice(ECCENTRICITY_X, ECCENTRICITY_Y + 1), slice(TILT_X, TILT_Y + 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,18 +1,17 @@
 """From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
 
 from dataclasses import replace
-from math import degrees, hypot
+from math import degrees, hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.budget import DIRECTIONS, HALF_TURN, budget_of
 from truestand.calibration.checks import NEAR, checks_of, reasons_of
 from truestand.calibration.covariance import weigh
-from truestand.calibration.model import ECCENTRICITY, GEOMETRY, SPEED, Readings
+from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import REACH, Refined
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import COAXIALITY_U
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import (
     AngleZero,
     Calibration,
@@ -23,19 +22,25 @@ from truestand.core.calibration import (
     Uncertainty,
 )
 from truestand.core.frames import (
+    ECCENTRICITY,
     ECCENTRICITY_X,
     PHI,
     PLANE_OFFSET,
     PLANE_TILT,
     RADIAL,
+    TILT,
     UNKNOWNS,
     shaft_from_rotor,
     table_from_sensor,
 )
 from truestand.core.scan import Scan
+from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN, Input, budget_of
+from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
 
 Array = NDArray[np.float64]
 
+HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
+"""mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
 RESIDUAL_PROFILES = 300
@@ -59,10 +64,12 @@ def conclude(
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
     static = static_profiles(artefact, fit)
-    budget = budget_of(parts, scan, artefact, fit, static)
+    own = slice(0, UNKNOWNS)
+    geometry = {name: part[own, own] for name, part in parts.items()}
+    stated = {q.name: q.u for q in reversed(fit.priors)}
+    budget = budget_of(p[own], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
     free_speed = scan.angle_source in ("index", "time")
     residuals = residuals_of(scan, fit)
-    own = slice(0, UNKNOWNS)
     calibration = Calibration(
         method="stand",
         table_from_sensor=table_from_sensor(p[PHI], p[RADIAL], fit.model.height, p[PLANE_TILT], p[PLANE_OFFSET]),
@@ -179,3 +186,40 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
     if not fit.segments.shoulder_seen:
         names.append("height")
     return tuple(names)
+
+
+def _noise_dof(fit: Refined) -> float:
+    """Groups of profiles on each surface less the unknowns."""
+    used = np.unique(fit.cells.group * len(fit.model.radii) + fit.cells.readings.cylinder).size
+    return float(max(used - fit.model.size, 1))
+
+
+def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> tuple[Input, ...]:
+    """What certificate, data sheet and stand leave open and one scan can't see."""
+    sensor, p = scan.stand.sensor, fit.solution.parameters
+    eccentricity, lean = 1000.0 * hypot(*p[ECCENTRICITY]), hypot(*p[TILT])
+    band = max(fit.segments.bands, key=lambda b: b.high - b.low)
+    base = artefact.cylinders[fit.segments.bands[0].cylinder]
+    # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
+    slope = sqrt(2.0) / (band.high - band.low)
+    lever = abs((band.low + band.high) / 2 - fit.model.height)  # from the sensor's origin, about which phi turns
+    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
+    height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
+    bearing = {"eccentricity_um": 1000.0}
+    if eccentricity > 1.0:
+        bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)
+    return (
+        Input("diameter of the artefact", (base.diameter_U or 0.0) / 2, "normal", {"radial_position_mm": 0.5}),
+        Input(linearity_name(sensor), linearity_of(sensor, static) / 2, "normal",
+              {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
+               "eccentricity_um": eccentricity * slope}),
+        Input(scale_name(sensor), scale / 2, "normal",
+              {"eccentricity_um": eccentricity}),
+        Input("height zero: the shoulder", height / 2, "rectangular",
+              {"eccentricity_um": 1000.0 * lean, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
+        Input("temperature of the artefact (assumed)", TEMPERATURE_U / 2, "rectangular",
+              {"radial_position_mm": EXPANSION * base.radius}),
+        Input("table bearing, once per turn (assumed)", BEARING_U / 2, "normal", bearing),
+        Input("zero of the table angle (assumed)", ANGLE_ZERO_U / 2, "rectangular",
+              dict.fromkeys(DIRECTIONS, degrees(1))),
+    )  # fmt: skip

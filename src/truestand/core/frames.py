@@ -16,6 +16,7 @@ PHI, RADIAL, PLANE_OFFSET, PLANE_TILT, ECCENTRICITY_X, ECCENTRICITY_Y, TILT_X, T
 """Where each unknown of the geometry stands in a parameter vector (mm and rad): what ``table_from_sensor`` and
 ``shaft_from_rotor`` take, the sensor's height apart, which is a convention."""
 UNKNOWNS = 8
+ECCENTRICITY, TILT = slice(ECCENTRICITY_X, ECCENTRICITY_Y + 1), slice(TILT_X, TILT_Y + 1)
 
 
 @dataclass(frozen=True, slots=True)

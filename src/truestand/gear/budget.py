@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
-from truestand.calibration.checks import linearity_name, linearity_of
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.scan import Scan
@@ -26,6 +25,7 @@ from truestand.gear.figures import Figures, figures_of
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
+from truestand.uncertainty.lines import linearity_name, linearity_of
 
 Array = NDArray[np.float64]
 Field = Callable[[Array], Array]
