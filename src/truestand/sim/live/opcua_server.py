@@ -46,8 +46,8 @@ class OpcUaServer(Serving):
         shown = await self._build(server)
         async with server:
             url = urlsplit(self._url)
-            port = server.bserver._server.sockets[0].getsockname()[1]  # type: ignore[union-attr]
-            self.address = f"opc.tcp://{url.hostname}:{port}{url.path}"
+            assert server.bserver is not None
+            self.address = f"opc.tcp://{url.hostname}:{server.bserver.port}{url.path}"
             started.set()
             while not self._ended.is_set():
                 for node, value in shown:
