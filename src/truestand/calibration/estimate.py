@@ -126,6 +126,8 @@ class Solution:
     """(n,) 1/mm2: how much each cell counts."""
     steps: int
     converged: bool
+    stuck: bool
+    """Given up, because steps had to be halved again and again."""
 
 
 def gauss_newton(
@@ -135,37 +137,53 @@ def gauss_newton(
 
     The data's weight follows from its own residuals (robustly), so that priors and data are on one scale.
     """
-    p = start.copy()
     precision = precision_of(priors, model.size)
+    at = _linearised(model, cells, start)
     converged = False
     steps = halvings = 0
     while not converged and steps < MOST_STEPS and halvings < MOST_HALVINGS:
         steps += 1
-        residuals, jacobian = model.linearised(p, cells.readings)
-        noise = noise_of(residuals, cells.weight)
-        weights = noise.weights(residuals, cells.weight)
-        weighted = jacobian * weights[:, None]
-        information, gradient = weighted.T @ jacobian, weighted.T @ residuals
-        normal = information + np.diag(precision)
-        change = -solve(normal, gradient + precision * p)
+        normal = at.information + np.diag(precision)
+        change = -solve(normal, at.gradient + precision * at.parameters)
         still = np.maximum(settled, STILL * _standard_uncertainty(normal)[:UNKNOWNS])
         converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
         if not converged:  # a step too small to matter is not worth another look at all cells
-            p, more = _bettering(model, cells, p, change, residuals, noise, precision)
+            p, more = _bettering(model, cells, at, change, precision)
+            at = _linearised(model, cells, p)
             halvings += more
-    return Solution(p, gradient, information, residuals, weights, steps, converged)
+    stuck = halvings >= MOST_HALVINGS
+    return Solution(at.parameters, at.gradient, at.information, at.residuals, at.weights, steps, converged, stuck)
 
 
-def _bettering(
-    model: Model, cells: Cells, p: Array, change: Array, residuals: Array, noise: "Noise", precision: Array
-) -> tuple[Array, int]:
+@dataclass(frozen=True, slots=True)
+class _Linearised:
+    """The data's cost about some parameters: its noise, and what ``Solution`` says of it."""
+
+    parameters: Array
+    residuals: Array
+    weights: Array
+    gradient: Array
+    information: Array
+    noise: "Noise"
+
+
+def _linearised(model: Model, cells: Cells, p: Array) -> _Linearised:
+    residuals, jacobian = model.linearised(p, cells.readings)
+    noise = noise_of(residuals, cells.weight)
+    weights = noise.weights(residuals, cells.weight)
+    weighted = jacobian * weights[:, None]
+    return _Linearised(p, residuals, weights, weighted.T @ residuals, weighted.T @ jacobian, noise)
+
+
+def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, precision: Array) -> tuple[Array, int]:
     """The parameters after a step that betters the robust cost, and how often it was halved for that.
 
     Under a nearly centred shaft the scan hardly sees the laser plane, and far along that direction the other unknowns
     follow in a curve (sag is quadratic). Where the straight step fails they are solved again for the new plane; where
     that fails too, the step is halved.
     """
-    before = SLACK + (1.0 + SLACK) * noise.cost(residuals, cells.weight, p, precision)
+    p, noise = at.parameters, at.noise
+    before = SLACK + (1.0 + SLACK) * noise.cost(at.residuals, cells.weight, p, precision)
     for halvings in range(MOST_HALVINGS_A_STEP):
         tried = p + change
         if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:

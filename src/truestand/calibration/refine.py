@@ -116,7 +116,7 @@ class _Pass:
 def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
     """Fit the exact model to all trusted readings of all the artefact's cylinders.
 
-    Where a part of the readings finds no steady answer, all of them are not asked: the solution says so.
+    Where the fit to a part of the readings gives up, all of them are not asked: the solution says so.
 
     Raises:
         NotEnoughData: the surfaces show in too few cells.
@@ -126,16 +126,19 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     few = view.thinned
     first = _solve(few, model, _start(model, segments, start), FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
-    found = _refined(view, _narrowed(view, first)) if first.solution.converged else _refined(few, first)
+    found = _refined(few, first) if first.solution.stuck else _refined(view, _narrowed(view, first))
     fit = _steady(found)
     speed = float(fit.solution.parameters[SPEED])
     return replace(fit, common_outliers=start.common_outliers, overlap=repeats_within(start, speed))
 
 
 def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
-    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now."""
+    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now.
+
+    What was held as stated stays so.
+    """
     view = _View(scan, fit.segments, artefact, fit.outliers)
-    again = _steady(_refined(view, _solve(view, fit.model, fit.solution.parameters, fit.limit)))
+    again = _refined(view, _solve(view, fit.model, fit.solution.parameters, fit.limit, priors=fit.priors))
     return replace(again, common_outliers=fit.common_outliers, overlap=fit.overlap)
 
 
@@ -144,7 +147,7 @@ def _narrowed(view: _View, first: _Pass) -> _Pass:
     limit = _noise_limit(first)
     second = _solve(view, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
-    if tighter > 0.8 * limit or not second.solution.converged:
+    if tighter > 0.8 * limit or second.solution.stuck:
         return second
     return _solve(view, second.model, second.solution.parameters, tighter)
 
@@ -181,6 +184,7 @@ def _solve(
     limit: float,
     settled: float = SETTLED,
     groups_per_turn: int = GROUPS_PER_TURN,
+    priors: tuple[Prior, ...] | None = None,
 ) -> _Pass:
     """Cells about the surface that the parameters predict, and the model fitted to them."""
     grid = make_grid(view.scan, view.segments.bands, groups_per_turn)
@@ -190,7 +194,7 @@ def _solve(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
             "drawing, exposure and that nothing else turns in view"
         )
-    priors = priors_for(model, view.scan, view.segments, view.artefact)
+    priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
     return _Pass(model, grid, cells, gauss_newton(model, cells, parameters, priors, settled), priors, limit)
 
 
