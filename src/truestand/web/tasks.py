@@ -102,8 +102,9 @@ def certificate(record: str, laboratory: str) -> str:
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
     from truestand.files.records.records import read_calibration
-    from truestand.report.certificate import Issue, refusals
     from truestand.report.certificate import certificate as made_of
+    from truestand.report.certificate import refusals
+    from truestand.report.certificate_issue import Issue
 
     source, stated = Path(record).read_bytes(), Path(laboratory)
     told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
