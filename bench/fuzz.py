@@ -295,9 +295,9 @@ def main() -> None:
     except ImportError:
         sys.exit("the fuzzer needs atheris, which is not installed; install it with: pip install atheris")
     with atheris.instrument_imports(include=["truestand", "tomllib", "json"]):
-        import truestand.files.records.records  # noqa: F401
+        import truestand.files.records.records
         import truestand.files.scans.read
-        import truestand.files.shapes.points
+        import truestand.files.shapes.points  # noqa: F401
     kind = sys.argv.pop(1)
     folder = Path(".benchmarks") / "fuzz" / kind
     corpus, path, words = folder / "corpus", folder / "file", folder / "words"

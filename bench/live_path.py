@@ -31,6 +31,7 @@ from truestand.sim.live.registers import Identity
 from truestand.sim.live.source import RecordedSource
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
+from truestand.station.convert import LogSorter
 from truestand.station.recipe import DevicesRecipe, Order
 from truestand.station.stand import open_station
 
@@ -98,7 +99,8 @@ def run(options, address):
     with tempfile.TemporaryDirectory() as folder, open_station(described, devices) as opened:
         log = Path(folder) / "k1.log"
         wall, cpu = time.monotonic(), time.process_time()
-        station.acquire(opened, order, {"front": station.SensorJob("full", encoder=True)}, log, "now")
+        jobs, sorter = {"front": station.SensorJob("full", encoder=True)}, LogSorter(log)
+        station.acquire(opened, order, jobs, log, "now", written=sorter.add)
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         statistics = opened.sensors[0].statistics()
         records = [(r.number, r.time) for r in read_log(log) if r.kind is Kind.FRAME]

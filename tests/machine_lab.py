@@ -51,9 +51,9 @@ class Plc:
 
 
 @asynccontextmanager
-async def served(page, login_needed=False):
+async def served(page):
     """The address of the page's OPC UA server."""
-    async with machines(page, Wanted("opc.tcp://127.0.0.1:0", login_needed)) as (address,):
+    async with machines(page, Wanted("opc.tcp://127.0.0.1:0")) as (address,):
         try:
             yield address
         finally:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from truestand.apply.datum import CLEARANCE, datum_of
-from truestand.calibration.priors import UNSTATED_COAXIALITY_U
 from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.assumptions import COAXIALITY_U
 from truestand.core.calibration import Calibration, Positions, StepAxis
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
@@ -51,7 +51,7 @@ def test_a_seat_is_as_coaxial_as_its_certificate_says():
 def test_what_no_certificate_says_is_assumed_and_said():
     for found in (calibration(BASE, replace(SEAT, coaxiality_U=None)), calibration()):
         datum = datum_of(found, "seat")
-        assert datum.U_offset == UNSTATED_COAXIALITY_U
+        assert datum.U_offset == COAXIALITY_U
         assert "(assumed)" in datum.contributions[0].name
         assert any("(assumed)" in c.name for c in datum.lines(60.0))
 

@@ -111,15 +111,15 @@ def test_a_wave_is_found_beside_a_flat(share):
     found = robust_wave(angle, trace)
     assert found.series.orders[-1] <= 2
     assert found.series.amplitude(1) == pytest.approx(0.9, abs=1e-3)
-    assert np.count_nonzero(found.foreign & ~flat) == 0
-    assert np.count_nonzero(found.foreign & flat) > 0.9 * np.count_nonzero(flat)
+    assert np.count_nonzero(found.outliers & ~flat) == 0
+    assert np.count_nonzero(found.outliers & flat) > 0.9 * np.count_nonzero(flat)
 
 
 def test_form_of_many_waves_is_not_foreign():
     angle = np.linspace(0, 2 * pi, 1000, endpoint=False)
     trace = 0.9 * np.cos(angle) + sum(0.02 / n * np.cos(n * angle - n) for n in range(2, 9))
     found = robust_wave(angle, trace)
-    assert not found.foreign.any()
+    assert not found.outliers.any()
     assert found.series.amplitude(1) == pytest.approx(0.9, abs=1e-6)
 
 

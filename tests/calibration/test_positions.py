@@ -111,9 +111,9 @@ def test_angles_that_tell_nothing_are_refused(clamped):
 
 @pytest.mark.parametrize("clamped", [(0.0, -100.0), (0.0, 60.0)])
 def test_wrong_angles_are_noticed(clamped):
-    """Turned by 100 degrees and stated otherwise: the scans no longer read one laser plane."""
+    """Turned by 100 degrees and stated otherwise: the scans read no one laser plane, or no one table bearing."""
     wrong = calibrate_positions((scan(0), scan(100)), tuple(map(radians, clamped)), artefact())
-    assert any("clamping angle is not as stated" in r for r in wrong.reasons)
+    assert any("check --clamped-at-deg" in r for r in wrong.reasons)
 
 
 def test_the_same_scan_twice_and_scans_of_two_stands_are_refused():

@@ -10,7 +10,7 @@ import pytest
 
 from random_stands import try_shaft, try_stand
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.clean import supported
+from truestand.calibration.outline import supported
 from truestand.calibration.segment import segment
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData

@@ -1,7 +1,7 @@
 """The axis interface by itself: waiting, limits and timeouts, with a drive and a clock of the test's own."""
 
 from dataclasses import dataclass, field
-from math import inf, nan, radians
+from math import inf, nan
 
 import pytest
 from hypothesis import given
@@ -24,9 +24,6 @@ class Scripted:
 
     def start_move(self, position, speed):
         self.told.append(("move", position, speed))
-
-    def start_turn(self, speed):
-        self.told.append(("turn", speed))
 
     def halt(self):
         self.told.append("halt")
@@ -121,20 +118,11 @@ def test_nothing_beyond_the_limits_reaches_the_drive(position, speed):
 
 
 @pytest.mark.parametrize("speed", [0.0, nan, inf, -inf, 1.01, -1.01])
-def test_a_speed_that_is_none_turns_nothing(speed):
+def test_a_speed_that_is_none_moves_nothing(speed):
     table, drive, _ = table_of(at(), speed=1.0)
     with pytest.raises(LimitExceeded, match="max_speed_deg_per_s"):
-        table.turn(speed)
+        table.start_move(1.0, speed)
     assert drive.told == []
-
-
-def test_a_table_with_stops_does_not_turn_endlessly():
-    table, drive, _ = table_of(at(), highest=radians(350))
-    with pytest.raises(LimitExceeded, match="move it instead"):
-        table.turn(0.1)
-    table, drive, _ = table_of(at())
-    table.turn(-0.1)
-    assert drive.told == [("turn", -0.1)]
 
 
 def test_a_table_without_a_home_moves_nowhere():

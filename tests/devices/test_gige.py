@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.devices.gige.assembly import ASK_AFTER, GIVE_UP, GIVE_UP_AT_ONCE, MOST_OPEN, SILENCE, Assembler
-from truestand.devices.wire import gvsp
+from truestand.devices.wire import grbl, gvcp, gvsp, zaber
 from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
+from truestand.devices.wire.malformed import Malformed
 
 PACKET_SIZE = 136  # 100 bytes of data in a packet with standard ids
 WIDTH, ROWS = 60, 4
@@ -176,6 +177,15 @@ def test_garbage_and_frames_of_another_size_are_counted_and_not_used():
     bench.feed(*wrong, *packets(1)[3:])
     assert bench.frames[0].payload == content(1) and bench.numbers == [0]
     assert bench.statistics.malformed == len(wrong)
+
+
+DECODERS = (gvcp.decode_acknowledge, gvcp.decode_request, gvsp.decode_header, zaber.decode_reply, grbl.decode_line)
+
+
+@pytest.mark.parametrize("decode", DECODERS)
+def test_what_is_no_message_is_malformed_in_every_protocol(decode):
+    with pytest.raises(Malformed):
+        decode(b"<")
 
 
 def test_the_end_hands_on_what_there_is():

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tables import listener, on_virtual_time, served, table_at
 from truestand.core.errors import DeviceError, DeviceLost, MoveTimeout
 from truestand.devices.tables import TableRecipe, open_table
-from truestand.devices.wire.grbl import Alarm, Note, Ok, Refused, Report, Welcome, decode_line, jog_by, jog_to
+from truestand.devices.wire.grbl import Alarm, Note, Ok, Refused, Report, Welcome, decode_line, jog_to
 from truestand.devices.wire.malformed import Malformed
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.grbl_server import GrblServer
@@ -49,7 +49,6 @@ def test_what_is_no_grbl_is_malformed(line):
 
 def test_jogs_as_the_manual_writes_them():
     assert jog_to("X", 10.0, 100.0) == b"$J=G90 G21 G53 X10.0000 F100.000\n"
-    assert jog_by("A", -360.5, 600.0) == b"$J=G91 G21 A-360.5000 F600.000\n"
 
 
 @given(st.sampled_from("XYZABC"), st.floats(-1e6, 1e6), st.floats(0.001, 1e5))
@@ -200,7 +199,7 @@ def test_a_serial_port():
         table.home()
         table.move_to(1.0, 1.5)
         assert float(virtual.angle_at(virtual.clock.now())) == pytest.approx(1.0, abs=1e-4)
-        table.turn(1.0)
+        table.start_move(100.0, 1.0)
         server.stop()
         begin = time.monotonic()
         with pytest.raises(DeviceLost, match="check power"):

@@ -57,14 +57,14 @@ def test_the_map_as_it_is_written_down(plain):
 
 def test_a_command_with_the_same_number_is_taken_once(plain):
     virtual, client = plain
-    client.write_registers(3, [0, COUNTS // 10], device_id=1)
-    client.write_register(0, 1 << 8 | 4, device_id=1)
+    client.write_registers(1, [100, 0, 0, COUNTS // 10], device_id=1)
+    client.write_register(0, 1 << 8 | 2, device_id=1)
     assert virtual.status().moving
     virtual.halt()
     wait(client)
-    client.write_register(0, 1 << 8 | 4, device_id=1)
+    client.write_register(0, 1 << 8 | 2, device_id=1)
     assert not virtual.status().moving
-    client.write_register(0, 2 << 8 | 4, device_id=1)
+    client.write_register(0, 2 << 8 | 2, device_id=1)
     assert virtual.status().moving
 
 
@@ -100,7 +100,7 @@ def test_a_plc_that_watches_the_heartbeat_stops_when_nobody_looks_any_more():
     server = ModbusServer(virtual, TableRecipe(address="127.0.0.1:0", **recipe), watchdog=0.3)
     server.start()
     table = open_table(TableRecipe(address=server.address, **recipe))
-    table.turn(0.5)
+    table.drive.start_move(100.0, 0.5)
     for _ in range(10):
         assert table.state().moving
         time.sleep(0.05)

@@ -39,7 +39,7 @@ def test_the_object_as_it_is_written_down():
         while await read("Moving"):
             await asyncio.sleep(0.01)
         assert await read("Position") == pytest.approx(45.0)
-        await table.call_method(f"{space}:Turn", -10.0)
+        await table.call_method(f"{space}:MoveTo", 0.0, 10.0)
         assert await read("Moving")
         await table.call_method(f"{space}:Stop")
         with pytest.raises(ua.UaStatusCodeError):
@@ -61,7 +61,7 @@ def test_who_subscribes_is_told():
     async def talk(table, space, client):
         subscription = await client.create_subscription(50, Handler())
         await subscription.subscribe_data_change(await table.get_child(f"{space}:Position"))
-        await table.call_method(f"{space}:Turn", 10.0)
+        await table.call_method(f"{space}:MoveTo", 1000.0, 10.0)
         await asyncio.sleep(0.5)
         await subscription.delete()
 
@@ -82,7 +82,7 @@ def test_other_names_are_only_a_recipe():
         table.move_to(1.0, 1.5)
         assert table.state().position == pytest.approx(1.0)
         table.close()
-        for wrong, said in (({}, "knows no namespace"), ({**OTHER, "turn": "Drehe"}, "BadNoMatch.*names")):
+        for wrong, said in (({}, "knows no namespace"), ({**OTHER, "halt": "Hal"}, "BadNoMatch.*names")):
             with pytest.raises(DeviceError, match=said):
                 open_table(TableRecipe(protocol="opcua", address=server.address, opcua=wrong))
 
@@ -93,7 +93,7 @@ def test_in_a_fault_it_refuses_and_says_why():
         virtual.trip("following error")
         assert table.state().fault == "following error"
         with pytest.raises(DeviceError, match="refused, BadInvalidState"):
-            table.turn(radians(10))
+            table.drive.start_move(1.0, radians(10))
         table.close()
 
 

@@ -7,10 +7,11 @@ import pytest
 
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
 from truestand.core.stand import Sensor
-from truestand.devices.gige.control import Control, discover
+from truestand.devices.gige.control import Control
 from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensors import scancontrol
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor, profiles_per_frame
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
 from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults, Kind
@@ -274,13 +275,6 @@ def test_nobody_there():
     with pytest.raises(DeviceLost, match=r"front: nobody answers at 127\.0\.41\.9; check that it is switched on"):
         open_sensor(SensorRecipe(name="front", driver="scancontrol", address="127.0.41.9", model="29xx-50"), SENSOR)
     assert time.monotonic() - begun < 1.0
-
-
-def test_discovery_asks_each_address(stand):
-    device, _ = stand
-    address = device.identity.address
-    found = discover(["127.0.41.9", address], 0.3)
-    assert [f["address"] for f in found] == [address] and found[0]["serial"] == "V77"
 
 
 def test_the_usual_settings():

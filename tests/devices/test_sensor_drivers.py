@@ -7,7 +7,8 @@ from truestand.core.errors import BadRecipe, DeviceError, UnreadableFile
 from truestand.core.stand import Sensor
 from truestand.devices.layout import Unwrapper, decode, encode_plain
 from truestand.devices.sensor import Layout, Profiles
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.sensors.replay import Replay
 from truestand.files.checking import checked
 
@@ -180,6 +181,10 @@ def test_plain_frames_keep_every_bit():
         (
             {"driver": "scancontrol", "address": "10.0.0.5", "model": "99-1"},
             "stand.toml: model: found scanCONTROL type '99-1'",
+        ),
+        (
+            {"driver": "scancontrol", "address": "10.0.0.5", "model": "29xx-50", "laser": "none"},
+            "stand.toml: laser: found none",
         ),
         ({"driver": "scancontrol", "address": "it", "model": "29xx-50"}, "address: found 'it'; expected 4 octets"),
         ({"driver": "range-camera", "address": "10.0.0.5", "z_step_mm": 0.01}, "needs the key x_step_mm"),

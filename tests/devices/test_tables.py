@@ -1,4 +1,4 @@
-"""Each driver against its server: home, move, turn, stop, limits, and what happens when things go wrong."""
+"""Each driver against its server: home, move, stop, limits, and what happens when things go wrong."""
 
 import random
 import signal
@@ -19,6 +19,8 @@ from truestand.sim.live.table import Motion
 
 QUICK = Motion(power_on=0.0, home_speed=pi)
 """Home is near: for tests in real time."""
+FAR = 100.0
+"""rad: further than any table gets here."""
 EACH = pytest.mark.parametrize("protocol", sorted(SERVERS))
 
 
@@ -27,7 +29,7 @@ def port_of(server):
 
 
 @EACH
-def test_it_homes_moves_turns_and_stops(protocol):
+def test_it_homes_moves_and_stops(protocol):
     with table_at(protocol, max_speed_deg_per_s=180) as (virtual, _, table):
         state = table.state()
         assert not state.homed and not state.moving and state.fault == ""
@@ -38,7 +40,7 @@ def test_it_homes_moves_turns_and_stops(protocol):
             table.move_to(target, radians(180))
             assert table.state().position == pytest.approx(target, abs=table.limits.tolerance)
             assert float(virtual.angle_at(virtual.clock.now())) == pytest.approx(target, abs=table.limits.tolerance)
-        table.turn(radians(-60))
+        table.start_move(-FAR, radians(60))
         time.sleep(2.0 / PACE)
         assert table.state().moving
         assert speed_of(virtual, 0.5) == pytest.approx(radians(-60), rel=1e-3)
@@ -49,12 +51,12 @@ def test_it_homes_moves_turns_and_stops(protocol):
 
 
 @EACH
-def test_a_new_speed_and_a_move_while_it_turns(protocol):
+def test_a_new_speed_and_a_new_move_while_it_moves(protocol):
     with table_at(protocol) as (virtual, _, table):
         table.home()
-        table.turn(radians(30))
+        table.start_move(FAR, radians(30))
         time.sleep(1.0 / PACE)
-        table.turn(radians(90))
+        table.start_move(FAR, radians(90))
         time.sleep(1.0 / PACE)
         assert speed_of(virtual, 0.2) == pytest.approx(radians(90), rel=1e-2)
         table.stop()
@@ -65,7 +67,7 @@ def test_a_new_speed_and_a_move_while_it_turns(protocol):
 def test_a_position_comes_with_its_time(protocol):
     with table_at(protocol, pace=1.0, motion=QUICK) as (virtual, _, table):
         table.home()
-        table.turn(1.0)
+        table.start_move(FAR, 1.0)
         time.sleep(0.1)
         for _ in range(10):
             asked = virtual.clock.now()
@@ -85,7 +87,7 @@ def test_limits_are_refused_before_anything_moves(protocol):
         table.home()
         stood = virtual.status().position
         for wrong in (lambda: table.move_to(radians(201), 0.1), lambda: table.move_to(0.1, 1.0),
-                      lambda: table.turn(0.1), lambda: table.move_to(float("nan"), 0.1)):  # fmt: skip
+                      lambda: table.move_to(float("nan"), 0.1)):  # fmt: skip
             with pytest.raises(LimitExceeded):
                 wrong()
         assert virtual.status().position == stood and not virtual.status().moving
@@ -109,7 +111,7 @@ def test_a_stalled_table_times_out_and_is_told_to_stop(protocol):
 def test_a_fault_of_the_controller_is_told_until_reset(protocol):
     with table_at(protocol) as (virtual, _, table):
         table.home()
-        table.turn(1.0)
+        table.start_move(FAR, 1.0)
         virtual.trip("following error")
         with pytest.raises(DeviceError):
             table.move_to(0.0, 1.0)
@@ -127,7 +129,7 @@ def test_a_server_that_dies_while_it_moves_is_lost_within_a_second_and_stopped_w
     with served(protocol, pace=1.0, motion=QUICK, mortal=True) as (virtual, server, recipe):
         table = open_table(recipe)
         table.home()
-        table.turn(0.5)
+        table.start_move(FAR, 0.5)
         assert table.state().moving
         server.stop()
         begin = time.monotonic()
@@ -152,7 +154,7 @@ def test_a_server_that_hangs_while_it_moves_is_lost_within_a_second_and_found_ag
     ):
         table = open_table(TableRecipe(protocol=protocol, address=ADDRESSES[protocol].format(port=relay.port)))
         table.home()
-        table.turn(0.5)
+        table.start_move(FAR, 0.5)
         assert table.state().moving
         relay.frozen.set()
         begin = time.monotonic()
@@ -231,7 +233,7 @@ def test_a_stop_gets_through_after_an_interrupt_at_any_moment(protocol, alarm_in
     with table_at(protocol, tolerance_deg=360.0) as (virtual, _, table):
         table.home()
         for _ in range(20):
-            table.turn(radians(chance.choice([-60, 60])))
+            table.start_move(chance.choice([-FAR, FAR]), radians(60))
             with pytest.raises(Interrupted):
                 signal.setitimer(signal.ITIMER_REAL, chance.uniform(1e-4, 4e-3))
                 while True:

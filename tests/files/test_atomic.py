@@ -1,6 +1,9 @@
 """Outputs are old or new, never half."""
 
 import json
+import os
+import stat
+import sys
 
 import pytest
 
@@ -15,6 +18,18 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path):
         raise RuntimeError
     assert target.read_text() == "old"
     assert [p.name for p in tmp_path.iterdir()] == ["out.txt"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file modes")
+def test_a_file_gets_the_mode_of_any_new_one_and_the_umask_is_left_alone(tmp_path, monkeypatch):
+    before = os.umask(0o027)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "umask", None)  # it is the whole process's: other threads' files would get it too
+            write_text_atomic(tmp_path / "out.txt", "new")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "out.txt").stat().st_mode) == 0o640
 
 
 def test_an_interrupt_leaves_nothing(tmp_path):

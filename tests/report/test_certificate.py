@@ -19,7 +19,8 @@ from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.recipes.laboratory import read_laboratory
 from truestand.files.records.records import calibration_record
 from truestand.files.records.xml_schema import read_schema, violations
-from truestand.report.certificate import Issue, certificate, lacking, refusals
+from truestand.report.certificate import certificate, lacking, refusals
+from truestand.report.certificate_issue import Issue
 from truth import scan_of, shaft
 
 SCHEMAS = Path(os.environ.get("TRUESTAND_DCC_SCHEMAS", Path(__file__).parents[2] / "../shared/schemas/dcc"))

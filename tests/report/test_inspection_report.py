@@ -5,9 +5,11 @@ from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
 from math import radians
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from solids import Wheel, calibration, extruded, noisy, scanned
 from truestand.core.calibration import Contribution
@@ -18,6 +20,7 @@ from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import SectionEvidence, TurnedEvidence
 from truestand.report.inspection import inspection_report
+from truestand.report.trace_charts import _names_beneath
 
 DENT = Defect(5, "left", 8.0, 15.0, 0.0547, 1.19, "dent", 42.0, 0.998)
 GONE = Defect(12, None, None, 15.0, 4.5, 19.6, "missing tooth", 300.0)
@@ -240,6 +243,16 @@ def test_a_record_without_evidence_still_has_its_tables():
     text = inspection_report(tables())
     assert "Profile: mean of all teeth" in text
     assert "Topography" not in text
+
+
+@pytest.mark.parametrize(
+    ("limits", "told"), [((-0.006, 0.006), "(± 6)"), ((None, 0.006), "(6)"), ((-0.006, 0.009), "(−6 … 9)")]
+)
+def test_a_chart_tells_a_limit_as_its_line_has_it(limits, told):
+    lines = {("C_alpha", "left", 1): Characteristic("C_alpha", 0.001, 0.0005, "left", 1, limits=limits)}
+    axes = Figure().subplots()
+    _names_beneath(axes, SimpleNamespace(names=("C_alpha",), lines=lines))
+    assert axes.texts[0].get_text().endswith(f"{told} µm")
 
 
 def test_a_turned_part_tells_its_sections():

@@ -14,7 +14,8 @@ import pytest
 
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.core.stand import Sensor
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.scans.scancontrol import decode_container, unwrap_encoder
@@ -88,7 +89,7 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
             table.home()
             sensor.set_laser("full")
             sensor.start()
-            table.turn(radians(80.0))
+            table.start_move(100.0, radians(80.0))
             z, encoder, counter = seen(sensor, 1.0)
         finally:
             sensor.close()

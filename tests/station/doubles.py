@@ -32,11 +32,6 @@ class MemoryDrive:
         self.begun.append("move")
         self.position, self.moving = position, True
 
-    def start_turn(self, speed: float) -> None:
-        self._there()
-        self.begun.append("turn")
-        self.moving = True
-
     def halt(self) -> None:
         self._there()
         self.moving = False

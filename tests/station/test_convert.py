@@ -11,7 +11,7 @@ from truestand.devices.layout import encode_plain
 from truestand.devices.sensor import Layout, Profiles
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
-from truestand.station.convert import SensorPlan, begin_record, convert
+from truestand.station.convert import SensorPlan, begin_record, convert, sort_log
 from truestand.station.recipe import Order
 from truestand.station.scan import write_scans
 
@@ -63,7 +63,7 @@ def recorded(
 
 
 def only(path):
-    (scan,) = convert(path)
+    (scan,) = convert(sort_log(path))
     return scan
 
 
@@ -118,7 +118,7 @@ def test_a_stream_that_ends_before_the_table_rests_says_nothing_of_its_travel(tm
 
 def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_path):
     log = recorded(tmp_path / "k1.log", names=("front", "back"), silent=("back",))
-    assert [w.path.name for w in write_scans(log, tmp_path / "k1.h5")] == ["k1-front.h5"]
+    assert [w.path.name for w in write_scans(convert(sort_log(log)), tmp_path / "k1.h5")] == ["k1-front.h5"]
 
 
 def test_frames_without_a_whole_profile_are_no_scan(tmp_path):
@@ -129,14 +129,14 @@ def test_frames_without_a_whole_profile_are_no_scan(tmp_path):
         log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), order, (plan,), "now", "test"), 0.0)
         log.append(Kind.FRAME, bytes(plan.layout.frame_bytes), 0.1, flags=INCOMPLETE)
     with pytest.raises(NotEnoughData, match="no whole profile"):
-        convert(path)
+        convert(sort_log(path))
 
 
 def test_two_logs_in_one_are_refused(tmp_path):
     one, two = recorded(tmp_path / "a.log"), recorded(tmp_path / "b.log")
     one.write_bytes(one.read_bytes() + two.read_bytes())
     with pytest.raises(UnreadableFile, match="found two recordings"):
-        convert(one)
+        sort_log(one)
 
 
 @pytest.mark.parametrize("change", [{"kind": "hologram"}, {"points": 0}, {"rate": "fast"}, {"depth": 3}])
@@ -148,4 +148,4 @@ def test_a_layout_of_another_version_is_said(tmp_path, change):
     with LogWriter(path) as log:
         log.append_json(Kind.BEGIN, begin, 0.0)
     with pytest.raises(UnreadableFile, match=r"another version \(truestand 99\)"):
-        convert(path)
+        convert(sort_log(path))

@@ -14,7 +14,7 @@ from lab import lab
 from truestand.core.errors import Fault
 from truestand.devices.gige import nodes
 from truestand.devices.gige.camera import Camera
-from truestand.station.convert import convert
+from truestand.station.convert import convert, sort_log
 from truestand.station.latch import Latch, reset_latch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
@@ -53,7 +53,7 @@ def kill_once(stand, name, wait) -> Killed:
         time.sleep(0.01)
         assert time.monotonic() - killed < 10
     stopped = time.monotonic() - killed
-    (scan,) = convert(log)
+    (scan,) = convert(sort_log(log))
     while device.controlled:
         time.sleep(0.02)
     return Killed(sent, profiles_in(log), scan.complete, stopped)

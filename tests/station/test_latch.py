@@ -4,8 +4,9 @@ import os
 
 import pytest
 
-from truestand.core.errors import Fault
-from truestand.station.latch import Latch, latch_path, reset_latch
+from truestand.core.errors import DeviceError, Fault
+from truestand.station import latch as latch_module
+from truestand.station.latch import Latch, latch_path, latched_fault, reset_latch
 
 
 @pytest.fixture
@@ -49,3 +50,30 @@ def test_who_died_before_there_was_a_log_has_none_to_recover(stand, there):
     with pytest.raises(Fault, match="died") as told:
         Latch(stand)
     assert ("truestand recover" in str(told.value)) == there
+
+
+def test_a_program_that_ends_well_while_somebody_looks_has_not_died(stand, monkeypatch):
+    latch, lock = Latch(stand), latch_module._lock
+    latch.use("now", stand)
+    monkeypatch.setattr(latch_module, "_lock", lambda file: latch.close() or lock(file))
+    assert latched_fault(stand) == ""
+
+
+def test_a_reset_does_not_free_the_stand_of_a_program_that_came_meanwhile(stand, monkeypatch):
+    """Another person's reset, and a scan, just when the first reset has given its lock back."""
+    broken, close, came = Latch(stand), os.close, []
+    broken.fault("now", "a reason")
+    broken.close()
+
+    def close_and_come(file) -> None:
+        close(file)
+        if not came:
+            came.append(None)
+            reset_latch(stand)
+            came[0] = Latch(stand)
+
+    monkeypatch.setattr(os, "close", close_and_come)
+    assert "a reason" in reset_latch(stand)
+    with pytest.raises(DeviceError, match="another program uses this stand"):
+        Latch(stand)
+    came[0].close()

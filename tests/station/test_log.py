@@ -1,6 +1,7 @@
 """The append log: every valid record comes back, damage is told, nothing invalid is taken for valid."""
 
 import os
+import threading
 import time
 
 import pytest
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.core.errors import NoSpace, UnreadableFile
+from truestand.files.scans import scan_log
 from truestand.files.scans.scan_log import MAGIC, Damage, Kind, LogWriter, read_log
 
 
@@ -94,3 +96,20 @@ def test_a_full_disk_is_told_with_what_to_do(tmp_path, monkeypatch):
         writer.append(Kind.FRAME, bytes(10), 0.0)
     monkeypatch.setattr(os, "fsync", lambda file: None)
     writer.close()
+
+
+def test_a_disk_that_failed_since_the_last_append_is_told_at_the_end(tmp_path, monkeypatch):
+    """The system tells such a failure once: the next request to the disk goes well again."""
+    failed = threading.Event()
+
+    def fsync(file) -> None:
+        if not failed.is_set():
+            failed.set()
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(scan_log, "SYNC_EVERY", 0.0)
+    monkeypatch.setattr(os, "fsync", fsync)
+    writer = LogWriter(tmp_path / "k1.log")
+    assert failed.wait(30.0)
+    with pytest.raises(NoSpace, match="Input/output error"):
+        writer.close()

@@ -9,8 +9,11 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from station.doubles import MemoryDrive, MemorySensor
 from truestand.core.errors import DeviceError, Fault, TruestandError
-from truestand.core.stand import Stand
+from truestand.core.stand import Sensor, Stand
 from truestand.devices.axis import RotaryTable
+from truestand.devices.sensors import range_camera
+from truestand.devices.sensors.range_camera import RangeCamera
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.station.machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, Machine, State
 from truestand.station.stand import Station
 
@@ -22,6 +25,22 @@ def test_what_could_not_be_stopped_is_named_the_lasers_first():
         "Laser may be ON: sensor front: memory sensor: no answer",
         "Table may be turning: memory: no answer",
     ]
+
+
+@pytest.mark.parametrize(
+    "laser, words", [("full", "Laser may be ON: sensor front: a range camera can't"), ("none", "")]
+)
+def test_a_laser_that_its_sensor_can_not_switch_is_named(monkeypatch, laser, words):
+    monkeypatch.setattr(range_camera, "Camera", lambda *arguments: None)
+    recipe = SensorRecipe(
+        name="front", driver="range-camera", address="127.0.0.1", x_step_mm=0.1, z_step_mm=0.1, laser=laser
+    )
+    camera = RangeCamera(recipe, Sensor("front", 100.0, 8))
+    station = Station(Stand(), RotaryTable(MemoryDrive()), [camera])
+    station.machine.state = State.WATCHING
+    station.lasers(lambda name: recipe.power)
+    assert "".join(station.make_safe()).startswith(words)
+    assert bool(station.left) == bool(words)
 
 
 class StandUnderAnyHand(RuleBasedStateMachine):
@@ -62,13 +81,6 @@ class StandUnderAnyHand(RuleBasedStateMachine):
         allowed = self.machine.state in MAY_MOVE
         begun = len(self.drive.begun)
         self.attempt(lambda: self.station.table.start_move(position, speed))
-        assert allowed or len(self.drive.begun) == begun
-
-    @rule(speed=st.floats(-1.0, 1.0))
-    def turn(self, speed) -> None:
-        allowed = self.machine.state in MAY_MOVE
-        begun = len(self.drive.begun)
-        self.attempt(lambda: self.station.table.turn(speed))
         assert allowed or len(self.drive.begun) == begun
 
     @rule(power=st.sampled_from(["off", "reduced", "full"]))

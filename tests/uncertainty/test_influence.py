@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from solids import calibration
-from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
-from truestand.core.surface import apply_calibration
+from truestand.core.surface import apply_calibration, readings_of, seen_at, sensor_origins
 from truestand.uncertainty.influence import independent_parts, influence, moves, points_of, unknowns_of
 
 RNG = np.random.default_rng(1)

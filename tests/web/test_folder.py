@@ -1,12 +1,17 @@
 """Recipes are files of one folder, and no name leads anywhere else."""
 
+import asyncio
 import os
+import threading
 
 import pytest
 
-from page_lab import snapshot
+from page_lab import Client, snapshot
+from truestand.web.doors import Who
 from truestand.web.folder import Folder
+from truestand.web.models import JobBody, RecipeBody
 from truestand.web.problem import Problem
+from truestand.web.routes import jobs, recipes
 
 OUTSIDE = [
     "../secret.toml", "..%2fsecret.toml", "%2e%2e/secret.toml", "..\\secret.toml", "/etc/passwd.toml",
@@ -15,6 +20,9 @@ OUTSIDE = [
     "gear.TOML.txt", "gear", "C:secret.toml", "C:\\secret.toml", "\\\\host\\share.toml", "~.toml", "gear.toml\n",
     "nul\r\n.toml", "a" * 300 + ".toml", "..toml", "gear..toml", "‥/secret.toml", "．．/secret.toml",
 ]  # fmt: skip
+
+
+HOLD = {"kind": "calibrate", "serial": "long"}
 
 
 @pytest.fixture
@@ -153,3 +161,44 @@ def test_recipes_stay_as_they_are_while_a_job_runs(client):
     text = client.get("/api/recipes/gear.toml").json["text"]
     assert client.ask("PUT", "/api/recipes/gear.toml", {"text": text}).status == 409
     client.post(f"/api/jobs/{job['id']}/abort")
+
+
+def test_a_recipe_is_not_saved_where_a_job_started_while_it_was_checked(client, tmp_path, monkeypatch):
+    begun = []
+
+    def check(folder, name, text):
+        begun.append(Client(client.port, client.cookie, client.csrf).post("/api/jobs", HOLD).json["id"])
+
+    text = client.get("/api/recipes/gear.toml").json["text"]
+    monkeypatch.setattr(recipes, "problem_of", check)
+    answer = client.ask("PUT", "/api/recipes/gear.toml", {"text": text.replace("demo wheel", "another")})
+    assert answer.status == 409 and "job running" in answer.problem
+    assert (tmp_path / "gear.toml").read_text(encoding="utf-8") == text
+    client.post(f"/api/jobs/{begun[0]}/abort")
+
+
+def test_a_job_does_not_start_while_a_recipe_is_written(page, monkeypatch):
+    writing, go, write = threading.Event(), threading.Event(), Folder.write
+
+    def slow(folder, name, text):
+        writing.set()
+        go.wait(20)
+        write(folder, name, text)
+
+    async def meet():
+        text = page.folder.read("shaft.toml").replace("shaft M", "shaft N")
+        saving = asyncio.create_task(recipes.save("shaft.toml", RecipeBody(text=text), page))
+        await asyncio.to_thread(writing.wait, 20)
+        starting = asyncio.create_task(jobs.start(JobBody(kind="calibrate"), page, Who(None, "engineer")))
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert page.runner.current() is None
+        go.set()
+        assert (await saving, (await starting)["title"]) == ({"problem": None}, "shaft N")
+
+    monkeypatch.setattr(Folder, "write", slow)
+    try:
+        asyncio.run(meet())
+    finally:
+        go.set()
+        page.runner.close()

@@ -2,14 +2,14 @@
 
 import io
 import json
-import sys
+import threading
 import time
 
 import pytest
 
 from page_lab import WORKER, make_page, served
 from truestand.core.errors import Fault, TruestandError
-from truestand.station import worker
+from truestand.station.worker import EventWriter
 from truestand.web import runner as runners
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
@@ -91,14 +91,36 @@ def test_garbage_of_a_worker_is_passed_over(running, folder):
     assert ended(running)["state"] == "done"
 
 
-def test_a_worker_whose_server_died_stops_the_stand_and_says_why(monkeypatch):
+def test_a_worker_whose_server_died_stops_the_stand_and_says_why():
     class Gone(io.StringIO):
         def flush(self):
             raise BrokenPipeError
 
-    monkeypatch.setattr(sys, "stdout", Gone())
+    events = EventWriter(Gone())
+    events.tell({"event": "live"})
+    events.close()
     with pytest.raises(Fault, match="the page's server stopped while the job ran"):
-        worker._tell({"event": "live"})
+        events.tell({"event": "live"})
+
+
+def test_a_server_that_takes_nothing_holds_up_no_look_at_the_stand():
+    class Stalled(io.StringIO):
+        began, go = threading.Event(), threading.Event()
+
+        def flush(self):
+            self.began.set()
+            self.go.wait(20)
+
+    out = Stalled()
+    events = EventWriter(out)
+    events.tell({"event": "step", "n": 0})
+    assert out.began.wait(20)
+    for n in range(1, 100):  # all of it while the first one is not taken
+        events.tell({"event": "live", "n": n})
+    events.tell({"event": "step", "n": 100})
+    out.go.set()
+    events.close()
+    assert [json.loads(line)["n"] for line in out.getvalue().splitlines()] == [0, 1, 100]
 
 
 def test_an_abort_lets_the_stand_stop(running, folder):

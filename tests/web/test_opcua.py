@@ -1,13 +1,17 @@
 """The OPC UA server as asyncua's own client sees it, over a real socket."""
 
 import asyncio
+import gc
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
 
 import pytest
 from asyncua import ua
+from asyncua.server import address_space
 
 from command import run
 from machine_lab import keep, make_page, plc, served
@@ -19,6 +23,9 @@ from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, reset_latch
 from truestand.web.machines.attach import wanted
 from truestand.web.machines.lines import lines_of
+from truestand.web.machines.opcua import Shown
+from truestand.web.machines.people import People, peer
+from truestand.web.users import write_users
 
 LINES = "LastResult/Characteristics"
 
@@ -225,6 +232,11 @@ def test_users_only_where_there_are_users(tmp_path):
                 assert await client.read("LastResult/Operator") == "olga"
                 page.gatekeeper.path.write_text('{"format": "truestand.users", "version": 1, "users": []}')
                 assert page.gatekeeper.users == {}
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await client.read("Stand/State")
+                with pytest.raises(ua.UaError):
+                    async with plc(address):
+                        pass
 
     asyncio.run(meet())
 
@@ -234,7 +246,7 @@ def test_who_is_removed_is_out_at_once(tmp_path):
     text = page.gatekeeper.path.read_text()
 
     async def meet():
-        async with served(page, login_needed=True) as address, plc(address, "olga", PASSWORD) as client:
+        async with served(page) as address, plc(address, "olga", PASSWORD) as client:
             assert await client.read("Stand/State") == "idle"
             for left in (text.replace('"olga"', '"anna"'), text[: text.index("[")] + "[]}"):
                 page.gatekeeper.path.write_text(left)
@@ -265,6 +277,23 @@ def test_guessing_passwords_is_slowed_down(tmp_path):
 
     asyncio.run(meet())
     assert len(hashed) <= 7
+    assert ("address", "opcua 127.0.0.1") in page.throttle._failures
+
+
+def test_guesses_from_one_address_hold_up_no_other(tmp_path):
+    page = make_page(tmp_path, (("olga", "operator"),))
+    page.gatekeeper.check = lambda name, password: page.gatekeeper.users.get(name) if password == PASSWORD else None
+    people = People(page)
+
+    def login(address, name, password):
+        context = copy_context()
+        context.run(peer.set, address)
+        return context.run(people.get_user, None, name, password)
+
+    for n in range(12):
+        assert login("10.0.0.1", f"guessed {n}", "guess") is None
+    assert login("10.0.0.1", "olga", PASSWORD) is None
+    assert login("10.0.0.2", "olga", PASSWORD).name == "olga"
 
 
 def test_an_address_that_others_can_reach_needs_users(tmp_path):
@@ -274,9 +303,12 @@ def test_an_address_that_others_can_reach_needs_users(tmp_path):
     for url in ("opc.tcp://127.0.0.1", "http://127.0.0.1:1", "opc.tcp://:4840", "opc.tcp://a:b@127.0.0.1:1", "x"):
         with pytest.raises(BadRecipe, match="need an address"):
             wanted(page, url)
-    assert not wanted(page, "opc.tcp://127.0.0.1:4840").login_needed
+    wanted(page, "opc.tcp://127.0.0.1:4840")
     guarded = make_page(tmp_path / "guarded", (("olga", "operator"),))
-    assert wanted(guarded, "opc.tcp://0.0.0.0:4840").login_needed
+    wanted(guarded, "opc.tcp://0.0.0.0:4840")
+    write_users(guarded.gatekeeper.path, {})
+    with pytest.raises(BadRecipe, match="no users"):
+        wanted(guarded, "opc.tcp://0.0.0.0:4840")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
@@ -303,6 +335,27 @@ def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
         process.communicate()
     refused = run(*serve, "--opcua", "opc.tcp://0.0.0.0:0")
     assert refused.returncode == 2 and "no users" in refused.stderr
+
+
+def test_a_server_that_does_not_come_up_leaves_no_executor(page, monkeypatch):
+    made = []
+
+    class Executor(ThreadPoolExecutor):
+        def __init__(self):
+            super().__init__()
+            made.append(self)
+
+    async def fail(shown, methods):
+        made[0].submit(int).result(20)  # it has a thread
+        raise BadRecipe("found nothing to show")
+
+    monkeypatch.setattr(address_space, "ThreadPoolExecutor", Executor)
+    monkeypatch.setattr(Shown, "build", fail)
+    with pytest.raises(BadRecipe, match="nothing to show"):
+        talk(page, None)
+    with pytest.raises(RuntimeError, match="shutdown"):
+        made[0].submit(int)
+    assert gc.get_freeze_count() == 0
 
 
 def test_a_store_that_cant_be_read_calibrates_nothing(page):

@@ -1,5 +1,7 @@
 """Results out of a real store, over HTTP."""
 
+import asyncio
+import csv
 import json
 import struct
 from pathlib import Path
@@ -12,6 +14,8 @@ from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.kept import Kept
+from truestand.web.machines.lines import lines_of
+from truestand.web.routes import evidence
 from truestand.web.routes.home import _over
 from truestand.web.security import REPORT_CSP
 
@@ -139,6 +143,39 @@ def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
     assert client.get("/api/results/2/cloud").status == 404
 
 
+def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page, store, tmp_path):
+    for name in ("first", "second"):
+        (tmp_path / name).write_text(name)
+        store.add("inspection", inspection(serial=name), {"cloud": tmp_path / name})
+
+    async def meet():
+        over, asked = asyncio.Event(), []
+
+        async def ask(task, *arguments, **more):
+            asked.append(task)
+            if task == "audit" or Path(arguments[0]).read_text() == "second":
+                await over.wait()
+            else:
+                Path(arguments[1]).parent.mkdir(exist_ok=True)
+                Path(arguments[1]).write_text("made")
+            return []
+
+        page.ask = ask
+        audit = asyncio.create_task(evidence.audit(page))
+        async with asyncio.timeout(20):
+            await evidence.cloud(1, page)
+            making = asyncio.create_task(evidence.cloud(2, page))
+            while len(asked) < 3:
+                await asyncio.sleep(0.01)
+            await evidence.cloud(1, page)
+        assert sorted(asked) == ["audit", "cloud", "cloud"] and not audit.done() and not making.done()
+        making.cancel()
+        over.set()
+        assert await audit == {"findings": []}
+
+    asyncio.run(meet())
+
+
 def test_a_changed_cloud_is_not_shown(client, store, tmp_path):
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
     (kept,) = [p for p in (tmp_path / "results" / "evidence").rglob("*") if p.is_file() and p.stat().st_size > 100_000]
@@ -192,8 +229,6 @@ def test_a_damaged_cloud_is_refused(tmp_path, damage):
 
 
 def test_the_cache_forgets_what_was_not_looked_at(client, page, store, tmp_path, monkeypatch):
-    from truestand.web.routes import evidence
-
     monkeypatch.setattr(evidence, "CACHED", 2)
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply", 100, 100)})
     for points in (1000, 2000, 3000, 4000):
@@ -210,6 +245,26 @@ def test_a_store_is_read_again_only_where_something_came(store):
     assert kept._entries is before
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [2, 1]
+
+
+def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
+    kept = Kept(store.folder)
+    store.add("calibration", calibration(), time="2026-01-02T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [1]
+    store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
+    assert [e.number for e in kept.entries()] == [2, 1]
+    assert kept.calibration().number == 2
+
+
+def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
+    kept = Kept(store.folder)
+    store.add("calibration", calibration())
+    assert len(kept.entries()) == 1
+    store.folder.rename(tmp_path / "before")
+    other = Store.open(store.folder, create=True)
+    for serial in ("1", "2"):
+        other.add("inspection", inspection(serial=serial))
+    assert [(e.number, e.serial) for e in kept.entries()] == [(2, "2"), (1, "1")]
 
 
 def test_a_damaged_store_is_told(client, page, store):
@@ -277,6 +332,33 @@ def test_characteristics_come_as_csv(client, store):
     assert client.get("/api/results/2/characteristics.csv").status == 404
     damaged = client.get("/api/results/3/characteristics.csv")
     assert damaged.status == 409 and "damaged" in damaged.problem
+
+
+LIMITED = [
+    (line("C_alpha", 4.0, limit_um=5.0, limits_um=[-5.0, 5.0]), [-5.0, 5.0]),
+    (line("C_beta", 4.0, limit_um=5.0), [-5.0, 5.0]),  # as 0.1 wrote it
+    (line("f_Halpha", 3.0, limit_um=5.0, limits_um=[None, 5.0]), [None, 5.0]),
+    (line("F_alpha", 3.0, limit_um=5.0, limits_um=[-5.0, 5.0]), [-5.0, 5.0]),
+    (line("F_beta", 3.0, limit_um=5.0), [None, 5.0]),
+    (line("deviation_min", 3.0, limit_um=-5.0, limits_um=[-5.0, None]), [-5.0, None]),
+    (line("F_r", 3.0, limit_um=None, limits_um=None), [None, None]),
+    (line("s", 0, value_mm=3.1, limits_mm=[3.0, None]), [3.0, None]),
+]
+
+
+def test_page_machines_csv_and_trends_tell_the_same_limits(client, store):
+    record = inspection() | {"part": {"kind": "gear", "name": "demo wheel"}, "characteristics": [c for c, _ in LIMITED]}
+    store.add("inspection", record)
+    expected = {c["name"]: both for c, both in LIMITED}
+    shown = client.get("/api/results/1").json["record"]["characteristics"]
+    assert {c["name"]: c.get("limits_um") or c.get("limits_mm") or [None, None] for c in shown} == expected
+    assert {one.name: [one.lower, one.upper] for one in lines_of("inspection", record)} == expected
+    table = csv.DictReader(client.get("/api/results/1/characteristics.csv").body.decode().splitlines())
+    assert {
+        row["name"]: [float(row[end]) if row[end] else None for end in ("lower_limit", "upper_limit")] for row in table
+    } == expected
+    trends = client.get("/api/history?kind=inspection&part=gear").json["quantities"]
+    assert {q["name"]: q["limits"] or [None, None] for q in trends} == expected
 
 
 def test_a_calibration_comes_as_a_certificate(client, store):

@@ -2,12 +2,17 @@
 
 import http.client
 import json
+import socket
 
 import pytest
 from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
-from page_lab import Client, make_page, raw, served
+from page_lab import PASSWORD, Client, make_page, raw, served
+from truestand.core.errors import BadRecipe
 from truestand.web.security import CSP, HEADERS, names_of
+from truestand.web.serving import Binding, serve
+from truestand.web.users import make_user, write_users
 
 WRITES = [
     ("POST", "/api/login"),
@@ -49,6 +54,49 @@ def test_further_names_are_those_that_were_given(tmp_path):
         for host in ("stand7.example", f"stand7.example:{port}", "stand7.example:443"):
             assert client.get("/api/session", headers={"Host": host}).status == 200
         assert client.get("/api/session", headers={"Host": "stand8.example"}).status == 403
+
+
+def test_a_trusted_proxy_says_who_asks_and_whether_over_https(tmp_path):
+    page = make_page(tmp_path, (("olga", "operator"),))
+    with served(page, names=("stand7.example",), proxies=("127.0.0.1",)) as port:
+        client, own = Client(port), {"Host": "stand7.example"}
+        assert "secure" not in client.get("/api/session", headers=own).headers["Set-Cookie"].lower()
+        client.cookie = ""
+        over = own | {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.7", "Origin": "https://stand7.example"}
+        answer = client.get("/api/session", headers=over)
+        assert "; secure" in answer.headers["Set-Cookie"].lower()
+        client.csrf = answer.json["csrf"]
+        assert client.post("/api/login", {"user": "olga", "password": "wrong"}, headers=over).status == 401
+        assert ("address", "192.0.2.7") in page.throttle._failures
+        assert client.get("/api/session", headers=over | {"Origin": "http://stand7.example"}).status == 403
+        assert client.post("/api/login", {"user": "olga", "password": PASSWORD}, headers=over).status == 200
+        sent = {name: over[name] for name in ("X-Forwarded-Proto", "Origin")} | {"Cookie": f"truestand={client.cookie}"}
+        to = socket.create_connection(("127.0.0.1", port))
+        with connect("ws://stand7.example/api/live", sock=to, additional_headers=sent, compression=None) as live:
+            page.hub.publish("job", "{}")
+            assert live.recv(20) == "{}"
+
+
+@pytest.mark.parametrize("proxies", [(), ("192.0.2.1",)])
+def test_nobody_else_is_believed(tmp_path, proxies):
+    page = make_page(tmp_path, (("olga", "operator"),))
+    with served(page, proxies=proxies) as port:
+        client, claimed = Client(port), {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.7"}
+        answer = client.get("/api/session", headers=claimed)
+        assert "secure" not in answer.headers["Set-Cookie"].lower()
+        client.csrf = answer.json["csrf"]
+        assert client.post("/api/login", {"user": "eve", "password": "wrong"}, headers=claimed).status == 401
+        assert [key for key in page.throttle._failures if key[0] == "address"] == [("address", "127.0.0.1")]
+
+
+def test_a_proxy_needs_an_address_and_users(tmp_path):
+    page = make_page(tmp_path)
+    with pytest.raises(BadRecipe, match="found --proxy and no users"):
+        serve(page, Binding(port=0, proxies=("127.0.0.1",)), print)
+    write_users(page.gatekeeper.path, {"olga": make_user("olga", "operator", PASSWORD)})
+    for proxy in ("*", "proxy.example", "10.0.0.1/8", ""):
+        with pytest.raises(BadRecipe, match="IP address"):
+            serve(page, Binding(port=0, proxies=(proxy,)), print)
 
 
 ORIGINS = ["http://evil.example", "null", "", "http://127.0.0.1", "http://127.0.0.1:1", "http://localhost:{port}",

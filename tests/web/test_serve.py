@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import truestand
 from command import run
 from truestand.files.recipes.recipes import write_starters
 
@@ -63,6 +65,13 @@ def test_one_line_says_the_address_and_it_ends_cleanly(tmp_path, number):
         process.send_signal(number)
         out, err = process.communicate(timeout=20)
         assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_nothing_that_a_library_marks_as_private_is_used():
+    folder = Path(truestand.__file__).parent / "web"
+    private = re.compile(r"(?<!\bself)(?<!\bcls)(?<!\btruestand)\._[a-z]\w*")
+    found = {path.name: private.findall(path.read_text(encoding="utf-8")) for path in folder.rglob("*.py")}
+    assert not {name: parts for name, parts in found.items() if parts}
 
 
 @posix

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 from typing import Literal
 
-from truestand.calibration.priors import UNSTATED_COAXIALITY_U
 from truestand.core.artefact import Cylinder
+from truestand.core.assumptions import COAXIALITY_U
 from truestand.core.calibration import Calibration, Contribution, StepAxis
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor
@@ -147,7 +147,7 @@ def _coaxiality(seat: Cylinder | None, axis: StepAxis | None) -> tuple[float, st
     if axis is not None:
         return axis.U, ""
     stated = None if seat is None else seat.coaxiality_U
-    return (UNSTATED_COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
+    return (COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
 
 
 def _middle(cylinder: Cylinder | None, unstated: float) -> float:

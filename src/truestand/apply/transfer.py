@@ -10,6 +10,7 @@ from truestand.apply.witness import Witness, witness
 from truestand.calibration.checks import no_zero
 from truestand.calibration.result import angle_zero
 from truestand.core.calibration import Calibration, Check
+from truestand.core.frames import in_table
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 
@@ -142,7 +143,6 @@ def _still_tied(w: Witness, limit: float) -> Check:
 
 def _outside(scan: Scan, calibration: Calibration) -> float:
     """Radius (mm) of what the scan shows."""
-    rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
-    across, shift = calibration.table_from_sensor.rotation[0], calibration.table_from_sensor.translation[0]
-    u = np.abs(across[0] * scan.x[rows] + across[2] * scan.z[rows] + shift)
-    return max(float(np.nanquantile(u, MOSTLY_INSIDE)), 1.0)
+    rows = scan.spread(SAMPLED_PROFILES)
+    u, _ = in_table(calibration.table_from_sensor, scan.x[rows], scan.z[rows])
+    return max(float(np.nanquantile(np.abs(u), MOSTLY_INSIDE)), 1.0)

@@ -1,7 +1,7 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
 from dataclasses import dataclass, replace
-from math import cos, hypot, sqrt
+from math import hypot, sqrt
 from typing import Literal
 
 import numpy as np
@@ -15,7 +15,22 @@ from truestand.calibration.positions import calibrate_on_axes
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import facing, sensor_parameters, shaft_parameters
+from truestand.core.frames import (
+    ECCENTRICITY_X,
+    ECCENTRICITY_Y,
+    PHI,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    RADIAL,
+    TILT_X,
+    TILT_Y,
+    UNKNOWNS,
+    LaserPlane,
+    facing,
+    in_table,
+    sensor_parameters,
+    shaft_parameters,
+)
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -169,23 +184,14 @@ def _repeatability(old: Calibration, new: Calibration) -> Array:
 def _seen_points(new: Calibration, artefact: Artefact) -> list[tuple[float, float, float]]:
     """Sensor readings x, z (mm) at the ends of the artefact's cylinders as far as seen, and their height v."""
     phi, radial, height, _, _ = sensor_parameters(new.table_from_sensor)
-    side = facing(phi)
+    plane = LaserPlane(phi, radial, height)
     points = []
     for profile in new.static_profiles:
         radius = next(c.radius for c in artefact.cylinders if c.name == profile.surface)
         for v in (float(profile.height[0]), float(profile.height[-1])):
-            across, up = radius - radial, v - height
-            x = side * cos(phi) * across + np.sin(phi) * up
-            z = -side * np.sin(phi) * across + cos(phi) * up
+            x, z = plane.from_uv(np.array(radius), np.array(v))
             points.append((float(x), float(z), v))
     return points
-
-
-def _along_and_across(pose: Calibration, x: float, z: float) -> tuple[float, float]:
-    rotation, translation = pose.table_from_sensor.rotation, pose.table_from_sensor.translation
-    across = rotation[0, 0] * x + rotation[0, 2] * z + translation[0]
-    along = rotation[2, 0] * x + rotation[2, 2] * z + translation[2]
-    return float(along), float(across)
 
 
 def _sensor_move(
@@ -193,24 +199,24 @@ def _sensor_move(
 ) -> tuple[float, float]:
     x, z, v = point
     phi, _, height, _, _ = sensor_parameters(new.table_from_sensor)
-    gradient = np.zeros(8)
-    gradient[0], gradient[1] = -facing(phi) * (v - height), 1.0
-    moved = abs(_along_and_across(new, x, z)[1] - _along_and_across(old, x, z)[1])
-    return moved, _expanded(gradient, spread)
+    gradient = np.zeros(UNKNOWNS)
+    gradient[PHI], gradient[RADIAL] = -facing(phi) * (v - height), 1.0
+    after, before = (in_table(c.table_from_sensor, np.array(x), np.array(z))[0] for c in (new, old))
+    return abs(float(after - before)), _expanded(gradient, spread)
 
 
 def _sideways_move(old: Calibration, new: Calibration, v: float, spread: Array) -> tuple[float, float]:
     before, after = (sensor_parameters(c.table_from_sensor) for c in (old, new))
-    gradient = np.zeros(8)
-    gradient[2], gradient[3] = 1.0, v
+    gradient = np.zeros(UNKNOWNS)
+    gradient[PLANE_OFFSET], gradient[PLANE_TILT] = 1.0, v
     return abs(after[4] - before[4] + v * (after[3] - before[3])), _expanded(gradient, spread)
 
 
 def _shaft_move(old: Calibration, new: Calibration, v: float, spread: Array) -> tuple[float, float]:
     before, after = (shaft_parameters(c.shaft_from_rotor) for c in (old, new))
     dx, dy = (after[i] - before[i] + v * (after[i + 2] - before[i + 2]) for i in (0, 1))
-    unit = np.zeros((2, 8))
-    unit[0, 4], unit[0, 6], unit[1, 5], unit[1, 7] = 1.0, v, 1.0, v
+    unit = np.zeros((2, UNKNOWNS))
+    unit[0, ECCENTRICITY_X], unit[0, TILT_X], unit[1, ECCENTRICITY_Y], unit[1, TILT_Y] = 1.0, v, 1.0, v
     both = unit @ spread @ unit.T
     return hypot(dx, dy), K * sqrt(max(float(np.linalg.eigvalsh(both)[-1]), 0.0))
 

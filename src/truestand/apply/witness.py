@@ -11,13 +11,21 @@ from math import atan2, hypot, pi, sqrt, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.estimate import TUKEY, scatter_of
-from truestand.calibration.priors import UNSTATED_COAXIALITY_U
+from truestand.calibration.covariance import clustered
 from truestand.calibration.robust_wave import robust_wave
 from truestand.core.artefact import Cylinder
+from truestand.core.assumptions import COAXIALITY_U
 from truestand.core.calibration import Calibration
-from truestand.core.frames import shaft_parameters
+from truestand.core.frames import (
+    ECCENTRICITY_X,
+    ECCENTRICITY_Y,
+    TILT_X,
+    TILT_Y,
+    in_table,
+    shaft_parameters,
+)
 from truestand.core.harmonics import wrap
+from truestand.core.robust import TUKEY, robust_sd, tukey_weights
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
@@ -80,7 +88,7 @@ def witness(scan: Scan, calibration: Calibration) -> Witness | None:
     """
     if calibration.artefact is None or calibration.method == "paper" or scan.revolutions < LEAST_REVOLUTIONS:
         return None
-    few = _few(scan)
+    few = scan.taken(scan.spread(PROFILES))
     start = _first_look(few, calibration)
     if start is None:
         return None
@@ -117,20 +125,11 @@ class _Fit:
     """mm: mean height of the readings."""
 
 
-def _few(scan: Scan) -> Scan:
-    """Profiles spread over the scan."""
-    rows = np.unique(np.linspace(0, scan.profiles - 1, PROFILES).astype(np.intp))
-    return replace(
-        scan, x=scan.x[rows], z=scan.z[rows], angle=scan.angle[rows], time=None, counter=None, intensity=None
-    )
-
-
 def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
     """Which readings are the shaft's, and the zero of the table's angle by the direction of its first harmonic."""
     assert calibration.artefact is not None
-    pose, angle = calibration.table_from_sensor, table_angle(scan, calibration)
-    u = pose.rotation[0, 0] * scan.x + pose.rotation[0, 2] * scan.z + pose.translation[0]
-    v = pose.rotation[2, 0] * scan.x + pose.rotation[2, 2] * scan.z + pose.translation[2]
+    angle = table_angle(scan, calibration)
+    u, v = in_table(calibration.table_from_sensor, scan.x, scan.z)
     ex, ey, tx, ty = shaft_parameters(calibration.shaft_from_rotor)
     bands, shifts, offsets = [], [], []
     for cylinder in calibration.artefact.cylinders:
@@ -141,9 +140,9 @@ def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band
         if np.count_nonzero(seen) < max(LEAST_PROFILES, 0.5 * seen.size):
             continue
         wave = robust_wave(angle[seen], trace[seen])
-        foreign = np.zeros(seen.size, dtype=np.bool_)
-        foreign[seen] = wave.foreign
-        on = on & ~foreign[:, None]
+        outliers = np.zeros(seen.size, dtype=np.bool_)
+        outliers[seen] = wave.outliers
+        on = on & ~outliers[:, None]
         if not on.any():
             continue
         middle = float(np.median(v[on]))
@@ -237,8 +236,7 @@ def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[A
     weights = np.ones(samples.size)
     for _ in range(30):
         off = samples - design @ solution
-        scale = max(TUKEY * 1.4826 * float(np.median(np.abs(off))), 1e-7)
-        weights = np.square(np.maximum(1.0 - np.square(off / scale), 0.0))
+        weights = tukey_weights(off / max(TUKEY * robust_sd(off), 1e-7))
         better = np.linalg.lstsq(design * weights[:, None], samples * weights, rcond=None)[0]
         done = np.abs(better - solution).max() < 1e-9
         solution = better
@@ -246,8 +244,8 @@ def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[A
             break
     weighted = design * weights[:, None]
     inverse = np.linalg.pinv(weighted.T @ design)
-    scatter = scatter_of(weighted * (samples - design @ solution)[:, None], sectors)
-    return np.asarray(solution), np.asarray(inverse @ scatter @ inverse.T)
+    scores = clustered(weighted * (samples - design @ solution)[:, None], sectors)
+    return np.asarray(solution), np.asarray(inverse @ scores @ inverse.T)
 
 
 def _axis(calibration: Calibration, height: float) -> Array:
@@ -293,12 +291,12 @@ def _doubt(fit: _Fit, calibration: Calibration, bands: list[_Band]) -> Array:
     doubt = fit.covariance[1:, 1:] + (BEARING_U / K) ** 2 * np.eye(2)
     if calibration.repeatability.size:
         at = np.zeros((2, calibration.repeatability.shape[0]))
-        at[0, 4], at[0, 6], at[1, 5], at[1, 7] = 1.0, fit.middle, 1.0, fit.middle
+        at[0, ECCENTRICITY_X], at[0, TILT_X], at[1, ECCENTRICITY_Y], at[1, TILT_Y] = 1.0, fit.middle, 1.0, fit.middle
         doubt = doubt + at @ calibration.repeatability @ at.T
     assert calibration.artefact is not None
     total = sum(b.height for b in bands)
     for band in bands:
         if band.cylinder != calibration.artefact.base:
-            u = (band.cylinder.coaxiality_U or UNSTATED_COAXIALITY_U) / K * band.height / total
+            u = (band.cylinder.coaxiality_U or COAXIALITY_U) / K * band.height / total
             doubt = doubt + u * u * np.eye(2)
     return np.asarray(doubt)

@@ -7,14 +7,14 @@ present model predicts are weighted down (Tukey's biweight) before the mean is t
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, sin, tau
+from math import tau
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.model import Model, Readings
 from truestand.calibration.segment import Band
-from truestand.core.frames import facing
+from truestand.core.frames import PHI, RADIAL, LaserPlane
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ GROUPS_PER_TURN = 500
 """Groups of profiles a turn; the trace bends by nanometres within one."""
 BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
-FOREIGN_REACH = 4.0
+OUTLIER_REACH = 4.0
 """mm: a keyway or a flat is as deep, and its readings count as rejected."""
 LOOKUP = 0.02
 """mm: resolution at which heights are looked up for their bin."""
@@ -91,8 +91,8 @@ class Cells:
     """Readings on the artefact's surfaces: within ``reach`` of the predicted surface or rejected from it."""
     rejected: int
     """Of these, the ones with no weight."""
-    bend: float
-    """Mean weight over mean slope of the readings' pull: what rejecting wild ones costs in scatter."""
+    correction: float
+    """Mean weight over mean slope of the readings' score: what rejecting outliers costs in scatter (M-estimation)."""
 
 
 def reduce(
@@ -102,7 +102,7 @@ def reduce(
     grid: Grid,
     limit: float,
     reach: float,
-    foreign: NDArray[np.bool_] | None = None,
+    outliers: NDArray[np.bool_] | None = None,
 ) -> Cells:
     """One robust pass over all readings.
 
@@ -113,14 +113,14 @@ def reduce(
         grid: the cells.
         limit: mm from the predicted surface at which a reading's weight becomes zero.
         reach: mm from the predicted surface within which a reading counts as one of the surface's at all.
-        foreign: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
+        outliers: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
     """
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
     mass = slack = 0.0
     predicted = _predicted(scan, model, parameters, grid)
-    trusted = _trusted(scan, model, parameters, grid, foreign)
+    trusted = _trusted(scan, model, parameters, grid, outliers)
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
         with np.errstate(invalid="ignore"):
@@ -129,7 +129,7 @@ def reduce(
         left[~near] = 0.0
         if trusted is not None:
             own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
-            near |= ~own & (np.abs(block.deviation) < FOREIGN_REACH)
+            near |= ~own & (np.abs(block.deviation) < OUTLIER_REACH)
             left[~own] = 0.0
         weight = left * left
         points += int(np.count_nonzero(near))
@@ -144,18 +144,18 @@ def reduce(
         sums[2, span] += np.bincount(block.index, weighted * deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
-    bend = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
-    return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), bend)
+    correction = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
+    return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), correction)
 
 
 def _trusted(
-    scan: Scan, model: Model, p: Array, grid: Grid, foreign: NDArray[np.bool_] | None
+    scan: Scan, model: Model, p: Array, grid: Grid, outliers: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """Whether profile i may be looked at in bin j, (N, bins + 1); None where nothing is foreign."""
-    if foreign is None or not foreign.any():
+    """Whether profile i may be looked at in bin j, (N, bins + 1); None where everything may."""
+    if outliers is None or not outliers.any():
         return None
-    sector = np.floor(model.angle(p, scan.angle) * (foreign.shape[1] / tau)).astype(np.intp) % foreign.shape[1]
-    per_bin = np.vstack([foreign[grid.cylinder], np.zeros((1, foreign.shape[1]), dtype=np.bool_)])
+    sector = np.floor(model.angle(p, scan.angle) * (outliers.shape[1] / tau)).astype(np.intp) % outliers.shape[1]
+    per_bin = np.vstack([outliers[grid.cylinder], np.zeros((1, outliers.shape[1]), dtype=np.bool_)])
     return np.asarray(~per_bin[:, sector].T)
 
 
@@ -187,9 +187,8 @@ def _predicted(scan: Scan, model: Model, parameters: Array, grid: Grid) -> Array
 
 def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -> Iterator[_Block]:
     """The readings on the artefact's bands, block by block: deviation from the prediction and cell index."""
-    phi, radial = float(p[0]), float(p[1])
-    side = facing(phi)
-    ux, uz, vx, vz = side * cos(phi), -side * sin(phi), sin(phi), cos(phi)
+    plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), height)
+    (ux, uz), (vx, vz) = plane.across, plane.along
     table, low = grid.lookup()
     bins = grid.centres.size
     centres = np.append(grid.centres, 0.0)
@@ -210,7 +209,7 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
         surface = predicted[own] * (1 - part)[:, None] + predicted[own + 1] * part[:, None]
         row = pick // x.shape[1]
         chosen = bin_.reshape(-1)[pick]
-        u = ux * x.reshape(-1)[pick] + uz * z.reshape(-1)[pick] + radial
+        u = ux * x.reshape(-1)[pick] + uz * z.reshape(-1)[pick] + plane.radial
         deviation = u - surface.reshape(-1)[row * bins + chosen]
         yield _Block(
             deviation,
@@ -236,7 +235,7 @@ def _means(
     predicted: Array,
     sums: Array,
     counts: tuple[int, int],
-    bend: float,
+    correction: float,
 ) -> Cells:
     bins = grid.centres.size
     cell = sums.reshape(5, grid.groups, bins + 1)[:, :, :bins]
@@ -248,16 +247,13 @@ def _means(
     part = profile / grid.group - group
     surface = predicted[group, bin_] * (1 - part) + predicted[group + 1, bin_] * part
     time = np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5])
-    phi, radial = float(p[0]), float(p[1])
-    side = facing(phi)
-    across = surface + deviation - _sag(predicted, grid.group)[group, bin_] - radial
-    up = grid.centres[bin_] + offset - model.height
+    u = surface + deviation - _sag(predicted, grid.group)[group, bin_]
+    plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), model.height)
     readings = Readings(
-        side * cos(phi) * across + sin(phi) * up,
-        -side * sin(phi) * across + cos(phi) * up,
+        *plane.from_uv(u, grid.centres[bin_] + offset),
         np.interp(profile, np.arange(scan.profiles), scan.angle),
         time,
         grid.cylinder[bin_],
     )
     spread = np.sqrt(np.maximum(square - deviation * deviation, 0.0))
-    return Cells(readings, weight, spread, group, bin_, *counts, bend)
+    return Cells(readings, weight, spread, group, bin_, *counts, correction)

@@ -6,14 +6,21 @@ from math import hypot
 import numpy as np
 
 from truestand.calibration.estimate import MOST_STEPS
+from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
 from truestand.calibration.segment import LEAST_SHARE, SURE
-from truestand.calibration.strays import stray_share
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
 from truestand.core.scan import Scan
-from truestand.core.stand import Sensor
 
+PROFILES = 120
+"""Looked at for the share of outliers."""
+NEAR = 5.0
+"""mm from the surface within which a reading is held against the model."""
+OFTEN = 0.1
+"""Share of a ray's readings that must be the shaft's for it to be one of the shaft's rays."""
+INSIDE = 0.1
+"""mm that the shaft's readings of a ray must keep from the ends of what is measured on."""
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
 ENOUGH_SEEN = 0.2
@@ -40,8 +47,8 @@ def checks_of(
     budget: dict[str, Uncertainty],
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first."""
-    share = max(residuals.rejected / max(residuals.points, 1), stray_share(scan, fit))
-    drift = abs(float(fit.solution.parameters[8]))
+    share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
+    drift = abs(float(fit.solution.parameters[DRIFT]))
     found = [
         Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
               "scan at least one full turn; a partial one can't tell form from eccentricity"),
@@ -81,8 +88,8 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
         return found
     if scan.angle_source in ("index", "time"):
         found.append(
-            Check("all surfaces off their waves at once, share", fit.together, MOST_TOGETHER,
-                  fit.together <= MOST_TOGETHER,
+            Check("all surfaces off their waves at once, share", fit.common_outliers, MOST_TOGETHER,
+                  fit.common_outliers <= MOST_TOGETHER,
                   "profiles were lost or the table didn't turn steadily (a start-up ramp?): record its angle, or a "
                   "counter, or start the scan later")
         )  # fmt: skip
@@ -105,16 +112,6 @@ def shared_form(fit: Refined) -> float:
     common = turning.mean(axis=0)
     alike = np.abs(turning - common).max(axis=0) < ALIKE * np.abs(common)
     return float(np.abs(common[alike]).max(initial=0.0))
-
-
-def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
-    """The sensor's linearity U (mm, k = 2): its data sheet's word or what is assumed, unless this scan shows worse."""
-    return max([sensor.linearity, *(s.peak_to_valley / 2 for s in static)])
-
-
-def linearity_name(sensor: Sensor) -> str:
-    """Of the budget's line."""
-    return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:
@@ -179,3 +176,33 @@ def no_zero(angle_zero: AngleZero) -> tuple[str, ...]:
         "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
         "home the table or record its angle",
     )
+
+
+def outlier_share(scan: Scan, fit: Refined) -> float:
+    """Share of the readings, along rays that always meet one surface, that lie off it; 0 where no ray does.
+
+    Outliers lie anywhere, so they are not seen near the surface; but their rays are known.
+    """
+    rows, p = scan.spread(PROFILES), fit.solution.parameters
+    x, z = scan.x[rows], scan.z[rows]
+    u, v = fit.plane.to_uv(x, z)
+    time = rows / max(scan.profiles - 1, 1) - 0.5
+    seen = off = 0
+    for k, band in enumerate(fit.segments.bands):
+        with np.errstate(invalid="ignore"):
+            near = (v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR)
+        row, column = np.nonzero(near)
+        if not row.size:
+            continue
+        which = np.full(row.size, k, dtype=np.intp)
+        readings = Readings(x[row, column], z[row, column], scan.angle[rows][row], time[row], which)
+        own = np.abs(fit.model.residuals(p, readings)) < fit.limit
+        count = np.count_nonzero(np.isfinite(z), axis=0)
+        shaft = np.bincount(column[own], minlength=z.shape[1])
+        low, high = np.full(z.shape[1], np.inf), np.full(z.shape[1], -np.inf)
+        np.minimum.at(low, column[own], v[row, column][own])
+        np.maximum.at(high, column[own], v[row, column][own])
+        rays = (shaft > OFTEN * count) & (low > band.low + INSIDE) & (high < band.high - INSIDE)
+        seen += int(count[rays].sum())
+        off += int((count - shaft)[rays].sum())
+    return off / seen if seen else 0.0

@@ -1,27 +1,31 @@
-"""Gauss-Newton on surface cells, with what is known beforehand, and a covariance that knows repeated surface."""
+"""Gauss-Newton on surface cells, held by what is known beforehand."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.autocorrelation import shared_scatter, strands_of
 from truestand.calibration.cells import Cells
-from truestand.calibration.model import GEOMETRY, Model
+from truestand.calibration.model import DRIFT, SPEED, Model
+from truestand.calibration.segment import Segments
+from truestand.core.artefact import Artefact
+from truestand.core.assumptions import COAXIALITY_U, SMOOTH
+from truestand.core.frames import PLANE_OFFSET, PLANE_TILT, TILT_X, TILT_Y, UNKNOWNS
+from truestand.core.robust import TUKEY, robust_sd, tukey_weights
+from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 MOST_STEPS = 30
-MOST_HALVINGS = 10
+MOST_HALVINGS_A_STEP, MOST_HALVINGS = 10, 30
+"""Of one step and of all: a fit that must halve its steps that often is on its way to nowhere."""
 SLACK = 1e-5
 """Cost, absolute and relative, that a step may add: near the end the linear model is as true as the cost."""
 SETTLED = 1e-7
 """mm or rad: a tenth of a nanometre is still."""
 STILL = 1e-4
 """A step this small against the unknown's own standard uncertainty changes nothing that anyone could see."""
-TUKEY = 4.685
-"""Tukey's constant: 95 % efficient for normal noise."""
 MODEL_U = 1e-4
 """mm: the model is no truer than this, however many readings there are.
 
@@ -29,16 +33,31 @@ Seven million readings average to 3 nm. At that scale directions that the scan h
 under a centred shaft) would be read from what nobody modelled: the edges of a keyway, half a micrometre of dirt. With
 this floor the priors decide there. What the scan does see is read with weights a thousand times the priors' own.
 """
-PLANE = (GEOMETRY.index("plane_offset"), GEOMETRY.index("plane_tilt"))
-PIN = 1e-7
+PLANE = (PLANE_OFFSET, PLANE_TILT)
+CONSIDERED_U = 1e-7
 """mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
+
+MOUNTING = "mounting of the laser plane"
+COAXIALITY = "coaxiality of the steps"
+WEAK = "form and static profile"
+CLAMPING_U = 0.04
+"""rad, k = 2: no shaft runs more tilted than this."""
+DRIFT_U = 0.1
+"""mm over the scan, k = 2."""
+SPEED_U = 0.1
+"""Relative, k = 2, of a table without an encoder."""
+FIXED_U = 1e-10
+"""For what is no unknown in this scan."""
+STATIC_U = 0.1
+"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
+of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
     """What is known of some unknowns before the scan: index, standard uncertainty, under one name in the budget.
 
-    Where ``considered``, the unknowns are held at zero in the fit and only their doubt is carried on (consider
+    Where ``considered``, the unknowns are held at zero in the fit and only their uncertainty is carried on (consider
     analysis): for what seven million readings seem to tell about them comes from effects that nobody modelled.
     """
 
@@ -48,147 +67,171 @@ class Prior:
     considered: bool = False
 
     @property
-    def tightness(self) -> float:
-        """Precision with which the fit holds the unknowns, 1/unit2."""
-        return 1.0 / (PIN if self.considered else self.u) ** 2
+    def precision(self) -> float:
+        """With which the fit holds the unknowns, 1/unit2."""
+        return 1.0 / (CONSIDERED_U if self.considered else self.u) ** 2
+
+
+def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
+    """The priors of stand, certificate and common sense, each under its name in the budget."""
+    sensor = scan.stand.sensor
+    free_speed = scan.angle_source in ("index", "time")
+    priors = [
+        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
+        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
+        Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
+        Prior("drift", (DRIFT,), DRIFT_U / 2),
+        Prior("table speed", (SPEED,), SPEED_U / 2 if free_speed else FIXED_U),
+    ]
+    for k, band in enumerate(segments.bands):
+        cylinder = artefact.cylinders[band.cylinder]
+        if k:
+            coaxiality = cylinder.coaxiality_U or COAXIALITY_U
+            start = model.axis_slice(k).start
+            slope = coaxiality / 2 / cylinder.length
+            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
+            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
+        own, forms = model.static_slice(k), model.form_slice(k)
+        low, high = model.static_spans[k]
+        for i, degree in enumerate(model.static_degrees(k), own.start):
+            # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
+            # the base may be wrong in the drawing.
+            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
+            priors.append(Prior(WEAK, (i,), u))
+        if forms.stop > forms.start:
+            priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
+    return tuple(priors)
+
+
+def precision_of(priors: Iterable[Prior], size: int) -> Array:
+    """Precision (size,) with which the priors hold each unknown, 1/unit2."""
+    precision = np.zeros(size)
+    for prior in priors:
+        precision[list(prior.index)] = prior.precision
+    return precision
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """An estimate with its evidence."""
+    """An estimate (p,) and the data's quadratic cost about it: all that later steps need of the cells."""
 
     parameters: Array
+    gradient: Array
+    """(p,): of the data's half cost; zero but for what the priors hold against."""
+    information: Array
+    """(p, p): normal matrix of the data alone."""
     residuals: Array
     """(n,) mm, one a cell."""
     weights: Array
     """(n,) 1/mm2: how much each cell counts."""
-    information: Array
-    """(p, p): normal matrix, priors included."""
-    pull: Array
-    """(p,): gradient of the data's cost; zero but for what the priors hold against."""
-    scatter: Array
-    """(p, p): spread of the data's pull, clustered by sector of the surface, with the sectors' common noise."""
-    sd: float
-    """mm: residual standard deviation of a reading of full weight, as far as cells tell."""
     steps: int
     converged: bool
+    stuck: bool
+    """Given up, because steps had to be halved again and again."""
 
 
 def gauss_newton(
-    model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], sectors: Ints, settled: float = SETTLED
+    model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], settled: float = SETTLED
 ) -> Solution:
     """Fit the model to the cells from ``start`` until no unknown of the geometry moves by more than ``settled``.
 
     The data's weight follows from its own residuals (robustly), so that priors and data are on one scale.
-    ``sectors`` (n,) says which stretch of surface each cell belongs to: repeated turns see the same form and the same
-    speckle, so a sector, not a cell, is the independent piece of evidence.
     """
-    p = start.copy()
     precision = precision_of(priors, model.size)
+    at = _linearised(model, cells, start)
     converged = False
-    steps = 0
-    while not converged and steps < MOST_STEPS:
+    steps = halvings = 0
+    while not converged and steps < MOST_STEPS and halvings < MOST_HALVINGS:
         steps += 1
-        residuals, jacobian = model.linearised(p, cells.readings)
-        scale = _scale_of(residuals, cells.weight)
-        weights = scale.weights(residuals, cells.weight)
-        weighted = jacobian * weights[:, None]
-        information = weighted.T @ jacobian + np.diag(precision)
-        change = -solve(information, weighted.T @ residuals + precision * p)
-        converged = bool(np.all(np.abs(change[:8]) < np.maximum(settled, STILL * _doubt(information)[:8])))
+        normal = at.information + np.diag(precision)
+        change = -solve(normal, at.gradient + precision * at.parameters)
+        still = np.maximum(settled, STILL * _standard_uncertainty(normal)[:UNKNOWNS])
+        converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
         if not converged:  # a step too small to matter is not worth another look at all cells
-            p = _bettering(model, cells, p, change, residuals, scale, precision)
-    scatter = scatter_of(weighted * residuals[:, None], sectors)
-    count = len(model.radii)
-    shared = None
-    if settled == SETTLED:  # a first look needs no more than a rough scatter
-        strands = strands_of(residuals, jacobian, weights, sectors // count, cells.bin)
-        shared = shared_scatter(strands, model.orders)
-    scatter = (scatter if shared is None else shared) * _bend(scale, residuals, cells.weight) ** 2 * cells.bend**2
-    pull = weighted.T @ residuals
-    return Solution(p, residuals, weights, information, pull, scatter, scale.sd, steps, converged)
+            p, more = _bettering(model, cells, at, change, precision)
+            at = _linearised(model, cells, p)
+            halvings += more
+    stuck = halvings >= MOST_HALVINGS
+    return Solution(at.parameters, at.gradient, at.information, at.residuals, at.weights, steps, converged, stuck)
 
 
-def _bettering(
-    model: Model, cells: Cells, p: Array, change: Array, residuals: Array, scale: "_Scale", precision: Array
-) -> Array:
-    """The parameters after a step that betters the robust cost.
+@dataclass(frozen=True, slots=True)
+class _Linearised:
+    """The data's cost about some parameters: its noise, and what ``Solution`` says of it."""
+
+    parameters: Array
+    residuals: Array
+    weights: Array
+    gradient: Array
+    information: Array
+    noise: "Noise"
+
+
+def _linearised(model: Model, cells: Cells, p: Array) -> _Linearised:
+    residuals, jacobian = model.linearised(p, cells.readings)
+    noise = noise_of(residuals, cells.weight)
+    weights = noise.weights(residuals, cells.weight)
+    weighted = jacobian * weights[:, None]
+    return _Linearised(p, residuals, weights, weighted.T @ residuals, weighted.T @ jacobian, noise)
+
+
+def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, precision: Array) -> tuple[Array, int]:
+    """The parameters after a step that betters the robust cost, and how often it was halved for that.
 
     Under a nearly centred shaft the scan hardly sees the laser plane, and far along that direction the other unknowns
     follow in a curve (sag is quadratic). Where the straight step fails they are solved again for the new plane; where
     that fails too, the step is halved.
     """
-    before = SLACK + (1.0 + SLACK) * scale.cost(residuals, cells.weight, p, precision)
-    for _ in range(MOST_HALVINGS):
+    p, noise = at.parameters, at.noise
+    before = SLACK + (1.0 + SLACK) * noise.cost(at.residuals, cells.weight, p, precision)
+    for halvings in range(MOST_HALVINGS_A_STEP):
         tried = p + change
-        if scale.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
-            return tried
-        tried = _following(model, cells, tried, scale, precision)
-        if scale.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
-            return tried
+        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+            return tried, halvings
+        tried = _following(model, cells, tried, noise, precision)
+        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+            return tried, halvings
         change = change / 2
-    return p + change
+    return p + change, MOST_HALVINGS_A_STEP
 
 
-def _following(model: Model, cells: Cells, p: Array, scale: "_Scale", precision: Array) -> Array:
+def _following(model: Model, cells: Cells, p: Array, noise: "Noise", precision: Array) -> Array:
     """One Gauss-Newton step of all unknowns but the laser plane's."""
     residuals, jacobian = model.linearised(p, cells.readings)
+    weighted = jacobian * noise.weights(residuals, cells.weight)[:, None]
+    normal = weighted.T @ jacobian + np.diag(precision)
     others = np.setdiff1d(np.arange(p.size), PLANE)
-    weighted = jacobian[:, others] * scale.weights(residuals, cells.weight)[:, None]
-    information = weighted.T @ jacobian[:, others] + np.diag(precision[others])
     out = p.copy()
-    out[others] -= solve(information, weighted.T @ residuals + precision[others] * p[others])
+    out[others] -= solve(normal[np.ix_(others, others)], (weighted.T @ residuals + precision * p)[others])
     return out
 
 
 @dataclass(frozen=True, slots=True)
-class _Scale:
+class Noise:
     """Noise of one reading of full weight (mm), and the share of the data's weight that the model's floor leaves."""
 
     sd: float
     share: float
 
+    def ratio(self, residuals: Array, counts: Array) -> Array:
+        """Residuals (n,) of cells of so many readings over the limit at which they have no weight."""
+        return np.asarray(residuals * np.sqrt(counts) / (TUKEY * self.sd))
+
     def weights(self, residuals: Array, counts: Array) -> Array:
         """Tukey's weights (n,) in 1/mm2."""
-        ratio = residuals * np.sqrt(counts) / (TUKEY * self.sd)
-        return np.asarray(np.square(np.maximum(1.0 - ratio * ratio, 0.0)) * counts * (self.share / self.sd**2))
+        return np.asarray(tukey_weights(self.ratio(residuals, counts)) * counts * (self.share / self.sd**2))
 
     def cost(self, residuals: Array, counts: Array, p: Array, precision: Array) -> float:
         """What Gauss-Newton makes small: Tukey's cost of the cells and the priors' squares."""
-        ratio = residuals * np.sqrt(counts) / (TUKEY * self.sd)
-        left = np.maximum(1.0 - ratio * ratio, 0.0)
+        left = np.maximum(1.0 - np.square(self.ratio(residuals, counts)), 0.0)
         return self.share * TUKEY**2 / 3.0 * float(np.sum(1.0 - left * left * left)) + float(precision @ (p * p))
 
 
-def _bend(scale: "_Scale", residuals: Array, counts: Array) -> float:
-    """How much more the estimate scatters than its weights say, as Tukey's pull bends back: mean weight over slope."""
-    left = np.maximum(1.0 - np.square(residuals * np.sqrt(counts) / (TUKEY * scale.sd)), 0.0)
-    weight, slope = float(counts @ (left * left)), float(counts @ (5.0 * left * left - 4.0 * left))
-    return weight / max(slope, 0.5 * weight)
-
-
-def covariance(solution: Solution, priors: tuple[Prior, ...]) -> dict[str, Array]:
-    """Covariance (p, p) by its sources: ``noise`` from the data's scatter, and each prior under its name.
-
-    Their sum is the whole: H^-1 (S + P u^2 P) H^-1, with H the normal matrix, S the scatter of the data's pull, P the
-    tightness with which each prior holds its unknowns and u its standard uncertainty.
-    """
-    size = solution.parameters.size
-    inverse = solve(solution.information, np.eye(size))
-    parts = {"noise": inverse @ solution.scatter @ inverse.T}
-    for prior in priors:
-        rows = inverse[:, prior.index]
-        part = rows @ rows.T * (prior.tightness * prior.u) ** 2
-        parts[prior.name] = parts[prior.name] + part if prior.name in parts else part
-    return parts
-
-
-def precision_of(priors: tuple[Prior, ...], size: int) -> Array:
-    """How tightly the priors hold each unknown (size,), 1/unit2."""
-    precision = np.zeros(size)
-    for prior in priors:
-        precision[list(prior.index)] = prior.tightness
-    return precision
+def noise_of(residuals: Array, counts: Array) -> Noise:
+    """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true."""
+    sd = max(robust_sd(residuals * np.sqrt(counts)), 1e-7)
+    total = float(Noise(sd, 1.0).weights(residuals, counts).sum())
+    return Noise(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
 
 def solve(matrix: Array, right: Array) -> Array:
@@ -200,24 +243,6 @@ def solve(matrix: Array, right: Array) -> Array:
     return np.asarray(solved * (scale if right.ndim == 1 else scale[:, None]))
 
 
-def _doubt(information: Array) -> Array:
-    """Standard uncertainty (p,) of each unknown if the normal matrix were the whole truth."""
-    return np.asarray(np.sqrt(np.maximum(np.diag(solve(information, np.eye(information.shape[0]))), 0.0)))
-
-
-def _scale_of(residuals: Array, counts: Array) -> _Scale:
-    """The noise from the residuals themselves; all data together weigh no more than the model is true."""
-    sd = max(1.4826 * float(np.median(np.abs(residuals * np.sqrt(counts)))), 1e-7)
-    total = float(_Scale(sd, 1.0).weights(residuals, counts).sum())
-    return _Scale(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
-
-
-def scatter_of(pulls: Array, sectors: Ints) -> Array:
-    """Sum over sectors of the outer product of each sector's whole pull (cluster-robust, Liang and Zeger 1986)."""
-    count = int(sectors.max()) + 1
-    order = np.argsort(sectors, kind="stable")
-    starts = np.searchsorted(sectors[order], np.arange(count))
-    starts = starts[np.diff(np.append(starts, sectors.size)) > 0]
-    sums = np.add.reduceat(pulls[order], starts, axis=0)
-    n, p = sums.shape
-    return np.asarray(sums.T @ sums) * (n / max(n - p, 1) if n > 2 * p else 2.0)
+def _standard_uncertainty(normal: Array) -> Array:
+    """Of each unknown (p,) if the normal matrix were the whole truth."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(solve(normal, np.eye(normal.shape[0]))), 0.0)))

@@ -14,7 +14,7 @@ from truestand.calibration.outline import median_profile, sample
 from truestand.calibration.segment import EDGE_MARGIN
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibration import Calibration
-from truestand.core.frames import facing, sensor_parameters, shaft_from_rotor
+from truestand.core.frames import LaserPlane, sensor_parameters, shaft_from_rotor
 from truestand.core.harmonics import fit_harmonics
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
@@ -124,7 +124,7 @@ class Evidence:
 
 def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Calibration | None = None) -> Evidence:
     """The evidence of a calibration by the exact model, with the published method's beside it where given."""
-    part = _spread(scan, PROFILES)
+    part = scan.taken(scan.spread(PROFILES))
     uncentred = replace(calibration, shaft_from_rotor=shaft_from_rotor(0.0, 0.0, 0.0, 0.0), method="stand")
     surfaces = (
         apply_calibration(part, uncentred),
@@ -145,15 +145,8 @@ def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Cali
     )
 
 
-def _spread(scan: Scan, profiles: int) -> Scan:
-    rows = np.unique(np.linspace(0, scan.profiles - 1, profiles).astype(np.intp))
-    return replace(
-        scan, x=scan.x[rows], z=scan.z[rows], angle=scan.angle[rows], time=None, counter=None, intensity=None
-    )
-
-
 def _raw(scan: Scan) -> RawMap:
-    rows = np.unique(np.linspace(0, scan.profiles - 1, 600).astype(np.intp))
+    rows = scan.spread(600)
     columns = np.unique(np.linspace(0, scan.x.shape[1] - 1, RAW_COLUMNS).astype(np.intp))
     return RawMap(scan.z[np.ix_(rows, columns)], scan.revolutions)
 
@@ -176,11 +169,10 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
     pick = np.unique(np.linspace(0, row.size - 1, 12000).astype(np.intp))
     row, column = row[pick], column[pick]
     phi, radial, height, _, _ = sensor_parameters(calibration.table_from_sensor)
-    side = facing(phi)
     ends = np.array([-1.0, 1.0]) * 12.0
     base = seen[0].radius if seen else 0.0
     at = np.nanmedian(surface.z[which == 0]) if (which == 0).any() else 0.0
-    across, up = base - radial, ends + at - height
+    line = LaserPlane(phi, radial, height).from_uv(np.full(2, base), ends + at)
     profile = median_profile(sample(part))
     return Projection(
         part.x[row, column],
@@ -189,8 +181,7 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
         tuple(c.name for c in seen),
         profile[0],
         profile[1],
-        side * np.cos(phi) * across + np.sin(phi) * up,
-        -side * np.sin(phi) * across + np.cos(phi) * up,
+        *line,
         phi,
     )
 

@@ -6,10 +6,20 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.estimate import gauss_newton
-from truestand.calibration.refine import Refined, sectors
+from truestand.calibration.refine import Refined
 from truestand.core.artefact import Artefact
-from truestand.core.frames import facing, shaft_from_rotor
+from truestand.core.frames import (
+    ECCENTRICITY,
+    ECCENTRICITY_X,
+    ECCENTRICITY_Y,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    TILT,
+    TILT_X,
+    TILT_Y,
+    UNKNOWNS,
+    shaft_from_rotor,
+)
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -17,7 +27,7 @@ Array = NDArray[np.float64]
 SAMPLED_PROFILES = 1000
 FACE_REACH = 0.3
 """mm: half-height of the slab in which the face's points lie once the model is known."""
-LEVEL = 0.03
+MOST_SLOPE = 0.03
 """mm by which the inner and the outer half of a face may differ in height."""
 EDGE_REACH = 1.5
 """mm: how far from its expected place the edge of a cylinder is looked for."""
@@ -35,27 +45,25 @@ def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
     radius, height = _in_shaft(scan, fit)
     face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
     if face.size:
-        return _moved(scan, fit, _middle(face), seen=True)
+        return _moved(fit, _middle(face), seen=True)
     edge = _edge(artefact, radius, height)
     if edge is not None:
-        return _moved(scan, fit, edge, seen=False)
+        return _moved(fit, edge, seen=False)
     return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
 
 
 def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     """Radius and height in C (n, M) mm of the readings of evenly spread profiles."""
     p = fit.solution.parameters
-    rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
-    x, z = scan.x[rows], scan.z[rows]
-    u = facing(p[0]) * (cos(p[0]) * x - sin(p[0]) * z) + p[1]
-    v = sin(p[0]) * x + cos(p[0]) * z + fit.model.height
+    rows = scan.spread(SAMPLED_PROFILES)
+    u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
     c, s = np.cos(angle), np.sin(angle)
-    beside, level = p[2] + sin(p[3]) * v, cos(p[3]) * v
+    beside, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
     in_rotor = (c * u + s * beside, c * beside - s * u, level)
-    pose = shaft_from_rotor(*p[4:8])
+    pose = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
     a, b, h = (
-        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(x.shape, pose.translation[i]))
+        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
         for i in range(3)
     )
     return np.hypot(a, b), h
@@ -78,7 +86,7 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     if not inside.any():
         return np.empty(0)
     slope = float(np.median(face[~inside]) - np.median(face[inside]))
-    return face if abs(slope) < LEVEL else np.empty(0)
+    return face if abs(slope) < MOST_SLOPE else np.empty(0)
 
 
 def _middle(heights: Array) -> float:
@@ -111,13 +119,34 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     return outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
 
 
-def _moved(scan: Scan, fit: Refined, shift: float, seen: bool) -> Refined:
-    """The fit with every height counted from ``shift``."""
-    model = replace(fit.model, height=fit.model.height - shift, middles=tuple(m - shift for m in fit.model.middles))
+def _moved(fit: Refined, shift: float, seen: bool) -> Refined:
+    """The fit with every height counted from ``shift`` mm along the laser plane: the same surface, in other unknowns.
+
+    What was known beforehand of the laser plane and the axis now holds at the new height.
+    """
+    old = fit.solution.parameters
+    tilt, up = old[PLANE_TILT], cos(old[PLANE_TILT]) * shift
+    p = old.copy()
+    p[PLANE_OFFSET] += sin(tilt) * shift
+    p[ECCENTRICITY] += old[TILT] * up
+    # How the old unknowns follow the new ones.
+    follow = np.eye(p.size)
+    follow[PLANE_OFFSET, PLANE_TILT] = -up
+    follow[ECCENTRICITY_X, TILT_X] = follow[ECCENTRICITY_Y, TILT_Y] = -up
+    follow[ECCENTRICITY, PLANE_TILT] = old[TILT] * sin(tilt) * shift
+    model = replace(fit.model, height=fit.model.height - shift, middles=tuple(m - up for m in fit.model.middles))
     bands = tuple(replace(b, low=b.low - shift, high=b.high - shift) for b in fit.segments.bands)
-    segments = replace(fit.segments, bands=bands, height=model.height, shoulder_seen=seen)
-    p = fit.solution.parameters.copy()
-    p[2] += sin(p[3]) * shift
-    p[4:6] += p[6:8] * cos(p[3]) * shift
-    solution = gauss_newton(model, fit.cells, p, fit.priors, sectors(scan, fit.grid, fit.cells))
-    return replace(fit, model=model, segments=segments, solution=solution)
+    solution = replace(
+        fit.solution,
+        parameters=p,
+        gradient=follow.T @ fit.solution.gradient,
+        information=follow.T @ fit.solution.information @ follow,
+    )
+    moved = replace(
+        fit,
+        model=model,
+        segments=replace(fit.segments, bands=bands, height=model.height, shoulder_seen=seen),
+        solution=solution,
+        score_covariance=follow.T @ fit.score_covariance @ follow,
+    )
+    return moved.held_by(fit.priors)

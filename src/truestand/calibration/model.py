@@ -18,7 +18,21 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from truestand.core.frames import facing
+from truestand.core.frames import (
+    ECCENTRICITY,
+    ECCENTRICITY_X,
+    ECCENTRICITY_Y,
+    PHI,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    RADIAL,
+    TILT,
+    TILT_X,
+    TILT_Y,
+    UNKNOWNS,
+    LaserPlane,
+    facing,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -31,6 +45,8 @@ GEOMETRY = (
     "phi", "radial", "plane_offset", "plane_tilt",
     "eccentricity_x", "eccentricity_y", "tilt_x", "tilt_y", "drift", "speed",
 )  # fmt: skip
+"""The unknowns in the order of the parameter vector: the eight of ``core.frames`` first."""
+DRIFT, SPEED = UNKNOWNS, UNKNOWNS + 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +120,7 @@ class Model:
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
-        return np.asarray(nominal + parameters[9] * (nominal - self.start_angle))
+        return np.asarray(nominal + parameters[SPEED] * (nominal - self.start_angle))
 
     def static_basis(self, x: Array, z: Array, cylinder: int) -> Array:
         """(n, terms): the static profile's Legendre polynomials at these readings."""
@@ -139,7 +155,7 @@ class Model:
 
     def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None) -> Array:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
-        at = self._place(p, r, k)
+        at = self._geometry(p, r, k)
         coefficients = p[self.form_slice(k)]
         cosines, sines = _waves(at.psi, self.orders)
         a, b = np.split(coefficients, 2)
@@ -153,20 +169,19 @@ class Model:
         self._fill_geometry(jacobian, p, r, at, gradient)
         if k:
             own = self.axis_slice(k).start
-            jacobian[:, own : own + 2] = jacobian[:, 4:6]
-            jacobian[:, own + 2 : own + 4] = jacobian[:, 6:8] - self.middles[k] * jacobian[:, 4:6]
-        jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, 1, None]
+            jacobian[:, own : own + 2] = jacobian[:, ECCENTRICITY]
+            jacobian[:, own + 2 : own + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
+        jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
         jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
         jacobian /= at.facing[:, None]
         return np.asarray(residual)
 
-    def _place(self, p: Array, r: Readings, k: int) -> "_Place":
+    def _geometry(self, p: Array, r: Readings, k: int) -> "_ReadingGeometry":
         """The readings on their way into R and to the axis of cylinder ``k``."""
-        phi, radial, offset, tilt, drift = p[0], p[1], p[2], p[3], p[8]
-        across = facing(phi) * (cos(phi) * r.x - sin(phi) * r.z)
-        along = sin(phi) * r.x + cos(phi) * r.z
+        offset, tilt = p[PLANE_OFFSET], p[PLANE_TILT]
+        across, along = LaserPlane(p[PHI]).to_uv(r.x, r.z)
         static = self.static_basis(r.x, r.z, k)
-        u = across + radial + drift * r.time - static @ p[self.static_slice(k)]
+        u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)]
         v = along + self.height
         y, z = offset + sin(tilt) * v, cos(tilt) * v
         angle = self.angle(p, r.angle)
@@ -181,39 +196,40 @@ class Model:
         normal /= distance
         psi = np.arctan2(normal[1], normal[0])
         towards = np.maximum(c * normal[0] - s * normal[1], LEAST_FACING)
-        return _Place(across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards)
+        return _ReadingGeometry(
+            across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards
+        )
 
-    def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_Place", gradient: Array) -> None:
+    def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
-        tilt = p[3]
+        tilt = p[PLANE_TILT]
         across = at.c * gradient[0] - at.s * gradient[1]
         beside = at.s * gradient[0] + at.c * gradient[1]
         upward = sin(tilt) * beside + cos(tilt) * gradient[2]
-        jacobian[:, 0] = facing(p[0]) * (at.across * upward - at.along * across)
-        jacobian[:, 1] = across
-        jacobian[:, 2] = beside
-        jacobian[:, 3] = at.v * (cos(tilt) * beside - sin(tilt) * gradient[2])
-        jacobian[:, 4], jacobian[:, 5] = -gradient[0], -gradient[1]
-        jacobian[:, 6], jacobian[:, 7] = -at.lever * gradient[0], -at.lever * gradient[1]
-        jacobian[:, 8] = across * r.time
-        jacobian[:, 9] = (gradient[0] * at.point[1] - gradient[1] * at.point[0]) * (r.angle - self.start_angle)
+        jacobian[:, PHI] = facing(p[PHI]) * (at.across * upward - at.along * across)
+        jacobian[:, RADIAL] = across
+        jacobian[:, PLANE_OFFSET] = beside
+        jacobian[:, PLANE_TILT] = at.v * (cos(tilt) * beside - sin(tilt) * gradient[2])
+        jacobian[:, ECCENTRICITY_X], jacobian[:, ECCENTRICITY_Y] = -gradient[0], -gradient[1]
+        jacobian[:, TILT_X], jacobian[:, TILT_Y] = -at.lever * gradient[0], -at.lever * gradient[1]
+        jacobian[:, DRIFT] = across * r.time
+        turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
+        jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
 
     def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, cylinder: int) -> Array:
         """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm."""
-        phi = parameters[0]
-        side = facing(phi)
+        plane = LaserPlane(parameters[PHI], parameters[RADIAL], self.height)
+        drift = parameters[DRIFT] * time
         u = np.full(v.shape, self.radii[cylinder])
         which = np.full(v.shape, cylinder, dtype=np.intp)
         for _ in range(6):  # the residual changes by 0.97..1 per unit of u: each pass gains over one digit
-            across, up = u - parameters[1] - parameters[8] * time, v - self.height
-            x = side * cos(phi) * across + sin(phi) * up
-            z = -side * sin(phi) * across + cos(phi) * up
+            x, z = plane.from_uv(u - drift, v)
             u = u - self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
-        return np.asarray(u - parameters[8] * time)
+        return np.asarray(u - drift)
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _ReadingGeometry:
     """Readings (n,) seen from one cylinder's axis."""
 
     across: Array
@@ -248,7 +264,7 @@ def _take(r: Readings, rows: slice | Ints) -> Readings:
 
 def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     """The axis of cylinder ``k`` in R: offset at height 0 and slope."""
-    ex, ey, tx, ty = p[4:8]
+    ex, ey, tx, ty = p[ECCENTRICITY_X:UNKNOWNS]
     if k:
         cx, cy, gx, gy = p[model.axis_slice(k)] + (model.axes[k - 1] if model.axes else np.zeros(4))
         # The offset counts at the cylinder's middle, as a certificate states it.

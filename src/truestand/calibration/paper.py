@@ -19,7 +19,7 @@ from truestand.calibration.start import LEAST_REVOLUTIONS, REACH
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, PaperFigures, Residuals, ScanSummary
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import Pose, facing, shaft_from_rotor, table_from_sensor
+from truestand.core.frames import LaserPlane, Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.harmonics import Bin, Harmonics, fit_harmonics, nearest_bin, wrap
 from truestand.core.scan import Scan
 
@@ -61,16 +61,12 @@ def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurf
     if not bands:
         raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
     band = bands[0]
-    ux, uz = facing(segments.phi) * cos(segments.phi), -facing(segments.phi) * sin(segments.phi)
-    vx, vz = sin(segments.phi), cos(segments.phi)
-    centre = artefact.base.radius - segments.radial
     reach = REACH if len(artefact.cylinders) < 2 else min(REACH, 0.45 * _nearest_step(artefact))
     on = np.empty(scan.x.shape, dtype=np.bool_)
     for rows in _blocks(scan.profiles):
-        x, z = scan.x[rows], scan.z[rows]
-        v = vx * x + vz * z + segments.height
+        u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
         with np.errstate(invalid="ignore"):
-            on[rows] = (np.abs(ux * x + uz * z - centre) < reach) & (v > band.low) & (v < band.high)
+            on[rows] = (np.abs(u - artefact.base.radius) < reach) & (v > band.low) & (v < band.high)
     used = np.flatnonzero(on.any(axis=0))
     if not used.size:
         raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
@@ -127,8 +123,8 @@ def printed_matrix(phi: float) -> Array:
 
 def rotation_matrix(phi: float) -> Array:
     """Eq. 1 and 4 as they must be meant: a proper rotation of the XZ plane that brings the axis parallel to Z of C."""
-    side = facing(phi)
-    return np.array([[side * cos(phi), -side * sin(phi)], [sin(phi), cos(phi)]])
+    plane = LaserPlane(phi)
+    return np.array([plane.across, plane.along])
 
 
 def rotate(base: BaseSurface, phi: float) -> tuple[Array, Array]:
@@ -198,15 +194,6 @@ def compensate(radial: Array, angle: Array, wave: Harmonics) -> Array:
     return radial - (wave(angle) - wave.mean)[:, None]
 
 
-def roll_up(radial: Array, axial: Array, angle: Array) -> tuple[Array, Array, Array]:
-    """Step 9, Eq. 10: the flat map rolled up: x, y, z (N, M) mm.
-
-    The printed angle n pi y / y_max (n counts half turns) is the table angle. ``radial`` must count from the axis:
-    Eq. 6 leaves the origin on the surface, so R is added before.
-    """
-    return radial * np.cos(angle)[:, None], -radial * np.sin(angle)[:, None], axial
-
-
 def _record(
     scan: Scan,
     artefact: Artefact,
@@ -254,7 +241,7 @@ def _pose(artefact: Artefact, segments: Segments, base: BaseSurface, phi: float,
     x0, z0 = displacement(base)
     radial = artefact.base.radius - mean - (a * x0 + b * z0)
     # The height of the segmentation belongs to its own angle; the displaced point is where both must agree.
-    at = sin(segments.phi) * x0 + cos(segments.phi) * z0 + segments.height
+    at = float(segments.plane.to_uv(np.array(x0), np.array(z0))[1])
     return table_from_sensor(phi, radial, at - (c * x0 + d * z0), 0.0, 0.0)
 
 

@@ -8,7 +8,7 @@ through the rotation axis. Where it does and nothing is dirty they tie with the 
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
-from math import cos, hypot, sin
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from truestand.calibration.segment import segment
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import MissingExtra, TruestandError
-from truestand.core.frames import shaft_parameters
+from truestand.core.frames import in_table, shaft_parameters
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -101,8 +101,7 @@ def base_in_rotor(scan: Scan, artefact: Artefact) -> Given:
     band = next(b for b in segments.bands if b.cylinder == 0)
     rows = slice(None, None, max(1, scan.profiles // MOST_PROFILES))
     x, z, angle = scan.x[rows].ravel(), scan.z[rows].ravel(), np.repeat(scan.angle[rows], scan.x.shape[1])
-    u = pose.rotation[0, 0] * x + pose.rotation[0, 2] * z + pose.translation[0]
-    v = sin(segments.phi) * x + cos(segments.phi) * z + segments.height
+    u, v = in_table(pose, x, z)[0], segments.plane.to_uv(x, z)[1]
     with np.errstate(invalid="ignore"):
         on = np.flatnonzero((np.abs(u - artefact.base.radius) < REACH) & (v > band.low) & (v < band.high))
     if on.size > MOST_POINTS:  # at random: every so many would pick the same columns of every profile

@@ -12,9 +12,8 @@ from math import cos, degrees, hypot, pi, radians, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.estimate import PLANE, Solution, covariance, precision_of, solve
+from truestand.calibration.estimate import COAXIALITY, MOUNTING, PLANE, precision_of, solve
 from truestand.calibration.height import with_height
-from truestand.calibration.priors import COAXIALITY, MOUNTING
 from truestand.calibration.refine import Refined, refine, refine_again
 from truestand.calibration.result import angle_zero, conclude
 from truestand.calibration.segment import segment
@@ -22,6 +21,7 @@ from truestand.calibration.start import rough_stand
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
 from truestand.core.errors import BadRecipe, NotEnoughData
+from truestand.core.frames import RADIAL
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -207,28 +207,27 @@ def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
     last = fits[-1]
     places = _places(fits)
     size = max(int(p.max()) for p in places) + 1
-    information, scatter, pull = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
+    information, scores, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     shared = tuple(replace(q, considered=False) for q in last.priors if q.name in SHARED)
     priors = list(shared)
     for fit, place, turn in zip(fits, places, clamped, strict=True):
         spread = _spread(fit, last, place, turn - clamped[-1], size)
-        own = tuple(q for q in fit.priors if q.name not in SHARED)
-        data = fit.solution.information - np.diag(precision_of(fit.priors, fit.model.size))
-        information += spread.T @ (data + np.diag(precision_of(own, fit.model.size))) @ spread
-        scatter += spread.T @ fit.solution.scatter @ spread
+        data = fit.solution
+        information += spread.T @ data.information @ spread
+        scores += spread.T @ fit.score_covariance @ spread
         known = _known(fit, last, turn - clamped[-1])
-        pull += spread.T @ (data @ (fit.solution.parameters - known) - fit.solution.pull)
+        right += spread.T @ (data.information @ (data.parameters - known) - data.gradient)
+        own = (q for q in fit.priors if q.name not in SHARED)
         priors += [replace(q, index=tuple(int(place[j]) for j in q.index)) for q in own]
-    tightness = precision_of(shared, size)
+    stated = precision_of(shared, size)
     for k, axis in enumerate(last.model.axes, 1):  # the certificate says coaxial, the unknowns count from elsewhere
         at = last.model.axis_slice(k)
-        pull[at] -= tightness[at] * axis
-    information += np.diag(tightness)
-    solution = Solution(
-        solve(information, pull), last.solution.residuals, last.solution.weights, information, np.zeros(size), scatter,
-        last.solution.sd, max(f.solution.steps for f in fits), all(f.solution.converged for f in fits),
-    )  # fmt: skip
-    return replace(last, solution=solution, priors=tuple(priors))
+        right[at] -= stated[at] * axis
+    p = solve(information + np.diag(precision_of(priors, size)), right)
+    steps, converged = max(f.solution.steps for f in fits), all(f.solution.converged for f in fits)
+    # The data's cost is not looked at again from here on: the gradient stays that of the single fits.
+    solution = replace(last.solution, parameters=p, information=information, steps=steps, converged=converged)
+    return replace(last, solution=solution, score_covariance=scores, priors=tuple(priors))
 
 
 def _known(fit: Refined, last: Refined, turn: float) -> Array:
@@ -278,7 +277,7 @@ def _spread(fit: Refined, last: Refined, place: NDArray[np.intp], turn: float, s
 
 
 def _covariance(fit: Refined) -> Array:
-    return np.asarray(sum(covariance(fit.solution, fit.priors).values()))
+    return np.asarray(sum(fit.covariance.values()))
 
 
 def _coaxiality_left(joint: Refined) -> float:
@@ -358,7 +357,7 @@ def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
     ends = np.array([e for b in fits[-1].segments.bands for e in (b.low, b.high)])
     look = np.column_stack([np.ones(ends.size), ends])
     planes = np.array([look @ f.solution.parameters[list(PLANE)] for f in fits])
-    noise = [covariance(f.solution, f.priors)["noise"][np.ix_(PLANE, PLANE)] for f in fits]
+    noise = [f.covariance["noise"][np.ix_(PLANE, PLANE)] for f in fits]
     u = np.sqrt(np.einsum("ij,njk,ik->ni", look, np.array(noise), look).max())
     spread = float(np.ptp(planes, axis=0).max())
     limit = MOST_MOVED + 2 * K * float(u)
@@ -380,7 +379,7 @@ def _bearing_alike(differ: float) -> Check:
 
 def _sensor_stood_still(fits: tuple[Refined, ...]) -> Check:
     """Whether the sensor reads the shaft's radius alike in every scan."""
-    radial = [float(f.solution.parameters[1]) for f in fits]
+    radial = [float(f.solution.parameters[RADIAL]) for f in fits]
     spread = max(radial) - min(radial)
     return Check(
         "sensor moved between the scans, um", 1000 * spread, 1000 * MOST_MOVED, spread <= MOST_MOVED,

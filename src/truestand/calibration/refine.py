@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
-from truestand.calibration.estimate import SETTLED, TUKEY, Prior, Solution, covariance, gauss_newton
-from truestand.calibration.model import GEOMETRY, Model
-from truestand.calibration.priors import priors_for
+from truestand.calibration.covariance import covariance, score_covariance
+from truestand.calibration.estimate import SETTLED, Prior, Solution, gauss_newton, precision_of, priors_for, solve
+from truestand.calibration.model import DRIFT, SPEED, Model
 from truestand.calibration.segment import Segments
 from truestand.calibration.start import WHOLE, Mask, RoughStand, repeats_within
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import facing
+from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, PHI, RADIAL, TILT_X, TILT_Y, LaserPlane
+from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -53,112 +54,163 @@ class Refined:
     grid: Grid
     cells: Cells
     solution: Solution
+    score_covariance: Array
+    """(p, p): of the data's score, for the solution's covariance by source."""
     priors: tuple[Prior, ...]
     limit: float
     """mm from the surface beyond which a reading had no weight."""
-    foreign: Mask
+    outliers: Mask
     """(bands, SECTORS) stretches of each surface that are not the shaft's and were not looked at."""
-    together: float = 0.0
+    common_outliers: float = 0.0
     """Share of the profiles in which all surfaces left their waves at once."""
     overlap: float | None = None
     """mm rms by which repeated turns differ; None without a second turn."""
 
+    @property
+    def plane(self) -> LaserPlane:
+        """u across the rotation axis, counted from it; v above height 0."""
+        p = self.solution.parameters
+        return LaserPlane(float(p[PHI]), float(p[RADIAL]), self.model.height)
+
+    @property
+    def covariance(self) -> dict[str, Array]:
+        """Of the unknowns (p, p), by source."""
+        return covariance(self.solution.information, self.score_covariance, self.priors)
+
+    def held_by(self, priors: tuple[Prior, ...]) -> "Refined":
+        """The fit under other priors: one linear step from the data's own cost."""
+        s = self.solution
+        normal = s.information + np.diag(precision_of(priors, self.model.size))
+        p = solve(normal, s.information @ s.parameters - s.gradient)
+        gradient = s.gradient + s.information @ (p - s.parameters)
+        return replace(self, priors=priors, solution=replace(s, parameters=p, gradient=gradient))
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What is fitted to, and which of its readings may be looked at."""
+
+    scan: Scan
+    segments: Segments
+    artefact: Artefact
+    outliers: Mask
+
+    @property
+    def thinned(self) -> "_View":
+        """Every so many profiles of a long scan: enough for the first look."""
+        return replace(self, scan=self.scan.taken(slice(None, None, max(1, self.scan.x.size // FIRST_READINGS))))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pass:
+    """Cells about the surface that was predicted, and the model fitted to them."""
+
+    model: Model
+    grid: Grid
+    cells: Cells
+    solution: Solution
+    priors: tuple[Prior, ...]
+    limit: float
+
 
 def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
-    """Fit the exact model to all trusted readings of all the artefact's cylinders."""
+    """Fit the exact model to all trusted readings of all the artefact's cylinders.
+
+    Where the fit to a part of the readings gives up, all of them are not asked: the solution says so.
+
+    Raises:
+        NotEnoughData: the surfaces show in too few cells.
+    """
+    view = _View(scan, segments, artefact, start.outliers)
     model = _layout(scan, segments, artefact, start)
-    few = _thinned(scan)
-    begun = _Begun(model, segments, artefact, _start(model, segments, start), start.foreign)
-    first = _solve(few, begun, FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
-    first = _with_orders(few, artefact, first, _orders(first, few))
-    limit = _noise_limit(first)
-    second = _solve(scan, begun.going_on(first), limit)
-    tighter = _noise_limit(second)
-    if tighter <= 0.8 * limit:
-        second = _solve(scan, begun.going_on(second), tighter)
-    steady = _steady(scan, second)
-    speed = float(steady.solution.parameters[GEOMETRY.index("speed")])
-    return replace(steady, together=start.together, overlap=repeats_within(start, speed))
+    few = view.thinned
+    first = _solve(few, model, _start(model, segments, start), FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _with_orders(few, first, _orders(first, few.scan))
+    found = _refined(few, first) if first.solution.stuck else _refined(view, _narrowed(view, first))
+    fit = _steady(found)
+    speed = float(fit.solution.parameters[SPEED])
+    return replace(fit, common_outliers=start.common_outliers, overlap=repeats_within(start, speed))
 
 
 def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
-    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now."""
-    begun = _Begun(fit.model, fit.segments, artefact, fit.solution.parameters, fit.foreign)
-    again = _steady(scan, _solve(scan, begun, fit.limit))
-    return replace(again, together=fit.together, overlap=fit.overlap)
+    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now.
+
+    What was held as stated stays so.
+    """
+    view = _View(scan, fit.segments, artefact, fit.outliers)
+    again = _refined(view, _solve(view, fit.model, fit.solution.parameters, fit.limit, priors=fit.priors))
+    return replace(again, common_outliers=fit.common_outliers, overlap=fit.overlap)
 
 
-def _steady(scan: Scan, fit: Refined) -> Refined:
-    """The fit with drift and table speed held as stated, their doubt considered, where the scan shows no others.
+def _narrowed(view: _View, first: _Pass) -> _Pass:
+    """The fit to all readings, trusted as far as the noise goes that the fit before has shown."""
+    limit = _noise_limit(first)
+    second = _solve(view, first.model, first.solution.parameters, limit)
+    tighter = _noise_limit(second)
+    if tighter > 0.8 * limit or second.solution.stuck:
+        return second
+    return _solve(view, second.model, second.solution.parameters, tighter)
+
+
+def _refined(view: _View, last: _Pass) -> Refined:
+    """The last pass with the covariance of its score."""
+    scores = score_covariance(last.model, last.cells, last.solution, _sectors(view.scan, last.grid, last.cells))
+    return Refined(
+        last.model, view.segments, last.grid, last.cells, last.solution, scores, last.priors, last.limit, view.outliers
+    )
+
+
+def _steady(fit: Refined) -> Refined:
+    """The fit with drift and table speed held as stated, their u considered, where the scan shows no others.
 
     Over a single turn the two take up each other's noise: free, they scatter the eccentricity by 0.05 um; held, by
     0.004, if the table does run as stated. From 5e-5 off its speed the scan shows it and they stay free.
     """
-    both = [GEOMETRY.index("drift"), GEOMETRY.index("speed")]
-    whole = np.asarray(sum(covariance(fit.solution, fit.priors).values()))[np.ix_(both, both)]
+    both = [DRIFT, SPEED]
+    whole = np.asarray(sum(fit.covariance.values()))[np.ix_(both, both)]
     found = fit.solution.parameters[both]
     if found @ np.linalg.solve(whole, found) > NOTHING_SHOWN:
         return fit
-    doubt = dict(zip(both, np.sqrt(np.diag(whole)), strict=True))
-    priors = tuple(
-        replace(q, u=float(doubt[q.index[0]]), considered=True) if q.index[0] in doubt else q for q in fit.priors
+    u = dict(zip(both, np.sqrt(np.diag(whole)), strict=True))
+    return fit.held_by(
+        tuple(replace(q, u=float(u[q.index[0]]), considered=True) if q.index[0] in u else q for q in fit.priors)
     )
-    start = fit.solution.parameters.copy()
-    start[both] = 0.0
-    solution = gauss_newton(fit.model, fit.cells, start, priors, sectors(scan, fit.grid, fit.cells))
-    return replace(fit, solution=solution, priors=priors)
-
-
-def _thinned(scan: Scan) -> Scan:
-    """Every so many profiles of a long scan: enough for the first look."""
-    every = slice(None, None, max(1, scan.x.size // FIRST_READINGS))
-    return replace(scan, x=scan.x[every], z=scan.z[every], angle=scan.angle[every], time=None, counter=None)
-
-
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    """Where a fit starts from, and what it may look at."""
-
-    model: Model
-    segments: Segments
-    artefact: Artefact
-    parameters: Array
-    foreign: Mask
-
-    def going_on(self, fit: Refined) -> "_Begun":
-        """The same from what a fit has found."""
-        return replace(self, model=fit.model, parameters=fit.solution.parameters)
 
 
 def _solve(
-    scan: Scan, begun: _Begun, limit: float, settled: float = SETTLED, groups_per_turn: int = GROUPS_PER_TURN
-) -> Refined:
-    """Cells about the surface that the start predicts, and the model fitted to them."""
-    model, segments = begun.model, begun.segments
-    grid = make_grid(scan, segments.bands, groups_per_turn)
-    cells = reduce(scan, model, begun.parameters, grid, limit, max(REACH, limit), begun.foreign)
+    view: _View,
+    model: Model,
+    parameters: Array,
+    limit: float,
+    settled: float = SETTLED,
+    groups_per_turn: int = GROUPS_PER_TURN,
+    priors: tuple[Prior, ...] | None = None,
+) -> _Pass:
+    """Cells about the surface that the parameters predict, and the model fitted to them."""
+    grid = make_grid(view.scan, view.segments.bands, groups_per_turn)
+    cells = reduce(view.scan, model, parameters, grid, limit, max(REACH, limit), view.outliers)
     if cells.weight.size < 2 * model.size:
         raise NotEnoughData(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
             "drawing, exposure and that nothing else turns in view"
         )
-    priors = priors_for(model, scan, segments, begun.artefact)
-    solution = gauss_newton(model, cells, begun.parameters, priors, sectors(scan, grid, cells), settled)
-    return Refined(model, segments, grid, cells, solution, priors, limit, begun.foreign)
+    priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
+    return _Pass(model, grid, cells, gauss_newton(model, cells, parameters, priors, settled), priors, limit)
 
 
-def _with_orders(scan: Scan, artefact: Artefact, fit: Refined, orders: int) -> Refined:
+def _with_orders(view: _View, fit: _Pass, orders: int) -> _Pass:
     """The model with form harmonics up to ``orders``, fitted to the same cells."""
     if orders == fit.model.orders:
         return fit
     model = replace(fit.model, orders=orders)
     start = _carry(fit.model, model, fit.solution.parameters)
-    priors = priors_for(model, scan, fit.segments, artefact)
-    solution = gauss_newton(model, fit.cells, start, priors, sectors(scan, fit.grid, fit.cells), FIRST_SETTLED)
-    return replace(fit, model=model, solution=solution, priors=priors)
+    priors = priors_for(model, view.scan, view.segments, view.artefact)
+    return replace(
+        fit, model=model, solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED), priors=priors
+    )
 
 
-def sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
+def _sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
     """Which stretch of which cylinder each cell lies on, the same on every turn (n,)."""
     per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
     return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder
@@ -167,25 +219,25 @@ def sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
 def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
     """The unknowns for what is seen of the artefact."""
     cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
-    phi, side = segments.phi, facing(segments.phi)
+    phi = segments.phi
     over_range = abs(cos(phi)) > STEEP_ENOUGH
     axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
     eccentricity = hypot(*start.eccentricity)
     spans = []
     for band, cylinder in zip(segments.bands, cylinders, strict=True):
-        ends = np.array([band.low, band.high]) - segments.height
+        ends = np.array([band.low, band.high])
         if over_range:
-            ends = cos(phi) * ends - side * sin(phi) * (cylinder.radius - start.radial)
+            ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
             slack = eccentricity * abs(sin(phi)) + 0.1
         else:
-            slack = 0.1
+            ends, slack = ends - segments.height, 0.1
         spans.append((float(ends.min() - slack), float(ends.max() + slack)))
     return Model(
         radii=tuple(c.radius for c in cylinders),
         middles=tuple((b.low + b.high) / 2 for b in segments.bands),
         height=segments.height,
         start_angle=float(scan.angle[0]),
-        orders=start.orders if start.foreign.any() else max(start.orders, CLEAN_ORDERS),
+        orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
         static_axis=axis,
         static_spans=tuple(spans),
         level=int(np.argmax([b.high - b.low for b in segments.bands])),
@@ -194,10 +246,9 @@ def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStan
 
 def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
     p = np.zeros(model.size)
-    at = GEOMETRY.index
-    p[at("phi")], p[at("radial")], p[at("speed")] = segments.phi, start.radial, start.speed
-    p[at("eccentricity_x")], p[at("eccentricity_y")] = start.eccentricity
-    p[at("tilt_x")], p[at("tilt_y")] = start.tilt
+    p[PHI], p[RADIAL], p[SPEED] = segments.phi, start.radial, start.speed
+    p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
+    p[[TILT_X, TILT_Y]] = start.tilt
     for k, wave in enumerate(start.waves):
         form = p[model.form_slice(k)].reshape(2, -1)
         # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
@@ -219,7 +270,7 @@ def _carry(before: Model, after: Model, parameters: Array) -> Array:
     return p
 
 
-def _orders(fit: Refined, scan: Scan) -> int:
+def _orders(fit: _Pass, scan: Scan) -> int:
     """Highest form harmonic that stands out of the residuals, if it is more than the majority of the traces needed."""
     if scan.revolutions < WHOLE:
         return fit.model.orders
@@ -237,9 +288,9 @@ def _orders(fit: Refined, scan: Scan) -> int:
     return highest
 
 
-def _noise_limit(fit: Refined) -> float:
+def _noise_limit(fit: _Pass) -> float:
     """Where Tukey's weight ends for the noise seen in the cells and between them."""
     within = float(np.median(fit.cells.spread))
     on = fit.solution.weights > 0
-    between = 1.4826 * float(np.median(np.abs(fit.solution.residuals[on]))) if on.any() else 0.0
+    between = robust_sd(fit.solution.residuals[on]) if on.any() else 0.0
     return max(TUKEY * hypot(within, between), LEAST_LIMIT)

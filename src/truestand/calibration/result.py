@@ -1,18 +1,17 @@
 """From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
 
 from dataclasses import replace
-from math import degrees, hypot
+from math import degrees, hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.budget import DIRECTIONS, HALF_TURN, REPORTED, budget_of
-from truestand.calibration.checks import checks_of, reasons_of
-from truestand.calibration.model import GEOMETRY, Readings
-from truestand.calibration.posterior import weigh
-from truestand.calibration.priors import UNSTATED_COAXIALITY_U
+from truestand.calibration.checks import NEAR, checks_of, reasons_of
+from truestand.calibration.covariance import weigh
+from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import REACH, Refined
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import (
     AngleZero,
     Calibration,
@@ -22,11 +21,26 @@ from truestand.core.calibration import (
     StaticProfile,
     Uncertainty,
 )
-from truestand.core.frames import facing, shaft_from_rotor, table_from_sensor
+from truestand.core.frames import (
+    ECCENTRICITY,
+    ECCENTRICITY_X,
+    PHI,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    RADIAL,
+    TILT,
+    UNKNOWNS,
+    shaft_from_rotor,
+    table_from_sensor,
+)
 from truestand.core.scan import Scan
+from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN, Input, budget_of
+from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
 
 Array = NDArray[np.float64]
 
+HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
+"""mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
 RESIDUAL_PROFILES = 300
@@ -44,30 +58,33 @@ def conclude(
     ``coaxiality``: what is left open on the steps' axes (mm, k = 2) where more than the certificate is known of them.
     ``further``: covariance (p, p) of the unknowns from other sources, by name.
     """
-    posterior = weigh(fit.solution, fit.priors, plane_told(scan, artefact, fit, coaxiality))
+    told = plane_told(scan, artefact, fit, coaxiality)
+    posterior = weigh(fit.solution, fit.score_covariance, fit.priors, told)
     posterior = replace(posterior, parts=posterior.parts | (further or {}))
     fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
     p, parts = posterior.parameters, posterior.parts
     static = static_profiles(artefact, fit)
-    budget = budget_of(parts, scan, artefact, fit, static)
+    own = slice(0, UNKNOWNS)
+    geometry = {name: part[own, own] for name, part in parts.items()}
+    stated = {q.name: q.u for q in reversed(fit.priors)}
+    budget = budget_of(p[own], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
     free_speed = scan.angle_source in ("index", "time")
     residuals = residuals_of(scan, fit)
-    own = slice(0, REPORTED)
     calibration = Calibration(
         method="stand",
-        table_from_sensor=table_from_sensor(p[0], p[1], fit.model.height, p[3], p[2]),
-        shaft_from_rotor=shaft_from_rotor(*p[4:8]),
+        table_from_sensor=table_from_sensor(p[PHI], p[RADIAL], fit.model.height, p[PLANE_TILT], p[PLANE_OFFSET]),
+        shaft_from_rotor=shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS]),
         stand=scan.stand,
         angle_source=scan.angle_source,
         angle_zero=angle_zero(scan),
-        speed_factor=1.0 + float(p[9]) if free_speed else 1.0,
-        rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[9])),
+        speed_factor=1.0 + float(p[SPEED]) if free_speed else 1.0,
+        rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[SPEED])),
         artefact=artefact,
         residuals=residuals,
         harmonics=harmonics_of(artefact, fit),
         static_profiles=static,
         uncertainty=budget,
-        covariance_names=GEOMETRY[:REPORTED],
+        covariance_names=GEOMETRY[:UNKNOWNS],
         covariance=posterior.covariance[own, own],
         repeatability=parts["noise"][own, own],
         not_identifiable=_not_identifiable(scan, fit, budget),
@@ -85,11 +102,11 @@ def plane_told(scan: Scan, artefact: Artefact, fit: Refined, coaxiality: float |
     seems to tell d under a centred shaft comes from waves of form beyond the ones that are fitted.
     """
     cylinders = [artefact.cylinders[b.cylinder] for b in fit.segments.bands]
-    bend = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
+    curvature = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
     if coaxiality is None:
-        coaxiality = max((c.coaxiality_U or UNSTATED_COAXIALITY_U for c in cylinders[1:]), default=0.0)
-    eccentricity = float(hypot(fit.solution.parameters[4], fit.solution.parameters[5]))
-    return len(cylinders) > 1 and coaxiality < eccentricity * bend * scan.stand.sensor.plane_offset_U
+        coaxiality = max((c.coaxiality_U or COAXIALITY_U for c in cylinders[1:]), default=0.0)
+    eccentricity = float(hypot(*fit.solution.parameters[ECCENTRICITY]))
+    return len(cylinders) > 1 and coaxiality < eccentricity * curvature * scan.stand.sensor.plane_offset_U
 
 
 def angle_zero(scan: Scan) -> AngleZero:
@@ -120,13 +137,10 @@ def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:
 def static_profiles(artefact: Artefact, fit: Refined) -> tuple[StaticProfile, ...]:
     """The static profile of every cylinder in use over height, 50 points each."""
     p = fit.solution.parameters
-    side = facing(p[0])
     profiles = []
     for k, band in enumerate(fit.segments.bands):
         height = np.linspace(band.low, band.high, 50)
-        across, up = fit.model.radii[k] - p[1], height - fit.model.height
-        x = side * np.cos(p[0]) * across + np.sin(p[0]) * up
-        z = -side * np.sin(p[0]) * across + np.cos(p[0]) * up
+        x, z = fit.plane.from_uv(np.full(height.size, fit.model.radii[k]), height)
         deviation = fit.model.static_basis(x, z, k) @ p[fit.model.static_slice(k)]
         profiles.append(StaticProfile(artefact.cylinders[band.cylinder].name, height, deviation))
     return tuple(profiles)
@@ -143,17 +157,16 @@ def residuals_of(scan: Scan, fit: Refined) -> Residuals:
 
 def sampled_residuals(scan: Scan, fit: Refined, profiles: int = RESIDUAL_PROFILES) -> tuple[Array, Readings]:
     """Residuals (n,) mm after everything fitted, and the readings, of evenly spread profiles."""
-    rows = np.unique(np.linspace(0, scan.profiles - 1, profiles).astype(np.intp))
-    x, z, p = scan.x[rows], scan.z[rows], fit.solution.parameters
-    u = facing(p[0]) * (np.cos(p[0]) * x - np.sin(p[0]) * z) + p[1]
-    v = np.sin(p[0]) * x + np.cos(p[0]) * z + fit.model.height
+    rows = scan.spread(profiles)
+    x, z = scan.x[rows], scan.z[rows]
+    u, v = fit.plane.to_uv(x, z)
     which = np.full(x.shape, -1, dtype=np.intp)
     for k, band in enumerate(fit.segments.bands):
-        which[(v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < 5.0)] = k
+        which[(v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR)] = k
     row, point = np.nonzero(which >= 0)
     time = rows / max(scan.profiles - 1, 1) - 0.5
     readings = Readings(x[row, point], z[row, point], scan.angle[rows][row], time[row], which[row, point])
-    residuals = fit.model.residuals(p, readings)
+    residuals = fit.model.residuals(fit.solution.parameters, readings)
     near = np.abs(residuals) < max(REACH, fit.limit)
     kept = np.flatnonzero(near)
     return residuals[near], Readings(
@@ -173,3 +186,40 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
     if not fit.segments.shoulder_seen:
         names.append("height")
     return tuple(names)
+
+
+def _noise_dof(fit: Refined) -> float:
+    """Groups of profiles on each surface less the unknowns."""
+    used = np.unique(fit.cells.group * len(fit.model.radii) + fit.cells.readings.cylinder).size
+    return float(max(used - fit.model.size, 1))
+
+
+def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> tuple[Input, ...]:
+    """What certificate, data sheet and stand leave open and one scan can't see."""
+    sensor, p = scan.stand.sensor, fit.solution.parameters
+    eccentricity, lean = 1000.0 * hypot(*p[ECCENTRICITY]), hypot(*p[TILT])
+    band = max(fit.segments.bands, key=lambda b: b.high - b.low)
+    base = artefact.cylinders[fit.segments.bands[0].cylinder]
+    # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
+    slope = sqrt(2.0) / (band.high - band.low)
+    lever = abs((band.low + band.high) / 2 - fit.model.height)  # from the sensor's origin, about which phi turns
+    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
+    height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
+    bearing = {"eccentricity_um": 1000.0}
+    if eccentricity > 1.0:
+        bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)
+    return (
+        Input("diameter of the artefact", (base.diameter_U or 0.0) / 2, "normal", {"radial_position_mm": 0.5}),
+        Input(linearity_name(sensor), linearity_of(sensor, static) / 2, "normal",
+              {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
+               "eccentricity_um": eccentricity * slope}),
+        Input(scale_name(sensor), scale / 2, "normal",
+              {"eccentricity_um": eccentricity}),
+        Input("height zero: the shoulder", height / 2, "rectangular",
+              {"eccentricity_um": 1000.0 * lean, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
+        Input("temperature of the artefact (assumed)", TEMPERATURE_U / 2, "rectangular",
+              {"radial_position_mm": EXPANSION * base.radius}),
+        Input("table bearing, once per turn (assumed)", BEARING_U / 2, "normal", bearing),
+        Input("zero of the table angle (assumed)", ANGLE_ZERO_U / 2, "rectangular",
+              dict.fromkeys(DIRECTIONS, degrees(1))),
+    )  # fmt: skip

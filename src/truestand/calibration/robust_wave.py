@@ -30,8 +30,8 @@ GOOD_ENOUGH = 0.0003
 """mm of scatter below which no further harmonic is asked for here."""
 MOST_FORM = 0.5
 """mm: no shaft has a harmonic of form that large; a series that bends itself to an arc does."""
-HOME = 0.4
-"""Share of the foreign samples that may stay foreign when a further harmonic explains the others."""
+MOST_LEFT = 0.4
+"""Share of the outliers that may remain outliers when a further harmonic explains the others."""
 LEAST_SCATTER = 0.002
 """mm: what waves of a higher order than is looked at leave in any case."""
 FEW = 0.01
@@ -39,7 +39,7 @@ FEW = 0.01
 OUTSIDE = 6.0
 """Robust standard deviations from which a sample is not the shaft's."""
 LEAST_OUTSIDE = 0.015
-"""mm: never call smaller deviations foreign."""
+"""mm: never call smaller deviations outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Wave:
     series: Harmonics
     scatter: float
     """mm, robust standard deviation of the samples that agree."""
-    foreign: NDArray[np.bool_]
+    outliers: NDArray[np.bool_]
     """(n,) samples that are not the shaft's round surface."""
 
 
@@ -64,30 +64,30 @@ def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> W
             break
         start = np.append(solution, [0.0, 0.0]) if order > 1 else None
         tried, scatter = _trimmed(design, trace, start, rng if order <= SEARCHED_ORDERS else None)
-        wild = np.abs(tried[3:]).max(initial=0.0) > MOST_FORM
-        solution = np.append(solution, [0.0, 0.0]) if wild else tried
-        fits.append((solution, inf if wild else scatter))
+        too_large = np.abs(tried[3:]).max(initial=0.0) > MOST_FORM
+        solution = np.append(solution, [0.0, 0.0]) if too_large else tried
+        fits.append((solution, inf if too_large else scatter))
         if scatter < GOOD_ENOUGH:
             break
     enough = max(GOOD_ENOUGH, WORTH * min(s for _, s in fits))
     order, (solution, scatter) = next((i + 1, f) for i, f in enumerate(fits) if f[1] <= enough)
-    foreign = _outside(trace - _design(angle, order) @ solution, scatter)
-    if foreign.any():
+    outliers = _outside(trace - _design(angle, order) @ solution, scatter)
+    if outliers.any():
         design = _design(angle, order)
         whole = _fit(design, trace)
-        # Trimmed, a series may bend itself to an arc; where all samples agree as well, nothing is foreign.
+        # Trimmed, a series may bend itself to an arc; where all samples agree as well, there are no outliers.
         beyond = np.abs(trace - design @ whole) > OUTSIDE * max(scatter, LEAST_SCATTER)
         if beyond.mean() < FEW:
-            solution, foreign = whole, beyond
+            solution, outliers = whole, beyond
     for more, (other, spread) in enumerate(fits[order:], order + 1):
-        # An arc of 55 % can be bent to by a wild series; the one that explains the whole circumference is the shaft's.
+        # A series too large for form can follow an arc of 55 %; the shaft's explains the whole circumference.
         left = _outside(trace - _design(angle, more) @ other, spread)
-        if left.sum() < HOME * foreign.sum():
-            order, solution, scatter, foreign = more, other, spread, left
+        if left.sum() < MOST_LEFT * outliers.sum():
+            order, solution, scatter, outliers = more, other, spread, left
     for more in range(order + 1, most_orders + 1):
-        order, solution, foreign = _reconciled(angle, trace, (order, solution, foreign), more, scatter)
+        order, solution, outliers = _reconciled(angle, trace, (order, solution, outliers), more, scatter)
     series = Harmonics(tuple(range(1, order + 1)), float(solution[0]), solution[1::2].copy(), solution[2::2].copy())
-    return Wave(series, scatter, foreign)
+    return Wave(series, scatter, outliers)
 
 
 def _outside(off: Array, scatter: float) -> NDArray[np.bool_]:
@@ -97,19 +97,19 @@ def _outside(off: Array, scatter: float) -> NDArray[np.bool_]:
 def _reconciled(
     angle: Array, trace: Array, found: tuple[int, Array, NDArray[np.bool_]], more: int, scatter: float
 ) -> tuple[int, Array, NDArray[np.bool_]]:
-    """The series with ``more`` harmonics, fitted to what was not foreign, if with them most of the foreign comes home.
+    """The series with ``more`` harmonics, fitted to all but the outliers, if it explains most of them too.
 
-    Form of a higher order comes home; a flat, a keyway or dirt, which the fit doesn't look at, doesn't.
+    It does where they are form of a higher order; a flat, a keyway or dirt, which the fit doesn't see, stays.
     """
-    _, _, foreign = found
-    if not foreign.any():
+    _, _, outliers = found
+    if not outliers.any():
         return found
     design = _design(angle, more)
-    if design.shape[1] > np.count_nonzero(~foreign) / 3:
+    if design.shape[1] > np.count_nonzero(~outliers) / 3:
         return found
-    solution = _fit(design[~foreign], trace[~foreign])
+    solution = _fit(design[~outliers], trace[~outliers])
     left = _outside(trace - design @ solution, scatter)
-    return (more, solution, left) if left.sum() < HOME * foreign.sum() else found
+    return (more, solution, left) if left.sum() < MOST_LEFT * outliers.sum() else found
 
 
 def _design(angle: Array, order: int) -> Array:

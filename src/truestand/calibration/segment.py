@@ -2,28 +2,21 @@
 
 The paper chooses its base surface by hand and names the automatic choice as its open limitation. Here the outline that
 the scan shows along every likely direction of the axis is held against the drawing (steps, order, lengths, what hides
-what), both ways up. The explanation with the most evidence wins; the next best one that differs says how surely.
+what), both ways up. Every explanation is scored bin by bin in nats: a bin on the drawn surface speaks for it, a bin
+beside it or one that is promised, not hidden and not there speaks against it, what lies beyond the drawing says
+nothing. The explanation with the most evidence wins; the margin over the best one that differs is the confidence.
 """
 
 from dataclasses import dataclass, replace
-from math import cos
+from math import cos, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.match import Match, best_and_margin, confidence, explanations, matched_again, on_cylinder
-from truestand.calibration.outline import (
-    BIN,
-    Sample,
-    Silhouette,
-    across_and_along,
-    directions,
-    sample,
-    silhouette,
-)
-from truestand.core.artefact import Artefact
+from truestand.calibration.outline import BIN, Sample, Silhouette, directions, sample, silhouette
+from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import facing
+from truestand.core.frames import LaserPlane, facing
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -46,6 +39,18 @@ FAN = 0.2
 """rad: the outermost rays of a fan look by as much to either side."""
 LEAST_BAND = 0.3
 """mm of one cylinder that must be seen between its margins to measure on it."""
+WIDTH = 0.25
+"""mm from the drawn surface within which a bin lies on it (form, linearity, the feet of chamfers)."""
+FOR, AGAINST = 5.0, 3.0
+"""Nats: ln(20 mm of range / 2 sqrt(pi) 0.06 mm) for a bin on the surface, -ln(0.05) for a wild one."""
+SAME_LINE = 0.15
+"""mm: neighbouring bins nearer than this across are of one run."""
+LEAST_RUN = 5
+MOST_RUNS = 14
+SAME_HEIGHT, SAME_RADIAL, SAME_DIRECTION = 1.0, 0.3, 0.03
+"""mm, mm, rad within which two explanations are one."""
+INDEPENDENT = 10.0
+"""Bins that share one cause (a chamfer, a ghost), so that evidence counts once a millimetre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +65,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """The rough stand and what is seen of the artefact.
-
-    In the laser plane u = facing(phi) (x cos phi - z sin phi) + radial, v = x sin phi + z cos phi + height.
-    """
+    """The rough stand and what is seen of the artefact."""
 
     phi: float
     radial: float
@@ -76,6 +78,21 @@ class Segments:
     """Probability 0..1 that this is the right explanation and not the next best one."""
     reasons: tuple[str, ...]
     """Why it is not to be trusted; empty where it is."""
+
+    @property
+    def plane(self) -> LaserPlane:
+        """u across the axis, counted from it; v above the shoulder."""
+        return LaserPlane(self.phi, self.radial, self.height)
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """One explanation: phi (rad), what is added to u and v of the silhouette (mm), and its score (nats)."""
+
+    phi: float
+    radial: float
+    height: float
+    score: float
 
 
 def segment(scan: Scan, artefact: Artefact) -> Segments:
@@ -126,7 +143,8 @@ def _sharpened(seen: Sample, match: Match, artefact: Artefact) -> tuple[Silhouet
         turn = facing(match.phi) * _slope(parts)
         turned = silhouette(seen, match.phi + turn)
         # Turning the axis by a small angle moves points along it as well: keep the matched height in place.
-        moved = np.nanmedian(across_and_along(seen, match.phi)[1] - across_and_along(seen, turned.phi)[1])
+        before, after = (LaserPlane(phi).to_uv(seen.x, seen.z)[1] for phi in (match.phi, turned.phi))
+        moved = np.nanmedian(before - after)
         match = replace(match, phi=turned.phi, height=match.height + float(moved))
         outline = turned
         if abs(turn) < 1e-5:
@@ -171,7 +189,7 @@ def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefac
     """The height from the shoulder face where the readings show it; (height, seen)."""
     if len(artefact.cylinders) < 2 or not _faces_sensor(artefact, match.phi):
         return match.height, False
-    u, v = across_and_along(seen, outline.phi)
+    u, v = LaserPlane(outline.phi).to_uv(seen.x, seen.z)
     u, above = u - outline.shift[:, None] + match.radial, v + match.height - artefact.shoulder
     inner, outer = sorted((artefact.cylinders[0].radius, artefact.cylinders[1].radius))
     margin = min(0.5, 0.2 * (outer - inner))
@@ -215,3 +233,122 @@ def _doubts(
         name = artefact.cylinders[bands[0].cylinder].name
         doubts.append(f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove")
     return tuple(doubts)
+
+
+def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
+    """Explanations of a silhouette by the drawing, both ways up; none where nothing fits."""
+    seen = np.isfinite(outline.u)
+    v, u = outline.v[seen], outline.u[seen]
+    if v.size < LEAST_RUN:
+        return []
+    found = []
+    for phi, along, across in ((outline.phi, v, u), (outline.phi - pi, -v[::-1], u[::-1])):
+        drawn = _Drawing(artefact, along, across)
+        found += [m for h in drawn.heights() if (m := drawn.explained(phi, h)) is not None]
+    return found
+
+
+def best_and_margin(found: list[Match]) -> tuple[Match, float]:
+    """The best explanation and by how many nats it is better than the best one that differs."""
+    best = max(found, key=lambda m: m.score)
+    rivals = [m.score for m in found if not _same(m, best)]
+    return best, best.score - max(rivals, default=0.0)
+
+
+def confidence(margin: float) -> float:
+    """Probability 0..1 that the better of two explanations is the right one, evidence counted once a millimetre."""
+    return float(1.0 / (1.0 + np.exp(-min(margin / INDEPENDENT, 700.0))))
+
+
+def _same(a: Match, b: Match) -> bool:
+    turned = abs((a.phi - b.phi + pi) % (2 * pi) - pi)
+    near = abs(a.height - b.height) < SAME_HEIGHT and abs(a.radial - b.radial) < SAME_RADIAL
+    return turned < SAME_DIRECTION and near
+
+
+@dataclass(frozen=True, slots=True)
+class _Drawing:
+    """The drawing beside a silhouette's bins ``v``, ``u`` (n,) mm."""
+
+    artefact: Artefact
+    v: Array
+    u: Array
+
+    def heights(self) -> Array:
+        """Shifts (mm) of v that put an end of a run of bins at the like end of a cylinder."""
+        breaks = np.flatnonzero((np.abs(np.diff(self.u)) > SAME_LINE) | (np.diff(self.v) > 3.5 * BIN))
+        runs = zip(np.append(0, breaks + 1), np.append(breaks, self.v.size - 1), strict=True)
+        longest = sorted((r for r in runs if r[1] - r[0] >= LEAST_RUN), key=lambda r: r[0] - r[1])[:MOST_RUNS]
+        shifts = [
+            shift
+            for first, last in longest
+            for c in self.artefact.cylinders
+            for shift in (c.bottom - self.v[first] + BIN / 2, c.top - self.v[last] - BIN / 2)
+        ]
+        near = [s + k * BIN for s in shifts for k in (-1, 0, 1)]
+        return np.unique(np.round(near, 3))
+
+    def explained(self, phi: float, height: float) -> Match | None:
+        """The explanation at one height: the radial shift on which most bins agree."""
+        radius = drawn_radius(self.v + height, self.artefact)
+        drawn = np.isfinite(radius)
+        if np.count_nonzero(drawn) < LEAST_RUN:
+            return None
+        off = radius[drawn] - self.u[drawn]
+        cells = np.floor((off - off.min()) / WIDTH).astype(np.intp)
+        crowd = np.convolve(np.bincount(cells), np.ones(2))
+        middle = off.min() + WIDTH * float(np.argmax(crowd))
+        radial = float(np.median(off[np.abs(off - middle) <= WIDTH]))
+        d = off - radial
+        score = float(np.where(np.abs(d) < WIDTH, FOR * (1.0 - (d / WIDTH) ** 2), -AGAINST).sum())
+        if score > 0:
+            score -= AGAINST * self._missing(d, drawn, radial, height)
+        return Match(phi, radial, height, score)
+
+    def _missing(self, d: Array, drawn: NDArray[np.bool_], radial: float, height: float) -> int:
+        """Bins that the drawing promises between the lowest and the highest on it: not hidden, not there."""
+        heights = self.v[drawn] + height
+        on = heights[np.abs(d) < WIDTH]
+        promised = np.arange(on.min() + BIN, on.max(), BIN)
+        radius = drawn_radius(promised, self.artefact)
+        after = np.minimum(np.searchsorted(heights, promised), heights.size - 1)
+        gap = np.minimum(np.abs(heights[after] - promised), np.abs(heights[np.maximum(after - 1, 0)] - promised))
+        out = (gap > 2.5 * BIN) & np.isfinite(radius)
+        return int(np.count_nonzero(out & ~hidden(radius, promised, (radial, height), self.artefact)))
+
+
+def drawn_radius(heights: Array, artefact: Artefact) -> Array:
+    """Radius (n,) mm of the drawing at heights, NaN beyond it and in its gaps."""
+    radius = np.full(heights.shape, np.nan)
+    for c in artefact.cylinders:
+        radius[(heights >= c.bottom) & (heights < c.top)] = c.radius
+    return radius
+
+
+def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> NDArray[np.bool_]:
+    """Mask (n,) of points of the shaft that one of its cylinders hides from the sensor at (u, v) mm."""
+    across, up = sensor
+    mask = np.zeros(heights.size, dtype=np.bool_)
+    rise = np.where(heights == up, 1e-12, heights - up)
+    for c in artefact.cylinders:
+        ends = np.sort(np.clip((np.array([[c.bottom], [c.top]]) - up) / rise, 0.0, 1.0), axis=0)
+        lowest = across + np.where(radius < across, ends[1], ends[0]) * (radius - across)
+        mask |= (ends[1] - ends[0] > 1e-9) & (lowest < c.radius - WIDTH)
+    return mask
+
+
+def matched_again(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
+    """The best explanation of a silhouette near a known height, the same way up."""
+    seen = np.isfinite(outline.u)
+    drawn = _Drawing(artefact, outline.v[seen], outline.u[seen])
+    near = [m for k in range(-6, 7) if (m := drawn.explained(outline.phi, height + 0.5 * k * BIN)) is not None]
+    return max(near, key=lambda m: m.score, default=None)
+
+
+def on_cylinder(outline: Silhouette, match: Match, cylinder: Cylinder) -> tuple[Array, Array]:
+    """Height (n,) mm and deviation (n,) mm of the bins on one cylinder of the drawing."""
+    v = outline.v + match.height
+    d = outline.u + match.radial - cylinder.radius
+    with np.errstate(invalid="ignore"):
+        on = (np.abs(d) < WIDTH) & (v > cylinder.bottom) & (v < cylinder.top)
+    return v[on], d[on]

@@ -11,7 +11,6 @@ from truestand.calibration.robust_wave import MOST_ORDERS, OUTSIDE, Wave, robust
 from truestand.calibration.segment import Segments
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import facing
 from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
 from truestand.core.scan import Scan
 
@@ -51,14 +50,14 @@ class RoughStand:
     """Relative error of the stated table speed."""
     waves: tuple[Harmonics, ...]
     """Of each band's trace over table angle."""
-    foreign: Mask
+    outliers: Mask
     """(bands, SECTORS): stretches of table angle in which a band doesn't show the shaft's round surface."""
-    together: float
+    common_outliers: float
     """Share of the profiles in which every band is off its wave: dirt seldom is, a wrong table angle is."""
     angle: Array
     """(n,) rad: nominal table angle of the profiles that were looked at."""
     traces: Array
-    """(bands, n) mm: their deviations, NaN where foreign."""
+    """(bands, n) mm: their deviations, NaN where they are outliers."""
 
     @property
     def orders(self) -> int:
@@ -81,15 +80,15 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
     angle = nominal + speed * (nominal - scan.angle[0])
     orders = MOST_ORDERS if scan.revolutions >= WHOLE else 3
     waves = tuple(robust_wave(angle[np.isfinite(t)], t[np.isfinite(t)], orders) for t in traces)
-    foreign = np.stack([_foreign(angle[np.isfinite(t)], w) for t, w in zip(traces, waves, strict=True)])
+    outliers = np.stack([_outlier_sectors(angle[np.isfinite(t)], w) for t, w in zip(traces, waves, strict=True)])
     off = np.stack([_samples_off(t, w) for t, w in zip(traces, waves, strict=True)])
-    together = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0
+    common = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0
     (ex, ey), tilt = _axis(segments, waves)
     longest = int(np.argmax([b.high - b.low for b in segments.bands]))
     radial = segments.radial - waves[longest].series.mean
-    traces = np.where(foreign[:, sector_of(angle)], np.nan, traces)
+    traces = np.where(outliers[:, sector_of(angle)], np.nan, traces)
     series = tuple(w.series for w in waves)
-    return RoughStand(radial, (ex, ey), tilt, speed, series, foreign, together, nominal, traces)
+    return RoughStand(radial, (ex, ey), tilt, speed, series, outliers, common, nominal, traces)
 
 
 def repeats_within(start: RoughStand, speed: float) -> float | None:
@@ -128,17 +127,14 @@ def repeats_within(start: RoughStand, speed: float) -> float | None:
 def _samples_off(trace: Array, wave: Wave) -> Mask:
     """Which profiles (n,) of a trace are off its wave."""
     off = np.zeros(trace.size, dtype=np.bool_)
-    off[np.isfinite(trace)] = wave.foreign
+    off[np.isfinite(trace)] = wave.outliers
     return off
 
 
 def band_traces(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Array, Array]:
     """Table angle (n,) rad of profiles spread over the scan and the median deviation (bands, n) mm of each surface."""
-    rows = np.unique(np.linspace(0, scan.profiles - 1, SAMPLED_PROFILES).astype(np.intp))
-    x, z = scan.x[rows], scan.z[rows]
-    c, s = np.cos(segments.phi), np.sin(segments.phi)
-    u = facing(segments.phi) * (c * x - s * z) + segments.radial
-    v = s * x + c * z + segments.height
+    rows = scan.spread(SAMPLED_PROFILES)
+    u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
     traces = np.full((len(segments.bands), rows.size), np.nan)
     for k, band in enumerate(segments.bands):
         off = u - artefact.cylinders[band.cylinder].radius
@@ -171,11 +167,11 @@ def sector_of(angle: Array) -> NDArray[np.intp]:
     return np.asarray(np.floor(angle * (SECTORS / tau)).astype(np.intp) % SECTORS)
 
 
-def _foreign(angle: Array, wave: Wave) -> Mask:
-    """Sectors (SECTORS,) in which most samples are foreign, and their neighbours."""
+def _outlier_sectors(angle: Array, wave: Wave) -> Mask:
+    """Sectors (SECTORS,) in which most samples are outliers, and their neighbours."""
     sector = sector_of(angle)
     seen = np.bincount(sector, minlength=SECTORS)
-    wrong = np.bincount(sector[wave.foreign], minlength=SECTORS)
+    wrong = np.bincount(sector[wave.outliers], minlength=SECTORS)
     mask = (wrong > 0) & (2 * wrong >= seen)
     return np.asarray(mask | np.roll(mask, 1) | np.roll(mask, -1))
 

@@ -58,7 +58,7 @@ def acquire(
 
 def tell(taken: "Taken", as_json: bool, quiet: bool) -> None:
     """What came of it, and the exit code that says so."""
-    from truestand.cli.main import INTERRUPTED, UNDECIDED
+    from truestand.cli.exit_codes import INTERRUPTED, UNDECIDED
     from truestand.cli.talk import hint, print_json
 
     if as_json:

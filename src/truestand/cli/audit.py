@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from truestand.cli.exit_codes import FAILS
 from truestand.cli.options import JsonOption, QuietOption, StoreOption
 
 
@@ -43,4 +44,4 @@ def audit(
         hint("truestand: a write was interrupted: every entry and file was checked, the database's bytes between the "
              "entries weren't; the next entry seals the store", quiet)  # fmt: skip
     if not report.sound:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILS)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from truestand.cli.exit_codes import UNDECIDED
 from truestand.cli.options import (
     ArtefactOption,
     JsonOption,
@@ -175,4 +176,4 @@ def tell_doubts(calibration: "Calibration", quiet: bool) -> None:
     for reason in calibration.reasons:
         hint(f"truestand: untrusted: {reason}", quiet)
     if calibration.reasons:
-        raise typer.Exit(3)
+        raise typer.Exit(UNDECIDED)

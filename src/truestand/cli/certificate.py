@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from truestand.cli.exit_codes import UNDECIDED
 from truestand.cli.options import JsonOption, QuietOption
 
 
@@ -37,8 +38,9 @@ def certificate(
     from truestand.files.recipes.laboratory import read_laboratory
     from truestand.files.records.records import read_calibration
     from truestand.files.records.xml_schema import read_schema, violations
-    from truestand.report.certificate import Issue, lacking, refusals
     from truestand.report.certificate import certificate as made_of
+    from truestand.report.certificate import lacking, refusals
+    from truestand.report.certificate_issue import Issue
 
     schema = None if schema_dir is None else read_schema(schema_dir)
     stated = None if laboratory is None else read_laboratory(laboratory)
@@ -48,7 +50,7 @@ def certificate(
     for reason in against:
         hint(f"truestand: no certificate: {reason}", quiet)
     if against:
-        raise typer.Exit(3)
+        raise typer.Exit(UNDECIDED)
     issue = Issue(record, known, source, calibration.name, stated, number)
     text = made_of(issue)
     if schema is not None and (wrong := violations(text, schema)):

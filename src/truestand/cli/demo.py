@@ -77,7 +77,7 @@ class Bench:
         """Take a scan with the stand at its addresses, into the folder."""
         from truestand.cli.live import live_bar
         from truestand.core.errors import DeviceError
-        from truestand.files.scans.read import read_scan
+        from truestand.core.scan import interpret
         from truestand.station.recipe import order_of
         from truestand.station.scan import take_scan
 
@@ -89,7 +89,7 @@ class Bench:
         if not taken.complete:
             reasons = "; ".join(r for w in taken.written for r in w.scan.reasons)
             raise DeviceError(f"the virtual stand gave no complete scan: {reasons}; close other programs and try again")
-        return read_scan(self.out / name)
+        return interpret(taken.written[0].scan.recording)
 
     def mount_part(self) -> None:
         """What an operator's hands do: put the gear on the shaft."""

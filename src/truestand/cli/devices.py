@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from truestand.cli.exit_codes import FAILS, WRONG_USE
 from truestand.cli.options import JsonOption, QuietOption
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def list_devices(
     elif not quiet:
         _print_answers(answers)
     if not all(answer.answers and not answer.problem for answer in answers):
-        raise typer.Exit(2)
+        raise typer.Exit(WRONG_USE)
 
 
 def test_devices(
@@ -71,7 +72,7 @@ def test_devices(
         for key, value in report.table.items():
             typer.echo(f"table {key.replace('_', ' ')}: {value}")
     if not report.well:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILS)
 
 
 def identify_device(

@@ -30,9 +30,8 @@ from truestand.cli import (
     store,
     verify,
 )
+from truestand.cli.exit_codes import DONE, WRONG_USE
 from truestand.core.errors import TruestandError
-
-DONE, FAILS, WRONG_USE, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
 
 app = typer.Typer(
     name="truestand",

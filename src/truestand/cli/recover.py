@@ -25,6 +25,7 @@ def recover(
     from truestand.cli.talk import working
     from truestand.core.errors import BadRecipe
     from truestand.files.scans.write_scan import NATIVE, check_output
+    from truestand.station.convert import convert, sort_log
     from truestand.station.scan import Taken, write_scans
 
     target = log.with_suffix(".h5") if output is None else output
@@ -32,5 +33,5 @@ def recover(
         raise BadRecipe(f"{target}: found suffix {target.suffix!r}, need .h5, which says whether the scan is complete")
     check_output(target, force)
     with working(f"Reading {log.name}", quiet):
-        written = write_scans(log, target, force)
+        written = write_scans(convert(sort_log(log)), target, force)
     tell(Taken(written), as_json, quiet)

@@ -35,6 +35,10 @@ def serve(
         list[str] | None,
         typer.Option("--name", metavar="NAME", help="A further host name that the page is reached under."),
     ] = None,
+    proxy: Annotated[
+        list[str] | None,
+        typer.Option("--proxy", metavar="ADDRESS", help="A proxy that does https; its X-Forwarded- headers count."),
+    ] = None,
     tls_certificate: Annotated[
         Path | None, typer.Option("--tls-certificate", metavar="PEM", help="Serve https with this certificate chain.")
     ] = None,
@@ -79,7 +83,7 @@ def serve(
         raise BadRecipe("found one of --tls-certificate and --tls-key, need both")
     read_stand(stand)
     settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute())
-    binding = Binding(host, port, tuple(name or ()), tls_certificate, tls_key)
+    binding = Binding(host, port, tuple(name or ()), tuple(proxy or ()), tls_certificate, tls_key)
     page = make_page(settings)
     beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
     run(page, binding, lambda address: _told(stand, address, quiet), open_browser, beside)
@@ -110,7 +114,8 @@ def _change_users(store: Path, add: str | None, role: RoleName, remove: str | No
         users[add] = make_user(add, role.value, _password(add))
     write_users(path, users)
     if not quiet:
-        typer.echo(f"{path}: {', '.join(f'{u.name} ({u.role})' for u in users.values()) or 'no users'}")
+        nobody = "no users, so that nobody may enter; add one, or remove this file to let in everyone on this machine"
+        typer.echo(f"{path}: {', '.join(f'{u.name} ({u.role})' for u in users.values()) or nobody}")
 
 
 def _password(name: str) -> str:

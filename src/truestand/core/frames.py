@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+PHI, RADIAL, PLANE_OFFSET, PLANE_TILT, ECCENTRICITY_X, ECCENTRICITY_Y, TILT_X, TILT_Y = range(8)
+"""Where each unknown of the geometry stands in a parameter vector (mm and rad): what ``table_from_sensor`` and
+``shaft_from_rotor`` take, the sensor's height apart, which is a convention."""
+UNKNOWNS = 8
+ECCENTRICITY, TILT = slice(ECCENTRICITY_X, ECCENTRICITY_Y + 1), slice(TILT_X, TILT_Y + 1)
+
 
 @dataclass(frozen=True, slots=True)
 class Pose:
@@ -59,6 +65,40 @@ def facing(phi: float) -> float:
     The sensor looks along +z of S, so X, which points back at it, has a negative z component in S.
     """
     return 1.0 if sin(phi) >= 0 else -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class LaserPlane:
+    """The sensor's own coordinates x, z turned in the laser plane until the rotation axis stands upright.
+
+    ``u`` runs across the axis towards the sensor, ``v`` along it; the sensor's origin lies at (radial, height). All mm.
+    """
+
+    phi: float
+    radial: float = 0.0
+    height: float = 0.0
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """What u gains by x and by z."""
+        side = facing(self.phi)
+        return side * cos(self.phi), -side * sin(self.phi)
+
+    @property
+    def along(self) -> tuple[float, float]:
+        """What v gains by x and by z."""
+        return sin(self.phi), cos(self.phi)
+
+    def to_uv(self, x: Array, z: Array) -> tuple[Array, Array]:
+        """u and v of readings x, z, all of one shape."""
+        (ux, uz), (vx, vz) = self.across, self.along
+        return ux * x + uz * z + self.radial, vx * x + vz * z + self.height
+
+    def from_uv(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """x and z of positions u, v: the inverse of ``to_uv``."""
+        (ux, uz), (vx, vz) = self.across, self.along
+        u, v = u - self.radial, v - self.height
+        return ux * u + vx * v, uz * u + vz * v
 
 
 def table_from_sensor(phi: float, radial: float, height: float, tilt: float, offset: float) -> Pose:
@@ -114,6 +154,12 @@ def _smallest_rotation_to(axis: Array) -> Array:
     x, y, z = axis
     k = 1.0 / (1.0 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
+
+
+def in_table(pose: Pose, x: Array, z: Array) -> tuple[Array, Array]:
+    """T's X (towards the sensor) and Z (up), mm, of readings x, z by a ``table_from_sensor``."""
+    r, t = pose.rotation, pose.translation
+    return r[0, 0] * x + r[0, 2] * z + t[0], r[2, 0] * x + r[2, 2] * z + t[2]
 
 
 def rotor_from_table(angle: float) -> Pose:

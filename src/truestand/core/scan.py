@@ -4,7 +4,7 @@ NaN = not seen. No point is ever dropped; a row is a profile, in the order of th
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import tau
 from typing import Any, Literal
 
@@ -87,6 +87,16 @@ class Scan:
     def seen(self) -> float:
         """Share of the readings that carry a point, 0..1."""
         return float(np.count_nonzero(np.isfinite(self.z)) / max(self.z.size, 1))
+
+    def spread(self, profiles: int) -> NDArray[np.intp]:
+        """Rows of at most so many ``profiles``, spread evenly over the scan, the first and the last among them."""
+        return np.unique(np.linspace(0, self.profiles - 1, profiles).astype(np.intp))
+
+    def taken(self, rows: NDArray[np.intp] | slice) -> "Scan":
+        """The scan of these rows alone, with x, z and angle only."""
+        return replace(
+            self, x=self.x[rows], z=self.z[rows], angle=self.angle[rows], time=None, counter=None, intensity=None
+        )
 
 
 def interpret(recording: Recording, stand: Stand | None = None, start_angle: float | None = None) -> Scan:

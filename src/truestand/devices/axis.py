@@ -1,4 +1,4 @@
-"""The one axis interface: a rotary table that homes, moves, turns and stops within limits and within time.
+"""The one axis interface: a rotary table that homes, moves and stops within limits and within time.
 
 Drivers only start things and read the state (``Drive``); waiting, limits and timeouts are here, once. Angles are rad
 as the table counts them, many turns, 0 = home; speeds rad/s. Nothing here is a safety function.
@@ -46,9 +46,6 @@ class Drive(Protocol):
 
     def start_move(self, position: float, speed: float) -> None:
         """Begin to move to ``position`` (rad) with at most ``speed`` (rad/s, positive), and stop there by itself."""
-
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
 
     def halt(self) -> None:
         """Begin to slow down to rest, whatever is going on."""
@@ -143,17 +140,6 @@ class RotaryTable:
                 f"found a target of {degrees(position):.3f} deg, the table goes from {degrees(self.limits.lowest):.3f} "
                 f"to {degrees(self.limits.highest):.3f} deg; change the scan or the limits in stand.toml"
             )
-
-    def turn(self, speed: float) -> None:
-        """Begin to turn endlessly at ``speed`` (rad/s, signed).
-
-        Raises:
-            LimitExceeded: too fast, or a table with stops; nothing moved.
-        """
-        self._allowed(abs(speed))
-        if isfinite(self.limits.lowest) or isfinite(self.limits.highest):
-            raise LimitExceeded(f"{self.drive.name}: the table has stops and can't turn endlessly; move it instead")
-        self.drive.start_turn(speed)
 
     def stop(self) -> None:
         """Come to rest.

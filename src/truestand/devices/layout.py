@@ -59,7 +59,7 @@ def _range_camera(layout: Layout, payload: bytes | bytearray | memoryview) -> Pr
 
 def _plain(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
     rows = np.frombuffer(payload, "<f8").reshape(layout.profiles, PLAIN_HEAD + 2 * layout.points)
-    counter, time, encoder = (None if np.isnan(column).all() else column for column in rows[:, :PLAIN_HEAD].T)
+    counter, time, encoder = (None if np.isnan(column).all() else column for column in rows[:, :PLAIN_HEAD].T.copy())
     return Profiles(
         rows[:, PLAIN_HEAD : PLAIN_HEAD + layout.points],
         rows[:, PLAIN_HEAD + layout.points :],

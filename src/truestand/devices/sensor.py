@@ -112,7 +112,11 @@ class LineSensor(Protocol):
         """
 
     def set_laser(self, power: Laser) -> None:
-        """Switch the laser."""
+        """Switch the laser.
+
+        Raises:
+            DeviceError: it can't be switched. ``off`` never returns while the laser may still be on.
+        """
 
     def stop(self) -> None:
         """End the stream; the connection stays."""

@@ -37,6 +37,11 @@ def column_names(header: bytes) -> list[str]:
     return [n.strip().strip('"') for n in text.split(separator)]
 
 
+def names_profiles(names: list[str]) -> bool:
+    """Whether columns of these names hold a scan, profile by profile, and not points."""
+    return "profile" in names and any(n == "x" or n.startswith("x_") for n in names)
+
+
 def dialect_of(sample: bytes, name: str) -> Dialect:
     """The dialect of some lines of numbers.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
-from truestand.core.medians import medians
+from truestand.core.robust import medians
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, find_flanks, only

@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
-from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
-from truestand.calibration.checks import linearity_name, linearity_of
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
+from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.evaluate import Measures, Weighed, evaluate
 from truestand.gear.figures import Figures, figures_of
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
+from truestand.uncertainty.lines import linearity_name, linearity_of
 
 Array = NDArray[np.float64]
 Field = Callable[[Array], Array]
@@ -217,7 +217,7 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -
     linearity, bends = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
     period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
     bend = linearity * tau / period * (z - z.mean())
-    scale = UNSTATED_SCALE_U if sensor.scale_U is None else sensor.scale_U
+    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     stated = "" if sensor.incidence_U is not None else " (assumed)"
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
     steep = _steepness(rays, way)
@@ -265,7 +265,7 @@ def _of_table(
     name += "" if own is not None else " (assumed)"
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
     waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
-    zero = ANGLE_U if calibration.angle_U is None else calibration.angle_U
+    zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
     shift = np.eye(3) * BEARING_U
     return [
         Influence("table bearing (assumed)", field(np.broadcast_to(shift[0], rays.point.shape)), BEARING_U / 2),

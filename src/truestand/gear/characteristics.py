@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
 from truestand.core.calibration import Contribution
-from truestand.core.decide import EDITION, GUARD_FACTOR, decided
-from truestand.core.inspection import Characteristic, Flank, status_of
+from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Flank, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.coverage import Coverage

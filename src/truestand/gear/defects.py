@@ -11,8 +11,7 @@ from math import pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.decide import GUARD_FACTOR, decide
-from truestand.core.inspection import Defect, Flank
+from truestand.core.inspection import GUARD_FACTOR, Defect, Flank, decide
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import residuals, weigh

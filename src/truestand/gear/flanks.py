@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.rays import sensor_origins
-from truestand.core.surface import Surface, table_angle
+from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.gear.geometry import Involute
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Contribution
 from truestand.core.frames import Pose
-from truestand.core.medians import medians
+from truestand.core.robust import medians
 from truestand.core.surface import Surface
 from truestand.gear.evidence import FoldedMap
 from truestand.gear.flanks import BLOCK, END_MARGIN, located

@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.medians import medians
+from truestand.core.robust import medians
 from truestand.gear.flanks import END_MARGIN, GATE, FlankPoints, Flanks
 from truestand.gear.geometry import Involute
 

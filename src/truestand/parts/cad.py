@@ -12,14 +12,11 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.inspection import Characteristic, Inspection, status_of
-from truestand.core.rays import sensor_origins
+from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, table_angle
-from truestand.parts import doubt
+from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.parts.cast import Solid, meet, solid_of
 from truestand.parts.drawings import Cad
 from truestand.parts.patches import Grid, Patches, farthest, patches_of
@@ -27,6 +24,7 @@ from truestand.parts.place import Placing, Rays, motions, place, told
 from truestand.parts.unmet import Region, unmet_regions
 from truestand.parts.view import coverage_of
 from truestand.statistics.noise import cleared
+from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
 
 Array = NDArray[np.float64]
@@ -311,7 +309,7 @@ def _line(
     if budget is None:
         return decided(whole)
     # What lies within patches can only be farther out: where the means fail already, it takes nothing back.
-    means = decided(replace(whole, U=doubt.together([c for c in lines if c.name != WITHIN])[1]))
+    means = decided(replace(whole, U=budget_lines.together([c for c in lines if c.name != WITHIN])[1]))
     return replace(means, U=U) if means.verdict == "does_not_conform" else decided(whole)
 
 
@@ -348,7 +346,7 @@ def _budgets(
     follow, names = motions(job.part.fit, points, normal, np.median(points, axis=0))
     held = [] if job.part.fit == "none" else [i for i, name in enumerate(names) if name not in placing.open]
     lifts = lifts - _taken_up(follow[:, held], lifts)
-    U = doubt.spread_of(_changes(maps, lifts))
+    U = budget_lines.spread_of(_changes(maps, lifts))
     steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, ways)), 0.95)))
     radius = np.hypot(points[:, 0], points[:, 1])
     height = float(np.median(model_from_shaft.inverse(points)[:, 2]))
@@ -356,31 +354,31 @@ def _budgets(
     for i, name in enumerate(STATISTICS):
         factor = 2.0 if name == "profile" else 1.0
         lines = [
-            doubt.line(doubt.CALIBRATION, float(U[i])),
-            doubt.line(doubt.NOISE, factor * doubt.K * float(noise[i])),
+            budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
+            budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
         ]
-        lines.append(doubt.line(INCIDENCE, factor * INCIDENCE_U / STEEP * steep))
-        lines.append(doubt.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"))
+        lines.append(budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP * steep))
+        lines.append(budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"))
         lines += _further(job, factor, float(radius.max()), float(np.ptp(radius)), height)
-        budgets.append(doubt.together(lines))
+        budgets.append(budget_lines.together(lines))
     return budgets
 
 
 def _further(job: _Job, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
     """What sensor, table and datum add, the part's outside at ``radius`` mm."""
     calibration, fit = job.calibration, job.part.fit
-    apart = max(abs(radius - doubt.base_radius(calibration)), depth)
+    apart = max(abs(radius - budget_lines.base_radius(calibration)), depth)
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
     lines = [
-        doubt.linearity_line(calibration, apart, factor),
-        doubt.scale_line(calibration, factor * apart),
-        doubt.artefact_line(calibration, factor / 2),
-        doubt.temperature_line(factor * radius),
-        doubt.bearing_line(factor),
-        doubt.zero_line(turning, factor),
+        budget_lines.linearity_line(calibration, apart, factor),
+        budget_lines.scale_line(calibration, factor * apart),
+        budget_lines.artefact_line(calibration, factor / 2),
+        budget_lines.temperature_line(factor * radius),
+        budget_lines.bearing_line(factor),
+        budget_lines.zero_line(turning, factor),
     ]
     if fit != "all":  # a free fit takes up where the axis stands
-        lines += [doubt.line(c.name, factor * c.U, c.distribution) for c in job.datum.lines(height)]
+        lines += [budget_lines.line(c.name, factor * c.U, c.distribution) for c in job.datum.lines(height)]
     return lines
 
 

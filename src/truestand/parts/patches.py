@@ -11,7 +11,7 @@ from math import pi, prod, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.medians import medians
+from truestand.core.robust import medians
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

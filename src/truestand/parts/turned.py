@@ -8,16 +8,24 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.decide import EDITION, GUARD_FACTOR, decided
 from truestand.core.errors import NotEnoughData
-from truestand.core.inspection import PARTIAL, Characteristic, Inspection, Status, status_of
+from truestand.core.inspection import (
+    EDITION,
+    GUARD_FACTOR,
+    PARTIAL,
+    Characteristic,
+    Inspection,
+    Status,
+    decided,
+    status_of,
+)
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
-from truestand.parts import doubt
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import Grid, Patches, patches_of
 from truestand.parts.roundness import STATISTICS, Reading, Rings, read_rings
 from truestand.statistics.noise import cleared, from_noise
+from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
 
 Array = NDArray[np.float64]
@@ -278,24 +286,27 @@ def _budgets(
     if moved is None:
         return [None] * len(STATISTICS)
     calibration = job.calibration
-    U = doubt.spread_of(moved)
-    apart = rings.radius - doubt.base_radius(calibration)
+    U = budget_lines.spread_of(moved)
+    apart = rings.radius - budget_lines.base_radius(calibration)
     middle = (section.bottom + section.top) / 2
     offset = max(hypot(*reading.centres[rings.used].mean(axis=0)), 0.0)
     travel = 2 * (calibration.eccentricity + offset)
     axis = [replace(c, U=2 * c.U) for c in job.datum.lines(middle)]  # an axis aside by c shows as 2 c
     budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
     for i, name in enumerate(STATISTICS):
-        lines = [doubt.line(doubt.CALIBRATION, float(U[i])), doubt.line(doubt.NOISE, doubt.K * float(noise[i]))]
+        lines = [
+            budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
+            budget_lines.line(budget_lines.NOISE, budget_lines.K * float(noise[i])),
+        ]
         if name == "d":
             lines += [
-                doubt.linearity_line(calibration, apart, 2.0), doubt.scale_line(calibration, 2 * apart),
-                doubt.temperature_line(section.diameter), doubt.artefact_line(calibration, 1.0),
+                budget_lines.linearity_line(calibration, apart, 2.0), budget_lines.scale_line(calibration, 2 * apart),
+                budget_lines.temperature_line(section.diameter), budget_lines.artefact_line(calibration, 1.0),
             ]  # fmt: skip
         else:
-            lines += [doubt.linearity_line(calibration, travel), doubt.bearing_line(2.0)]
-            lines.append(doubt.scale_line(calibration, float(reading.statistics[i])))
+            lines += [budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(2.0)]
+            lines.append(budget_lines.scale_line(calibration, float(reading.statistics[i])))
         if name.endswith("runout"):
-            lines += [*axis, doubt.zero_line(calibration.eccentricity, 2.0)]
-        budgets.append(doubt.together(lines))
+            lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0)]
+        budgets.append(budget_lines.together(lines))
     return budgets

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
-from truestand.core.rays import sensor_origins
 from truestand.core.scan import Scan
+from truestand.core.surface import sensor_origins
 from truestand.parts.cast import Solid, first_met
 from truestand.parts.patches import Grid
 from truestand.parts.view import LEAST_FACING

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
-from truestand.core.rays import readings_of, seen_at, sensor_origins
 from truestand.core.scan import Scan
+from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.parts.cast import Solid, clear_view
 
 Array = NDArray[np.float64]

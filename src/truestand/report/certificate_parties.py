@@ -1,13 +1,9 @@
 """The administrative part of a certificate: software, number and dates, what was calibrated, by whom, for whom."""
 
-from typing import TYPE_CHECKING
-
 from truestand._version import __version__
 from truestand.files.recipes.laboratory import ContactRecipe
+from truestand.report.certificate_issue import Issue
 from truestand.report.dcc_xml import LANGUAGE, NOT_STATED, Node, identification, name, node, plain, text
-
-if TYPE_CHECKING:
-    from truestand.report.certificate import Issue
 
 NO_COUNTRY = "ZZ"
 """ISO 3166-1 leaves it to users; CLDR reads it as unknown."""
@@ -20,7 +16,7 @@ MEANT = {
 }
 
 
-def administrative_data(issue: "Issue", missing: list[str], untraced: list[str]) -> Node:
+def administrative_data(issue: Issue, missing: list[str], untraced: list[str]) -> Node:
     """``dcc:administrativeData``; ``missing``: what nobody stated, ``untraced``: what of it breaks traceability."""
     s = issue.stated
     return node(
@@ -43,7 +39,7 @@ def software(product: str, release: str) -> Node:
     )
 
 
-def _core_data(issue: "Issue") -> Node:
+def _core_data(issue: Issue) -> Node:
     s, (begin, end) = issue.stated, issue.performed
     scan = (issue.record.get("scan") or {}).get("sha256")
     known = [identification("other", issue.sha256, f"SHA-256 of {issue.file_name}")]
@@ -61,7 +57,7 @@ def _core_data(issue: "Issue") -> Node:
     )
 
 
-def _items(issue: "Issue") -> Node:
+def _items(issue: Issue) -> Node:
     s = issue.stated.stand
     sensors = (issue.record.get("stand") or {}).get("sensor") or [issue.record.get("sensor") or {}]
     parts = [_sensor(sensor) for sensor in sensors]
@@ -96,7 +92,7 @@ def _contact(tag: str, c: ContactRecipe) -> Node:
     )  # fmt: skip
 
 
-def _responsible(issue: "Issue") -> Node:
+def _responsible(issue: Issue) -> Node:
     people = [
         node(
             "dcc:respPerson", node("dcc:person", name(p.name)), plain("dcc:role", p.role),
@@ -108,7 +104,7 @@ def _responsible(issue: "Issue") -> Node:
     return node("dcc:respPersons", *(people or [nobody]))
 
 
-def _statements(issue: "Issue", missing: list[str], untraced: list[str]) -> Node:
+def _statements(issue: Issue, missing: list[str], untraced: list[str]) -> Node:
     """What holds for the whole certificate, what is most limiting first."""
     found = []
     if issue.draft:
@@ -134,7 +130,7 @@ def _statement(title: str, words: str) -> Node:
     return node("dcc:statement", name(title), text("dcc:declaration", words))
 
 
-def _traceability(issue: "Issue", untraced: list[str]) -> Node:
+def _traceability(issue: Issue, untraced: list[str]) -> Node:
     known = (issue.record.get("artefact") or {}).get("certificate") or {}
     words = f"Lengths are traced to the artefact's certificate {known.get('id')} of {known.get('laboratory')}."
     words = f"Not shown; nobody stated: {'; '.join(untraced)}." if untraced else words

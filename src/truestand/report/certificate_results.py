@@ -1,7 +1,8 @@
 """The measuring part of a certificate: method, artefact, conditions, and every quantity with its U."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from truestand.report.certificate_issue import Issue
 from truestand.report.certificate_parties import software
 from truestand.report.dcc_xml import (
     Node,
@@ -16,9 +17,6 @@ from truestand.report.dcc_xml import (
     text,
 )
 from truestand.report.quantities import quantities
-
-if TYPE_CHECKING:
-    from truestand.report.certificate import Issue
 
 Record = dict[str, Any]
 RADIAL = "radial_position_mm"
@@ -41,7 +39,7 @@ NOT_NORMAL = (
 )
 
 
-def measurement_results(issue: "Issue") -> Node:
+def measurement_results(issue: Issue) -> Node:
     """``dcc:measurementResults``."""
     r = issue.record
     product, _, release = str(r.get("software") or "").partition(" ")
@@ -99,7 +97,7 @@ def _artefact(r: Record) -> Node:
 _CERTIFICATE = {"id": "number", "laboratory": "of", "date": "date", "valid_until": "valid until"}
 
 
-def _conditions(issue: "Issue") -> Node:
+def _conditions(issue: Issue) -> Node:
     """The temperatures that are known, and what the budget assumes where none is."""
     p, r = issue.stated.performance, issue.record
     found = []
@@ -130,7 +128,7 @@ def _condition(what: str, whose: str, value: Node) -> Node:
     return node("dcc:influenceCondition", name(what), text("dcc:description", whose), data, refType="basic_temperature")
 
 
-def _results(issue: "Issue") -> list[Node]:
+def _results(issue: Issue) -> list[Node]:
     r = issue.record
     found = []
     for group, title, keys in GROUPS:
@@ -148,7 +146,7 @@ def _results(issue: "Issue") -> list[Node]:
     return found
 
 
-def _quantity(r: Record, group: str, key: str, issue: "Issue") -> Node | None:
+def _quantity(r: Record, group: str, key: str, issue: Issue) -> Node | None:
     """One quantity with its U; None where the scan did not tell it."""
     value = r["sensor"]["table_from_sensor"][0][3] if key == RADIAL else r[group].get(key)
     u = r["uncertainty"].get(key)

@@ -17,7 +17,7 @@ from truestand.gear.evidence import GearEvidence
 from truestand.report.drawing import GREY, INK, PALE, figure, styled
 from truestand.report.gear_figures import BAD, BAND, FLANKS, WIDTH, limit_of, spread
 from truestand.report.numbers import number
-from truestand.report.words import drawn_symbol
+from truestand.report.words import drawn_symbol, limit_text
 
 Array = NDArray[np.float64]
 
@@ -162,8 +162,8 @@ def _figures_beneath(axes: Axes, chart: _Chart, flank: Flank, tooth: int, middle
 
 def _names_beneath(axes: Axes, chart: _Chart) -> None:
     for row, name in enumerate(chart.names):
-        limit = next((c.limits[1] for (n, _, _), c in chart.lines.items() if n == name and c.limits), None)
-        allowed = "" if limit is None else f" ({'± ' * (name in ('f_Halpha', 'f_Hbeta'))}{um(limit):.3g})"
+        limited = next((c for (n, _, _), c in chart.lines.items() if n == name and c.limits), None)
+        allowed = "" if limited is None else f" ({limit_text(limited)})"
         axes.annotate(
             f"{drawn_symbol(name)}{allowed} µm", (0.0, 0.0), xycoords="axes fraction", xytext=(-6, -14 - 13 * row),
             textcoords="offset points", ha="right", va="center", fontsize=8,

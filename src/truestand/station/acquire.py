@@ -13,9 +13,9 @@ from pathlib import Path
 from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
-from truestand.devices.sensor import Layout
+from truestand.devices.sensor import Laser, Layout
 from truestand.files.recipes.recipes import stand_recipe
-from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter
+from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
 from truestand.station.convert import SensorPlan, begin_record
 from truestand.station.machine import Event, State
 from truestand.station.recipe import Order
@@ -40,7 +40,7 @@ SPACE_EVERY = 1.0
 class SensorJob:
     """How one sensor takes part."""
 
-    power: str
+    power: Laser
     encoder: bool
     by_table: bool = False
     """The encoder triggers it: while the table stands, it rightly sends nothing."""
@@ -75,8 +75,9 @@ def acquire(
     log: Path,
     created: str,
     show: Show = lambda live: None,
+    written: Callable[[Record], None] = lambda record: None,
 ) -> None:
-    """Record one scan to ``log``; ``convert`` makes scans of it. ``jobs`` by the sensors' names.
+    """Record one scan to ``log``, each record to ``written`` once it is there. ``jobs`` by the sensors' names.
 
     Whatever goes wrong, an interruption too, ends with the table halted, the lasers off, and what came on the disk.
 
@@ -94,7 +95,7 @@ def acquire(
         )
         demand_space(log, order, plans)
         station.home()
-        with LogWriter(log) as writer:
+        with LogWriter(log, written) as writer:
             begin = begin_record(stand_recipe(station.stand), order, plans, created, f"truestand {__version__}")
             writer.append_json(Kind.BEGIN, begin, time.monotonic())
             _Run(station, order, jobs, plans, writer, show).record()
@@ -149,7 +150,11 @@ class _Run:
         ]
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
             try:
-                self._turn([together.submit(self._record_sensor, i) for i in range(len(self.plans))])
+                recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
+                self._turn(recorders)
+                self.over.set()
+                for recorder in recorders:  # one may have failed since the last look
+                    recorder.result()
             except BaseException as wrong:
                 self._end_badly(wrong)
                 raise

@@ -1,4 +1,7 @@
-"""From a log to scans: the same way after a good end and after a crash. A scan is incomplete until proven complete."""
+"""From a log's records to scans, the same way as they are written and after a crash.
+
+A scan is incomplete until proven complete.
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -16,7 +19,8 @@ from truestand.devices.layout import Unwrapper, decode
 from truestand.devices.sensor import Layout
 from truestand.files.checking import refuse_other_types
 from truestand.files.recipes.recipes import stand_from_recipe
-from truestand.files.scans.scan_log import SUSPECT, TABLE, Damage, Kind, Record, read_log
+from truestand.files.scans.scan_log import TABLE, Damage, Kind, Record, read_log
+from truestand.station.frames import Frames
 from truestand.station.recipe import Order, order_from
 from truestand.station.sync import (
     ClockLine,
@@ -52,12 +56,14 @@ class SensorPlan:
 class Log:
     """A log's content, sorted."""
 
+    name: str
     stand: Stand
     order: Order
     sensors: tuple[SensorPlan, ...]
     created: str
     software: str
-    frames: list[list[Record]]
+    frames: list[Frames]
+    """Of each sensor."""
     track: list[Record] = field(default_factory=list)
     end: Mapping[str, Any] | None = None
     damages: list[Damage] = field(default_factory=list)
@@ -84,17 +90,15 @@ class Converted:
         return () if self.recording.acquisition is None else tuple(self.recording.acquisition["reasons"])
 
 
-def convert(path: Path) -> tuple[Converted, ...]:
-    """The scans of a log, one a sensor.
+def convert(log: Log) -> tuple[Converted, ...]:
+    """The scans of a log, one a sensor. The log gives up its frames for them, so that a scan is in memory once.
 
     Raises:
-        UnreadableFile: no log, or nothing valid in it.
         NotEnoughData: a log without a whole profile.
     """
-    log = sort_log(path)
     found = tuple(_scan(log, i, stream) for i, stream in _streams(log))
     if not found:
-        raise NotEnoughData(f"{path.name}: found no whole profile in the log, need at least one; scan again")
+        raise NotEnoughData(f"{log.name}: found no whole profile in the log, need at least one; scan again")
     return found
 
 
@@ -105,22 +109,48 @@ def sort_log(path: Path) -> Log:
         UnreadableFile: no log, without its first record, or with two of them.
     """
     damages: list[Damage] = []
-    records = read_log(path, damages)
-    first = next(records, None)
-    if first is None or first.kind is not Kind.BEGIN:
-        raise UnreadableFile(f"{path.name}: the log lost its first record, which says how to read it; scan again")
-    log = _begun(first.json(), path.name)
-    log.damages = damages
-    for record in records:
-        if record.kind is Kind.FRAME and record.source < len(log.frames):
-            log.frames[record.source].append(record)
+    sorter = LogSorter(path)
+    for record in read_log(path, damages):
+        sorter.add(record)
+    if sorter.log is None:
+        raise _headless(path)
+    sorter.log.damages = damages
+    return sorter.log
+
+
+class LogSorter:
+    """Sorts the records of the log at ``path`` as they are written, or read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.log: Log | None = None
+        """None before the first record."""
+
+    def add(self, record: Record) -> None:
+        """Sort in the next record.
+
+        Raises:
+            UnreadableFile: the first one is no BEGIN or of another version, or there are two.
+        """
+        log = self.log
+        if record.kind is Kind.BEGIN:
+            if log is not None:
+                raise UnreadableFile(
+                    f"{self.path.name}: found two recordings, need one; recover each from the log of its own"
+                )
+            self.log = _begun(record.json(), self.path.name)
+        elif log is None:
+            raise _headless(self.path)
+        elif record.kind is Kind.FRAME and record.source < len(log.frames):
+            log.frames[record.source].add(record)
         elif record.kind is Kind.TABLE and len(record.payload) == TABLE.size:
             log.track.append(record)
         elif record.kind is Kind.END:
             log.end = record.json()
-        elif record.kind is Kind.BEGIN:
-            raise UnreadableFile(f"{path.name}: found two recordings, need one; recover each from the log of its own")
-    return log
+
+
+def _headless(path: Path) -> UnreadableFile:
+    return UnreadableFile(f"{path.name}: the log lost its first record, which says how to read it; scan again")
 
 
 def begin_record(
@@ -142,7 +172,7 @@ def _begun(told: Mapping[str, Any], name: str) -> Log:
             f"{name}: the log's first record lacks {wrong}; it was written by another version "
             f"({told.get('software')}): recover it with that one"
         ) from wrong
-    return Log(stand, order, plans, created, software, [[] for _ in plans])
+    return Log(name, stand, order, plans, created, software, [Frames(plan.layout.frame_bytes) for plan in plans])
 
 
 def _layout(told: Mapping[str, Any]) -> Layout:
@@ -157,16 +187,9 @@ def _layout(told: Mapping[str, Any]) -> Layout:
 def _streams(log: Log) -> Iterator[tuple[int, "Stream"]]:
     """Each sensor of which a whole profile came, by its place, one after the other."""
     for i, plan in enumerate(log.sensors):
-        frames = _good(log, i)
+        frames = log.frames[i]
         if frames and (stream := _decoded(plan.layout, frames)).counter.size:
             yield i, stream
-
-
-def _good(log: Log, i: int) -> list[Record]:
-    """A sensor's frames, each once, in order; without those that the watch found wrong."""
-    size = log.sensors[i].layout.frame_bytes
-    by_number = {r.number: r for r in log.frames[i] if not r.flags & SUSPECT and len(r.payload) == size}
-    return [by_number[number] for number in sorted(by_number)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,25 +209,26 @@ class Stream:
     """(N,) s of the host's clock."""
 
 
-def _decoded(layout: Layout, frames: list[Record]) -> Stream:
-    """All frames in one go on; x and z are filled in place, so that a long scan is in memory once."""
+def _decoded(layout: Layout, frames: Frames) -> Stream:
+    """All frames in one go on; x and z are filled in place as the frames are given up."""
     unwrapper, most = Unwrapper(layout), len(frames) * layout.profiles
     x, z = np.empty((most, layout.points)), np.empty((most, layout.points))
     columns: list[tuple[Column, ...]] = []
-    n = 0
-    for frame in frames:
-        found = unwrapper.go_on(decode(layout, frame.payload))
+    n, begin = 0, None
+    for number, arrived, payload in frames.taken_out():
+        begin = number if begin is None else begin
+        found = unwrapper.go_on(decode(layout, payload))
         rows = slice(n, n := n + len(found.x))
         x[rows], z[rows] = found.x, found.z
-        first = (frame.number - frames[0].number) * layout.profiles
+        first = (number - begin) * layout.profiles
         counter = np.arange(len(found.x)) + first if found.counter is None else found.counter
-        columns.append((counter, found.time, found.encoder, np.full(len(found.x), frame.time)))
-    numbers, time, encoder, arrived = (_joined(column) for column in zip(*columns, strict=True))
-    assert numbers is not None and arrived is not None
+        columns.append((counter, found.time, found.encoder, np.full(len(found.x), arrived)))
+    numbers, time, encoder, arrivals = (_joined(column) for column in zip(*columns, strict=True))
+    assert numbers is not None and arrivals is not None
     counts = numbers.astype(np.int64)
     return Stream(
         x[:n], z[:n], counts, counts / layout.rate if time is None else time,
-        None if encoder is None else encoder.astype(np.int64), arrived,
+        None if encoder is None else encoder.astype(np.int64), arrivals,
     )  # fmt: skip
 
 

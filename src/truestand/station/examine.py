@@ -14,7 +14,8 @@ from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.latch import demand_free, reset_latch
@@ -137,11 +138,20 @@ def started(stand: Stand, devices: DevicesRecipe) -> Iterator[Station]:
         station.home()
         station.machine.fire(Event.START)
         yield station
-        failed = station.make_safe()
+        _make_safe(station)
         station.machine.fire(Event.STOP)
-        if failed:
-            raise DeviceError("; ".join(failed))
         station.machine.fire(Event.STOPPED)
+
+
+def _make_safe(station: Station) -> None:
+    """Halt and darken.
+
+    Raises:
+        DeviceError: something could not be stopped.
+    """
+    failed = station.make_safe()
+    if failed:
+        raise DeviceError("; ".join(failed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +178,9 @@ def try_all(stand: Stand, devices: DevicesRecipe, seconds: float, light: bool, m
         told = _turned(station, devices) if move else {"position_deg": f"{degrees(station.table.state().position):.3f}"}
         if light:
             station.machine.fire(Event.WATCH)
-            station.lasers({s.name: s.laser for s in devices.sensor}.__getitem__)
+            station.lasers({s.name: s.power for s in devices.sensor}.__getitem__)
         streams = {s.name: try_stream(s, seconds) for s in station.sensors}
-        station.make_safe()
+        _make_safe(station)
     return TestReport(streams, told)
 
 
@@ -223,7 +233,7 @@ def watching(
         station.check()
         if light:
             station.machine.fire(Event.WATCH)
-            station.lasers({s.name: s.laser for s in devices.sensor}.__getitem__)
+            station.lasers({s.name: s.power for s in devices.sensor}.__getitem__)
         began = time.monotonic()
         watches = [SensorWatch(s.name, s.start(), began) for s in station.sensors]
         looked = dict.fromkeys((w.name for w in watches), began)
@@ -233,7 +243,7 @@ def watching(
                 rows[sensor.name] = _sensor_row(sensor, watch, looked[sensor.name])
                 looked[sensor.name] = time.monotonic()
             yield rows
-        station.make_safe()
+        _make_safe(station)
 
 
 def _table_row(station: Station) -> dict[str, str]:

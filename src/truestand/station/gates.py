@@ -29,11 +29,6 @@ class GatedDrive:
         with self.machine.motion():
             self.inner.start_move(position, speed)
 
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn, where the state allows."""
-        with self.machine.motion():
-            self.inner.start_turn(speed)
-
     def halt(self) -> None:
         """Always passes."""
         self.inner.halt()

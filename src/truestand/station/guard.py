@@ -17,7 +17,8 @@ from pathlib import Path
 
 from truestand.core.errors import DeviceLost, TruestandError
 from truestand.core.stand import Stand
-from truestand.devices.sensors.recipe import SensorRecipe, open_sensor
+from truestand.devices.sensors.opening import open_sensor
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
@@ -36,7 +37,7 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
     That is for who can't stop the stand: the guard goes on trying, without anyone waiting for it.
 
     Raises:
-        DeviceLost: the guard doesn't start.
+        DeviceLost: the guard isn't ready within ``STARTS_WITHIN``; it was ended.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", "truestand.station.guard", str(stand)],
@@ -48,8 +49,11 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
     assert process.stdin is not None and process.stdout is not None
     handed_over = threading.Event()
     try:
-        if process.stdout.readline() != READY:
-            raise DeviceLost(f"the guard of {stand} doesn't start; see the lines above")
+        if _first_line(process) != READY:
+            raise DeviceLost(
+                f"{stand}: found no guard within {STARTS_WITHIN:g} s, need one before anything moves; see the lines "
+                "above, or end other programs"
+            )
         yield handed_over.set
     finally:
         if not handed_over.is_set():
@@ -61,6 +65,22 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
         ending.start()
         if not handed_over.is_set():
             ending.join()
+
+
+def _first_line(process: subprocess.Popen[bytes]) -> bytes:
+    """What a guard says first; empty where it says nothing within ``STARTS_WITHIN``: it is killed then."""
+    assert process.stdout is not None
+    said: list[bytes] = []
+    read_line = process.stdout.readline
+    reading = threading.Thread(target=lambda: said.append(read_line()), name="start of the guard", daemon=True)
+    reading.start()
+    try:
+        reading.join(STARTS_WITHIN)
+    finally:
+        if reading.is_alive():  # late, or broken off by the operator; the end of its output ends the reading
+            process.kill()
+            reading.join()
+    return b"".join(said)
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:

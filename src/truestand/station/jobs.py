@@ -167,24 +167,23 @@ def _verify(job: Job, watching: Watching) -> Result:
 
 def _scan(job: Job, watching: Watching, name: str) -> "Scan":
     """A complete scan with the stand's one sensor; an incomplete one proves nothing."""
-    from truestand.files.scans.read import read_scan
+    from truestand.core.scan import interpret
 
     stand, devices = read_devices(job.stand)
     if len(devices.sensor) > 1:
         names = ", ".join(s.name for s in devices.sensor)
         raise BadRecipe(f"found sensors {names}, a job takes one; use `truestand acquire` for several")
     job.folder.mkdir(parents=True, exist_ok=True)
-    path = job.folder / name
     with watching.doing("acquire"):
         order = order_of(stand, devices.acquire)
-        taken = take_scan(job.stand, stand, devices, order, path, watching.live)
+        taken = take_scan(job.stand, stand, devices, order, job.folder / name, watching.live)
         if taken.interrupted:
             raise KeyboardInterrupt
         if taken.fault:
             raise Fault(f"{taken.fault}; mend the cause, then reset the stand")
         if not taken.complete:
             raise DeviceError("; ".join(reason for w in taken.written for reason in w.scan.reasons))
-    return read_scan(path)
+    return interpret(taken.written[0].scan.recording)
 
 
 def _known(path: Path) -> "Calibration":

@@ -36,7 +36,7 @@ class Latch:
         self._fault = False
         try:
             if not _lock(self._file):
-                raise DeviceError(f"{stand}: another program uses this stand; end it first, or wait")
+                raise _in_use(stand)
             reason = _reason(self._read())
             if reason:
                 raise Fault(reason)
@@ -92,12 +92,15 @@ def reset_latch(stand: Path) -> str:
     path = latch_path(stand)
     if not path.exists():
         return ""
+    file = os.open(path, os.O_RDWR)
     try:
-        Latch(stand).close()
-    except Fault as latched:
-        path.unlink()
-        return str(latched)
-    return ""
+        if not _lock(file):
+            raise _in_use(stand)
+        reason = _reason(_mark(path))
+        os.ftruncate(file, 0)  # not unlinked: others may have this file open, and lock it
+        return reason
+    finally:
+        os.close(file)
 
 
 def latched_fault(stand: Path) -> str:
@@ -108,7 +111,7 @@ def latched_fault(stand: Path) -> str:
         return _reason(told)
     file = os.open(path, os.O_RDWR)
     try:
-        return _reason(told) if _lock(file) else ""
+        return _reason(_mark(path)) if _lock(file) else ""  # read again: its program may just have ended well
     finally:
         os.close(file)
 
@@ -143,6 +146,10 @@ def _parsed(content: bytes, name: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         told = None
     return told if isinstance(told, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
+
+
+def _in_use(stand: Path) -> DeviceError:
+    return DeviceError(f"{stand}: another program uses this stand; end it first, or wait")
 
 
 def _reason(told: dict[str, Any]) -> str:

@@ -1,16 +1,18 @@
 """One scan from order to file: the stand's mark, the guard, the recording, the native files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
-from truestand.files.scans.read import read_recording
+from truestand.files.recipes.recipes import stand_from_recipe, stand_recipe
+from truestand.files.scans.native import FORMAT
+from truestand.files.scans.read import sha256_of
 from truestand.files.scans.write_scan import write_recording
 from truestand.station.acquire import Live, SensorJob, acquire
-from truestand.station.convert import Converted, convert
+from truestand.station.convert import Converted, Log, LogSorter, convert
 from truestand.station.guard import guard
 from truestand.station.latch import Latch, in_words
 from truestand.station.machine import Machine
@@ -24,6 +26,7 @@ class Written:
 
     path: Path
     scan: Converted
+    """Its recording is what reading the file would give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,19 +81,20 @@ def take_scan(
     log = log_path(output)
     if log.exists():
         raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
-    latch = Latch(recipe)
+    latch, sorter = Latch(recipe), LogSorter(log)
     try:
         latch.use(now(), log.absolute())
-        taken = _record(recipe, stand, devices, order, log, show, latch)
+        taken = _record(recipe, stand, devices, order, sorter, show, latch)
     finally:
         latch.close()
-    return replace(taken, written=_written(log, output, taken, keep_log))
+    assert sorter.log is not None
+    return replace(taken, written=_written(sorter.log, log, output, taken, keep_log))
 
 
-def _written(log: Path, output: Path, taken: Taken, keep_log: bool) -> tuple[Written, ...]:
+def _written(content: Log, log: Path, output: Path, taken: Taken, keep_log: bool) -> tuple[Written, ...]:
     """The scans of a log that was just recorded; where nothing came, what ended it is told instead."""
     try:
-        written = write_scans(log, output, force=True)
+        written = write_scans(convert(content), output, force=True)
     except NotEnoughData:
         if not keep_log:
             log.unlink()
@@ -114,17 +118,17 @@ def _record(
     stand: Stand,
     devices: DevicesRecipe,
     order: Order,
-    log: Path,
+    sorter: LogSorter,
     show: Callable[[Live], None],
     latch: Latch,
 ) -> Taken:
-    """Record, and say what ended it; an error before there is a log is passed on."""
+    """Record, and say what ended it; an error before anything is in the log is passed on."""
     left: dict[str, str] = {}
     try:
         with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
-            jobs = {s.name: SensorJob(s.laser, s.encoder, s.trigger == "encoder") for s in devices.sensor}
+            jobs = {s.name: SensorJob(s.power, s.encoder, s.trigger == "encoder") for s in devices.sensor}
             try:
-                acquire(station, order, jobs, log, now(), show)
+                acquire(station, order, jobs, sorter.path, now(), show, sorter.add)
             finally:
                 left = station.left
                 if left:
@@ -132,30 +136,27 @@ def _record(
     except KeyboardInterrupt:
         if left:
             latch.fault(now(), "it was interrupted by the operator", left)
-        if not log.exists():
+        if sorter.log is None:
             raise
         return Taken((), interrupted=True, left=tuple(in_words(left)))
     except Exception as wrong:
-        if isinstance(wrong, Fault) or left or log.exists():
+        if isinstance(wrong, Fault) or left or sorter.path.exists():
             latch.fault(now(), str(wrong), left)
-        if not (log.exists() and isinstance(wrong, TruestandError | OSError)):
+        if sorter.log is None or not isinstance(wrong, TruestandError | OSError):
             raise
         return Taken((), fault=str(wrong), left=tuple(in_words(left)))
     return Taken(())
 
 
-def write_scans(log: Path, output: Path, force: bool = False) -> tuple[Written, ...]:
-    """The scans of a log as native files, read back before they count.
-
-    Raises:
-        UnreadableFile, NotEnoughData: nothing to be made of the log.
-    """
+def write_scans(scans: Iterable[Converted], output: Path, force: bool = False) -> tuple[Written, ...]:
+    """The scans of a log as native files; their recordings then say what reading the files would say."""
     written = []
-    for scan in convert(log):
+    for scan in scans:
         path = output_of(output, scan.sensor, scan.sensors)
         write_recording(scan.recording, path, scan.stand, force=force)
-        read_recording(path)
-        written.append(Written(path, scan))
+        stand = stand_from_recipe(stand_recipe(scan.stand))  # its um and degrees rounded as in the file
+        recording = replace(scan.recording, format=FORMAT, sha256=sha256_of(path), stand=stand)
+        written.append(Written(path, replace(scan, recording=recording)))
     return tuple(written)
 
 

@@ -11,8 +11,8 @@ from typing import Self
 from truestand.core.errors import DeviceError, TruestandError
 from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
-from truestand.devices.sensor import LineSensor
-from truestand.devices.sensors.recipe import open_sensor
+from truestand.devices.sensor import Laser, LineSensor
+from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.tables.opening import open_table
 from truestand.station.gates import GatedDrive, GatedSensor
 from truestand.station.latch import in_words
@@ -75,10 +75,10 @@ class Station:
             return 0.0
         return ceil(self.table.state().position / tau - 1e-4) * tau
 
-    def lasers(self, power_of: Callable[[str], str]) -> None:
+    def lasers(self, power_of: Callable[[str], Laser]) -> None:
         """Switch every laser to the power of its sensor's recipe."""
         for sensor in self.sensors:
-            sensor.set_laser(power_of(sensor.name))  # type: ignore[arg-type]
+            sensor.set_laser(power_of(sensor.name))
 
     def make_safe(self) -> list[str]:
         """Halt the table and switch off all lasers, all at once; what could not be told to, in plain words."""

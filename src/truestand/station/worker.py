@@ -4,16 +4,20 @@ One JSON object on standard input says what to do: ``kind``, the paths ``stand``
 ``part``, ``calibration``, and ``operator``, ``order``, ``serial``. Events go to standard output, one JSON object a
 line: ``step``, ``live`` (five a second), and one of ``done``, ``failed``, ``aborted`` at the end. SIGINT or SIGTERM
 abort: the stand stops, what came is kept.
+
+A thread writes the events, so that a reader that stalls never holds up a look at table and sensors.
 """
 
 import json
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from math import degrees
 from pathlib import Path
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -37,7 +41,11 @@ def main() -> int:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), _interrupt)
     told = json.loads(sys.stdin.readline())
-    return work(told, _tell)
+    events = EventWriter(sys.stdout)
+    try:
+        return work(told, events.tell)
+    finally:
+        events.close()
 
 
 def work(told: Mapping[str, Any], tell: Tell) -> int:
@@ -129,12 +137,40 @@ def _profile(layout: Layout, payload: bytes) -> dict[str, list[float | None]]:
     }
 
 
-def _tell(event: Mapping[str, Any]) -> None:
-    try:
-        sys.stdout.write(json.dumps(event, allow_nan=False) + "\n")
-        sys.stdout.flush()
-    except BrokenPipeError as gone:
-        raise Fault("the page's server stopped while the job ran") from gone
+class EventWriter:
+    """Writes events in their order. Where the reader is behind, live ones are left out and nobody waits."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._lines: SimpleQueue[str | None] = SimpleQueue()  # its put can be interrupted by a signal at any point
+        self._gone = False
+        self._thread = threading.Thread(target=self._write, name="events", daemon=True)
+        self._thread.start()
+
+    def tell(self, event: Mapping[str, Any]) -> None:
+        """Hand over an event.
+
+        Raises:
+            Fault: the reader of an earlier one was gone.
+        """
+        if self._gone:
+            raise Fault("the page's server stopped while the job ran")
+        if event["event"] != "live" or self._lines.empty():
+            self._lines.put(json.dumps(event, allow_nan=False) + "\n")
+
+    def close(self) -> None:
+        """Wait until the reader has taken all, or is gone."""
+        self._lines.put(None)
+        self._thread.join()
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            try:
+                self._out.write(line)
+                self._out.flush()
+            except OSError:  # a broken pipe, by whatever name the system has for it
+                self._gone = True
+                return
 
 
 def _interrupt(number: int, frame: Any) -> None:

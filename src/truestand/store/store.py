@@ -106,9 +106,11 @@ class Store:
             self.entry(about)
         return self._append("note", None, {}, about=about, operator=operator, text=text, time=time)
 
-    def entries(self, kind: str | None = None, since: str | None = None, last: int | None = None) -> list[Entry]:
-        """Entries in their order, as stored; of one kind, from an ISO time on, the last ones only."""
-        tests = {"kind = ?": kind, "time >= ?": since}
+    def entries(
+        self, kind: str | None = None, since: str | None = None, last: int | None = None, first: int | None = None
+    ) -> list[Entry]:
+        """Entries in their order, as stored; of one kind, from an ISO time or a number on, the last ones only."""
+        tests = {"kind = ?": kind, "time >= ?": since, "number >= ?": first}
         given = {test: value for test, value in tests.items() if value is not None}
         where = f"WHERE {' AND '.join(given)}" if given else ""
         with self._reading() as connection:

@@ -9,12 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
-from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+from truestand.core.frames import (
+    ECCENTRICITY_X,
+    PHI,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    RADIAL,
+    UNKNOWNS,
+    sensor_parameters,
+    shaft_from_rotor,
+    shaft_parameters,
+    table_from_sensor,
+)
 
 Array = NDArray[np.float64]
 
-UNKNOWNS = 8
-"""phi, radial position, laser-plane offset and tilt; the shaft's offset x, y and slope x, y."""
 STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
 """rad and mm: small against any curvature, large against rounding."""
 
@@ -25,11 +34,11 @@ def points_of(parameters: Array, height: float, x: Array, z: Array, angle: Array
     ``height`` (mm) places the sensor's origin along the laser plane, which is a convention and no unknown.
     """
     p = parameters
-    own = table_from_sensor(p[0], p[1], height, p[3], p[2])
+    own = table_from_sensor(p[PHI], p[RADIAL], height, p[PLANE_TILT], p[PLANE_OFFSET])
     table = np.stack([x, np.zeros_like(x), z], axis=-1) @ own.rotation.T + own.translation
     c, s = np.cos(angle), np.sin(angle)
     turned = np.stack([c * table[:, 0] + s * table[:, 1], c * table[:, 1] - s * table[:, 0], table[:, 2]], axis=-1)
-    return shaft_from_rotor(*p[4:8])(turned)
+    return shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(turned)
 
 
 def unknowns_of(calibration: Calibration) -> tuple[Array, float]:

@@ -109,11 +109,14 @@ class Kept:
             return _Known(self._entries)
 
     def _add(self, store: Store) -> None:
-        """What came since; everything where the store isn't the one that was known."""
+        """What came since, by number, for a clock may be set back; everything where it isn't the store that was known.
+
+        The last known entry's hash is chained to all before it.
+        """
         last = self._entries[-1] if self._entries else None
-        came = store.entries(since=None if last is None else last.time)
-        if last is not None and last.hash in {e.hash for e in came}:
-            self._entries = [*self._entries, *(e for e in came if e.number > last.number)]
+        came = store.entries(first=None if last is None else last.number)
+        if last is not None and came and came[0].hash == last.hash:
+            self._entries = [*self._entries, *came[1:]]
         else:
             self._entries = store.entries()
 

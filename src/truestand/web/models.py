@@ -180,9 +180,9 @@ class Quantity(BaseModel):
     lower: float | None
     upper: float | None
     limit: float | None = None
-    """The drawing's, of a deviation."""
+    """The drawing's, of a deviation: the upper one, or the only one."""
     limits: tuple[float | None, float | None] | None = None
-    """The drawing's, of a size."""
+    """The drawing's, lower and upper; null: that side is open."""
     findings: list[TrendFinding] = []
 
 

@@ -60,9 +60,12 @@ class Page:
     throttle: Throttle = field(default_factory=Throttle)
     devices: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while something other than a job talks to the stand's devices."""
-
-    guarded: bool = False
-    """It began with users: should the last one be removed, nobody may enter rather than everybody."""
+    clouds: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while a cloud is thinned out: one at a time, for its memory."""
+    audits: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while the store is audited."""
+    recipes: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Held while a recipe is written, and while a job reads what it starts with: neither comes between the other."""
 
     @property
     def folder(self) -> Folder:
@@ -71,15 +74,14 @@ class Page:
 
     @property
     def login_needed(self) -> bool:
-        """Whether there are users, or were when it began."""
-        return self.guarded or bool(self.gatekeeper.users)
+        """Whether there are users, or were."""
+        return self.gatekeeper.login_needed
 
     def who(self, cookie: str | None, seen: bool = True) -> Who:
         """Who a cookie belongs to; on a page that never had users everyone is an engineer."""
-        users = self.gatekeeper.users
         if not self.login_needed:
             return Who(None, "engineer")
-        user = users.get(self.sessions.user(cookie, seen) or "")
+        user = self.gatekeeper.users.get(self.sessions.user(cookie, seen) or "")
         return Who(None, None) if user is None else Who(user.name, user.role)
 
     def is_csrf(self, cookie: str | None, token: str | None) -> bool:

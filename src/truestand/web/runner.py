@@ -117,7 +117,7 @@ class Runner:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._hub, self._command, self._clock = hub, tuple(command), clock
-        self._lock = threading.Lock()
+        self._lock, self._starting = threading.Lock(), threading.Lock()
         self._job: Running | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._reader: threading.Thread | None = None
@@ -135,12 +135,12 @@ class Runner:
             return None if self._job is None else self._job.told()
 
     def start(self, order: Mapping[str, Any], title: str, part: str | None, steps: Steps) -> dict[str, Any]:
-        """Start a job; ``order`` is what the worker reads.
+        """Start a job; ``order`` is what the worker reads. It may take a while: not for the event loop.
 
         Raises:
             Busy: one runs already, or the page is being ended.
         """
-        with self._lock:
+        with self._starting:  # who only asks how far a job is doesn't wait for a process to start
             if self._closed:
                 raise Busy("the page is being ended; start it again first")
             if self._reader is not None and self._reader.is_alive():
@@ -151,12 +151,13 @@ class Runner:
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                 start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
-            self._job, self._process = job, process
+            with self._lock:
+                self._job, self._process = job, process
+            self._hub.publish("live", None)
+            _make_room(process)
+            _send_order(process, order)
             self._reader = threading.Thread(target=self._read, args=(process, job), name="worker", daemon=True)
-        self._hub.publish("live", None)
-        _make_room(process)
-        _send_order(process, order)
-        self._reader.start()
+            self._reader.start()
         return self._publish(job)
 
     def abort(self, identity: str) -> dict[str, Any] | None:
@@ -176,7 +177,7 @@ class Runner:
 
     def close(self) -> None:
         """Abort what runs, and wait until the stand has stopped."""
-        with self._lock:
+        with self._starting, self._lock:
             self._closed = True
             job, process, reader = self._job, self._process, self._reader
             if process is not None and process.poll() is None:

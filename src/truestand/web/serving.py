@@ -2,12 +2,14 @@
 
 import asyncio
 import ipaddress
+import signal
 import socket
 import webbrowser
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 
@@ -42,6 +44,8 @@ class Binding:
     port: int = 8620
     names: tuple[str, ...] = ()
     """Under which it may be reached besides its own."""
+    proxies: tuple[str, ...] = ()
+    """IP addresses or networks that are believed who asks, and whether over https (X-Forwarded-For and -Proto)."""
     certificate: Path | None = None
     key: Path | None = None
 
@@ -63,15 +67,16 @@ def serve(
     """Serve until SIGINT or SIGTERM; ``tell`` gets the addresses as soon as they answer, the page's first.
 
     Raises:
-        BadRecipe: a bind that anyone can reach, and no users; or an address that can't be had.
+        BadRecipe: a page that others can reach, and no users; or an address that is none or can't be had.
         MissingExtra: what is served beside the page needs a package that isn't installed.
     """
-    if not is_loopback(binding.host) and not page.login_needed:
+    opened = f"--host {binding.host}" if not is_loopback(binding.host) else "--proxy" if binding.proxies else ""
+    if opened and not page.gatekeeper.users:
         raise BadRecipe(
-            f"found --host {binding.host} and no users, need one for a page that others can reach; "
+            f"found {opened} and no users, need one for a page that others can reach; "
             "run truestand serve --add-user NAME --role engineer"
         )
-    page.guarded = page.login_needed
+    _demand_addresses(binding.proxies)
     listening = bind(binding)
     host, port = listening.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
@@ -83,8 +88,22 @@ def serve(
         if open_browser:
             webbrowser.open(address)
 
-    server = Server(config(page, binding), page.runner, ready, beside)
-    asyncio.run(server.serve([listening]))
+    with listening:  # where what is served beside it doesn't come up
+        server = Server(config(page, binding), page.runner, ready, beside)
+        asyncio.run(server.serve([listening]))
+
+
+def _demand_addresses(proxies: Sequence[str]) -> None:
+    """Refuse what uvicorn would silently take for a name, or for anybody.
+
+    Raises:
+        BadRecipe: no IP address or network.
+    """
+    for proxy in proxies:
+        try:
+            ipaddress.ip_network(proxy)
+        except ValueError as wrong:
+            raise BadRecipe(f"found --proxy {proxy}, need the proxy's IP address, as in --proxy 127.0.0.1") from wrong
 
 
 def bind(binding: Binding) -> socket.socket:
@@ -138,7 +157,11 @@ class Server(uvicorn.Server):
         self._watching.cancel()
         await self._beside.__aexit__(None, None, None)
         await super().shutdown(sockets)
-        self._captured_signals.clear()  # being asked to end is how a server ends well
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Being asked to end is how a server ends well: uvicorn's own would raise the signal again at the end."""
+        self.force_exit |= self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
 
 
 def config(page: Page, binding: Binding) -> uvicorn.Config:
@@ -149,7 +172,8 @@ def config(page: Page, binding: Binding) -> uvicorn.Config:
         log_level="error",
         access_log=False,
         server_header=False,
-        proxy_headers=False,
+        proxy_headers=bool(binding.proxies),
+        forwarded_allow_ips=list(binding.proxies),
         loop="asyncio",
         lifespan="on",
         timeout_keep_alive=int(HEAD),

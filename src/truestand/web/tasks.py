@@ -4,18 +4,18 @@ What they load and what they break is theirs: a CAD model of a gigabyte, a devic
 points never weigh on the process that serves.
 """
 
-import asyncio
 import json
+import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from anyio import CapacityLimiter, to_thread
+
 from truestand.core.errors import TruestandError
 from truestand.web.problem import Problem
-
-LARGEST = 64 << 20
-"""Bytes of an answer."""
 
 
 async def ask(*arguments: str, text: str = "", within: float = 30.0) -> Any:
@@ -24,25 +24,40 @@ async def ask(*arguments: str, text: str = "", within: float = 30.0) -> Any:
     Raises:
         Problem: 409 it can't be done, and why; 504 it took too long.
     """
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "truestand.web.tasks", *arguments,
-        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, limit=LARGEST,
-    )  # fmt: skip
+    begun: list[subprocess.Popen[bytes]] = []
+    work = partial(_done, begun, arguments, text.encode("utf-8", "surrogatepass"), within)
     try:
-        async with asyncio.timeout(within):
-            answer, _ = await process.communicate(text.encode("utf-8", "surrogatepass"))
-    except TimeoutError:
+        # A limiter of its own: an audit may take an hour, and none of the threads that answer.
+        code, answer = await to_thread.run_sync(work, abandon_on_cancel=True, limiter=CapacityLimiter(1))
+    except subprocess.TimeoutExpired:
         raise Problem(504, f"found no answer within {within:g} s; try again later") from None
     finally:
-        if process.returncode is None:
-            process.kill()
-            await process.wait()
-    if process.returncode != 0:
-        raise Problem(500, f"found a task ending with code {process.returncode}; see what the server printed")
+        for process in begun:
+            process.kill()  # where nobody waits for it any more
+    if code != 0:
+        raise Problem(500, f"found a task ending with code {code}; see what the server printed")
     told = json.loads(answer)
     if "problem" in told:
         raise Problem(409, str(told["problem"]))
     return told["answer"]
+
+
+def _done(
+    begun: list[subprocess.Popen[bytes]], arguments: Sequence[str], text: bytes, within: float
+) -> tuple[int, bytes]:
+    """A thread's job: start a task and wait for it; its exit code and output.
+
+    Raises:
+        TimeoutExpired: it took too long, and was ended.
+    """
+    command = (sys.executable, "-m", "truestand.web.tasks", *arguments)
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        begun.append(process)
+        try:
+            answer, _ = process.communicate(text, within)
+        finally:
+            process.kill()
+    return process.returncode, answer
 
 
 def check(folder: str, name: str) -> str | None:
@@ -87,8 +102,9 @@ def certificate(record: str, laboratory: str) -> str:
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
     from truestand.files.records.records import read_calibration
-    from truestand.report.certificate import Issue, refusals
     from truestand.report.certificate import certificate as made_of
+    from truestand.report.certificate import refusals
+    from truestand.report.certificate_issue import Issue
 
     source, stated = Path(record).read_bytes(), Path(laboratory)
     told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")

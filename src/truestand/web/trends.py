@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from truestand.files.records.inspection_record import Limits, limits_of
 from truestand.report.quantities import WORDS
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry, Store
@@ -12,7 +13,6 @@ from truestand.web.models import Point, Quantity, TrendFinding
 
 MOST = 300
 """Inspections, the newest: a record each is read."""
-Limit = float | tuple[float | None, float | None] | None
 
 
 @dataclass(slots=True)
@@ -23,7 +23,8 @@ class _Line:
     entries: list[Entry] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
     U: list[float | None] = field(default_factory=list)
-    limit: Limit = None
+    limits: Limits | None = None
+    """Of the newest."""
 
 
 def calibration_trends(store: Store) -> list[Quantity]:
@@ -47,14 +48,15 @@ def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     standing = sorted((s for s in taken if not s.withdrawn), key=lambda s: s.entry.number)[-MOST:]
     lines: dict[str, _Line] = {}
     for one in standing:
-        for name, unit, c in _measured(store.record(one.last)):
+        record = store.record(one.last)
+        for name, unit, c in _measured(record):
             line = lines.setdefault(name, _Line("µm" if unit == "um" else unit))
             line.entries.append(one.entry)
             line.values.append(float(c[f"value_{unit}"]))
             line.U.append(c.get(f"U_{unit}"))
-            line.limit = _limit(c)
+            line.limits = limits_of(c, record)
     return [
-        _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limit) for name, x in lines.items()
+        _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limits) for name, x in lines.items()
     ]
 
 
@@ -66,13 +68,8 @@ def _measured(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str
             yield " ".join(str(w) for w in (c["name"], c.get("flank"), c.get("section")) if w), unit, c
 
 
-def _limit(c: Mapping[str, Any]) -> Limit:
-    both = c.get("limits_mm") or c.get("limits_um")
-    return c.get("limit_um") if both is None else (both[0], both[1])
-
-
 def _quantity(
-    name: str, label: str, unit: str, entries: Collection[Entry], chart: ControlChart, limit: Limit = None
+    name: str, label: str, unit: str, entries: Collection[Entry], chart: ControlChart, limits: Limits | None = None
 ) -> Quantity:
     read = list(zip(entries, chart.points, strict=True))
     return Quantity(
@@ -83,7 +80,7 @@ def _quantity(
         centre=chart.mean,
         lower=chart.lower,
         upper=chart.upper,
-        limit=None if isinstance(limit, tuple) else limit,
-        limits=limit if isinstance(limit, tuple) else None,
+        limit=None if limits is None or unit == "mm" else limits[0] if limits[1] is None else limits[1],
+        limits=limits,
         findings=[TrendFinding(number=e.number, text="; ".join(p.flags)) for e, p in read if p.flags],
     )

@@ -102,16 +102,23 @@ class Gatekeeper:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._hashing = threading.Lock()
-        self._read: tuple[float, dict[str, User]] | None = None
+        self._read: tuple[object, dict[str, User]] | None = None
+        self._guarded = False
         self._nobody = make_user("nobody", "operator", secrets.token_hex(16))
 
     @property
     def users(self) -> Mapping[str, User]:
         """As the file has them now."""
-        at = self.path.stat().st_mtime_ns if self.path.exists() else 0
-        if self._read is None or self._read[0] != at:
-            self._read = (at, read_users(self.path))
+        version = _version(self.path)
+        self._guarded |= version is not None
+        if self._read is None or self._read[0] != version:
+            self._read = (version, read_users(self.path))
         return self._read[1]
+
+    @property
+    def login_needed(self) -> bool:
+        """Whether there are users or were: with the last one removed nobody may enter, rather than everybody."""
+        return bool(self.users) or self._guarded
 
     def check(self, name: str, password: str) -> User | None:
         """The user of that name and password. Takes as long for a name that nobody has."""
@@ -120,6 +127,15 @@ class Gatekeeper:
             found = _scrypt(password[:LONGEST], bytes.fromhex(user.salt), user.n, user.r, user.p)
         right = hmac.compare_digest(found, user.hash)
         return user if right and user is not self._nobody else None
+
+
+def _version(path: Path) -> tuple[int, int, int] | None:
+    """What differs after a change, even where the clock was set back: written anew, the file is another one."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_mtime_ns, found.st_size, found.st_ino
 
 
 def _scrypt(password: str, salt: bytes, n: int, r: int, p: int) -> str:

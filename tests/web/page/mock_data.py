@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from truestand.files.records.inspection_record import with_limits
+
 Json = dict[str, Any]
 LONG_NAME = "Sun wheel of the second planetary stage, hobbed and shaved, drawing 4711-0815-42 rev. F"
 PARTS: list[Json] = [
@@ -65,7 +67,7 @@ def inspection_record(verdict: str, rng: np.random.Generator) -> Json:
     if not good:
         lines.append(_unseen("M_d", None))
         lines += [_unseen("F_pk", flank) for flank in ("left", "right")]
-    return {
+    record = {
         "format": "truestand.inspection",
         "version": 1,
         "verdict": verdict,
@@ -82,6 +84,7 @@ def inspection_record(verdict: str, rng: np.random.Generator) -> Json:
         "software": "truestand 0.1.0",
         "created": "2026-11-21T18:33:26Z",
     }
+    return with_limits(record)
 
 
 def _line(

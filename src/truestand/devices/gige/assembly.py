@@ -14,8 +14,9 @@ from math import inf
 
 from truestand.devices.sensor import Frame, StreamStatistics
 from truestand.devices.wire import gvsp
-from truestand.devices.wire.gvcp import Malformed, Resend
+from truestand.devices.wire.gvcp import Resend
 from truestand.devices.wire.gvsp import Kind
+from truestand.devices.wire.malformed import Malformed
 
 LARGEST_PACKET = 65_536
 MOST_OPEN = 32

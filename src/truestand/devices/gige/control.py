@@ -14,6 +14,7 @@ from contextlib import suppress
 from truestand.core.errors import DeviceError, DeviceLost
 from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import Command, Register, Status
+from truestand.devices.wire.malformed import Malformed
 
 PATIENCE = 0.14
 """s for one answer."""
@@ -198,7 +199,7 @@ class Control:
                 answer = gvcp.decode_acknowledge(self._socket.recv(2048))
             except TimeoutError:
                 return None
-            except gvcp.Malformed:
+            except Malformed:
                 continue
             except OSError:  # the other machine says that nobody listens: no answer, at once
                 self._stop.wait(min(0.02, rest))
@@ -214,26 +215,3 @@ class Control:
         known = Status(status).name.lower().replace("_", " ") if status in list(Status) else f"0x{status:04x}"
         why = known if status else "an answer of the wrong length"
         return DeviceError(f"{self.name}: the device did not {what} ({why}); check that it is the sensor of the recipe")
-
-
-def discover(addresses: list[str], timeout: float = 0.5) -> list[dict[str, str]]:
-    """Who answers at ``addresses`` within ``timeout`` s, in that order: maker, model, serial, name, address.
-
-    Each is asked directly, not by broadcast: that reaches over routers and never the wrong network.
-    """
-    found: dict[str, dict[str, str]] = {}
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-        for number in (1, 2):
-            for address in addresses:
-                if address not in found:
-                    with suppress(OSError):
-                        asking.sendto(gvcp.Request(Command.DISCOVERY, number).encode(), (address, gvcp.PORT))
-            end = time.monotonic() + timeout / 2
-            while len(found) < len(addresses) and (rest := end - time.monotonic()) > 0:
-                asking.settimeout(rest)
-                with suppress(OSError, gvcp.Malformed):
-                    data, (source, _) = asking.recvfrom(2048)
-                    answer = gvcp.decode_acknowledge(data)
-                    if answer.command == Command.DISCOVERY and source in addresses:
-                        found[source] = {**gvcp.identity_of(answer.body), "address": source}
-    return [found[address] for address in addresses if address in found]

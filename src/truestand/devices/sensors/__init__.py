@@ -1,1 +1,1 @@
-"""Sensor drivers, one file each; ``recipe.open_sensor`` opens them by name."""
+"""Sensor drivers, one file each; ``opening.open_sensor`` opens them by name."""

@@ -13,10 +13,10 @@ from truestand.devices.sensors.recipe import SensorRecipe
 
 
 class RangeCamera:
-    """A range camera as ``LineSensor``. It has no counter, time or encoder in its frames, and no laser of ours."""
+    """A range camera as ``LineSensor``. It has no counter, time or encoder in its frames, and switches no laser."""
 
     def __init__(self, recipe: SensorRecipe, sensor: Sensor) -> None:
-        """Connects and takes control. Errors as ``recipe.open_sensor``."""
+        """Connects and takes control. Errors as ``open_sensor``."""
         self.name = recipe.name
         self._recipe = recipe
         self._points, self._rate = recipe.shape(sensor)
@@ -60,7 +60,19 @@ class RangeCamera:
         return self._camera.next_frame(timeout)
 
     def set_laser(self, power: Laser) -> None:
-        """Nothing: the laser of a range camera is switched by hand or by the table's controller."""
+        """Nothing is switched: a person or the table's controller does that.
+
+        Raises:
+            DeviceError: off, where the recipe doesn't say that there is no laser; on, where it does.
+        """
+        if self._recipe.laser == "none":
+            if power != "off":
+                raise DeviceError(f'{self.name}: it has no laser to be switched on; stand.toml says laser = "none"')
+        elif power == "off":
+            raise DeviceError(
+                "a range camera can't switch its laser: switch it off at its supply; where it has none, or one that is "
+                'switched and locked without truestand, say laser = "none" in [[devices.sensor]]'
+            )
 
     def stop(self) -> None:
         """End the stream; frames that wait can still be taken. Errors as ``Control.read``."""

@@ -1,6 +1,5 @@
-"""``[[devices.sensor]]`` of stand.toml, and how a sensor is opened by it."""
+"""``[[devices.sensor]]`` of stand.toml."""
 
-from collections.abc import Callable
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
@@ -8,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
-from truestand.devices.sensor import LineSensor
+from truestand.devices.sensor import Laser
 from truestand.files.checking import Recipe
 from truestand.files.scans import scancontrol
 
@@ -37,7 +36,8 @@ class SensorRecipe(Recipe):
     trigger: Literal["internal", "encoder", "external"] = "internal"
     trigger_input: Literal["rs422", "digital"] = "rs422"
     """Where encoder or trigger are wired to."""
-    laser: Literal["full", "reduced"] = "full"
+    laser: Literal["full", "reduced", "none"] = "full"
+    """Power while a scan is taken; none: the sensor has no laser that a program may or could switch."""
     encoder: bool = True
     """The sensor counts the table's encoder and stamps each profile with it."""
     packet_size: Annotated[int, Field(ge=0, le=16_000)] = 0
@@ -66,6 +66,8 @@ class SensorRecipe(Recipe):
             if getattr(self, key) in ("", None):
                 raise ValueError(f"driver {self.driver} needs the key {key}")
         if self.driver == "scancontrol":
+            if self.laser == "none":
+                raise ValueError('laser: found none, need "full" or "reduced": a scanCONTROL has a laser')
             try:
                 scancontrol.scale_of(self.model)
             except BadRecipe as wrong:
@@ -76,6 +78,11 @@ class SensorRecipe(Recipe):
     @classmethod
     def _numeric(cls, address: str) -> str:
         return str(IPv4Address(address)) if address else address
+
+    @property
+    def power(self) -> Laser:
+        """What the laser is switched to while a scan is taken; off where there is none."""
+        return "off" if self.laser == "none" else self.laser
 
     def shape(self, sensor: Sensor) -> tuple[int, float]:
         """Points of a profile, and profiles per second.
@@ -95,31 +102,3 @@ class SensorRecipe(Recipe):
 def profiles_per_frame(rate: float) -> int:
     """How many profiles a frame holds at ``rate`` profiles/s: 50 frames/s, 20 profiles at most."""
     return round(min(max(rate / FRAMES_PER_SECOND, 1), MOST_PROFILES))
-
-
-def open_sensor(recipe: SensorRecipe, sensor: Sensor) -> LineSensor:
-    """The sensor of the recipe, connected, not yet streaming.
-
-    Raises:
-        BadRecipe: rate or points stated nowhere.
-        DeviceLost: nobody answers.
-        DeviceError: held by another program, or not the sensor of the recipe.
-        UnreadableFile: a replay without its scan.
-        MissingExtra: no GenICam on this platform.
-    """
-    return _driver(recipe.driver)(recipe, sensor)
-
-
-def _driver(name: Driver) -> Callable[[SensorRecipe, Sensor], LineSensor]:
-    """Only what is needed is loaded."""
-    if name == "scancontrol":
-        from truestand.devices.sensors.scancontrol import ScanControl
-
-        return ScanControl
-    if name == "range-camera":
-        from truestand.devices.sensors.range_camera import RangeCamera
-
-        return RangeCamera
-    from truestand.devices.sensors.replay import Replay
-
-    return Replay

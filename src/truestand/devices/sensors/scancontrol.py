@@ -45,7 +45,7 @@ class ScanControl:
     """A scanCONTROL as ``LineSensor``."""
 
     def __init__(self, recipe: SensorRecipe, sensor: Sensor) -> None:
-        """Connects and takes control; nothing is switched yet. Errors as ``recipe.open_sensor``."""
+        """Connects and takes control; nothing is switched yet. Errors as ``open_sensor``."""
         self.name = recipe.name
         self._recipe = recipe
         self._points, rate = recipe.shape(sensor)

@@ -1,13 +1,13 @@
 """A table turned by a motion controller with GRBL 1.1, on a serial port or TCP. It moves by jogs only.
 
-What GRBL doesn't know is kept here: whether it was homed since it was started, and where home is. A jog has an end:
-a table that turns endlessly is sent an hour ahead. While GRBL looks for home it answers nothing; it isn't lost then.
+What GRBL doesn't know is kept here: whether it was homed since it was started, and where home is. While GRBL looks for
+home it answers nothing; it isn't lost then.
 """
 
 import threading
 import time
 from contextlib import suppress
-from math import copysign, degrees, radians
+from math import degrees, radians
 from typing import Literal
 
 from truestand.devices.axis import DriveState
@@ -20,8 +20,6 @@ from truestand.devices.wire.malformed import Malformed
 
 BOOT = 3.0
 """s that a board needs which a serial port resets when it is opened."""
-AHEAD = 3600.0
-"""s for which it turns."""
 SETTLE = 2.0
 """s that it may take to come to rest before it takes another motion."""
 LOOK = 0.01
@@ -58,13 +56,6 @@ class GrblTable:
         with self._lock:
             self._rest()
             self._jog(grbl.jog_to(self._recipe.axis, self._zero + self._units(position), 60 * self._units(speed)))
-
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn for an hour at ``speed`` (rad/s, signed)."""
-        with self._lock:
-            self._rest()
-            feed = 60 * self._units(abs(speed))
-            self._jog(grbl.jog_by(self._recipe.axis, copysign(feed / 60 * AHEAD, speed), feed))
 
     def halt(self) -> None:
         """Begin to slow down to rest; the search for home ends at once, and home is unknown then."""

@@ -21,7 +21,7 @@ from truestand.devices.axis import DriveState
 from truestand.devices.tables.messages import lost, nonsense, refused
 from truestand.devices.tables.recipe import PORTS, ModbusRecipe, host_and_port
 
-HOME, MOVE, TURN, HALT, RESET = 1, 2, 4, 8, 16
+HOME, MOVE, HALT, RESET = 1, 2, 8, 16
 """Bits of the command word."""
 HOMED, MOVING, FAULT = 1, 2, 4
 """Bits of the status word."""
@@ -53,10 +53,6 @@ class ModbusTable:
     def start_move(self, position: float, speed: float) -> None:
         """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
         self._command(MOVE, self._counts(position), max(1, self._counts(speed)))
-
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
-        self._command(TURN, speed=self._counts(speed))
 
     def halt(self) -> None:
         """Begin to slow down to rest."""

@@ -68,10 +68,6 @@ class OpcUaTable:
         """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
         self._call(self._recipe.move, self._out(position), self._out(speed))
 
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
-        self._call(self._recipe.turn, self._out(speed))
-
     def halt(self) -> None:
         """Begin to slow down to rest."""
         self._call(self._recipe.halt)
@@ -130,7 +126,7 @@ class OpcUaTable:
         async def of(name: str) -> Node:
             return await table.get_child(f"{space}:{name}")
 
-        methods = {name: await of(name) for name in (r.home, r.move, r.turn, r.halt, r.reset)}
+        methods = {name: await of(name) for name in (r.home, r.move, r.halt, r.reset)}
         return _Session(table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
 
     def _run(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:

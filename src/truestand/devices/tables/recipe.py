@@ -24,9 +24,9 @@ class ModbusRecipe(Recipe):
 
     | register | what | who writes |
     |---|---|---|
-    | ``command`` | bits: 0 home, 1 move, 2 turn, 3 halt, 4 reset; high byte: the command's number, 1..255 | truestand |
+    | ``command`` | bits: 0 home, 1 move, 3 halt, 4 reset; high byte: the command's number, 1..255 | truestand |
     | ``target`` | int32, counts from home | truestand, before ``command`` |
-    | ``speed`` | int32, counts per second; a turn's has a sign | truestand, before ``command`` |
+    | ``speed`` | int32, counts per second | truestand, before ``command`` |
     | ``heartbeat`` | counts up at every look, ten times a second; the PLC stops where it stands still | truestand |
     | ``status`` | bits: 0 homed, 1 moving, 2 fault; high byte: number of the last command that was taken | PLC |
     | ``position`` | int32, counts from home | PLC |
@@ -69,7 +69,7 @@ class ModbusRecipe(Recipe):
 class OpcUaRecipe(Recipe):
     """``[devices.table.opcua]``: an object with methods and variables, found by their names under Objects.
 
-    Methods: ``home()``, ``move(target, speed)``, ``turn(speed)``, ``halt()``, ``reset()``, doubles in ``unit``.
+    Methods: ``home()``, ``move(target, speed)``, ``halt()``, ``reset()``, doubles in ``unit``.
     Variables: ``position`` (double), ``moving``, ``homed`` (boolean), ``fault`` (string, empty = none).
     """
 
@@ -80,6 +80,7 @@ class OpcUaRecipe(Recipe):
     home: str = "Home"
     move: str = "MoveTo"
     turn: str = "Turn"
+    """Not called any more; recipes that name it stay valid."""
     halt: str = "Stop"
     reset: str = "Reset"
     position: str = "Position"

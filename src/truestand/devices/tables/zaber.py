@@ -40,10 +40,6 @@ class ZaberTable:
             self._ask(f"set maxspeed {max(1, self._speed(speed))}")
             self._ask(f"move abs {self._counts(position)}")
 
-    def start_turn(self, speed: float) -> None:
-        """Begin to turn endlessly at ``speed`` (rad/s, signed)."""
-        self._ask(f"move vel {self._speed(speed)}")
-
     def halt(self) -> None:
         """Begin to slow down to rest."""
         self._ask("stop")

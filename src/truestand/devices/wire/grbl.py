@@ -90,11 +90,6 @@ def jog_to(axis: str, position: float, feed: float) -> bytes:
     return f"$J=G90 G21 G53 {axis}{position:.4f} F{feed:.3f}\n".encode("ascii")
 
 
-def jog_by(axis: str, way: float, feed: float) -> bytes:
-    """Go by ``way``, signed."""
-    return f"$J=G91 G21 {axis}{way:.4f} F{feed:.3f}\n".encode("ascii")
-
-
 def decode_line(line: bytes) -> Message:
     """What the board says.
 

@@ -8,6 +8,8 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
+from truestand.devices.wire.malformed import Malformed
+
 PORT = 3956
 KEY = 0x42
 MOST_DATA = 536
@@ -100,10 +102,6 @@ EXCLUSIVE, CONTROL = 1, 2
 """Bits of the control channel privilege."""
 RESEND_SUPPORTED = 1 << 2
 """Bit of CAPABILITY. The device answers PACKET_RESEND; written WRITEMEM is bit 1, several registers at once bit 0."""
-
-
-class Malformed(Exception):
-    """Bytes that are no GVCP or GVSP message. Never leaves ``devices``: drivers count it, devices ignore it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import struct
 from dataclasses import dataclass
 from enum import IntEnum
 
-from truestand.devices.wire.gvcp import Malformed
+from truestand.devices.wire.malformed import Malformed
 
 HEADER, EXTENDED_HEADER = 8, 20
 IP_UDP_HEADERS = 28

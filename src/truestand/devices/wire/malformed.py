@@ -1,5 +1,5 @@
-"""What the text codecs raise."""
+"""What the codecs raise."""
 
 
 class Malformed(Exception):
-    """Bytes that are no message of the protocol. Never leaves ``devices``: drivers say so in their own words."""
+    """Bytes that are no message of the protocol. Never leaves ``devices``: drivers count it or say it in own words."""

@@ -11,6 +11,7 @@ from truestand.files.records.records import scan_record, without_nan
 from truestand.gear.figures import NEVER_NEGATIVE
 
 Record = dict[str, Any]
+Limits = tuple[float | None, float | None]
 
 FORMAT, VERSION = "truestand.inspection", 1
 UM = 1000.0
@@ -53,9 +54,8 @@ def _characteristic(c: Characteristic) -> Record:
             "value_um": None if c.value is None else UM * c.value,
             "U_um": None if c.U is None else UM * c.U,
             "limit_um": None if c.limits is None else _limit(c.limits),
+            "limits_um": None if c.limits is None else [None if v is None else UM * v for v in c.limits],
         }
-        if c.limits is not None and c.limits[0] is not None and c.limits[0] != -(c.limits[1] or 0.0):
-            line["limits_um"] = [None if v is None else UM * v for v in c.limits]
     line |= {
         "grade": c.grade,
         "coverage": c.coverage,
@@ -79,41 +79,54 @@ def characteristics_from(record: Mapping[str, Any]) -> list[Characteristic]:
     Raises:
         UnreadableFile: they are not as truestand writes them.
     """
-    gear = (record.get("part") or {}).get("kind") == "gear"
     try:
-        return [_line(c, gear) for c in record.get("characteristics") or []]
+        return [_line(c, record) for c in record.get("characteristics") or []]
     except (KeyError, TypeError, ValueError) as wrong:
         raise UnreadableFile(f"inspection.json: found a damaged line ({wrong}); inspect again") from wrong
 
 
-def _line(c: Mapping[str, Any], gear: bool) -> Characteristic:
+def limits_of(c: Mapping[str, Any], record: Mapping[str, Any]) -> Limits | None:
+    """Lower and upper limit of a record's line in the line's unit, None: that side is open; None alone: no limit.
+
+    Records of 0.1 have the one limit of a deviation as ``limit_um`` alone: the upper one, and the lower one too where a
+    gear's deviation has a sign.
+    """
+    both = c.get("limits_mm") or c.get("limits_um")
+    if both is not None:
+        low, high = both
+        return low, high
+    limit = c.get("limit_um")
+    if limit is None:
+        return None
+    gear = (record.get("part") or {}).get("kind") == "gear"
+    return (-limit if gear and c.get("name") not in NEVER_NEGATIVE else None), limit
+
+
+def with_limits(record: Mapping[str, Any]) -> Record:
+    """The record with ``limits_um`` in every line of a deviation, as records of 0.1 lack it: for who reads no rules."""
+    lines = [
+        c if "value_mm" in c else {**c, "limits_um": limits_of(c, record)} for c in record.get("characteristics") or ()
+    ]
+    return {**record, "characteristics": lines} if lines else {**record}
+
+
+def _line(c: Mapping[str, Any], record: Mapping[str, Any]) -> Characteristic:
     size = "value_mm" in c
     unit, scale = ("mm", 1.0) if size else ("um", UM)
     value, U = (None if (v := c.get(f"{key}_{unit}")) is None else float(v) / scale for key in ("value", "U"))
+    limits = limits_of(c, record)
+    if limits is not None:
+        low, high = (None if v is None else v / scale for v in limits)
+        limits = (low, high)
     return Characteristic(
-        c["name"], value, U, c.get("flank"), c.get("tooth"), c.get("section"), size, _limits(c, gear), c.get("grade"),
+        c["name"], value, U, c.get("flank"), c.get("tooth"), c.get("section"), size, limits, c.get("grade"),
         c["coverage"], c["status"], c.get("verdict"), c.get("capable", True), c.get("standard"),
         reason=c.get("reason"),
     )  # fmt: skip
 
 
-def _limits(c: Mapping[str, Any], gear: bool) -> tuple[float | None, float | None] | None:
-    """Both limits in mm; one alone is an upper one, and the lower too where a gear's deviation has a sign."""
-    if c.get("limits_mm") is not None:
-        low, high = c["limits_mm"]
-        return low, high
-    if c.get("limits_um") is not None:
-        low, high = (None if v is None else v / UM for v in c["limits_um"])
-        return low, high
-    limit = c.get("limit_um")
-    if limit is None:
-        return None
-    signed = gear and c["name"] not in NEVER_NEGATIVE
-    return (-limit / UM if signed else None), limit / UM
-
-
-def _limit(limits: tuple[float | None, float | None]) -> float | None:
-    """The one limit of a deviation: the upper one, and the lower where it is the same below zero."""
+def _limit(limits: Limits) -> float | None:
+    """The one limit of a deviation for those that take one: the upper; the lower where there is no upper."""
     low, high = limits
     return UM * high if high is not None else None if low is None else UM * low
 

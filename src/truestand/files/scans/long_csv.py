@@ -22,6 +22,7 @@ from truestand.files.text import (
     column_names,
     dialect_of,
     line_of,
+    names_profiles,
     refuse_cut_number,
     refuse_nul,
 )
@@ -45,8 +46,7 @@ MOST_EMPTY = 1000
 
 def is_long_csv(head: bytes) -> bool:
     """Whether a text starts with a header that names a profile and an x."""
-    names = column_names(_header(head))
-    return "profile" in names and any(n == "x" or n.startswith("x_") for n in names)
+    return names_profiles(column_names(_header(head)))
 
 
 def read_long_csv(path: Path) -> Recording:

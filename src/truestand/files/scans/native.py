@@ -142,7 +142,9 @@ def _write_matrix(file: "h5py.File", name: str, values: Array, unit: str) -> Non
 
 def _write(file: "h5py.File", name: str, values: NDArray[Any], unit: str, axes: tuple[str, ...]) -> "h5py.Dataset":
     chunks = (min(512, values.shape[0]), values.shape[1]) if values.ndim == 2 else None
-    pressed = {"compression": "lzf", "shuffle": True, "chunks": chunks} if values.ndim == 2 and values.size else {}
+    pressed: dict[str, Any] = {}
+    if values.ndim == 2 and values.size:  # deflate: lzf is quicker, but its bytes depend on what its memory held before
+        pressed = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "chunks": chunks}
     dataset = file.create_dataset(name, data=values, **pressed)
     dataset.attrs["units"] = unit
     dataset.attrs["sha256"] = _hash(values)

@@ -14,7 +14,7 @@ import mmap
 import os
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -86,15 +86,16 @@ class Record:
 
 
 class LogWriter:
-    """Appends records, from any thread.
+    """Appends records, from any thread; ``written`` is called with each once it is in the file, in the file's order.
 
     Raises:
         NoSpace: the disk is full or read-only, at any append; what was written before stays valid.
         FileExistsError: a log is never overwritten.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, written: Callable[[Record], None] = lambda record: None) -> None:
         self.path = path
+        self._written = written
         self._lock = threading.Lock()
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0))
         self._ended = threading.Event()
@@ -110,19 +111,28 @@ class LogWriter:
         head = HEAD.pack(MARK, kind, source, flags, len(payload), number, time, checksum)
         with self._lock:
             self._write(head + payload)
+            self._written(Record(kind, source, number, time, payload, flags))
 
     def append_json(self, kind: Kind, content: dict[str, Any], time: float) -> None:
         """Add a BEGIN, EVENT or END record."""
         self.append(kind, json.dumps(content, allow_nan=False).encode(), time)
 
     def close(self) -> None:
-        """Put everything onto the disk."""
+        """Put everything onto the disk.
+
+        Raises:
+            NoSpace: the disk failed, now or since the last append.
+        """
         if self._ended.is_set():
             return
         self._ended.set()
         self._syncing.join()
         try:
+            if self._unsynced is not None:
+                raise self._unsynced
             os.fsync(self._file)
+        except OSError as wrong:
+            raise self._failure(wrong) from wrong
         finally:
             os.close(self._file)
 
@@ -141,10 +151,13 @@ class LogWriter:
             while written < len(data):
                 written += os.write(self._file, data[written:])
         except OSError as wrong:
-            raise NoSpace(
-                f"{self.path}: can't go on recording ({wrong.strerror or wrong}); what was recorded so far is kept: "
-                "free some space, then `truestand recover` it"
-            ) from wrong
+            raise self._failure(wrong) from wrong
+
+    def _failure(self, wrong: OSError) -> NoSpace:
+        return NoSpace(
+            f"{self.path}: can't go on recording ({wrong.strerror or wrong}); what was recorded so far is kept: "
+            "free some space, then `truestand recover` it"
+        )
 
     def _sync(self) -> None:
         while not self._ended.wait(SYNC_EVERY):

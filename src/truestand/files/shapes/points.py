@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.scans.long_csv import is_long_csv
 from truestand.files.text import (
     ENOUGH_CELLS,
     LENGTHS,
@@ -22,6 +21,7 @@ from truestand.files.text import (
     check_text,
     column_names,
     dialect_of,
+    names_profiles,
     normal,
     number,
     refuse_cut_number,
@@ -179,7 +179,7 @@ def _text_points(data: bytes, wanted: list[str] | None, unit: str | None, name: 
     while first < len(rows) and _is_heading(rows[first]):
         first += 1
     heading = data.split(b"\n", first)[:first]
-    if wanted is None and is_long_csv(data) and "y" not in _stems(_names(rows[0])):
+    if wanted is None and names_profiles(names := _names(rows[0])) and "y" not in _stems(names):
         raise UnreadableFile(
             f"{name}: found a scan (profile, x, z), need points; pass --calibration CALIBRATION.json, or roll it up"
         )

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from truestand.devices.wire import gvcp
-from truestand.devices.wire.gvcp import Acknowledge, Command, Malformed, Register, Request, Resend, Status
+from truestand.devices.wire.gvcp import Acknowledge, Command, Register, Request, Resend, Status
+from truestand.devices.wire.malformed import Malformed
 from truestand.sim.live.registers import Refused, Registers
 
 Address = tuple[str, int]

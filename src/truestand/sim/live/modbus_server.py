@@ -83,8 +83,6 @@ class ModbusServer(Serving):
             self.table.home()
         elif bits & 2:
             self.table.move(target, abs(speed))
-        elif bits & 4:
-            self.table.turn(speed)
         elif bits & 16:
             self._beat_time = asyncio.get_running_loop().time()
             self.table.reset()

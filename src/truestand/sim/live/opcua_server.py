@@ -46,8 +46,8 @@ class OpcUaServer(Serving):
         shown = await self._build(server)
         async with server:
             url = urlsplit(self._url)
-            port = server.bserver._server.sockets[0].getsockname()[1]  # type: ignore[union-attr]
-            self.address = f"opc.tcp://{url.hostname}:{port}{url.path}"
+            assert server.bserver is not None
+            self.address = f"opc.tcp://{url.hostname}:{server.bserver.port}{url.path}"
             started.set()
             while not self._ended.is_set():
                 for node, value in shown:
@@ -65,7 +65,6 @@ class OpcUaServer(Serving):
         methods: list[tuple[str, Method, int]] = [
             (m.home, lambda: self.table.home(), 0),
             (m.move, lambda target, speed: self.table.move(self._in(target), self._in(speed)), 2),
-            (m.turn, lambda speed: self.table.turn(self._in(speed)), 1),
             (m.halt, lambda: self.table.halt(), 0),
             (m.reset, lambda: self.table.reset(), 0),
         ]

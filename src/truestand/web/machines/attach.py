@@ -20,8 +20,6 @@ class Wanted:
 
     opcua: str | None = None
     """opc.tcp://host:port"""
-    login_needed: bool = False
-    """Whether OPC UA is for users only, even when the last of them is removed."""
     mqtt: Broker | None = None
 
 
@@ -31,13 +29,12 @@ def wanted(page: Page, opcua: str | None = None, mqtt: str | None = None, passwo
     Raises:
         BadRecipe: a URL that is none, or an OPC UA server that others can reach without users.
     """
-    reachable = opcua is not None and not is_loopback(_host(opcua))
-    if reachable and not page.login_needed:
+    if opcua is not None and not is_loopback(_host(opcua)) and not page.gatekeeper.users:
         raise BadRecipe(
             f"found --opcua {opcua} and no users, need one for a server that others can reach; "
             "run truestand serve --add-user NAME --role operator"
         )
-    return Wanted(opcua, reachable, None if mqtt is None else broker_of(mqtt, password_file))
+    return Wanted(opcua, None if mqtt is None else broker_of(mqtt, password_file))
 
 
 def _host(url: str) -> str:
@@ -68,7 +65,7 @@ async def machines(page: Page, wanted: Wanted) -> AsyncIterator[tuple[str, ...]]
         if wanted.opcua is not None:
             from truestand.web.machines.opcua import opcua_server  # asyncua: half a second, 50 MB
 
-            server = opcua_server(teller, wanted.opcua, wanted.login_needed)
+            server = opcua_server(teller, wanted.opcua)
             addresses.append(await stack.enter_async_context(server))
         if wanted.mqtt is not None:
             name = page.settings.stand.absolute().parent.name

@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-SIGNED = ("f_H",)
-"""How the names of deviations begin that may be negative: inspection.json tells their one limit for both signs."""
+from truestand.files.records.inspection_record import limits_of
+
 UNITS = ("um", "mm", "mrad", "deg")
 Record = Mapping[str, Any]
 
@@ -45,21 +45,12 @@ def lines_of(kind: str, record: Record) -> tuple[Line, ...]:
 def _inspected(record: Record) -> Iterator[Line]:
     for c in record.get("characteristics") or ():
         unit = "mm" if "value_mm" in c else "um"
-        lower, upper = _limits(c, unit)
+        lower, upper = limits_of(c, record) or (None, None)
         yield _line(
             c["name"], unit, section=c.get("section"), flank=c.get("flank"), tooth=c.get("tooth"),
             value=c.get(f"value_{unit}"), U=c.get(f"U_{unit}"), lower=lower, upper=upper, verdict=c.get("verdict"),
             status=c.get("status") or "measured", coverage=c.get("coverage"), standard=c.get("standard"),
         )  # fmt: skip
-
-
-def _limits(c: Record, unit: str) -> tuple[float | None, float | None]:
-    """Both, where the record tells both; its one limit otherwise, for either sign where the deviation has one."""
-    both = c.get(f"limits_{unit}")
-    if both is not None:
-        return both[0], both[1]
-    one = c.get("limit_um")
-    return (None if one is None or not str(c["name"]).startswith(SIGNED) else -one), one
 
 
 def _verified(record: Record) -> Iterator[Line]:

@@ -20,7 +20,7 @@ from truestand.core.errors import BadRecipe
 from truestand.web.machines.lines import Line
 from truestand.web.machines.methods import START, Methods
 from truestand.web.machines.nodes import TEXTS, Kind, Nodes, Value
-from truestand.web.machines.people import People, Rules
+from truestand.web.machines.people import Peers, People, Rules
 from truestand.web.machines.state import EVALUATIONS, Json, Teller, Told
 
 NAMESPACE = "urn:truestand"
@@ -50,29 +50,28 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors
 
 
 @asynccontextmanager
-async def opcua_server(teller: Teller, url: str, login_needed: bool) -> AsyncIterator[str]:
+async def opcua_server(teller: Teller, url: str) -> AsyncIterator[str]:
     """A server that shows what the teller tells, as long as this is open; its address.
 
     Raises:
         BadRecipe: an address that can't be had.
     """
-    server = await _made(teller, url, login_needed)
-    shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
-    await shown.build(Methods(teller.page, shown.refuse))
-    await shown.show(teller.newest)
+    people = People(teller.page)
+    server = Server(Peers(people))
     try:
-        await server.start()
-    except OSError as wrong:
-        raise BadRecipe(
-            f"{url}: {wrong.strerror or wrong}; end what serves there, or choose another address"
-        ) from wrong
-    showing = asyncio.create_task(_follow(teller, shown))
-    try:
-        yield _address(server, url)
+        await _build(server, people, url)
+        shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
+        await shown.build(Methods(teller.page, shown.refuse))
+        await shown.show(teller.newest)
+        await _start(server, url)
+        showing = asyncio.create_task(_follow(teller, shown))
+        try:
+            yield _address(server, url)
+        finally:
+            showing.cancel()
+            await asyncio.gather(showing, return_exceptions=True)
     finally:
-        showing.cancel()
-        await asyncio.gather(showing, return_exceptions=True)
-        await server.stop()
+        await server.stop()  # its executor for methods too, which is there before it starts
         gc.unfreeze()
 
 
@@ -135,10 +134,8 @@ async def _follow(teller: Teller, shown: Shown) -> None:
         await shown.show(told)
 
 
-async def _made(teller: Teller, url: str, login_needed: bool) -> Server:
-    """A server that nobody can reach yet; asyncua takes a second to build the standard's address space."""
-    people = People(teller.page, login_needed)
-    server = Server(user_manager=people)
+async def _build(server: Server, people: People, url: str) -> None:
+    """All that a server needs before anybody can reach it; the standard's address space takes asyncua a second."""
     with _no_collection():
         await server.init()
     await server.set_application_uri(f"{NAMESPACE}:{socket.gethostname()}")
@@ -149,7 +146,15 @@ async def _made(teller: Teller, url: str, login_needed: bool) -> Server:
     server.set_identity_tokens([ua.AnonymousIdentityToken, ua.UserNameIdentityToken])
     server.iserver.allow_remote_admin = False
     server.limits = TransportLimits(max_chunk_count=MESSAGE // 65535 + 1, max_message_size=MESSAGE)
-    return server
+
+
+async def _start(server: Server, url: str) -> None:
+    try:
+        await server.start()
+    except OSError as wrong:
+        raise BadRecipe(
+            f"{url}: {wrong.strerror or wrong}; end what serves there, or choose another address"
+        ) from wrong
 
 
 def _stand(told: Told) -> dict[str, Value]:
@@ -190,9 +195,8 @@ def _address(server: Server, url: str) -> str:
     """With the port that was free, where it was 0."""
     told = urlsplit(url)
     assert server.bserver is not None
-    port = server.bserver._server.sockets[0].getsockname()[1]  # type: ignore[union-attr]
     host = f"[{told.hostname}]" if ":" in (told.hostname or "") else told.hostname
-    return f"opc.tcp://{host}:{port}{told.path}"
+    return f"opc.tcp://{host}:{server.bserver.port}{told.path}"
 
 
 @contextmanager

@@ -8,6 +8,8 @@ from typing import Any
 
 from asyncua import ua
 from asyncua.crypto.permission_rules import USER_TYPES, SimpleRoleRuleset, User, UserRole
+from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 
 from truestand.core.errors import TruestandError
@@ -17,8 +19,21 @@ from truestand.web.users import Role
 
 ALLOWED = frozenset(ua.NodeId(ua.Int32(number)) for number in USER_TYPES)
 """Requests: reading, subscribing, calling. None that changes the address space."""
+NOBODY = User(UserRole.Anonymous)
 caller: ContextVar[Who] = ContextVar("caller")
 """Who sent the request that is being answered."""
+peer: ContextVar[str] = ContextVar("peer", default="")
+"""The address that a login comes from; connections that take over a session begun on another one share the default."""
+
+
+class Peers(InternalServer):
+    """Notes the address where a session begins: asyncua answers each connection in a task of its own."""
+
+    def create_session(self, name: Any, user: User = NOBODY, external: bool = False) -> InternalSession:
+        """asyncua names a client's session by its socket's address."""
+        if external and name:
+            peer.set(str(name[0]))
+        return super().create_session(name, user, external)
 
 
 class People(UserManager):
@@ -28,8 +43,8 @@ class People(UserManager):
     remembered for as long as the user is the same.
     """
 
-    def __init__(self, page: Page, login_needed: bool) -> None:
-        self._page, self._login_needed = page, login_needed
+    def __init__(self, page: Page) -> None:
+        self._page = page
         self._secret = secrets.token_bytes(32)
         self._known: dict[str, bytes] = {}
 
@@ -38,8 +53,8 @@ class People(UserManager):
     ) -> User | None:
         """The session's user; None: refused."""
         try:
-            if not self._page.gatekeeper.users:
-                return None if self._login_needed else User(UserRole.User)
+            if not self._page.login_needed:
+                return User(UserRole.User)
             return self._logged_in(username, password) if username and password else None
         except TruestandError:
             return None
@@ -47,12 +62,11 @@ class People(UserManager):
     def role(self, name: str | None) -> Role | None:
         """What a session's user may do now; None: nothing."""
         try:
-            users = self._page.gatekeeper.users
+            if not self._page.login_needed:
+                return "engineer"
+            user = self._page.gatekeeper.users.get(name or "")
         except TruestandError:
             return None
-        if not users:
-            return None if self._login_needed else "engineer"
-        user = users.get(name or "")
         return None if user is None else user.role
 
     def _logged_in(self, name: str, password: str) -> User | None:
@@ -61,7 +75,8 @@ class People(UserManager):
         mark = hmac.digest(self._secret, told, hashlib.sha256)
         if user is not None and hmac.compare_digest(self._known.get(name, b""), mark):
             return User(UserRole.User, name)
-        keys = (("address", "opcua"), ("user", name))
+        # apart from the page's: a controller that tries the wrong password again and again locks no browser out
+        keys = (("address", f"opcua {peer.get()}"), ("user", name))
         if self._page.throttle.attempt(*keys) > 0 or self._page.gatekeeper.check(name, password) is None:
             return None
         self._page.throttle.succeeded(*keys)

@@ -1,6 +1,5 @@
 """What results rest on: the cloud, thinned out and cached; and the audit of it all."""
 
-import asyncio
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,7 +18,6 @@ CACHED = 64
 """Clouds that are kept, 3 MB each; the one longest not looked at gives way."""
 WITHIN, AUDIT_WITHIN = 120.0, 3600.0
 """s for a cloud; for reading all evidence there is."""
-_one_at_a_time = asyncio.Lock()
 
 
 def add(doors: Doors) -> None:
@@ -36,18 +34,19 @@ async def cloud(number: int, page: ThePage, points: Annotated[int, Query(ge=1000
         raise Problem(404, f"found no cloud of result {number}; choose one that has it")
     folder = page.settings.cache_folder
     target = folder / f"{source.name}-{points}.bin"
-    async with _one_at_a_time:
-        if not target.exists():
-            await page.ask("cloud", str(source), str(target), str(points), within=WITHIN)
+    if not await run_in_threadpool(target.exists):
+        async with page.clouds:
+            if not await run_in_threadpool(target.exists):
+                await page.ask("cloud", str(source), str(target), str(points), within=WITHIN)
     await run_in_threadpool(_tidy, folder, target)
     return FileResponse(target, media_type="application/octet-stream", headers={"cache-control": "private, no-cache"})
 
 
 async def audit(page: ThePage) -> dict[str, Any]:
     """Every byte of the store is read; one audit at a time."""
-    if not page.settings.store.exists():
+    if not await run_in_threadpool(page.settings.store.exists):
         return {"findings": []}
-    async with _one_at_a_time:
+    async with page.audits:
         return {"findings": await page.ask("audit", str(page.settings.store), within=AUDIT_WITHIN)}
 
 

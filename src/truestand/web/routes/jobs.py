@@ -5,6 +5,8 @@ import re
 from datetime import UTC, datetime
 from typing import Any
 
+from starlette.concurrency import run_in_threadpool
+
 from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
 from truestand.web.doors import Doors, Policy, Who
@@ -31,14 +33,8 @@ async def start(body: JobBody, page: ThePage, who: TheWho) -> dict[str, Any]:
     for text in (body.operator, body.order, body.serial):
         if not _PLAIN.fullmatch(text or ""):
             raise Problem(422, "found control characters in a name, need plain text; type it again")
-    part = _part(page, body)
-    order = _order(page, body, who, part)
-    steps = (*STEPS[body.kind], KEEP)
-    async with page.devices:
-        try:
-            return page.runner.start(order, _title(page, part), body.part, steps)
-        except Busy as busy:
-            raise Problem(409, str(busy)) from busy
+    async with page.devices, page.recipes:
+        return await run_in_threadpool(_begin, body, page, who)
 
 
 def current(page: ThePage) -> dict[str, Any] | None:
@@ -52,6 +48,16 @@ def abort(id: str, page: ThePage) -> dict[str, Any]:
     if found is None:
         raise Problem(404, "found no such job; it may be over, see the current one")
     return found
+
+
+def _begin(body: JobBody, page: Page, who: Who) -> dict[str, Any]:
+    part = _part(page, body)
+    order = _order(page, body, who, part)
+    steps = (*STEPS[body.kind], KEEP)
+    try:
+        return page.runner.start(order, _title(page, part), body.part, steps)
+    except Busy as busy:
+        raise Problem(409, str(busy)) from busy
 
 
 def _part(page: Page, body: JobBody) -> Listed | None:

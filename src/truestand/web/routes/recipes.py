@@ -52,24 +52,30 @@ async def recipe(file: str, page: ThePage) -> dict[str, Any]:
 
 async def check(file: str, body: RecipeBody, page: ThePage) -> dict[str, Any]:
     """Nothing is written."""
-    page.folder.file(file)
+    await run_in_threadpool(page.folder.file, file)
     return {"problem": await _problem(page, file, body.text)}
 
 
 async def save(file: str, body: RecipeBody, page: ThePage) -> dict[str, Any]:
     """As a whole, and only where it is right; not while a job may read it."""
-    page.folder.file(file)
-    if page.runner.busy:
-        raise Problem(409, "found a job running, need it ended before recipes change; wait for it or abort it")
+    await run_in_threadpool(page.folder.file, file)
+    _demand_idle(page)
     problem = await _problem(page, file, body.text)
     if problem is not None:
         raise Problem(422, problem)
-    await run_in_threadpool(page.folder.write, file, body.text)
+    async with page.recipes:
+        _demand_idle(page)  # a job may have started while the text was checked
+        await run_in_threadpool(page.folder.write, file, body.text)
     return {"problem": None}
 
 
+def _demand_idle(page: Page) -> None:
+    if page.runner.busy:
+        raise Problem(409, "found a job running, need it ended before recipes change; wait for it or abort it")
+
+
 async def _problem(page: Page, file: str, text: str) -> str | None:
-    if not is_heavy(text):
+    if not await run_in_threadpool(is_heavy, text):
         return await run_in_threadpool(problem_of, page.folder.path, file, text)
     found = await page.ask("check", str(page.folder.path), file, text=text)
     return None if found is None else str(found)

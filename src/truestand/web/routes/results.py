@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import Query
 
+from truestand.files.records.inspection_record import with_limits
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Entry, History, Result
 from truestand.web.page import Page, ThePage
@@ -34,8 +35,8 @@ def results(
 
 
 def result(number: int, page: ThePage) -> dict[str, Any]:
-    """Entry and record."""
-    return {"entry": entry_of(page, number), "record": page.results.record(number)}
+    """Entry and record; in one of an inspection each deviation has ``limits_um``, however old the record is."""
+    return {"entry": entry_of(page, number), "record": with_limits(page.results.record(number))}
 
 
 def history(

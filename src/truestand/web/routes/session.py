@@ -47,7 +47,7 @@ async def login(body: LoginBody, request: Request, response: Response, page: The
     page.sessions.end(request.state.cookie)
     cookie = page.sessions.begin(user.name)
     _give(response, cookie, request)
-    return _session(page, Who(user.name, user.role), cookie)
+    return await run_in_threadpool(_session, page, Who(user.name, user.role), cookie)
 
 
 def logout(request: Request, response: Response, page: ThePage) -> dict[str, Any]:

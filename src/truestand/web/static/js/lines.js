@@ -11,14 +11,8 @@ const MOST_NAMED = 4;
 export function line(c) {
   const size = "value_mm" in c;
   const unit = size ? "mm" : "µm";
-  const [low, high] = size ? (c.limits_mm ?? [null, null]) : limits(c);
+  const [low, high] = (size ? c.limits_mm : c.limits_um) ?? [null, null];
   return { ...c, size, unit, value: size ? c.value_mm : c.value_um, U: size ? c.U_mm : c.U_um, low, high, limited: low !== null || high !== null, most: size ? 4 : 2 };
-}
-
-function limits(c) {
-  if (c.limits_um) return c.limits_um;
-  if (c.limit_um === null || c.limit_um === undefined) return [null, null];
-  return [/^f_H|^C_/.test(c.name) ? -c.limit_um : null, c.limit_um];
 }
 
 export function limitText({ low, high }) {

@@ -62,7 +62,7 @@ function tile(name, value, unit = "") {
 
 /** The limits of a characteristic, as one number or a pair. */
 function limit(q) {
-  const found = [q.limit ?? q.limits ?? null].flat().filter(Number.isFinite);
+  const found = [q.limits ?? q.limit ?? null].flat().filter(Number.isFinite);
   return found.length ? found : null;
 }
 

@@ -7,10 +7,10 @@ from math import hypot
 import numpy as np
 import pytest
 
-from truestand.calibration.budget import DIRECTIONS, Input, monte_carlo, sensitivities
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import linearity_name, linearity_of
 from truestand.core.stand import Sensor
+from truestand.uncertainty.budget import DIRECTIONS, Input, monte_carlo, sensitivities
+from truestand.uncertainty.lines import linearity_name, linearity_of
 from truth import scan_of, shaft
 
 P = np.array([-0.73, 75.8, 0.1, 0.002, 0.67, 0.56, 3e-4, -2e-4])

@@ -5,10 +5,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.budget import ANGLE_U, BEARING_U, EXPANSION, TEMPERATURE_U, UNSTATED_SCALE_U
-from truestand.calibration.checks import linearity_name, linearity_of
-from truestand.calibration.priors import SMOOTH
-from truestand.core.calibration import Calibration, Contribution
+from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
+from truestand.core.calibration import Calibration, Contribution, StaticProfile
+from truestand.core.stand import Sensor
 
 Array = NDArray[np.float64]
 
@@ -32,6 +31,16 @@ def together(lines: list[Contribution]) -> tuple[tuple[Contribution, ...], float
     return counting, sqrt(sum(c.U**2 for c in counting))
 
 
+def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
+    """The sensor's linearity U (mm, k = 2): its data sheet's word or what is assumed, unless this scan shows worse."""
+    return max([sensor.linearity, *(s.peak_to_valley / 2 for s in static)])
+
+
+def linearity_name(sensor: Sensor) -> str:
+    """Of the budget's line."""
+    return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
+
+
 def linearity_between(calibration: Calibration, distance: float) -> float:
     """By how much (mm, k = 2) the sensor may read two surfaces differently that lie ``distance`` mm apart in range.
 
@@ -47,11 +56,15 @@ def linearity_line(calibration: Calibration, distance: float, factor: float = 1.
     return line(linearity_name(calibration.stand.sensor), factor * linearity_between(calibration, distance))
 
 
+def scale_name(sensor: Sensor) -> str:
+    """Of the budget's line."""
+    return "scale of the sensor" + (" (assumed)" if sensor.scale_U is None else "")
+
+
 def scale_line(calibration: Calibration, distance: float) -> Contribution:
     """From the sensor's scale over ``distance`` mm."""
     stated = calibration.stand.sensor.scale_U
-    name = "scale of the sensor" + (" (assumed)" if stated is None else "")
-    return line(name, abs(distance) * (UNSTATED_SCALE_U if stated is None else stated))
+    return line(scale_name(calibration.stand.sensor), abs(distance) * (SCALE_U if stated is None else stated))
 
 
 def temperature_line(length: float) -> Contribution:
@@ -66,7 +79,7 @@ def bearing_line(factor: float) -> Contribution:
 
 def zero_line(radius: float, factor: float) -> Contribution:
     """From the zero of the table's angle, by which what lies at ``radius`` mm from the rotation axis is turned."""
-    return line(ZERO, factor * ANGLE_U * radius, "rectangular")
+    return line(ZERO, factor * ANGLE_ZERO_U * radius, "rectangular")
 
 
 def artefact_line(calibration: Calibration, factor: float) -> Contribution:
@@ -81,5 +94,5 @@ def base_radius(calibration: Calibration) -> float:
 
 
 def spread_of(changes: Array) -> Array:
-    """U (k = 2) of statistics (s,) from how they change (2, k, s) with each independent part of a doubt, either way."""
+    """U (k = 2) of statistics (s,) that change by (2, k, s) with each independent part of a covariance, either way."""
     return np.asarray(K * np.sqrt(np.square(np.abs(changes).max(axis=0)).sum(axis=0)))

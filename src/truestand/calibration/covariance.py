@@ -1,0 +1,225 @@
+"""How well the estimate is known: the covariance of the data's score, and of the unknowns by source.
+
+The score (weighted residuals times Jacobian) is summed over sectors of the surface, because repeated turns see the
+same form and the same speckle: a sector, not a cell, is the independent piece of evidence, as long as neighbours err
+independently. Where they don't (vibration, air, electronics), the noise of a cell is taken as one part of its own and
+one that all cells of a profile share, each with its spectrum over waves a turn. What a cell has of its own is seen at
+every wave; what all share is hidden at few waves, where the fit takes it for form, and is carried down from above as
+first-order autoregressive noise on a white floor (Whittle 1953).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.calibration.cells import Cells
+from truestand.calibration.estimate import MOUNTING, PLANE, Noise, Prior, Solution, noise_of, precision_of, solve
+from truestand.calibration.model import Model
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+CORRELATIONS = np.concatenate([[0.0], 1.0 - np.geomspace(0.9, 0.005, 40)])
+"""AR(1) coefficients between neighbouring sectors that are tried."""
+FLOORS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98])
+"""Shares of white noise that are tried."""
+SHOWN = 9.0
+"""Twice the log-likelihood that correlation must gain: less comes up in white noise."""
+LEAST_SECTORS = 60
+TAKEN = 2
+"""Unknowns of each bin's slowest waves that the fit takes out: offset and slope over height."""
+MOUNTING_LEFT = 1e-2
+"""Share of the mounting prior's precision that stays on, so that a plane that nobody sees has a number at all."""
+
+
+def score_covariance(model: Model, cells: Cells, solution: Solution, sectors: Ints) -> Array:
+    """Covariance (p, p) of the data's score at a solution.
+
+    ``sectors`` (n,) says which stretch of which cylinder each cell lies on, the same on every turn.
+    """
+    residuals, jacobian = model.linearised(solution.parameters, cells.readings)
+    noise = noise_of(residuals, cells.weight)
+    weights = noise.weights(residuals, cells.weight)
+    series = _sector_series(residuals, jacobian, weights, sectors // len(model.radii), cells.bin)
+    scores = _correlated(series, model.orders)
+    if scores is None:
+        scores = clustered(jacobian * (weights * residuals)[:, None], sectors)
+    return scores * _m_estimator(noise, residuals, cells.weight) ** 2 * cells.correction**2
+
+
+def _m_estimator(noise: Noise, residuals: Array, counts: Array) -> float:
+    """How much more the estimate scatters than its weights say: mean weight over mean slope of Tukey's score."""
+    left = np.maximum(1.0 - np.square(noise.ratio(residuals, counts)), 0.0)
+    weight, slope = float(counts @ (left * left)), float(counts @ (5.0 * left * left - 4.0 * left))
+    return weight / max(slope, 0.5 * weight)
+
+
+def clustered(scores: Array, sectors: Ints) -> Array:
+    """Sum over sectors of the outer product of each sector's whole score (n, p) (Liang and Zeger 1986): (p, p)."""
+    count = int(sectors.max()) + 1
+    order = np.argsort(sectors, kind="stable")
+    starts = np.searchsorted(sectors[order], np.arange(count))
+    starts = starts[np.diff(np.append(starts, sectors.size)) > 0]
+    sums = np.add.reduceat(scores[order], starts, axis=0)
+    n, p = sums.shape
+    return np.asarray(sums.T @ sums) * (n / max(n - p, 1) if n > 2 * p else 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _SectorSeries:
+    """Cells by sector (S) and by bin of height (B), all turns together, scaled to noise of one size."""
+
+    residuals: Array
+    """(S, B)."""
+    jacobian: Array
+    """(S, B, p)."""
+
+
+def _sector_series(residuals: Array, jacobian: Array, weights: Array, sector: Ints, bins: Ints) -> _SectorSeries:
+    """Cells (n,): residuals mm, jacobian (n, p), weights 1/mm2, their stretch of table angle and bin of height."""
+    shape = (int(sector.max()) + 1, int(bins.max()) + 1)
+    cell = sector * shape[1] + bins
+    order = np.argsort(cell, kind="stable")
+    found, starts = np.unique(cell[order], return_index=True)
+    mass = np.add.reduceat(weights[order], starts)
+    root = np.sqrt(np.maximum(mass, 1e-300))
+    means = np.add.reduceat((weights * residuals)[order], starts) / root
+    slopes = np.add.reduceat((weights[:, None] * jacobian)[order], starts) / root[:, None]
+    seen = mass > 0
+    flat, wide = np.zeros(shape[0] * shape[1]), np.zeros((shape[0] * shape[1], jacobian.shape[1]))
+    flat[found[seen]], wide[found[seen]] = means[seen], slopes[seen]
+    return _SectorSeries(flat.reshape(shape), wide.reshape(*shape, -1))
+
+
+def _correlated(series: _SectorSeries, orders: int) -> Array | None:
+    """Covariance (p, p) of the score from noise that is correlated along the sectors; None where it is not.
+
+    ``orders``: highest wave a turn that the fit takes for form.
+    """
+    count, bins = series.residuals.shape
+    if count < LEAST_SECTORS or 2 * orders + 2 > count // 2 or bins < 2 * TAKEN:
+        return None
+    waves = np.fft.rfft(series.residuals, axis=0)
+    seen = np.count_nonzero(series.residuals) / series.residuals.size
+    own = np.square(np.abs(waves)).mean(axis=1) / (count * seen)
+    shared = np.square(np.abs(waves.sum(axis=1))) / (count * bins * seen)
+    above = slice(orders + 1, -1)
+    red_own, red_shared = _red(own[1:-1], count, 1, bins), _red(shared[above], count, orders + 1, 1)
+    if red_own is None and red_shared is None:
+        return None
+    own[: orders + 1] *= bins / (bins - TAKEN)
+    own = _smoothed(own)
+    common = np.zeros(own.size)
+    if red_shared is not None:
+        common = np.maximum(red_shared - own, 0.0) / bins
+        if common[above].mean() * bins < 0.2 * own[above].mean():  # what chance makes of independent series
+            common[:] = 0.0
+    both = np.full(own.size, 2.0)
+    both[0] = both[-1] = 1.0
+    slopes = np.fft.rfft(series.jacobian, axis=0)
+    each = (slopes * np.sqrt(both * own / count)[:, None, None]).reshape(-1, slopes.shape[2])
+    alike = slopes.sum(axis=1) * np.sqrt(both * common / count)[:, None]
+    return np.asarray((each.conj().T @ each).real + (alike.conj().T @ alike).real)
+
+
+def _red(power: Array, count: int, first: int, averaged: int) -> Array | None:
+    """The autoregressive spectrum (count // 2 + 1,) that fits the power from wave ``first`` on; None if white does."""
+    wave = np.arange(count // 2 + 1)
+    rho, floor = CORRELATIONS[:, None, None], FLOORS[None, :, None]
+    red = (1.0 - rho**2) / (1.0 + rho**2 - 2.0 * rho * np.cos(2.0 * np.pi * wave / count))
+    models = ((1.0 - floor) * red + floor).reshape(-1, wave.size)
+    inside = models[:, first : first + power.size]
+    scale = (power / inside).mean(axis=1)
+    cost = 2.0 * averaged * (np.log(inside).sum(axis=1) + power.size * np.log(scale))
+    best = int(np.argmin(cost))
+    return None if cost[0] - cost[best] < SHOWN else np.asarray(models[best] * scale[best])
+
+
+def _smoothed(power: Array) -> Array:
+    """Means over bands of waves that double in width; the mean radius is taken to err as the slowest wave does."""
+    smooth = power.copy()
+    low = 1
+    while low < power.size:
+        high = min(max(low + 1, 2 * low - (low > 2)), power.size)
+        smooth[low:high] = power[low:high].mean()
+        low = high
+    smooth[0] = smooth[1]
+    return smooth
+
+
+def covariance(information: Array, scores: Array, priors: Iterable[Prior]) -> dict[str, Array]:
+    """Covariance (p, p) of the unknowns by source: ``noise`` from the data's score, each prior under its name.
+
+    Their sum is the whole: H^-1 (S + P u^2 P) H^-1, with H the data's information (p, p) and the priors' precision P,
+    S the score's covariance, and u each prior's standard uncertainty.
+    """
+    priors = tuple(priors)
+    size = information.shape[0]
+    inverse = solve(information + np.diag(precision_of(priors, size)), np.eye(size))
+    return _by_source(inverse, scores, priors)
+
+
+def _by_source(inverse: Array, scores: Array, priors: Iterable[Prior]) -> dict[str, Array]:
+    parts = {"noise": inverse @ scores @ inverse.T}
+    for prior in priors:
+        rows = inverse[:, prior.index]
+        part = rows @ rows.T * (prior.precision * prior.u) ** 2
+        parts[prior.name] = parts[prior.name] + part if prior.name in parts else part
+    return parts
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole."""
+
+    parameters: Array
+    parts: dict[str, Array]
+
+    @property
+    def covariance(self) -> Array:
+        """The whole covariance."""
+        return np.asarray(sum(self.parts.values()))
+
+
+def weigh(solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_told: bool = True) -> Posterior:
+    """Combine what the shaft tells of the laser plane with its mounting prior: Kalman's update of two numbers.
+
+    The fit reads offset d and tilt alpha from how the two steps' first harmonics differ, as if the steps were coaxial.
+    What the certificate leaves open on coaxiality makes that reading uncertain, the more so the smaller the
+    eccentricity. So the reading (d, alpha) is combined with the mounting prior, each with its covariance, and the other
+    unknowns follow. ``plane_told`` is False where the shaft can't tell the plane at all: then only the mounting counts.
+
+    The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
+    is taken off first, so that the prior counts once, against what the reading is really worth.
+    """
+    size = solution.parameters.size
+    mountings = [q for q in priors if q.name == MOUNTING]
+    others = [q for q in priors if q.name != MOUNTING]
+    held = precision_of(mountings, size)
+    normal = solution.information + np.diag(precision_of(others, size) + MOUNTING_LEFT * held)
+    released = solution.parameters + solve(normal, (1.0 - MOUNTING_LEFT) * held * solution.parameters)
+    parts = _by_source(solve(normal, np.eye(size)), scores, others)
+    reading = np.asarray(sum(parts.values()))[np.ix_(PLANE, PLANE)]
+    mounting = np.diag([next(q.u for q in mountings if i in q.index) ** 2 for i in PLANE])
+    gain = mounting @ np.linalg.inv(mounting + reading) if plane_told else np.zeros((2, 2))
+    move = _followers(normal) @ (gain - np.eye(2))
+    transfer = np.eye(size)
+    transfer[:, PLANE] += move
+    weighed = {name: transfer @ part @ transfer.T for name, part in parts.items()}
+    weighed[MOUNTING] = move @ mounting @ move.T
+    return Posterior(transfer @ released, weighed)
+
+
+def _followers(normal: Array) -> Array:
+    """How every unknown follows the laser plane's two, (p, 2), from the normal matrix (p, p)."""
+    size = normal.shape[0]
+    others = [i for i in range(size) if i not in PLANE]
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    scaled = normal * scale[:, None] * scale[None, :]
+    inner = np.linalg.lstsq(scaled[np.ix_(others, others)], scaled[np.ix_(others, PLANE)], rcond=1e-13)[0]
+    follow = np.zeros((size, 2))
+    follow[others] = -inner * scale[others][:, None] / scale[list(PLANE)][None, :]
+    follow[list(PLANE)] = np.eye(2)
+    return follow
