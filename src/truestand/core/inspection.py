@@ -102,7 +102,6 @@ class Inspection:
     """Serial number, order, operator, as the recipe has them."""
     published: dict[str, float] = field(default_factory=dict)
     """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
-    scan_sha256: str = ""
     created: str | None = None
     software: str = ""
 

@@ -28,8 +28,6 @@ ADDED = 24
 """Violated points taken in at once."""
 HELD = 1e-13
 """Relative to the radius: a point out of the zone by less is on its border."""
-BALANCED = 1e-7
-"""Forces of the contacts may be out of balance by this share and be called balanced."""
 REACH = 0.5
 """Share of the radius by which the axis may move from the least-squares one: further, the points don't hold it."""
 

@@ -54,7 +54,6 @@ class Involute:
     """What the drawing means. mm and rad."""
 
     gear: Gear
-    reference_radius: float
     base_radius: float
     transverse_pressure: float
     base_helix: float
@@ -204,7 +203,6 @@ def involute(gear: Gear) -> Involute:
     tip = (g.tip_diameter if e.tip_form_diameter is None else e.tip_form_diameter) / 2
     return Involute(
         gear=g,
-        reference_radius=reference,
         base_radius=float(base),
         transverse_pressure=float(transverse),
         base_helix=float(np.arctan(tan(abs(g.helix_angle)) * cos(transverse))),

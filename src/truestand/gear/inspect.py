@@ -86,7 +86,6 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
         defects=(*defects, *chipped_flanks(told.damage, defects)),
         reasons=(*reasons, *_unevenness(steady)),
-        scan_sha256=scan.sha256,
         remarks=(
             *_remarks(coverage, scan, calibration, nominal),
             *_of_damage(told.damage),
