@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.errors import NotEnoughData
+from truestand.core.robust import robust_sd
 from truestand.core.surface import Surface
 
 Array = NDArray[np.float64]
@@ -76,6 +77,6 @@ def _cell_means(cell: NDArray[np.intp], deviation: Array, size: int) -> tuple[Ar
         count = np.bincount(cell[trusted], minlength=size).astype(np.float64)
         means = np.bincount(cell[trusted], deviation[trusted], size) / np.maximum(count, 1.0)
         off = np.abs(deviation - means[cell])
-        scatter = 1.4826 * float(np.median(off)) if off.size else 0.0
+        scatter = robust_sd(off) if off.size else 0.0
         trusted = off < TRUSTED * scatter + 1e-9
     return count, means

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
-from truestand.core.robust import medians
+from truestand.core.robust import medians, robust_sd
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, find_flanks, only
@@ -157,7 +157,7 @@ def _agreeing(flanks: Flanks, key: NDArray[np.int64], passes: int, nominal: Invo
     place = key * ROLLS + _roll_bin(flanks, nominal)
     median, _ = medians(place, flanks.delta, passes * ROLLS, SPAN)
     off = np.abs(flanks.delta - median[place])
-    return np.asarray(off <= CLIP * 1.4826 * float(np.median(off)))
+    return np.asarray(off <= CLIP * robust_sd(off))
 
 
 def _roll_bin(flanks: Flanks, nominal: Involute) -> NDArray[np.int64]:

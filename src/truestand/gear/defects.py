@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.inspection import GUARD_FACTOR, Defect, Flank, decide
+from truestand.core.robust import MAD_TO_SD, robust_sd
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import residuals, weigh
@@ -122,7 +123,7 @@ def _without_lone(residual: Array) -> Array:
     about[0, 0, 1, 1] = False
     size = np.nan_to_num(np.abs(residual))
     known = size[np.isfinite(residual)]
-    usual = LONE_SIGMA * 1.4826 * float(np.median(known)) if known.size else 0.0
+    usual = LONE_SIGMA * robust_sd(known) if known.size else 0.0
     lone = np.zeros(residual.shape, dtype=bool)
     for sign in (1.0, -1.0):
         here = np.where(sign * np.nan_to_num(residual) > 0, size, 0.0)
@@ -159,7 +160,7 @@ def _scores(residual: Array, grid: Grid) -> Array:
             ratio = height / spread
         ratio[~inner | ~np.isfinite(ratio)] = np.nan
         for side in range(2):
-            scatter = 1.4826 * float(np.nanmedian(np.abs(ratio[side]))) if np.isfinite(ratio[side]).any() else np.inf
+            scatter = MAD_TO_SD * float(np.nanmedian(np.abs(ratio[side]))) if np.isfinite(ratio[side]).any() else np.inf
             scaled = np.nan_to_num(ratio[side] / max(scatter, 1e-300))
             best[side] = np.where(np.abs(scaled) > np.abs(best[side]), scaled, best[side])
     return np.where(inner, best, np.nan)
@@ -230,7 +231,7 @@ def _whole_teeth(folded: FoldedMap, nominal: Involute, face: tuple[float, float]
     on_face = (folded.heights - half >= face[0]) & (folded.heights + half <= face[1])
     whole, drop = drop, np.where(on_face, drop, np.nan)
     known = drop[~gone][np.isfinite(drop[~gone])]
-    U = max(2 * 1.4826 * float(np.median(np.abs(known - np.median(known)))), LEAST_TIP_U) if known.size else LEAST_TIP_U
+    U = max(2 * robust_sd(known - np.median(known)), LEAST_TIP_U) if known.size else LEAST_TIP_U
     least = max(TOOTH_DEPTH - GUARD_FACTOR * U / 2, TOOTH_DEPTH / 2)
     low = np.nan_to_num(drop[~gone]) > least
     drop = np.where(low.sum(axis=0) >= ALIKE * max(int((~gone).sum()), 1), np.nan, drop)

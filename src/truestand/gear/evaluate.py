@@ -11,6 +11,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.robust import TUKEY, robust_sd, tukey_weights
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 
@@ -19,7 +20,6 @@ Bools = NDArray[np.bool_]
 
 TERMS = 6
 """1, l, h, l^2, l h, h^2."""
-TUKEY = 4.685
 HUBER = 1.345
 ROUNDS = (False, False, False, True, True, True, True)
 """Which rounds of weighing leave far cells out altogether (Tukey), after some that only hold them back (Huber)."""
@@ -95,9 +95,9 @@ def weigh(grid: Grid, nominal: Involute, everywhere: bool = False) -> Weighed:
     for last in ROUNDS:
         solver = _solver(basis, weight)
         residual = _residual(values, basis, solver, weight, grid.delta.shape)
-        spread = max(1.4826 * float(np.median(np.abs(residual[inside]))) if inside.any() else 0.0, LEAST_SPREAD)
+        spread = max(robust_sd(residual[inside]) if inside.any() else 0.0, LEAST_SPREAD)
         ratio = np.where(inside, np.abs(residual), 0.0) / spread
-        far = np.maximum(1 - (ratio / TUKEY) ** 2, 0.0) ** 2 if last else HUBER / np.maximum(ratio, HUBER)
+        far = tukey_weights(ratio / TUKEY) if last else HUBER / np.maximum(ratio, HUBER)
         weight = np.where(inside, far, 0.0)
     solver = _solver(basis, weight)
     by_row = weight.reshape(*grid.delta.shape)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.calibration import Contribution
 from truestand.core.frames import Pose
-from truestand.core.robust import medians
+from truestand.core.robust import medians, robust_sd
 from truestand.core.surface import Surface
 from truestand.gear.evidence import FoldedMap
 from truestand.gear.flanks import BLOCK, END_MARGIN, located
@@ -131,4 +131,4 @@ def _end(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Ends:
 def _usual(values: Array) -> Array:
     """Without what is far off the median: chipped and missing teeth are no diameter."""
     off = np.abs(values - np.median(values))
-    return np.asarray(values[off <= max(4 * 1.4826 * float(np.median(off)), 0.02)])
+    return np.asarray(values[off <= max(4 * robust_sd(off), 0.02)])

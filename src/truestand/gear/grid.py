@@ -10,7 +10,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.robust import medians
+from truestand.core.robust import medians, robust_sd
 from truestand.gear.flanks import END_MARGIN, GATE, FlankPoints, Flanks
 from truestand.gear.geometry import Involute
 
@@ -77,7 +77,7 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
     median = np.where(count > 0, median, np.nan)
     off = np.abs(flanks.delta - median[cell])
     known = off[np.isfinite(off)]
-    scatter = max(1.4826 * float(np.median(known)) if known.size else 0.0, LEAST_SPREAD)
+    scatter = max(robust_sd(known) if known.size else 0.0, LEAST_SPREAD)
     voting = off < CLIP * scatter
     votes = np.bincount(cell[voting], minlength=cells)
 

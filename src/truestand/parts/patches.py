@@ -11,7 +11,7 @@ from math import pi, prod, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.robust import medians
+from truestand.core.robust import medians, robust_sd
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -32,7 +32,6 @@ FULL = 0.5
 """Of the usual number of a patch's readings: so many that don't agree are no strays."""
 STRAY = 1
 """Reading of a patch that may be a stray and is passed over where the lowest and highest are told."""
-MAD = 1.4826
 SCATTER_FROM = 200_000
 """Readings that tell the scatter."""
 LEAST_SCATTER = 5e-4
@@ -107,7 +106,7 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
     if not deviation.size:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - medians(cell, deviation, size, 2 * reach)[0][cell]
-    scatter = max(MAD * float(np.median(np.abs(off[:: max(1, off.size // SCATTER_FROM)]))), LEAST_SCATTER)
+    scatter = max(robust_sd(off[:: max(1, off.size // SCATTER_FROM)]), LEAST_SCATTER)
     kept = np.flatnonzero(np.abs(off) <= TRUSTED * scatter)
     count = np.bincount(cell[kept], minlength=size)
     least = max(float(LEAST_READINGS), LEAST_SHARE * float(np.median(count[count > 0])))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.frames import Pose
+from truestand.core.robust import MAD_TO_SD, TUKEY, tukey_weights
 from truestand.parts.cast import Solid, meet
 from truestand.parts.drawings import FitTo
 
@@ -24,8 +25,6 @@ SEARCHED, COMPARED = 400, 2500
 """Readings that score every angle, and those that compare the best ones."""
 MOST_REFINED = 48
 COARSE_STEPS, STEPS = 6, 15
-TUKEY = 4.685
-MAD = 1.4826
 LEAST_SCALE = 2e-4
 """mm: scatter below which no reading is called wild."""
 OPEN = 3e-4
@@ -119,7 +118,7 @@ def _loss(solid: Solid, rays: Rays, reach: float) -> Array:
 
 def _capped(losses: Array) -> Array:
     """Losses (candidates, n) with everything wild as bad as the rest of it, by the best candidate's own scatter."""
-    scale = MAD * float(np.median(losses, axis=1).min())
+    scale = MAD_TO_SD * float(np.median(losses, axis=1).min())
     return np.asarray(np.minimum(losses, max(CAP * scale, LEAST_CAP)))
 
 
@@ -169,7 +168,7 @@ def _refined(
             break
         off = met.deviation[on]
         follow, names = motions(fit, now.points[on], solid.normal[met.triangle[on]], middle)
-        weight = np.square(np.maximum(1.0 - np.square(off / (TUKEY * _scale(follow, off))), 0.0))
+        weight = tukey_weights(off / (TUKEY * _scale(follow, off)))
         step, left = _step(follow, weight, off, names, now.points[on] - middle)
         pose = _motion(step, middle) @ pose
         if np.abs(step).max() < STILL:
@@ -185,7 +184,7 @@ def _scale(follow: Array, off: Array) -> float:
     order = np.argsort(np.abs(off))
     held = np.cumsum(np.square(follow[order]), axis=0)
     half = [int(np.searchsorted(column, column[-1] / 2)) for column in held.T]
-    return max(MAD * float(np.abs(off[order[np.minimum(half, off.size - 1)]]).max()), LEAST_SCALE)
+    return max(MAD_TO_SD * float(np.abs(off[order[np.minimum(half, off.size - 1)]]).max()), LEAST_SCALE)
 
 
 def _step(

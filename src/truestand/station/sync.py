@@ -11,6 +11,8 @@ from math import pi, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.robust import robust_sd
+
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
@@ -99,4 +101,4 @@ def latch_skew(moment: Array, encoder_angle: Array, track: TableTrack) -> Skew |
     time, position = track.time[inside], track.position[inside]
     speed = (position[-1] - position[0]) / (time[-1] - time[0])
     late = (np.interp(time, moment, encoder_angle) - position) / speed
-    return Skew(float(np.median(late)), float(1.4826 * np.median(np.abs(late - np.median(late)))))
+    return Skew(float(np.median(late)), robust_sd(late - np.median(late)))
