@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import radians
+from math import radians, tau
 from typing import Any
 
 from truestand.core.artefact import Artefact
@@ -22,6 +22,9 @@ from truestand.sim import (
 
 ABOVE = radians(-138.198)
 """A sensor that looks from the bearing's side and so sees the shoulder face."""
+POINTS, PER_TURN = 160, 1000
+"""Readings of a profile and profiles of a turn: a sixteenth of the paper's scan; a calibration takes half a second.
+Full scans are measured by bench/accuracy.py and bench/speed.py."""
 PLANE = {"plane_offset": 0.25, "plane_tilt": radians(0.3)}
 TILTED = {"tilt": 0.001, "tilt_direction": 2.0}
 ROUND: dict[str, Any] = {"form": ()}
@@ -38,10 +41,13 @@ class Named:
     acquisition: dict[str, Any] = field(default_factory=dict)
     mirrored: bool = False
     direction: str = "ccw"
+    points: int = POINTS
+    per_turn: int = PER_TURN
 
     def stand(self) -> Stand:
         base = paper_stand()
-        sensor = replace(base.sensor, mirrored=self.mirrored)
+        rate = self.per_turn * base.table.speed / tau
+        sensor = replace(base.sensor, mirrored=self.mirrored, points=self.points, profile_rate=rate)
         table = Table(base.table.speed, self.direction)
         return replace(base, table=table, sensors=(sensor,), counts_per_turn=36000)
 
@@ -52,12 +58,12 @@ class Named:
             replace(base.running, **self.running),
             replace(base.workpiece, **self.workpiece),
             replace(base.optics, **self.optics),
-            replace(base.acquisition, **self.acquisition),
+            replace(base.acquisition, **{"profiles": 2750, **self.acquisition}),
         )
 
 
-ONE_TURN = {"profiles": 4000}
-ANGLE = {"profiles": 4000, "columns": ("angle",)}
+ONE_TURN = {"profiles": PER_TURN}
+ANGLE = {"profiles": PER_TURN, "columns": ("angle",)}
 
 STANDS = {
     "paper": Named(),
@@ -75,9 +81,9 @@ STANDS = {
         {"phi": -ABOVE, **PLANE}, TILTED, acquisition=ANGLE, mirrored=True, direction="cw"
     ),
     "any start angle": Named(PLANE, TILTED, acquisition={**ANGLE, "start_angle": 2.5}),
-    "encoder": Named(PLANE, TILTED, acquisition={"profiles": 4000, "columns": ("encoder",), "start_angle": -1.0}),
-    "five turns": Named(PLANE, TILTED, acquisition={"profiles": 20000}),
-    "one and a third turns": Named(PLANE, TILTED, acquisition={"profiles": 5333}),
+    "encoder": Named(PLANE, TILTED, acquisition={"profiles": PER_TURN, "columns": ("encoder",), "start_angle": -1.0}),
+    "five turns": Named(PLANE, TILTED, acquisition={"profiles": 5 * PER_TURN}),
+    "one and a third turns": Named(PLANE, TILTED, acquisition={"profiles": 1333}),
     "speed 5 % wrong": Named(acquisition={"speed_factor": 1.05}),
     "tilted 5 mrad": Named(running={"tilt": 0.005, "tilt_direction": 1.0}, acquisition=ANGLE),
     "dirty": Named(

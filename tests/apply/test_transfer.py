@@ -16,8 +16,8 @@ from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, simulate
 from truth import PLANE, TILTED, Named, scan_of, shaft
 
-FOUND = Named(PLANE, TILTED, acquisition={"profiles": 4000, "columns": ("angle",)})
-BLIND = Named(PLANE, TILTED, acquisition={"profiles": 4400})
+FOUND = Named(PLANE, TILTED, acquisition={"profiles": 1000, "columns": ("angle",)})
+BLIND = Named(PLANE, TILTED, acquisition={"profiles": 1100})
 NAMED = {"index": FOUND, "home": BLIND, "centred": replace(BLIND, running={"eccentricity": 0.0})}
 GEAR_RADIUS = 25.0
 
@@ -46,7 +46,7 @@ def part_scan(name, start="home", seed=5, **changes):
     """A scan of the wheel on a named stand, with something changed since the calibration."""
     named = NAMED[name]
     mounting = {**named.mounting, **changes.get("mounting", {})}
-    acquisition = {**named.acquisition, "profiles": 4400, **changes.get("acquisition", {})}
+    acquisition = {**named.acquisition, "profiles": 1100, **changes.get("acquisition", {})}
     running = {**named.running, **changes.get("running", {})}
     optics = {**named.optics, **changes.get("optics", {})}
     now = replace(named, mounting=mounting, acquisition=acquisition, running=running, optics=optics)

@@ -19,11 +19,20 @@ from truestand.core.scan import Recording, interpret, profile_number
 from truestand.sim import Keyway, Patch, simulate
 from truth import Named, scan_of, shaft, truth_of
 
-ANGLE = {"profiles": 4000, "columns": ("angle",)}
+PER_TURN = 2000
+ANGLE = {"profiles": PER_TURN, "columns": ("angle",)}
 
 
 def stand(workpiece=None, optics=None, acquisition=None):
-    return Named({}, {}, {"form": (), **(workpiece or {})}, optics or {}, {**ANGLE, **(acquisition or {})})
+    return Named(
+        {},
+        {},
+        {"form": (), **(workpiece or {})},
+        optics or {},
+        {**ANGLE, **(acquisition or {})},
+        points=320,
+        per_turn=PER_TURN,
+    )
 
 
 def calibrated(named):
@@ -46,8 +55,8 @@ RIGHT = {
     "150 um of dirt on 30 % of the base": (stand({"patches": (Patch("base", 1.0, 0.3, 0.15),)}), 2.0),
     "150 um of dirt on 30 % of both": (stand(on_both(0.15)), 2.0),
     "40 % from a reflection that stands still": (stand(optics={"reflection": 0.4}), 1.0),
-    "100 lost profiles, with a counter": (stand(acquisition={"dropped": 100, "columns": ("counter",)}), 1.0),
-    "100 lost profiles, with time stamps": (stand(acquisition={"dropped": 100, "columns": ("time",)}), 1.0),
+    "50 lost profiles, with a counter": (stand(acquisition={"dropped": 50, "columns": ("counter",)}), 1.0),
+    "50 lost profiles, with time stamps": (stand(acquisition={"dropped": 50, "columns": ("time",)}), 1.0),
     "speed 5 % wrong, no encoder": (stand(acquisition={"speed_factor": 1.05, "columns": ()}), 0.5),
     "start-up ramp, with an encoder": (stand(acquisition={"ramp": 2.0, "columns": ("encoder",)}), 0.1),
     "5 % of ripple, with an encoder": (stand(acquisition={"ripple": 0.05, "columns": ("encoder",)}), 0.1),
@@ -63,11 +72,11 @@ def test_right_all_the_same(name):
 
 
 DOUBTED = {
-    "100 lost profiles, nothing to tell": {"dropped": 100, "columns": ()},
-    "100 lost profiles of 2.75 turns": {"dropped": 100, "columns": (), "profiles": 11000},
-    "20 lost profiles of 2.75 turns": {"dropped": 20, "columns": (), "profiles": 11000},
-    "start-up ramp": {"ramp": 2.0, "columns": (), "profiles": 11000},
-    "start-up ramp, 1.3 turns": {"ramp": 2.0, "columns": (), "profiles": 5300},
+    "50 lost profiles, nothing to tell": {"dropped": 50, "columns": ()},
+    "50 lost profiles of 2.75 turns": {"dropped": 50, "columns": (), "profiles": 5500},
+    "10 lost profiles of 2.75 turns": {"dropped": 10, "columns": (), "profiles": 5500},
+    "start-up ramp": {"ramp": 2.0, "columns": (), "profiles": 5500},
+    "start-up ramp, 1.3 turns": {"ramp": 2.0, "columns": (), "profiles": 2650},
 }
 
 
@@ -95,7 +104,7 @@ def test_more_than_half_from_a_reflection_is_refused_or_doubted():
 def test_a_fifth_of_the_arc_missing_is_no_loss():
     named = stand()
     made = simulate(named.stand(), named.simulation(), shaft(), 1)
-    made.recording.z[700:1500] = np.nan
+    made.recording.z[350:750] = np.nan
     found = calibrate(interpret(made.recording, named.stand()), shaft())
     assert found.status == "valid"
     assert abs(1000 * found.eccentricity - 878.9) < 1.0
@@ -134,7 +143,7 @@ def test_whole_profiles_lost_are_no_trouble():
     """Warnings are errors here: a stretch in which no surface is seen at all goes unremarked."""
     named = stand(acquisition={"columns": ()})
     made = simulate(named.stand(), named.simulation(), shaft(), 1)
-    made.recording.z[1000:1200] = np.nan
+    made.recording.z[500:600] = np.nan
     found = calibrate(interpret(made.recording, named.stand()), shaft())
     assert abs(1000 * found.eccentricity - 878.9) < 1.0
 

@@ -12,7 +12,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan
 from truestand.core.surface import apply_calibration
-from truth import STANDS, scan_of, shaft, simulated, truth_of
+from truth import PER_TURN, POINTS, STANDS, scan_of, shaft, simulated, truth_of
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
 
@@ -91,11 +91,12 @@ def test_every_point_of_the_field_is_right_with_plane_off_and_shaft_tilted():
 
 
 def test_the_form_comes_out_with_it():
+    """60,000 readings of 5 um on a cylinder, seen at 42 degrees: 4 standard deviations are 0.15 um."""
     found = {(h.surface, h.upr): h for h in calibrated("many harmonics").harmonics}
     for n in range(2, 13):
         for surface in ("base", "bearing"):
-            assert found[surface, n].amplitude == pytest.approx(0.02 / n, abs=5e-5)
-            assert np.angle(np.exp(1j * (found[surface, n].phase - 0.3 * n))) == pytest.approx(0, abs=0.02)
+            assert found[surface, n].amplitude == pytest.approx(0.02 / n, abs=1.5e-4)
+            assert np.angle(np.exp(1j * (found[surface, n].phase - 0.3 * n))) == pytest.approx(0, abs=1.5e-4 * n / 0.02)
 
 
 def test_a_centred_shaft_says_what_it_can_not_tell():
@@ -154,10 +155,10 @@ def test_what_can_not_carry_a_calibration_is_refused():
         return Scan(fields["x"], fields["z"], fields["angle"], scan.stand, "index")
 
     with pytest.raises(NotEnoughData, match=r"need one full revolution, got 0\.25"):
-        calibrate(part(slice(0, 1000)), shaft())
+        calibrate(part(slice(0, 250)), shaft())
     with pytest.raises(NotEnoughData, match="found 0 points"):
-        calibrate(part(slice(0, 4000), z=np.full((4000, 640), np.nan)), shaft())
-    partial = calibrate(part(slice(0, 2800)), shaft())
+        calibrate(part(slice(0, PER_TURN), z=np.full((PER_TURN, POINTS), np.nan)), shaft())
+    partial = calibrate(part(slice(0, 700)), shaft())
     assert not next(c for c in partial.checks if c.name == "revolutions").ok
 
 

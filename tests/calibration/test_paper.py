@@ -18,7 +18,7 @@ from truestand.sim import simulate
 from truth import STANDS, Named, scan_of, shaft, simulated, truth_of
 
 ROUND = Named(
-    workpiece={"form": ()}, optics={"noise": 0.0, "step_z": 0.0, "step_x": 0.0}, acquisition={"profiles": 4000}
+    workpiece={"form": ()}, optics={"noise": 0.0, "step_z": 0.0, "step_x": 0.0}, acquisition={"profiles": 1000}
 )
 
 

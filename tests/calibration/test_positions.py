@@ -21,7 +21,7 @@ OFF = 0.02 * np.exp(0.7j)
 LEAN = 5e-4 * np.exp(2.1j)
 OWN = (FormWave("base", 2, 0.085, 0.4), FormWave("base", 3, 0.004, 1.0), FormWave("bearing", 3, 0.006, 2.0))
 BEARING = (2, 0.001, -1.0), (3, 0.002, 1.0)
-STAND = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 4000, "columns": ("angle",)})
+STAND = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 1000, "columns": ("angle",)})
 
 
 def artefact():
@@ -62,7 +62,7 @@ def test_two_clampings_take_coaxiality_out_of_the_laser_plane():
     _, _, _, tilt, offset = sensor_parameters(both.table_from_sensor)
     U = both.uncertainty["laser_plane_offset_mm"].U
     assert abs(offset - PLANE["plane_offset"]) < U < 0.003
-    assert degrees(abs(tilt - PLANE["plane_tilt"])) < both.uncertainty["laser_plane_tilt_deg"].U < 0.01
+    assert degrees(abs(tilt - PLANE["plane_tilt"])) < both.uncertainty["laser_plane_tilt_deg"].U < 0.02
     assert not both.not_identifiable
 
 
@@ -71,7 +71,7 @@ def test_the_steps_axes_are_told():
     # The simulator states the offset at the drawing's middle of the bearing, here it counts where it was seen.
     middle = sum(getattr(shaft().cylinders[1], end) for end in ("bottom", "top")) / 2
     true = (OFF + LEAN * (axis.height - middle)) * np.exp(1j * np.pi)
-    assert hypot(axis.x - true.real, axis.y - true.imag) < axis.U < 2e-4
+    assert hypot(axis.x - true.real, axis.y - true.imag) < axis.U < 3e-4
     assert hypot(axis.slope_x + LEAN.real, axis.slope_y + LEAN.imag) < 2e-5
 
 

@@ -23,8 +23,9 @@ NEIGHBOUR_SLOPE = 4.0
 SAMPLED_PROFILES = 400
 LEAST_POINTS = 12
 """Readings a profile must show on average."""
-BIN = 0.1
-"""mm along the axis."""
+LEAST_BIN, READING_BIN = 0.1, 0.75
+"""mm along the axis; share of what lies between two readings of a profile, where that is more: in narrower bins,
+readings of a sparse profile come and go with the wobble."""
 PASSES = 3
 STEADY = 0.1
 """mm: median deviation within a bin above which it shows no one surface."""
@@ -55,6 +56,8 @@ class Silhouette:
     """The outline along a direction: ``v`` (B,) mm along it, ``u`` (B,) mm across it, NaN where no surface is seen."""
 
     phi: float
+    bin: float
+    """mm from one ``v`` to the next."""
     v: Array
     u: Array
     shift: Array
@@ -171,8 +174,9 @@ def silhouette(seen: Sample, phi: float) -> Silhouette:
     u, v = LaserPlane(phi).to_uv(seen.x, seen.z)
     on = np.isfinite(u)
     low, high = np.quantile(v[on], [0.0005, 0.9995])
-    count = max(1, int((high - low) / BIN) + 1)
-    cell = np.floor((v - low) / BIN, where=on, out=np.full(v.shape, -1.0)).astype(np.intp)
+    bin_ = _bin(v)
+    count = max(1, int((high - low) / bin_) + 1)
+    cell = np.floor((v - low) / bin_, where=on, out=np.full(v.shape, -1.0)).astype(np.intp)
     on &= (cell >= 0) & (cell < count)
     row, _ = np.nonzero(on)
     cell, across = cell[on], u[on]
@@ -187,4 +191,11 @@ def silhouette(seen: Sample, phi: float) -> Silhouette:
         centre, often = medians(cell, across - shift[row], count)
     spread, _ = medians(cell, np.abs(across - shift[row] - centre[cell]), count)
     shown = (often >= SEEN_OFTEN * len(u)) & (spread < STEADY)
-    return Silhouette(phi, low + (np.arange(count) + 0.5) * BIN, np.where(shown, centre, np.nan), shift)
+    return Silhouette(phi, bin_, low + (np.arange(count) + 0.5) * bin_, np.where(shown, centre, np.nan), shift)
+
+
+def _bin(v: Array) -> float:
+    """mm along the axis for readings at ``v`` (n, M) mm."""
+    apart = np.abs(np.diff(v, axis=1))
+    known = apart[np.isfinite(apart)]
+    return max(LEAST_BIN, READING_BIN * float(np.median(known))) if known.size else LEAST_BIN

@@ -13,7 +13,7 @@ from math import cos, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.outline import BIN, Sample, Silhouette, directions, sample, silhouette
+from truestand.calibration.outline import Sample, Silhouette, directions, sample, silhouette
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, facing
@@ -42,15 +42,14 @@ LEAST_BAND = 0.3
 WIDTH = 0.25
 """mm from the drawn surface within which a bin lies on it (form, linearity, the feet of chamfers)."""
 FOR, AGAINST = 5.0, 3.0
-"""Nats: ln(20 mm of range / 2 sqrt(pi) 0.06 mm) for a bin on the surface, -ln(0.05) for a wild one."""
+"""Nats: ln(20 mm of range / 2 sqrt(pi) 0.06 mm) for a bin on the surface, -ln(0.05) for an outlier; once a millimetre,
+for what lies nearer shares its cause (a chamfer, a ghost)."""
 SAME_LINE = 0.15
 """mm: neighbouring bins nearer than this across are of one run."""
 LEAST_RUN = 5
 MOST_RUNS = 14
 SAME_HEIGHT, SAME_RADIAL, SAME_DIRECTION = 1.0, 0.3, 0.03
 """mm, mm, rad within which two explanations are one."""
-INDEPENDENT = 10.0
-"""Bins that share one cause (a chamfer, a ghost), so that evidence counts once a millimetre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +168,7 @@ def _bands(outline: Silhouette, match: Match, artefact: Artefact) -> tuple[Band,
     bands = []
     for k, c in enumerate(artefact.cylinders):
         v, _ = on_cylinder(outline, match, c)
-        if v.size < LEAST_BAND / BIN:
+        if v.size < LEAST_BAND / outline.bin:
             continue
         margin = min(EDGE_MARGIN, 0.15 * c.length)
         low = max(c.bottom + margin, float(np.quantile(v, 0.01)))
@@ -243,7 +242,7 @@ def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
         return []
     found = []
     for phi, along, across in ((outline.phi, v, u), (outline.phi - pi, -v[::-1], u[::-1])):
-        drawn = _Drawing(artefact, along, across)
+        drawn = _Drawing(artefact, outline.bin, along, across)
         found += [m for h in drawn.heights() if (m := drawn.explained(phi, h)) is not None]
     return found
 
@@ -256,8 +255,8 @@ def best_and_margin(found: list[Match]) -> tuple[Match, float]:
 
 
 def confidence(margin: float) -> float:
-    """Probability 0..1 that the better of two explanations is the right one, evidence counted once a millimetre."""
-    return float(1.0 / (1.0 + np.exp(-min(margin / INDEPENDENT, 700.0))))
+    """Probability 0..1 that the better of two explanations is the right one, from their scores."""
+    return float(1.0 / (1.0 + np.exp(-min(margin, 700.0))))
 
 
 def _same(a: Match, b: Match) -> bool:
@@ -271,21 +270,22 @@ class _Drawing:
     """The drawing beside a silhouette's bins ``v``, ``u`` (n,) mm."""
 
     artefact: Artefact
+    bin: float
     v: Array
     u: Array
 
     def heights(self) -> Array:
         """Shifts (mm) of v that put an end of a run of bins at the like end of a cylinder."""
-        breaks = np.flatnonzero((np.abs(np.diff(self.u)) > SAME_LINE) | (np.diff(self.v) > 3.5 * BIN))
+        breaks = np.flatnonzero((np.abs(np.diff(self.u)) > SAME_LINE) | (np.diff(self.v) > 3.5 * self.bin))
         runs = zip(np.append(0, breaks + 1), np.append(breaks, self.v.size - 1), strict=True)
         longest = sorted((r for r in runs if r[1] - r[0] >= LEAST_RUN), key=lambda r: r[0] - r[1])[:MOST_RUNS]
         shifts = [
             shift
             for first, last in longest
             for c in self.artefact.cylinders
-            for shift in (c.bottom - self.v[first] + BIN / 2, c.top - self.v[last] - BIN / 2)
+            for shift in (c.bottom - self.v[first] + self.bin / 2, c.top - self.v[last] - self.bin / 2)
         ]
-        near = [s + k * BIN for s in shifts for k in (-1, 0, 1)]
+        near = [s + k * self.bin for s in shifts for k in (-1, 0, 1)]
         return np.unique(np.round(near, 3))
 
     def explained(self, phi: float, height: float) -> Match | None:
@@ -300,20 +300,20 @@ class _Drawing:
         middle = off.min() + WIDTH * float(np.argmax(crowd))
         radial = float(np.median(off[np.abs(off - middle) <= WIDTH]))
         d = off - radial
-        score = float(np.where(np.abs(d) < WIDTH, FOR * (1.0 - (d / WIDTH) ** 2), -AGAINST).sum())
+        score = self.bin * float(np.where(np.abs(d) < WIDTH, FOR * (1.0 - (d / WIDTH) ** 2), -AGAINST).sum())
         if score > 0:
-            score -= AGAINST * self._missing(d, drawn, radial, height)
+            score -= self.bin * AGAINST * self._missing(d, drawn, radial, height)
         return Match(phi, radial, height, score)
 
     def _missing(self, d: Array, drawn: NDArray[np.bool_], radial: float, height: float) -> int:
         """Bins that the drawing promises between the lowest and the highest on it: not hidden, not there."""
         heights = self.v[drawn] + height
         on = heights[np.abs(d) < WIDTH]
-        promised = np.arange(on.min() + BIN, on.max(), BIN)
+        promised = np.arange(on.min() + self.bin, on.max(), self.bin)
         radius = drawn_radius(promised, self.artefact)
         after = np.minimum(np.searchsorted(heights, promised), heights.size - 1)
         gap = np.minimum(np.abs(heights[after] - promised), np.abs(heights[np.maximum(after - 1, 0)] - promised))
-        out = (gap > 2.5 * BIN) & np.isfinite(radius)
+        out = (gap > 2.5 * self.bin) & np.isfinite(radius)
         return int(np.count_nonzero(out & ~hidden(radius, promised, (radial, height), self.artefact)))
 
 
@@ -340,8 +340,8 @@ def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact:
 def matched_again(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
     """The best explanation of a silhouette near a known height, the same way up."""
     seen = np.isfinite(outline.u)
-    drawn = _Drawing(artefact, outline.v[seen], outline.u[seen])
-    near = [m for k in range(-6, 7) if (m := drawn.explained(outline.phi, height + 0.5 * k * BIN)) is not None]
+    drawn = _Drawing(artefact, outline.bin, outline.v[seen], outline.u[seen])
+    near = [m for k in range(-6, 7) if (m := drawn.explained(outline.phi, height + 0.5 * k * outline.bin)) is not None]
     return max(near, key=lambda m: m.score, default=None)
 
 
