@@ -10,7 +10,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from gears import SPUR, helical, scan_of, simulation, true_calibration
+from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, Worn
@@ -28,14 +28,13 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @cache
-def inspected(errors, gear=GEAR, how=None, thin=3):
-    """The issue's sensor: 5 um on steep flanks, a good encoder; every third point is mostly enough."""
-    scan = scan_of(gear, errors, how or simulation())
+def inspected(errors, gear=GEAR, how=None, points=POINTS):
+    """A sensor that reads steep flanks to 5 um and a good encoder."""
+    scan = scan_of(gear, errors, how or simulation(), points)
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
     stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
-    few = replace(scan, x=scan.x[:, ::thin], z=scan.z[:, ::thin], stand=stand)
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
-    return inspect_gear(apply_calibration(few, known), gear)
+    return inspect_gear(apply_calibration(replace(scan, stand=stand), known), gear)
 
 
 def verdict(found, name, tooth=5, flank="left"):
@@ -110,7 +109,7 @@ def test_the_deeper_the_groove_the_larger_u():
     ids=["half a tooth", "half a tooth to the root", "0.12 mm", "missing"],
 )
 def test_a_broken_tooth_does_not_conform(errors, kind, depth):
-    found = inspected(errors, thin=1)
+    found = inspected(errors, points=320)
     (broken,) = (d for d in found.defects if d.verdict is not None)
     assert (broken.tooth, broken.kind, broken.verdict) == (5, kind, "does_not_conform")
     assert broken.depth == pytest.approx(depth, abs=0.05)
@@ -120,7 +119,7 @@ def test_a_broken_tooth_does_not_conform(errors, kind, depth):
 
 def test_a_corner_that_broke_off_in_the_shadow_of_its_tooth_is_doubted():
     """The sensor looks up at 42 degrees to the axis: of the break at the upper end it sees nothing."""
-    found = inspected(replace(SOUND, chips=(Chip(5, 23.5, 26.0, 1.0),)), thin=1)
+    found = inspected(replace(SOUND, chips=(Chip(5, 23.5, 26.0, 1.0),)), points=320)
     assert [(d.tooth, d.kind, d.verdict) for d in found.defects] == [(5, "hidden tip", "undecided")]
     assert found.verdict == "undecided"
 
@@ -138,19 +137,19 @@ def test_a_broken_tooth_leaves_the_figures_of_its_flanks_undecided():
 
 
 @pytest.mark.parametrize(
-    ("how", "thin"),
+    ("how", "points"),
     [
-        (None, 3),
-        (simulation(outliers=0.2, dropouts=0.1), 1),
-        (simulation(outliers=0.2, dropouts=0.1), 3),
-        (simulation(outliers=0.4, dropouts=0.6), 1),
-        (simulation(speckle=0.005), 1),
-        (simulation(noise=0.02), 3),
+        (None, POINTS),
+        (simulation(outliers=0.2, dropouts=0.1), 640),
+        (simulation(outliers=0.2, dropouts=0.1), POINTS),
+        (simulation(outliers=0.4, dropouts=0.6), 640),
+        (simulation(speckle=0.005), 320),
+        (simulation(noise=0.02), POINTS),
     ],
     ids=["clean", "20 % wild, 10 % lost", "the same, sparse", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
 )
-def test_sound_gears_leave_nothing_undecided(how, thin):
-    found = inspected(SOUND, GEAR, how, thin)
+def test_sound_gears_leave_nothing_undecided(how, points):
+    found = inspected(SOUND, GEAR, how, points)
     assert found.verdict == "conforms"
     assert all(d.verdict is None for d in found.defects)
 
@@ -159,7 +158,7 @@ def test_sound_gears_leave_nothing_undecided(how, thin):
 def test_flanks_at_the_edge_of_sight_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
     gear = replace(helical(helix), accuracy_class=10)
-    found = inspected(SOUND, gear, simulation(4400, upright=True), 1)
+    found = inspected(SOUND, gear, simulation(4400, upright=True), 480)
     doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
     assert len(doubted) <= 3  # of 288
 
@@ -168,7 +167,7 @@ def test_dents_are_decided_where_they_lie():
     """One on both traces, one on neither, one on the helix trace."""
     places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))
     dents = tuple(Dent(tooth, "left", roll, height, 0.75, 0.1) for tooth, roll, height in places)
-    found = inspected(replace(SOUND, dents=dents), thin=1)
+    found = inspected(replace(SOUND, dents=dents), points=320)
     assert [verdict(found, "f_falpha", tooth) for tooth in (2, 7, 9)] == ["undecided", "conforms", "conforms"]
     assert [verdict(found, "f_fbeta", tooth) for tooth in (2, 7, 9)] == ["undecided", "conforms", "undecided"]
     assert sorted((d.kind, d.tooth) for d in found.defects) == [("dent", 2), ("dent", 7), ("dent", 9)]

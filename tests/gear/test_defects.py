@@ -23,8 +23,8 @@ ROUGH = simulation(outliers=0.2)
 
 
 @cache
-def inspected(errors, how=None, gear=SPUR):
-    return inspect_gear(apply_calibration(scan_of(SPUR, errors, how), true_calibration()), gear)
+def inspected(errors, how=None, gear=SPUR, points=320):
+    return inspect_gear(apply_calibration(scan_of(SPUR, errors, how, points), true_calibration()), gear)
 
 
 def is_at(defect, dent):
@@ -33,7 +33,7 @@ def is_at(defect, dent):
 
 
 def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
-    found = list(inspected(DENTED).defects)
+    found = list(inspected(DENTED, points=640).defects)
     hits = [(dent, d) for dent in DENTED.dents for d in found if is_at(d, dent)]
     assert len({dent.tooth for dent, _ in hits}) >= 7
     assert len(found) == len(hits)
@@ -58,7 +58,7 @@ def test_half_of_the_teeth_missing():
 
 
 def test_wild_readings_are_no_defects():
-    assert inspected(PERFECT, ROUGH).defects == ()
+    assert inspected(PERFECT, ROUGH, points=640).defects == ()
 
 
 def test_a_tip_that_is_lower_than_drawn_is_no_defect():

@@ -95,7 +95,7 @@ def test_u_covers_calibrations_drawn_from_their_own_doubt():
     root = np.linalg.cholesky(c.covariance / np.outer(scale, scale) + 1e-12 * np.eye(8)) * scale[:, None]
     rng = np.random.default_rng(4)
     scan = scan_of(SPUR, PERFECT, QUIET)
-    few = replace(scan, x=scan.x[:, ::8], z=scan.z[:, ::8])
+    few = replace(scan, x=scan.x[:, ::2], z=scan.z[:, ::2])
     names = [("f_Halpha", "left"), ("f_Hbeta", "left"), ("s", None), ("W_k", None)]
     stated = {
         (line.name, line.flank): np.sqrt(sum(b.U**2 for b in line.budget if b.name in FROM_CALIBRATION))

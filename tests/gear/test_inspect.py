@@ -10,8 +10,20 @@ from math import pi, radians
 import numpy as np
 import pytest
 
-from gears import SPUR, UPRIGHT, WORN, calibrated, helical, scan_of, simulation, true_calibration, truth_of
-from truestand.apply.transfer import transfer
+from gears import (
+    POINTS,
+    SPUR,
+    UPRIGHT,
+    UPRIGHT_POINTS,
+    WORN,
+    calibrated,
+    helical,
+    scan_of,
+    simulation,
+    true_calibration,
+    truth_of,
+)
+from truestand.apply.transfer import roll, transfer
 from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.surface import Surface, apply_calibration
 from truestand.gear.inspect import inspect_gear
@@ -27,7 +39,8 @@ HIDDEN = simulation(triangulation=radians(25.0))
 def inspected(gear=SPUR, errors=WORN, how=None, true=False):
     upright = how is not None and how.mounting.phi == UPRIGHT["phi"]
     known = true_calibration(upright) if true else calibrated(upright)
-    tied = transfer(scan_of(gear, errors, how), known)
+    points = UPRIGHT_POINTS if upright else 640 if how == ROUGH else POINTS
+    tied = transfer(scan_of(gear, errors, how, points), known)
     return inspect_gear(apply_calibration(tied.scan, tied.calibration), gear)
 
 
@@ -147,6 +160,24 @@ def test_a_gear_out_of_view_is_no_gear():
     tied = transfer(scan_of(), calibrated())
     with pytest.raises(NotEnoughData, match="toothing in view"):
         inspect_gear(apply_calibration(tied.scan, tied.calibration), replace(SPUR, face_from=60.0))
+
+
+def test_a_shoulder_found_elsewhere_leaves_flanks_in_part_and_says_so():
+    """An end face seen edge on may hold more points than any height of the flanks, and is none."""
+    low = replace(SPUR, face_from=SPUR.face_from - 4.6)
+    found = inspect_gear(roll(scan_of(points=640), replace(true_calibration(), reasons=())), low)
+    assert any("flanks were seen from height" in r for r in found.remarks)
+    assert line(found, "F_p", "left").status == "measured"
+
+
+def test_a_sliver_of_the_face_is_refused():
+    scan = scan_of()
+    surface = apply_calibration(scan, true_calibration())
+    with np.errstate(invalid="ignore"):
+        hidden = (surface.z > 5.0) & (np.abs(surface.z - 15.05) > 0.05)
+    sliver = replace(scan, z=np.where(hidden, np.nan, scan.z))
+    with pytest.raises(NotEnoughData, match="need the toothing in view over its face"):
+        inspect_gear(apply_calibration(sliver, true_calibration()), SPUR)
 
 
 def test_a_surface_of_unknown_origin_is_refused():

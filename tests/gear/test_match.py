@@ -7,7 +7,7 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from gears import SPUR, WORN, helical, scan_of, simulation, true_calibration
+from gears import POINTS, SPUR, UPRIGHT_POINTS, WORN, helical, scan_of, simulation, true_calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
 from truestand.core.surface import apply_calibration
@@ -26,10 +26,8 @@ STEEP = replace(SPUR, pressure_angle=radians(25.0))
 @cache
 def surface_of(gear, errors=PERFECT, profiles=4400):
     upright = gear.helix_angle != 0
-    scan = scan_of(gear, errors, simulation(profiles, upright))
-    return apply_calibration(
-        replace(scan, x=scan.x[:, ::4], z=scan.z[:, ::4]), replace(true_calibration(upright), reasons=())
-    )
+    scan = scan_of(gear, errors, simulation(profiles, upright), UPRIGHT_POINTS if upright else POINTS)
+    return apply_calibration(scan, replace(true_calibration(upright), reasons=()))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ once more. What each figure makes of it is found by evaluating the cells with th
 sensitivities to get wrong (those of the theory page are tests).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, tau
 
@@ -28,9 +27,6 @@ from truestand.uncertainty.influence import points_of, unknowns_of
 from truestand.uncertainty.lines import linearity_name, linearity_of
 
 Array = NDArray[np.float64]
-Field = Callable[[Array], Array]
-"""delta of the cells from moves (n, 3) of their points in C."""
-
 INCIDENCE_U = 0.02
 """mm, k = 2: by how much a laser sensor reads steep surfaces differently, where the stand's recipe doesn't say; 10 to
 40 um are usual between 60 and 84 degrees."""
@@ -53,11 +49,14 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class Influence:
-    """One input of the budget. ``field``: delta (2, teeth, roll lengths, heights) mm at the input's U (k = 2)."""
+    """One input of the budget, moved by its U (k = 2)."""
 
     name: str
     field: Array
-    u: float | None = None
+    """delta (2, teeth, roll lengths, heights) mm."""
+    outward: float
+    """By how much the part's surface moves away from its axis, mean all round, mm."""
+    u: float
     """Standard uncertainty of the input itself (mm, rad, K or relative)."""
     distribution: str = "normal"
 
@@ -75,59 +74,44 @@ class Rays:
     """Table angle at which the laser plane meets it."""
     gradient: Array
     """Of delta over the point's place in C."""
+    shape: tuple[int, ...]
+    """Of the cells: (2, teeth, roll lengths, heights)."""
+
+    def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
+        """What ``moved`` (n, 3) mm, or one move (3,) mm of all points in C, does."""
+        delta = np.broadcast_to((self.gradient * moved).sum(axis=1), self.theta.shape).reshape(self.shape)
+        x, y = self.point[:, 0], self.point[:, 1]
+        outward = (x * moved[..., 0] + y * moved[..., 1]) / np.hypot(x, y)
+        return Influence(name, delta, float(np.mean(outward)), u, distribution)
 
 
 def influences_of(
-    scan: Scan,
-    calibration: Calibration,
-    grid: Grid,
-    nominal: Involute,
-    datum: Datum,
-    turned: float,
-    uneven: float = 0.0,
+    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float, uneven: float
 ) -> tuple[Influence, ...]:
     """Every input of the budget but noise.
 
-    ``uneven``: by how much (mm, rms, along the base circle) turns disagreed; what repeats is taken for no less.
+    ``turned``: polar angle (rad, C) of the first tooth; ``uneven``: by how much (mm, rms, along the base circle) turns
+    disagreed; what repeats is taken for no less.
     """
     rays = _rays(calibration, grid, nominal, datum, turned)
-    shape = grid.delta.shape
-
-    def field(moved: Array) -> Array:
-        return np.asarray((rays.gradient * moved).sum(axis=1).reshape(shape))
-
-    return _all(scan, calibration, rays, field, datum, nominal.gear.teeth, 2 * uneven / nominal.base_radius)
-
-
-def radial_lines(
-    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float
-) -> tuple[Contribution, ...]:
-    """The budget (U, k = 2, mm) of a diameter of the part: by how much each input moves its surface out, all round."""
-    rays = _rays(calibration, grid, nominal, datum, turned)
-    outward = rays.point * np.array([1.0, 1.0, 0.0])
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-
-    def field(moved: Array) -> Array:
-        return np.asarray(np.mean((outward * moved).sum(axis=1)))
-
-    lines: dict[str, Contribution] = {}
-    for i in _all(scan, calibration, rays, field, datum, nominal.gear.teeth, 0.0):
-        before = lines[i.name].U if i.name in lines else 0.0
-        lines[i.name] = Contribution(i.name, hypot(before, 2 * float(i.field)), i.u, i.distribution)
-    return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
-
-
-def _all(
-    scan: Scan, calibration: Calibration, rays: Rays, field: Field, datum: Datum, teeth: int, uneven: float
-) -> tuple[Influence, ...]:
-    """``uneven``: rad, k = 2."""
-    found = [*_of_calibration(calibration, rays, field), *_of_sensor(scan, calibration, rays, field)]
-    found += _of_table(scan, calibration, rays, field, teeth, uneven)
-    found += _of_datum(datum, rays, field)
     radial = rays.point * np.array([1.0, 1.0, 0.0])
-    found.append(Influence("temperature of the part (assumed)", field(radial * EXPANSION * TEMPERATURE_U),
-                           TEMPERATURE_U / 2, "rectangular"))  # fmt: skip
-    return tuple(found)
+    return (
+        *_of_calibration(calibration, rays),
+        *_of_sensor(scan, calibration, rays),
+        *_of_table(scan, calibration, rays, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
+        *_of_datum(datum, rays),
+        rays.influence("temperature of the part (assumed)", radial * EXPANSION * TEMPERATURE_U, TEMPERATURE_U / 2,
+                       "rectangular"),
+    )  # fmt: skip
+
+
+def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
+    """The budget (U, k = 2, mm) of a diameter of the part: twice what each input moves its surface out by."""
+    lines: dict[str, Contribution] = {}
+    for i in influences:
+        before = lines[i.name].U if i.name in lines else 0.0
+        lines[i.name] = Contribution(i.name, hypot(before, 2 * i.outward), i.u, i.distribution)
+    return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
 def expanded(
@@ -173,7 +157,7 @@ def _rays(calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum,
     gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ back.rotation.T
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
-    return Rays(point, x, z, theta, gradient)
+    return Rays(point, x, z, theta, gradient, grid.delta.shape)
 
 
 def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array) -> Array:
@@ -184,7 +168,7 @@ def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array)
     return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
 
 
-def _of_calibration(calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+def _of_calibration(calibration: Calibration, rays: Rays) -> list[Influence]:
     """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
     covariance = calibration.covariance
     if covariance.shape[0] < len(ORDER):
@@ -192,13 +176,12 @@ def _of_calibration(calibration: Calibration, rays: Rays, field: Field) -> list[
     order = np.array(ORDER)
     factor = _cholesky(covariance[np.ix_(order, order)])
     parameters, height = unknowns_of(calibration)
-    here = points_of(parameters, height, rays.x, rays.z, rays.theta)
     found = []
     for name, column in zip(NAMES, factor.T, strict=True):
         step = np.zeros(len(ORDER))
         step[order] = 2 * column
-        moved = points_of(parameters + step, height, rays.x, rays.z, rays.theta) - here
-        found.append(Influence(name, field(moved), float(np.abs(column).max())))
+        moved = points_of(parameters + step, height, rays.x, rays.z, rays.theta) - rays.point
+        found.append(rays.influence(name, moved, float(np.abs(column).max())))
     return found
 
 
@@ -209,7 +192,7 @@ def _cholesky(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(correlation))
 
 
-def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -> list[Influence]:
+def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays) -> list[Influence]:
     """Range errors along the ray, and what steep incidence does."""
     sensor = scan.stand.sensor
     way = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # one unit of range along the ray
@@ -222,12 +205,13 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays, field: Field) -
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
     steep = _steepness(rays, way)
     normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
+    stretched = scale * (z - _shaft_range(calibration, z))
     return [
-        Influence(bends, field(way * linearity), linearity / 2),
-        Influence(bends, field(way * bend[:, None]), linearity / 2),
-        Influence("scale of the sensor", field(way * (scale * (z - _shaft_range(calibration, z)))[:, None]), scale / 2),
-        Influence(f"incidence on the flanks{stated}", field(normal * incidence), incidence / 2),
-        Influence(f"incidence on the flanks{stated}", field(normal * (incidence * steep)[:, None]), incidence / 2),
+        rays.influence(bends, way * linearity, linearity / 2),
+        rays.influence(bends, way * bend[:, None], linearity / 2),
+        rays.influence("scale of the sensor", way * stretched[:, None], scale / 2),
+        rays.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
+        rays.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
     ]
 
 
@@ -248,15 +232,12 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(
-    scan: Scan, calibration: Calibration, rays: Rays, field: Field, teeth: int, uneven: float
-) -> list[Influence]:
-    """The table's bearing and its angle: zero, and errors that repeat every turn."""
+def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, uneven: float) -> list[Influence]:
+    """The table's bearing and its angle: zero, and errors that repeat every turn; ``uneven``: rad, k = 2."""
     parameters, height = unknowns_of(calibration)
-    here = points_of(parameters, height, rays.x, rays.z, rays.theta)
 
-    def at(angle: Array | float) -> Array:
-        return field(points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - here)
+    def turned(angle: Array | float) -> Array:
+        return points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - rays.point
 
     measured = scan.angle_source in ("angle", "encoder")
     own = scan.stand.table.angle_U
@@ -266,28 +247,22 @@ def _of_table(
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
     waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
-    shift = np.eye(3) * BEARING_U
     return [
-        Influence("table bearing (assumed)", field(np.broadcast_to(shift[0], rays.point.shape)), BEARING_U / 2),
-        Influence("table bearing (assumed)", field(np.broadcast_to(shift[1], rays.point.shape)), BEARING_U / 2),
-        Influence("zero of the table angle", at(zero), zero / 2, "rectangular"),
+        *(rays.influence("table bearing (assumed)", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
+        rays.influence("zero of the table angle", turned(zero), zero / 2, "rectangular"),
         *(
-            Influence(name, at(U / n * wave(n * rays.theta)), U / n / 2)
+            rays.influence(name, turned(U / n * wave(n * rays.theta)), U / n / 2)
             for n, name in waves
             for wave in (np.cos, np.sin)
         ),
     ]
 
 
-def _of_datum(datum: Datum, rays: Rays, field: Field) -> list[Influence]:
+def _of_datum(datum: Datum, rays: Rays) -> list[Influence]:
     """Where the part's own axis may stand, sideways and leaning."""
-    found = []
-    for line in datum.contributions:
-        for axis in np.eye(3)[:2]:
-            found.append(Influence(line.name, field(np.broadcast_to(axis * line.U, rays.point.shape)), line.U / 2))
+    across = np.eye(3)[:2]
+    found = [rays.influence(line.name, axis * line.U, line.U / 2) for line in datum.contributions for axis in across]
     if datum.U_slope:
         lever = (rays.point[:, 2:] - datum.height) * datum.U_slope
-        found += [
-            Influence("slope of the datum axis", field(axis * lever), datum.U_slope / 2) for axis in np.eye(3)[:2]
-        ]
+        found += [rays.influence("slope of the datum axis", axis * lever, datum.U_slope / 2) for axis in across]
     return found

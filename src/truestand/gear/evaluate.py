@@ -113,8 +113,8 @@ def evaluate(delta: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> M
     flanks, cells = weighed.weight.shape
     values = np.where(weighed.weight > 0, delta.reshape(flanks, cells), 0.0)
     shared = _shared(values, weighed)
-    c = np.einsum("fic,fc->fi", weighed.solver, values - shared)
-    residual = values - shared - np.einsum("fci,fi->fc", weighed.basis, c)
+    c = _times(weighed.solver, values - shared)
+    residual = values - shared - _times(weighed.basis, c)
     smooth = weighed.shape[:2]
     profile, helix = _traces(values, c, weighed, grid, nominal)
     alpha, beta = _trace_lines(profile, helix, weighed, grid, nominal)
@@ -171,8 +171,8 @@ def residuals(delta: Array, weighed: Weighed) -> Array:
     flanks, cells = weighed.weight.shape
     values = np.where(weighed.weight > 0, delta.reshape(flanks, cells), 0.0)
     shared = _shared(values, weighed)
-    c = np.einsum("fic,fc->fi", weighed.solver, values - shared)
-    rest = delta.reshape(flanks, cells) - shared - np.einsum("fci,fi->fc", weighed.basis, c)
+    c = _times(weighed.solver, values - shared)
+    rest = delta.reshape(flanks, cells) - shared - _times(weighed.basis, c)
     return np.asarray(rest.reshape(delta.shape))
 
 
@@ -225,18 +225,23 @@ def _basis(grid: Grid, nominal: Involute) -> Array:
 
 def _solver(basis: Array, weight: Array) -> Array:
     """(flanks, TERMS, cells); NaN for a flank with too few cells, or all of them on a line."""
-    weighted = basis * weight[:, :, None]
-    normal = np.einsum("fci,fcj->fij", weighted, basis)
+    weighted = (basis * weight[:, :, None]).swapaxes(1, 2)
+    normal = weighted @ basis
     able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (np.linalg.cond(normal) < 1e9)
     normal[~able] = np.eye(TERMS)
-    solver = np.einsum("fij,fcj->fic", np.linalg.inv(normal), weighted)
+    solver = np.linalg.inv(normal) @ weighted
     solver[~able] = np.nan
     return np.asarray(solver)
 
 
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Each flank's matrix (flanks, n, m) times its vector (flanks, m): (flanks, n)."""
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
 def _shared(values: Array, weighed: Weighed) -> Array:
     """The shape (flanks, cells) that all teeth of a side share beyond a quadratic; the same for each tooth."""
-    own = np.einsum("fci,fi->fc", weighed.basis, np.einsum("fic,fc->fi", weighed.solver, values))
+    own = _times(weighed.basis, _times(weighed.solver, values))
     return _mean_tooth(values - own, weighed.weight, weighed.shape)
 
 
@@ -252,7 +257,7 @@ def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array
 
 def _residual(values: Array, basis: Array, solver: Array, weight: Array, shape: tuple[int, ...]) -> Array:
     filled = np.where(np.isfinite(values), values, 0.0)
-    rest = filled - np.einsum("fci,fi->fc", basis, np.einsum("fic,fc->fi", solver, filled))
+    rest = filled - _times(basis, _times(solver, filled))
     rest = rest - _median_tooth(np.where(weight > 0, rest, np.nan), shape)
     return np.asarray(np.nan_to_num(rest))
 

@@ -25,8 +25,9 @@ BLOCK = 128
 """Profiles worked on at once."""
 END_MARGIN = 0.2
 """mm of face left out at either end: chamfers, and the end faces themselves."""
-FACE_BIN, FILLED = 0.1, 0.3
-"""mm of height that flanks reach or not, and the share of the usual number of points from which they do."""
+FACE_BIN, FEW, FILLED = 0.1, 0.1, 0.3
+"""mm of height that flanks reach or not; share of the most points below which they don't count for the usual number,
+and share of that number from which flanks reach."""
 TIP_MARGIN = 0.02
 """mm of radius left out at the tip: its land is no flank."""
 GATE = 0.25
@@ -135,6 +136,12 @@ def find_flanks(surface: Surface, nominal: Involute, datum: Pose) -> Flanks:
     low = bottom + END_MARGIN if bottom > nominal.gear.face_from else -np.inf
     high = top - END_MARGIN if top < nominal.gear.face_to else np.inf
     kept = (found.height > low) & (found.height < high)
+    if not kept.any():
+        g = nominal.gear
+        raise NotEnoughData(
+            f"found no readings on flanks between heights {g.face_from:g} and {g.face_to:g} mm, need the toothing in "
+            "view over its face; check face_from_mm and where the sensor looks"
+        )
     return found if kept.all() else only(found, kept)
 
 
@@ -147,10 +154,10 @@ def flank_heights(flanks: Flanks, nominal: Involute) -> tuple[float, float]:
     first, last = g.face_from + END_MARGIN, g.face_to - END_MARGIN
     bins = max(1, round((last - first) / FACE_BIN))
     counts, edges = np.histogram(flanks.height, bins, (first, last))
-    some = counts[counts > 0.1 * counts.max(initial=0)]
-    filled = np.flatnonzero(counts > FILLED * np.median(some)) if some.size else some
-    if not filled.size:
+    if not counts.any():
         return g.face_from, g.face_to
+    usual = np.median(counts[counts > FEW * np.quantile(counts[counts > 0], 0.9)])  # an end face may fill one bin
+    filled = np.flatnonzero(counts > FILLED * usual)
     bottom = g.face_from if filled[0] == 0 else float(edges[filled[0] + 1])
     return bottom, g.face_to if filled[-1] == bins - 1 else float(edges[filled[-1]])
 

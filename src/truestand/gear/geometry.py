@@ -9,6 +9,7 @@ External gears, transverse section. Left flank = the flank of a tooth at the lar
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import acos, ceil, cos, pi, sin, sqrt, tan
 
 import numpy as np
@@ -49,7 +50,7 @@ def _root(function: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(function, low, high, xtol=1e-15))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Involute:
     """What the drawing means. mm and rad."""
 
@@ -130,7 +131,7 @@ class Involute:
         arc = (self.span_teeth - 0.5) * pi + g.teeth * self._shift_angle()
         return g.module * cos(g.pressure_angle) * arc
 
-    @property
+    @cached_property
     def ball_diameter(self) -> float:
         """Of the ball that touches both flanks of a space near the measuring circle; as the drawing has it, if so."""
         if self.gear.evaluation.ball_diameter is not None:

@@ -73,7 +73,6 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     coverage = coverage_of(read.grid, nominal, scan.step)
     folded = fold(surface, nominal, datum.pose, flanks.turned)
     told = _told(read, scan, calibration, nominal, datum, coverage, steady.was or 0.0)
-    radial = radial_lines(scan, calibration, read.grid, nominal, datum, flanks.turned)
     published = _published(flanks, scan, calibration, nominal)
     defects, defect_map = find_defects(flanks, folded, coverage, nominal, read.grid.scatter)
     evidence = GearEvidence(
@@ -83,7 +82,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     return Inspection(
         kind="gear",
         name=gear.name,
-        characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial)),
+        characteristics=characteristics_of(told, nominal, tip_and_root(folded, nominal, radial_lines(told.influences))),
         defects=(*defects, *chipped_flanks(told.damage, defects)),
         reasons=(*reasons, *_unevenness(steady)),
         remarks=(
