@@ -3,15 +3,18 @@
 import csv
 import json
 import os
-import subprocess
-import sys
+from dataclasses import replace
 from importlib.resources import files
 
 import jsonschema
 import numpy as np
 import pytest
 
-from command import run
+from command import run, run_process
+from truestand.core.surface import apply_calibration
+from truestand.files.records.records import read_calibration
+from truestand.files.scans.read import read_recording, read_scan
+from truestand.files.scans.write_scan import write_recording
 
 PERFECT = "[simulation]\nphase_deg = 3.0\n"
 
@@ -22,16 +25,18 @@ def bench(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inspect")
     assert run("init", folder).returncode == 0
     stand = folder / "stand.toml"
-    stand.write_text(stand.read_text().replace("profiles = 11000 ", "profiles = 4400 "))
+    full = stand.read_text().replace("profiles = 11000 ", "profiles = 4400 ")  # for dents of 30 um
+    (folder / "full.toml").write_text(full)
+    stand.write_text(full.replace("points = 640", "points = 214"))
     drawing = (folder / "gear.toml").read_text().split("# Only `truestand simulate`")[0]
     (folder / "perfect.toml").write_text(drawing.replace("accuracy_class = 7", "accuracy_class = 11") + PERFECT)
     (folder / "unknown.toml").write_text(stand.read_text().replace('start = "home"', 'start = "unknown"'))
-    for out, part, more in (
-        ("k1.h5", (), ()),
-        ("gear.h5", ("--part", "gear.toml"), ("--truth", "truth.json")),
-        ("perfect.h5", ("--part", "perfect.toml"), ()),
+    for out, recipe, more in (
+        ("k1.h5", "stand.toml", ()),
+        ("gear.h5", "full.toml", ("--part", "gear.toml", "--truth", "truth.json")),
+        ("perfect.h5", "stand.toml", ("--part", "perfect.toml")),
     ):
-        done = run("simulate", "stand.toml", "--artefact", "shaft.toml", *part, *more, "-o", out, cwd=folder)
+        done = run("simulate", recipe, "--artefact", "shaft.toml", *more, "-o", out, cwd=folder)
         assert done.returncode == 0, done.stderr
     assert run("calibrate", "k1.h5", "--artefact", "shaft.toml", cwd=folder).returncode == 0
     return folder
@@ -72,7 +77,8 @@ def test_the_characteristics_as_csv(bench):
 def test_a_pdf_without_its_extra_is_refused_before_the_work(bench, tmp_path, monkeypatch):
     (tmp_path / "weasyprint.py").write_text("raise ImportError('absent')")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
-    done = inspect(bench, "--report", "r.pdf", "-o", "never.json")
+    common = ("--calibration", "calibration.json", "--part", "gear.toml")
+    done = run_process("inspect", "gear.h5", *common, "--report", "r.pdf", "-o", "never.json", cwd=bench)
     assert done.returncode == 2
     assert "pip install 'truestand[pdf]'" in done.stderr
     assert not (bench / "never.json").exists() and not (bench / "r.pdf").exists()
@@ -151,15 +157,20 @@ def test_a_bad_recipe_ends_2_in_one_line(bench, change, message):
     assert not (bench / "none.json").exists()
 
 
-def test_a_scan_from_another_table_angle_is_tied_by_the_shaft_in_view(bench):
-    turned = (bench / "unknown.toml").read_text().replace("fan_deg", "start_angle_deg = 77.0\nfan_deg")
-    (bench / "turned.toml").write_text(turned)
-    made = run(
-        "simulate", "turned.toml", "--artefact", "shaft.toml", "--part", "gear.toml", "-o", "turned.h5", cwd=bench
-    )
+@pytest.fixture(scope="module")
+def turned(bench):
+    """A scan of the gear that starts at another table angle than the calibration's."""
+    recipe = (bench / "unknown.toml").read_text().replace("fan_deg", "start_angle_deg = 77.0\nfan_deg")
+    (bench / "turned.toml").write_text(recipe)
+    common = ("--artefact", "shaft.toml", "--part", "gear.toml")
+    made = run("simulate", "turned.toml", *common, "-o", "turned.h5", cwd=bench)
     assert made.returncode == 0, made.stderr
+    return bench / "turned.h5"
+
+
+def test_a_scan_from_another_table_angle_is_tied_by_the_shaft_in_view(bench, turned):
     assert inspect(bench, "-o", "home.json").returncode == 1
-    done = inspect(bench, "-o", "turned.json", scan="turned.h5")
+    done = inspect(bench, "-o", "turned.json", scan=turned)
     assert done.returncode == 1, done.stderr
     home, tied = (pitch(bench / name) for name in ("home.json", "turned.json"))
     for key, value in home.items():
@@ -171,25 +182,13 @@ def pitch(path):
     return {(c["name"], c["flank"]): c["value_um"] for c in lines if c["name"] in ("F_p", "f_p")}
 
 
-def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench):
+def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench, turned):
     """The same scan without its readings of the shaft; the calibration's own zero is the table's home."""
-    import h5py
-
-    (bench / "blind.h5").write_bytes((bench / "turned.h5").read_bytes())
-    script = (
-        "import sys; from dataclasses import replace; import numpy as np\n"
-        "from truestand.files.scans.read import read_recording, read_scan\n"
-        "from truestand.files.records.records import read_calibration\n"
-        "from truestand.files.scans.write_scan import write_recording\n"
-        "from truestand.core.surface import apply_calibration\nfrom pathlib import Path\n"
-        "r = read_recording(Path('turned.h5'))\n"
-        "s = apply_calibration(read_scan('turned.h5'), read_calibration('calibration.json'))\n"
-        "z = np.where(s.z < 5.0, np.nan, r.z); x = np.where(np.isnan(z), np.nan, r.x)\n"
-        "write_recording(replace(r, x=x, z=z), Path('blind.h5'), r.stand, force=True)\n"
-    )
-    made = subprocess.run([sys.executable, "-c", script], cwd=bench, capture_output=True, text=True, check=False)
-    assert made.returncode == 0, made.stderr
-    assert h5py.is_hdf5(bench / "blind.h5")
+    recording = read_recording(turned)
+    surface = apply_calibration(read_scan(turned), read_calibration(bench / "calibration.json"))
+    z = np.where(surface.z < 5.0, np.nan, recording.z)
+    blind = replace(recording, x=np.where(np.isnan(z), np.nan, recording.x), z=z)
+    write_recording(blind, bench / "blind.h5", recording.stand, force=True)
     done = inspect(bench, "-o", "blind.json", scan="blind.h5")
     assert done.returncode == 3
     assert "bring the shaft into view" in done.stderr

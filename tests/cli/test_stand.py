@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from command import run
+from command import run_process as run
 from lab import lab
 from truestand.sim.live.faults import Kind
 from truestand.store import Store
