@@ -1,11 +1,13 @@
 """Before numpy is loaded: one thread for linear algebra, as on the command line. And a second chance for real time."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started with Ctrl-C ignored
 
 REAL_TIME = ("station", "devices", "web", "sim/test_gige_device.py", "sim/test_virtual_stand.py", "cli/test_stand.py")
 """Tests that hold sockets, browsers and stopping distances against a clock: on a machine that other programs keep busy,
