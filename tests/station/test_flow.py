@@ -58,7 +58,9 @@ def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_p
 
 def test_a_job_goes_on_with_the_scan_that_it_recorded(tmp_path, no_reading):
     with lab(tmp_path, turns=0.1) as stand:
-        scan = jobs._scan(jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Watching(), "shaft.h5")
+        scan = jobs._scan(
+            jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Watching(), tmp_path / "job" / "shaft.h5"
+        )
     no_reading.undo()
     assert differing(scan, interpret(read_recording(tmp_path / "job" / "shaft.h5"))) == []
 

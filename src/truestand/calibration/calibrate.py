@@ -6,7 +6,7 @@ from truestand.calibration.height import with_height
 from truestand.calibration.paper import calibrate_paper
 from truestand.calibration.refine import refine
 from truestand.calibration.result import conclude
-from truestand.calibration.segment import segment
+from truestand.calibration.segment import Segments, segment
 from truestand.calibration.start import rough_stand
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Method
@@ -23,12 +23,28 @@ def calibrate(scan: Scan, artefact: Artefact, method: Method = "stand") -> Calib
         NotEnoughData: less than half a turn, too few points, or nothing that fits the drawing.
     """
     segments = segment(scan, artefact)
-    if method == "paper":
-        return _doubted(calibrate_paper(scan, artefact, segments), scan)
+    return (_published if method == "paper" else _exact)(scan, artefact, segments)
+
+
+def calibrate_by_both(scan: Scan, artefact: Artefact) -> tuple[Calibration, Calibration]:
+    """The calibration by the exact model and by the published method, for a report that shows both.
+
+    Raises:
+        NotEnoughData: as ``calibrate``.
+    """
+    segments = segment(scan, artefact)
+    return _exact(scan, artefact, segments), _published(scan, artefact, segments)
+
+
+def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
     start = rough_stand(scan, segments, artefact)
     fit = refine(scan, segments, artefact, start)
     fit = with_height(scan, artefact, fit)
     return _doubted(conclude(scan, artefact, fit), scan)
+
+
+def _published(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+    return _doubted(calibrate_paper(scan, artefact, segments), scan)
 
 
 def _doubted(calibration: Calibration, scan: Scan) -> Calibration:

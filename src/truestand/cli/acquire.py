@@ -52,7 +52,7 @@ def acquire(
     if taken.written:
         scans = {f"scan {one.scan.sensor}": one.path for one in taken.written}
         status = "complete" if taken.complete else "incomplete"
-        into.keep("scan", {"status": status, **record_of(taken)}, {**scans, "stand": stand})
+        into.add("scan", {"status": status, **record_of(taken)}, {**scans, "stand": stand})
     tell(taken, as_json, quiet)
 
 

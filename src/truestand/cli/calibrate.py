@@ -1,9 +1,8 @@
 """``truestand calibrate``: the main job."""
 
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,15 +16,11 @@ from truestand.cli.options import (
     StandOption,
     StartAngleOption,
     StoreOption,
-    radians_or_none,
 )
 
 if TYPE_CHECKING:
     from truestand.apply.transfer import Transfer
-    from truestand.core.artefact import Artefact
     from truestand.core.calibration import Calibration
-    from truestand.core.scan import Scan
-    from truestand.files.recipes.company import Company
 
 
 class Method(StrEnum):
@@ -67,39 +62,24 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
-    from truestand.calibration.calibrate import calibrate as find
-    from truestand.calibration.positions import calibrate_positions
     from truestand.cli.keeping import keeping
-    from truestand.cli.talk import now, print_json, print_table, working
-    from truestand.files.recipes.company import read_company
-    from truestand.files.recipes.recipes import read_shaft, read_stand
-    from truestand.files.records.records import read_json, write_calibration
-    from truestand.files.scans.read import read_scan
-    from truestand.report.pdf import check_report
+    from truestand.cli.reading import scan_reader
+    from truestand.cli.talk import print_json, print_table, steps
+    from truestand.files.records.records import read_json
+    from truestand.station.pipeline import Inputs, Outputs, calibrate_job
 
-    check_report(report)
     clamped = _clamped(scans, clamped_at_deg, method)
-    shaft = read_shaft(artefact)
     into = keeping(store, stand, operator, quiet)
-    described = None if stand is None else read_stand(stand)
-    company = None if stand is None else read_company(stand)
+    reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
-    seen = []
-    for path in scans:
-        with working(f"Reading {path.name}", quiet):
-            seen.append(read_scan(path, described, radians_or_none(start_angle_deg)))
-    scan = seen[-1]
-    with working("Calibrating", quiet):
-        several = len(seen) > 1
-        found = calibrate_positions(tuple(seen), clamped, shaft) if several else find(scan, shaft, method.value)
-    calibration = replace(found, created=now())
-    record = write_calibration(output, calibration)
-    if report is not None:
-        with working("Writing the report", quiet):
-            write_report(report, scan, shaft, calibration, known, company)
-    into.keep("calibration", record, evidence_of(scans) | {"artefact": artefact, "stand": stand, "report": report})
+    done = calibrate_job(
+        Inputs(tuple(scans), stand, artefact), Outputs(output, report=report), reader.taking(*scans),
+        steps("Calibrating", quiet), method=method.value, clamped=clamped, truth=known,
+    )  # fmt: skip
+    calibration, _ = done.result
+    into.keep(done)
     if as_json:
-        print_json(record)
+        print_json(done.record)
     elif not quiet:
         from truestand.report.terminal import positions_table, summary_table
 
@@ -108,12 +88,6 @@ def calibrate(
             print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
     tell_doubts(calibration, quiet)
-
-
-def evidence_of(scans: list[Path]) -> dict[str, Path | None]:
-    """The scans by role; the last one gives the pose."""
-    earlier = {f"scan {k + 1}": path for k, path in enumerate(scans[:-1])}
-    return {"scan": scans[-1], **earlier}
 
 
 def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
@@ -136,25 +110,6 @@ def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[flo
     if not all(isfinite(a) for a in angles):
         raise BadRecipe(f"found --clamped-at-deg {stated!r}, need finite numbers like 0,180")
     return angles
-
-
-def write_report(
-    path: Path,
-    scan: "Scan",
-    artefact: "Artefact",
-    calibration: "Calibration",
-    truth: dict[str, Any] | None,
-    company: "Company | None" = None,
-) -> None:
-    """The report with the published method's result beside the exact model's."""
-    from truestand.calibration.calibrate import calibrate as find
-    from truestand.calibration.evidence import gather
-    from truestand.report.calibration import calibration_report
-    from truestand.report.pdf import write_report as write_file
-
-    paper = calibration if calibration.method == "paper" else find(scan, artefact, "paper")
-    evidence = gather(scan, artefact, calibration, paper)
-    write_file(path, calibration_report(calibration, evidence, paper, truth, company))
 
 
 def tell_witness(tied: "Transfer", quiet: bool) -> None:

@@ -11,7 +11,6 @@ from truestand.cli.options import (
     QuietOption,
     StandOption,
     StartAngleOption,
-    radians_or_none,
 )
 
 if TYPE_CHECKING:
@@ -39,17 +38,16 @@ def compare(
     from time import perf_counter
 
     from truestand.calibration.peers import peers
-    from truestand.cli.talk import now, print_json, print_table, working
+    from truestand.cli.reading import scan_reader
+    from truestand.cli.talk import print_json, print_table, working
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.recipes.recipes import read_shaft, read_stand
+    from truestand.files.recipes.recipes import read_shaft
     from truestand.files.records.comparison import axis_of, comparison_record, comparison_row
-    from truestand.files.records.records import read_json
-    from truestand.files.scans.read import read_scan
+    from truestand.files.records.records import now, read_json
 
-    shaft, described = read_shaft(artefact), None if stand is None else read_stand(stand)
+    shaft, reader = read_shaft(artefact), scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else axis_of(read_json(truth), truth)
-    with working(f"Reading {scan.name}", quiet):
-        seen = read_scan(scan, described, radians_or_none(start_angle_deg))
+    seen = reader.read(scan)
     rows = []
     with working("Comparing", quiet) as advance:
         ways = peers(seen, shaft)

@@ -1,11 +1,10 @@
 """``truestand demo``: the main job on the virtual stand, from nothing to the verdict on a gear and its report."""
 
-import json
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +13,6 @@ import typer
 from truestand.cli.options import QuietOption
 
 if TYPE_CHECKING:
-    from truestand.core.artefact import Artefact
     from truestand.core.calibration import Calibration
     from truestand.core.inspection import Inspection
     from truestand.core.scan import Scan
@@ -52,7 +50,7 @@ def demo(
     bench = _bench(out, quiet)
     with ended_by_signals(), _virtual_stand(out):
         calibration, paper, truth = _calibrate(bench)
-        inspection, gear_truth = _inspect(bench, calibration)
+        inspection, gear_truth = _inspect(bench)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
         print_table(inspection_table(inspection, gear_truth))
@@ -70,7 +68,6 @@ class Bench:
     out: Path
     stand: "Stand"
     devices: "DevicesRecipe"
-    shaft: "Artefact"
     quiet: bool
 
     def scan(self, name: str, what: str) -> "Scan":
@@ -92,7 +89,7 @@ class Bench:
         return interpret(taken.written[0].scan.recording)
 
     def mount_part(self) -> None:
-        """What an operator's hands do: put the gear on the shaft."""
+        """Put the gear on the shaft."""
         from truestand.devices.gige.camera import Camera
 
         device = self.devices.sensor[0]
@@ -104,7 +101,6 @@ class Bench:
 
 
 def _bench(out: Path, quiet: bool) -> Bench:
-    from truestand.files.recipes.recipes import read_shaft
     from truestand.station.latch import latch_path
     from truestand.station.recipe import read_devices
 
@@ -113,7 +109,7 @@ def _bench(out: Path, quiet: bool) -> Bench:
     stand, devices = read_devices(out / "stand.toml")
     for left in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
         (out / left).unlink(missing_ok=True)
-    return Bench(out, stand, devices, read_shaft(out / "shaft.toml"), quiet)
+    return Bench(out, stand, devices, quiet)
 
 
 def _move_to_free_addresses(recipe: Path) -> None:
@@ -155,63 +151,42 @@ def _virtual_stand(out: Path) -> Iterator[None]:
 
 
 def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, Any]]:
-    """Scan the shaft, calibrate by both methods, write all of it: ours, the paper's, the truth."""
-    from truestand.calibration.calibrate import calibrate
-    from truestand.calibration.evidence import gather
-    from truestand.cli.talk import now, working
-    from truestand.core.surface import apply_calibration
-    from truestand.files.atomic import write_json_atomic, write_text_atomic
-    from truestand.files.recipes.company import read_company
-    from truestand.files.records.records import write_calibration
-    from truestand.files.shapes.clouds import write_cloud
-    from truestand.report.calibration import calibration_report
+    """Scan the shaft, calibrate by both methods, write all of it: ours, the published method's, the truth."""
+    from truestand.cli.talk import steps
+    from truestand.files.atomic import write_json_atomic
+    from truestand.files.records.records import read_json, write_calibration
+    from truestand.station.pipeline import Inputs, Outputs, calibrate_job
 
-    out, quiet = bench.out, bench.quiet
-    truth = json.loads((out / "gear-truth.json").read_text(encoding="utf-8"))
+    out = bench.out
+    truth = read_json(out / "gear-truth.json")
     truth.pop("part")
     write_json_atomic(out / "truth.json", truth)
-    scan = bench.scan("k1.h5", "Scanning the shaft")
-    with working("Calibrating", quiet):
-        calibration = replace(calibrate(scan, bench.shaft), created=now())
-        paper = calibrate(scan, bench.shaft, "paper")
-        write_calibration(out / "calibration.json", calibration)
-        write_calibration(out / "calibration-paper.json", paper)
-    with working("Rolling up", quiet):
-        surface = apply_calibration(scan, calibration)
-        write_cloud(out / "cloud.ply", surface.x, surface.y, surface.z)
-    with working("Writing the report", quiet):
-        evidence, company = gather(scan, bench.shaft, calibration, paper), read_company(out / "stand.toml")
-        write_text_atomic(out / "report.html", calibration_report(calibration, evidence, paper, truth, company))
-    return calibration, paper, truth
+    done = calibrate_job(
+        Inputs((out / "k1.h5",), out / "stand.toml", out / "shaft.toml"),
+        Outputs(out / "calibration.json", out / "cloud.ply", out / "report.html"),
+        lambda _: (bench.scan("k1.h5", "Scanning the shaft"),), steps("Calibrating", bench.quiet), truth=truth,
+    )  # fmt: skip
+    calibration, published = done.result
+    assert published is not None
+    write_calibration(out / "calibration-paper.json", published)
+    return calibration, published, truth
 
 
-def _inspect(bench: Bench, calibration: "Calibration") -> tuple["Inspection", dict[str, Any]]:
+def _inspect(bench: Bench) -> tuple["Inspection", dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
-    from truestand.apply.transfer import transfer
-    from truestand.cli.inspect import Written, write
-    from truestand.cli.talk import now, working
-    from truestand.core.calibration import ScanSummary
-    from truestand.core.surface import apply_calibration
-    from truestand.files.recipes.parts import read_part
-    from truestand.files.records.inspection_record import inspection_record
-    from truestand.files.scans.read import sha256_of
-    from truestand.parts.inspect import inspect
+    from truestand.cli.talk import steps
+    from truestand.files.records.records import read_json
+    from truestand.station.pipeline import Inputs, Outputs, inspect_job
 
-    out, quiet = bench.out, bench.quiet
+    out = bench.out
     bench.mount_part()
-    scan = bench.scan("gear.h5", "Scanning the gear")
-    truth = json.loads((out / "gear-truth.json").read_text(encoding="utf-8"))
-    with working("Inspecting", quiet):
-        tied = transfer(scan, calibration)
-        surface = apply_calibration(tied.scan, tied.calibration)
-        created = now()
-        inspection = replace(inspect(surface, read_part(out / "gear.toml")), created=created)
-        sha256 = sha256_of(out / "calibration.json")
-        record = inspection_record(inspection, tied.calibration, ScanSummary.of(scan), sha256, created)
-    with working("Writing the gear's report", quiet):
-        write(Written(out / "inspection.json", out / "gear.ply", out / "gear-report.html"), record, inspection, surface,
-              truth)  # fmt: skip
-    return inspection, truth
+    truth = read_json(out / "gear-truth.json")
+    done = inspect_job(
+        Inputs((out / "gear.h5",), out / "stand.toml", calibration=out / "calibration.json", part=out / "gear.toml"),
+        Outputs(out / "inspection.json", out / "gear.ply", out / "gear-report.html"),
+        lambda _: (bench.scan("gear.h5", "Scanning the gear"),), steps("Inspecting", bench.quiet), truth=truth,
+    )  # fmt: skip
+    return done.result, truth
 
 
 def _refuse_real_scans(out: Path) -> None:

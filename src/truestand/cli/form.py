@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption
 
 if TYPE_CHECKING:
     from truestand.apply.transfer import Transfer
@@ -95,10 +95,11 @@ def form(
 
     Example: truestand form export.csv --feature plane --columns 2,3,4 --unit um
     """
-    from truestand.cli.talk import now, print_json, working
+    from truestand.cli.talk import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_json_atomic
     from truestand.files.records.form_record import form_record
+    from truestand.files.records.records import now
     from truestand.files.scans.read import sha256_of
     from truestand.files.shapes.points import read_points
     from truestand.form.form import evaluate
@@ -138,20 +139,13 @@ def _transferred(
     path: Path, calibration: Path, stand: Path | None, feature: FeatureName, start_angle_deg: float | None
 ) -> "Transfer":
     """The scan, and the calibration as it applies to it."""
-    from truestand.apply.transfer import transfer
+    from truestand.cli.reading import scan_reader
     from truestand.core.errors import BadRecipe
-    from truestand.core.scan import interpret
-    from truestand.files.recipes.recipes import read_stand
     from truestand.files.records.records import read_calibration
-    from truestand.files.scans.read import read_recording
 
     if feature not in (FeatureName.CIRCLE, FeatureName.CYLINDER):
         raise BadRecipe(f"a {feature.value} can't be taken from a scan of the artefact; use circle or cylinder")
-    known = read_calibration(calibration)
-    recording = read_recording(path)
-    described = None if stand is None else read_stand(stand)
-    scan = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
-    return transfer(scan, known, start_angle_deg is not None)
+    return scan_reader(stand, start_angle_deg, quiet=True).tied(path, read_calibration(calibration))
 
 
 def _section(tied: "Transfer", feature: FeatureName, surface: str | None, height: float | None) -> "Section":

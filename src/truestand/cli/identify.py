@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption, StartAngleOption
 
 if TYPE_CHECKING:
     from truestand.gear.match import Seen
@@ -29,30 +29,23 @@ def identify(
 
     Example: truestand identify gear.csv --calibration calibration.json -o gear.toml
     """
-    from truestand.apply.transfer import transfer
     from truestand.cli.calibrate import tell_doubts
+    from truestand.cli.reading import scan_reader
     from truestand.cli.talk import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.core.frames import Pose
-    from truestand.core.scan import interpret
     from truestand.core.surface import apply_calibration
     from truestand.files.atomic import write_text_atomic
     from truestand.files.recipes.parts import seen_recipe
-    from truestand.files.recipes.recipes import read_stand
     from truestand.files.records.records import read_calibration
-    from truestand.files.scans.read import read_recording
     from truestand.gear.match import identify as tell
     from truestand.gear.match import toothed_heights
 
     if output is not None and output.exists() and not force:
         raise BadRecipe(f"found {output} already there; choose another name or pass --force")
     known = read_calibration(calibration)
-    described = None if stand is None else read_stand(stand)
-    with working(f"Reading {scan.name}", quiet):
-        recording = read_recording(scan)
-        seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    tied = scan_reader(stand, start_angle_deg, quiet).tied(scan, known)
     with working("Identifying", quiet):
-        tied = transfer(seen, known, start_angle_deg is not None)
         surface = apply_calibration(tied.scan, tied.calibration)
         datum = Pose.from_matrix(IDENTITY)
         low, high = toothed_heights(surface, datum)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from truestand.cli.talk import hint
 
 if TYPE_CHECKING:
+    from truestand.station.pipeline import Outcome
     from truestand.store import Store
 
 
@@ -19,14 +20,17 @@ class Keeping:
     operator: str | None
     quiet: bool
 
-    def keep(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path | None]) -> None:
-        """Put a result into the store and say under which number; what is None isn't there to keep."""
+    def keep(self, done: "Outcome[Any]") -> None:
+        """Put a result into the store and say under which number."""
+        self.add(done.kind, done.record, done.evidence)
+
+    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
+        """The same of a record with the files by role that it rests on."""
         if self.folder is None:
             return
         from truestand.store import Store
 
-        files = {role: path for role, path in evidence.items() if path is not None}
-        entry = Store.open(self.folder, create=True).add(kind, record, files, operator=self.operator)
+        entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
         hint(f"truestand: kept as entry {entry.number} in {self.folder}", self.quiet)
 
 

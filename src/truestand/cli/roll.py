@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from truestand.cli.options import QuietOption, StandOption, StartAngleOption, radians_or_none
+from truestand.cli.options import QuietOption, StandOption, StartAngleOption
 
 
 def roll(
@@ -22,25 +22,17 @@ def roll(
 
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
-    from truestand.apply.transfer import transfer
     from truestand.cli.calibrate import tell_doubts, tell_witness
+    from truestand.cli.reading import scan_reader
     from truestand.cli.talk import working
     from truestand.core.surface import apply_calibration
-    from truestand.files.recipes.recipes import read_stand
     from truestand.files.records.records import read_calibration
-    from truestand.files.scans.read import read_recording
     from truestand.files.shapes.clouds import check_suffix, write_cloud
 
     check_suffix(output)
     known = read_calibration(calibration)
-    described = None if stand is None else read_stand(stand)
-    with working(f"Reading {scan.name}", quiet):
-        from truestand.core.scan import interpret
-
-        recording = read_recording(scan)
-        seen = interpret(recording, described or recording.stand or known.stand, radians_or_none(start_angle_deg))
+    tied = scan_reader(stand, start_angle_deg, quiet).tied(scan, known)
     with working("Rolling up", quiet):
-        tied = transfer(seen, known, start_angle_deg is not None)
         surface = apply_calibration(tied.scan, tied.calibration)
         write_cloud(output, surface.x, surface.y, surface.z)
     if not quiet:

@@ -3,16 +3,10 @@
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
 Advance = Callable[[int, int], None]
-
-
-def now() -> str:
-    """The time as records carry it: ISO, UTC, seconds."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def print_json(record: Any) -> None:
@@ -42,6 +36,12 @@ def working(what: str, quiet: bool) -> Iterator[Advance]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
         yield lambda done, total: progress.update(task, completed=done, total=total)
+
+
+def steps(evaluating: str, quiet: bool) -> Callable[[str], AbstractContextManager[Advance]]:
+    """A progress bar for each step of a job of the station's pipeline; ``evaluating`` names the first."""
+    names = {"evaluate": evaluating, "report": "Writing"}
+    return lambda step: working(names[step], quiet)
 
 
 def print_table(table: Any) -> None:

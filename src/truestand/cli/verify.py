@@ -12,7 +12,6 @@ from truestand.cli.options import (
     StandOption,
     StartAngleOption,
     StoreOption,
-    radians_or_none,
 )
 
 if TYPE_CHECKING:
@@ -45,35 +44,23 @@ def verify(
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
-    from truestand.apply.verify import verify as hold
     from truestand.cli.keeping import keeping
-    from truestand.cli.talk import hint, now, print_json, working
-    from truestand.core.errors import BadRecipe
-    from truestand.core.scan import interpret
+    from truestand.cli.reading import scan_reader
+    from truestand.cli.talk import hint, print_json, steps
     from truestand.core.units import mm_from_um
-    from truestand.files.atomic import write_json_atomic
-    from truestand.files.recipes.recipes import read_shaft, read_stand
-    from truestand.files.records.records import read_calibration
-    from truestand.files.records.verification_record import verification_record
-    from truestand.files.scans.read import read_recording, sha256_of
+    from truestand.station.pipeline import Inputs, Outputs, verify_job
 
     into = keeping(store, stand, operator, quiet)
-    old = read_calibration(calibration)
-    shaft = old.artefact if artefact is None else read_shaft(artefact)
-    if shaft is None:
-        raise BadRecipe(f"{calibration} carries no artefact; pass --artefact SHAFT.toml")
-    described = None if stand is None else read_stand(stand)
-    with working(f"Reading {scan.name}", quiet):
-        recording = read_recording(scan)
-        seen = interpret(recording, described or recording.stand or old.stand, radians_or_none(start_angle_deg))
-    with working("Verifying", quiet):
-        verification = hold(seen, old, shaft, mm_from_um(limit_um), start_angle_deg is not None)
-    record = verification_record(verification, now(), sha256_of(calibration))
-    if output is not None:
-        write_json_atomic(output, record)
-    into.keep("verification", record, {"scan": scan, "calibration": calibration, "artefact": artefact, "stand": stand})
+    reader = scan_reader(stand, start_angle_deg, quiet)
+
+    done = verify_job(
+        Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.taking(scan), steps("Verifying", quiet),
+        limit=mm_from_um(limit_um), start_stated=reader.start_stated,
+    )  # fmt: skip
+    into.keep(done)
+    verification = done.result
     if as_json:
-        print_json(record)
+        print_json(done.record)
     elif not quiet:
         _print(verification)
     for reason in verification.reasons:

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
 from truestand.files.recipes.recipes import stand_from_recipe, stand_recipe
+from truestand.files.records.records import now
 from truestand.files.scans.native import FORMAT
 from truestand.files.scans.read import sha256_of
 from truestand.files.scans.write_scan import write_recording
@@ -158,8 +158,3 @@ def write_scans(scans: Iterable[Converted], output: Path, force: bool = False) -
         recording = replace(scan.recording, format=FORMAT, sha256=sha256_of(path), stand=stand)
         written.append(Written(path, replace(scan, recording=recording)))
     return tuple(written)
-
-
-def now() -> str:
-    """The time as records carry it: ISO, UTC, seconds."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -25,7 +25,8 @@ from truestand.core.errors import BadRecipe, Fault, TruestandError
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout
 from truestand.station.acquire import Live
-from truestand.station.jobs import STEPS, Job, Result, Watching, run
+from truestand.station.jobs import STEPS, Job, Watching, run
+from truestand.station.pipeline import Outcome
 
 LOOK = 0.2
 """s between two live events."""
@@ -51,16 +52,17 @@ def main() -> int:
 def work(told: Mapping[str, Any], tell: Tell) -> int:
     """Do a job and tell how it goes."""
     try:
-        result = run(job_from(told), Watching(lambda name, state: _step(tell, name, state), _Throttled(tell)))
-        number = _keep(result, told, tell)
+        outcome = run(job_from(told), Watching(lambda name, state: _step(tell, name, state), _Throttled(tell)))
+        number = _keep(outcome, told, tell)
     except KeyboardInterrupt:
         tell({"event": "aborted"})
         return 130
     except (TruestandError, OSError) as wrong:
         tell({"event": "failed", "message": str(wrong)})
         return 1
-    tell({"event": "done", "number": number, "verdict": result.verdict, "status": result.status,
-          "message": "; ".join(result.reasons)})  # fmt: skip
+    record = outcome.record
+    tell({"event": "done", "number": number, "verdict": record.get("verdict"), "status": record.get("status"),
+          "message": "; ".join(record["reasons"])})  # fmt: skip
     return 0
 
 
@@ -79,7 +81,7 @@ def job_from(told: Mapping[str, Any]) -> Job:
     return Job(kind=told["kind"], identity=known, **paths)
 
 
-def _keep(result: Result, told: Mapping[str, Any], tell: Tell) -> int | None:
+def _keep(outcome: Outcome[Any], told: Mapping[str, Any], tell: Tell) -> int | None:
     """Into the results store, where one is given; the entry's number."""
     if not told.get("store"):
         return None
@@ -87,7 +89,7 @@ def _keep(result: Result, told: Mapping[str, Any], tell: Tell) -> int | None:
 
     _step(tell, "keep", "running")
     store = Store.open(Path(told["store"]), create=True)
-    entry = store.add(result.kind, result.record, result.evidence, operator=told.get("operator"))
+    entry = store.add(outcome.kind, outcome.record, outcome.evidence, operator=told.get("operator"))
     _step(tell, "keep", "done")
     return entry.number
 

@@ -5,12 +5,12 @@ import secrets
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from truestand._version import __version__
 from truestand.core.errors import BadStore
+from truestand.files.records.records import now
 from truestand.store import database, evidence, ledger
 from truestand.store.anchor import Anchor
 from truestand.store.audit import Advance, Report, audit
@@ -191,7 +191,7 @@ class Store:
             kept = {role: evidence.keep_file(self.folder, Path(path)) for role, path in files.items()}
             _check(record or {}, kept)
             values = known | {
-                "kind": kind, "time": time or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+                "kind": kind, "time": time or now(),
                 "operator": operator or known["operator"], "record": self._keep_record(record), "evidence": kept,
                 "about": about, "text": text, "software": f"truestand {__version__}",
             }  # fmt: skip

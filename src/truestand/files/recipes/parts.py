@@ -190,6 +190,12 @@ def read_identity(path: Path | str) -> dict[str, str]:
     return {k: str(table[k]) for k in ("serial", "order", "operator") if table.get(k) is not None}
 
 
+def model_of(path: Path | str) -> Path | None:
+    """The file of the CAD model that a part's recipe names; None for other parts."""
+    table = read_toml(path)
+    return Path(path).parent / str(table["file"]) if table.get("kind") == "cad" else None
+
+
 def read_part_simulation(path: Path | str) -> dict[str, Any]:
     """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none."""
     found = read_toml(path).get("simulation", {})

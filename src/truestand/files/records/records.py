@@ -127,12 +127,17 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
     return finite
 
 
+def now() -> str:
+    """The time as records carry it: ISO, UTC, seconds."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 def write_calibration(path: Path | str, calibration: Calibration, created: str | None = None) -> Record:
     """Write calibration.json (as a whole or not at all) and return its content.
 
     ``created`` is an ISO time; the present one where none is given.
     """
-    created = created or calibration.created or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    created = created or calibration.created or now()
     record = calibration_record(calibration, created)
     write_json_atomic(Path(path), record)
     return record

@@ -1,0 +1,267 @@
+"""From a scan to a result, its record, its report and what proves them: the one way that commands, page and demo go.
+
+Recipes are read first, then the scan is taken or read: a wrong recipe costs nobody a scan.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from truestand.core.errors import BadRecipe
+from truestand.core.stand import Stand
+from truestand.core.units import UM_PER_MM
+from truestand.files.atomic import write_json_atomic
+from truestand.files.records.records import now
+from truestand.files.scans.read import sha256_of
+
+if TYPE_CHECKING:
+    from truestand.apply.verify import Verification
+    from truestand.core.artefact import Artefact
+    from truestand.core.calibration import Calibration, Method
+    from truestand.core.inspection import Inspection
+    from truestand.core.scan import Scan
+    from truestand.core.surface import Surface
+    from truestand.files.recipes.company import Company
+
+Result = TypeVar("Result")
+Doing = Callable[[Literal["evaluate", "report"]], AbstractContextManager[Any]]
+"""Entered for the time of a step: a progress bar, or an event for the page."""
+TakeScans = Callable[[Stand | None], "tuple[Scan, ...]"]
+"""Reads the scans, or takes one; given is the calibration's stand, for a scan that doesn't say its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """The files that a result rests on."""
+
+    scans: tuple[Path, ...]
+    stand: Path | None = None
+    artefact: Path | None = None
+    calibration: Path | None = None
+    part: Path | None = None
+
+    def evidence(self) -> dict[str, Path]:
+        """The files by role; of several scans the last one gives the shaft's pose. With a part comes its CAD model."""
+        from truestand.files.recipes.parts import model_of
+
+        earlier = {f"scan {k + 1}": path for k, path in enumerate(self.scans[:-1])}
+        others = {"artefact": self.artefact, "stand": self.stand, "calibration": self.calibration, "part": self.part,
+                  "model": None if self.part is None else model_of(self.part)}  # fmt: skip
+        return {"scan": self.scans[-1], **earlier, **{role: path for role, path in others.items() if path is not None}}
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """The files to write; None = not wanted."""
+
+    record: Path | None
+    cloud: Path | None = None
+    report: Path | None = None
+    table: Path | None = None
+    """Characteristics as CSV."""
+
+    @property
+    def paths(self) -> list[Path]:
+        """What is wanted."""
+        return [p for p in (self.record, self.cloud, self.report, self.table) if p is not None]
+
+    def check(self) -> None:
+        """Refuse what can't be written, before the work is done.
+
+        Raises:
+            MissingExtra: a PDF or a cloud that needs an extra.
+            BadRecipe: a cloud of an unknown kind.
+        """
+        if self.report is not None:
+            from truestand.report.pdf import check_report
+
+            check_report(self.report)
+        if self.cloud is not None:
+            from truestand.files.shapes.clouds import check_suffix
+
+            check_suffix(self.cloud)
+
+    def evidence(self) -> dict[str, Path]:
+        """What was written and is kept beside the record, by role."""
+        return {role: path for role, path in (("report", self.report), ("cloud", self.cloud)) if path is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[Result]):
+    """A result, its record, and the files by role that prove it."""
+
+    result: Result
+    record: dict[str, Any]
+    evidence: dict[str, Path]
+
+    @property
+    def kind(self) -> str:
+        """calibration, inspection or verification."""
+        return str(self.record["format"]).removeprefix("truestand.")
+
+
+def calibrate_job(
+    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
+    method: "Method" = "stand", clamped: tuple[float, ...] = (), truth: Mapping[str, Any] | None = None,
+) -> "Outcome[tuple[Calibration, Calibration | None]]":  # fmt: skip
+    """Calibrate by a scan of the artefact, or by several with the shaft ``clamped`` at these angles (rad).
+
+    The result is the calibration and, where a report shows it, that of the published method. ``truth``: of a
+    simulated scan.
+
+    Raises:
+        BadRecipe, MissingExtra: before any scan is taken.
+        NotEnoughData: as ``calibrate`` and ``calibrate_positions``.
+    """
+    from truestand.files.recipes.recipes import read_shaft
+    from truestand.files.records.records import calibration_record
+
+    outputs.check()
+    artefact, company = read_shaft(_needed(inputs.artefact, "the shaft's recipe (shaft.toml)")), _company(inputs)
+    scans = take(None)
+    with doing("evaluate"):
+        found, published = _calibrated(scans, artefact, method, clamped, outputs.report is not None)
+        created = now()
+        calibration = replace(found, created=created)
+        record = calibration_record(calibration, created)
+        _write_record(outputs, record)
+    with doing("report"):
+        _write_cloud(outputs.cloud, scans[-1], calibration)
+        if outputs.report is not None:
+            from truestand.calibration.evidence import gather
+            from truestand.report.calibration import calibration_report
+            from truestand.report.pdf import write_report
+
+            evidence = gather(scans[-1], artefact, calibration, published)
+            write_report(outputs.report, calibration_report(calibration, evidence, published, truth, company))
+    return Outcome((calibration, published), record, inputs.evidence() | outputs.evidence())
+
+
+def inspect_job(
+    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
+    identity: Mapping[str, str] | None = None, start_stated: bool = False, truth: Mapping[str, Any] | None = None,
+) -> "Outcome[Inspection]":  # fmt: skip
+    """Inspect a part by a scan of it on the calibrated stand.
+
+    ``identity``: serial, order, operator, where they are others than the recipe's; ``start_stated``: the table angle of
+    the scan's first profile was given by the user; ``truth``: of a simulated scan.
+
+    Raises:
+        BadRecipe, MissingExtra: before any scan is taken.
+        NotEnoughData, WrongDrawing: as ``inspect``.
+    """
+    from truestand.apply.transfer import transfer
+    from truestand.core.calibration import ScanSummary
+    from truestand.core.surface import apply_calibration
+    from truestand.files.recipes.parts import read_identity, read_part
+    from truestand.files.records.inspection_record import inspection_record
+    from truestand.files.records.records import read_calibration
+    from truestand.parts.inspect import inspect
+
+    outputs.check()
+    recipe, against = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
+    part, known, sha256 = read_part(recipe), read_calibration(against), sha256_of(against)
+    company = _company(inputs)
+    (scan,) = take(known.stand)
+    with doing("evaluate"):
+        tied = transfer(scan, known, start_stated)
+        surface, created = apply_calibration(tied.scan, tied.calibration), now()
+        own = {**read_identity(recipe), **(identity or {})}
+        inspection = replace(inspect(surface, part), created=created, identity=own)
+        record = inspection_record(inspection, tied.calibration, ScanSummary.of(scan), sha256, created)
+        _write_record(outputs, record)
+    with doing("report"):
+        _write_inspection(outputs, inspection, surface, company, truth)
+    return Outcome(inspection, record, inputs.evidence() | outputs.evidence())
+
+
+def verify_job(
+    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
+    limit: float | None = None, start_stated: bool = False,
+) -> "Outcome[Verification]":  # fmt: skip
+    """Hold a calibration against a new scan of the artefact; ``limit`` (mm) is the usual one where none is given.
+
+    Raises:
+        BadRecipe: before any scan is taken.
+        NotEnoughData: as ``verify``.
+    """
+    from truestand.apply.verify import LIMIT, verify
+    from truestand.files.recipes.recipes import read_shaft
+    from truestand.files.records.records import read_calibration
+    from truestand.files.records.verification_record import verification_record
+
+    against = _needed(inputs.calibration, "a calibration")
+    known, sha256 = read_calibration(against), sha256_of(against)
+    artefact = known.artefact if inputs.artefact is None else read_shaft(inputs.artefact)
+    if artefact is None:
+        raise BadRecipe(f"{against.name} carries no artefact; need the shaft's recipe (--artefact SHAFT.toml)")
+    (scan,) = take(known.stand)
+    with doing("evaluate"):
+        verification = verify(scan, known, artefact, LIMIT if limit is None else limit, start_stated)
+        record = verification_record(verification, now(), sha256)
+        _write_record(outputs, record)
+    return Outcome(verification, record, inputs.evidence())
+
+
+def _needed(path: Path | None, what: str) -> Path:
+    if path is None:
+        raise BadRecipe(f"found no {what}; a job of this kind needs it")
+    return path
+
+
+def _company(inputs: Inputs) -> "Company | None":
+    from truestand.files.recipes.company import read_company
+
+    return None if inputs.stand is None else read_company(inputs.stand)
+
+
+def _write_record(outputs: Outputs, record: dict[str, Any]) -> None:
+    if outputs.record is not None:
+        write_json_atomic(outputs.record, record)
+
+
+def _calibrated(
+    scans: "tuple[Scan, ...]", artefact: "Artefact", method: "Method", clamped: tuple[float, ...], both: bool
+) -> "tuple[Calibration, Calibration | None]":
+    """The calibration, and for a report that of the published method."""
+    from truestand.calibration.calibrate import calibrate, calibrate_by_both
+    from truestand.calibration.positions import calibrate_positions
+
+    if len(scans) > 1:
+        found = calibrate_positions(scans, clamped, artefact)
+        return found, calibrate(scans[-1], artefact, "paper") if both else None
+    if both and method == "stand":
+        return calibrate_by_both(scans[0], artefact)
+    found = calibrate(scans[0], artefact, method)
+    return found, found if both else None
+
+
+def _write_cloud(path: Path | None, scan: "Scan", calibration: "Calibration") -> None:
+    if path is not None:
+        from truestand.core.surface import apply_calibration
+        from truestand.files.shapes.clouds import write_cloud
+
+        surface = apply_calibration(scan, calibration)
+        write_cloud(path, surface.x, surface.y, surface.z)
+
+
+def _write_inspection(
+    outputs: Outputs, inspection: "Inspection", surface: "Surface", company: "Company | None",
+    truth: Mapping[str, Any] | None,
+) -> None:  # fmt: skip
+    """The cloud with its deviations, the characteristics, the report."""
+    from truestand.files.records.characteristics_csv import write_characteristics
+    from truestand.files.shapes.clouds import write_cloud
+
+    if outputs.cloud is not None:
+        deviation = None if inspection.deviation is None else UM_PER_MM * inspection.deviation
+        write_cloud(outputs.cloud, surface.x, surface.y, surface.z, deviation)
+    if outputs.table is not None:
+        write_characteristics(outputs.table, inspection)
+    if outputs.report is not None:
+        from truestand.report.inspection import inspection_report
+        from truestand.report.pdf import write_report
+
+        write_report(outputs.report, inspection_report(inspection, surface.calibration, truth, company))

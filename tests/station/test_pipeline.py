@@ -1,0 +1,99 @@
+"""One way from a scan to its result: the page's jobs and the commands make the same records and keep the same files."""
+
+import shutil
+
+import pytest
+import trimesh
+
+from command import run
+from truestand.core.errors import BadRecipe
+from truestand.files.records.records import read_json
+from truestand.files.scans.read import read_scan
+from truestand.station import jobs
+from truestand.station.jobs import Job, Watching
+from truestand.store import Store
+
+CAD = 'kind = "cad"\nfile = "base.stl"\nfit = "none"\nlimits_um = [-150.0, 150.0]\n'
+SMALL = (("profiles = 11000 ", "profiles = 1100 "), ("points = 640", "points = 160"), ("hz = 200.0", "hz = 50.0"))
+
+
+@pytest.fixture(scope="module")
+def shop(tmp_path_factory):
+    """Recipes, a scan of the shaft, its calibration, and the base of the shaft as a part with a CAD model."""
+    folder = tmp_path_factory.mktemp("shop")
+    assert run("init", folder).returncode == 0
+    text = (folder / "stand.toml").read_text()
+    for old, new in SMALL:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "stand.toml").write_text(text)
+    assert run("simulate", "stand.toml", "--artefact", "shaft.toml", "-o", "k1.h5", cwd=folder).returncode == 0
+    assert run("calibrate", "k1.h5", "--artefact", "shaft.toml", cwd=folder).returncode == 0
+    model = trimesh.creation.cylinder(radius=12.5, height=60.0, sections=180)
+    model.apply_translation([0, 0, -30.0])
+    model.export(folder / "base.stl")
+    (folder / "part.toml").write_text(CAD)
+    return folder
+
+
+COMMANDS = {
+    "calibrate": ("--artefact", "shaft.toml", "-o", "c.json", "--report", "c.html"),
+    "inspect": ("--calibration", "calibration.json", "--part", "part.toml", "--report", "i.html", "--cloud", "i.ply"),
+    "verify": ("--calibration", "calibration.json", "--artefact", "shaft.toml", "-o", "v.json"),
+}
+ROLES = {
+    "calibrate": {"scan", "stand", "artefact", "report"},
+    "inspect": {"scan", "stand", "calibration", "part", "model", "report", "cloud"},
+    "verify": {"scan", "stand", "calibration", "artefact"},
+}
+
+
+@pytest.mark.parametrize("kind", ROLES)
+def test_a_job_and_a_command_come_to_the_same(shop, tmp_path, monkeypatch, kind):
+    def taken(job, watching, path):
+        path.parent.mkdir()
+        shutil.copy(shop / "k1.h5", path)
+        return read_scan(path)
+
+    monkeypatch.setattr(jobs, "_scan", taken)
+    paths = {name: shop / f"{name}.toml" for name in ("stand", "artefact", "part")} | {"artefact": shop / "shaft.toml"}
+    job = Job(kind, folder=tmp_path / "job", calibration=shop / "calibration.json", **paths)
+    steps = []
+    outcome = jobs.run(job, Watching(lambda name, state: steps.append((name, state))))
+    assert set(outcome.evidence) == ROLES[kind] and all(path.is_file() for path in outcome.evidence.values())
+    assert [name for name, state in steps if state == "done"] == [n for n, _ in jobs.STEPS[kind] if n != "acquire"]
+
+    store = ("--store", tmp_path / "results", "--stand", "stand.toml", "-q")
+    done = run(kind, "k1.h5", *COMMANDS[kind], *store, cwd=shop)
+    assert done.returncode in (0, 3), done.stderr
+    (entry,) = Store.open(tmp_path / "results").entries()
+    assert set(entry.evidence) == ROLES[kind] and entry.kind == outcome.kind
+    record = Store.open(tmp_path / "results").record(entry)
+    assert record | {"created": ""} == outcome.record | {"created": ""}
+
+
+@pytest.mark.parametrize(
+    ("kind", "lacking"),
+    [
+        ("calibrate", "shaft.toml"),
+        ("inspect", "a calibration"),
+        ("inspect", "the part's recipe"),
+        ("verify", "a calib"),
+    ],
+)
+def test_what_a_job_lacks_is_told_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
+    monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
+    part = None if lacking == "the part's recipe" else shop / "part.toml"
+    calibration = shop / "calibration.json" if part is None else None
+    with pytest.raises(BadRecipe, match=lacking):
+        jobs.run(Job(kind, shop / "stand.toml", tmp_path, None, part, calibration), Watching())
+
+
+def test_a_recipe_that_can_not_be_read_costs_no_scan(shop, tmp_path, monkeypatch):
+    monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
+    logo = '[company]\nlogo = "none.png"\n'
+    (tmp_path / "stand.toml").write_text((shop / "stand.toml").read_text() + logo)
+    job = Job("calibrate", tmp_path / "stand.toml", tmp_path / "job", shop / "shaft.toml")
+    with pytest.raises(BadRecipe, match=r"none\.png"):
+        jobs.run(job, Watching())
+    assert not (tmp_path / "job").exists() and read_json(shop / "calibration.json")["status"] == "valid"
