@@ -1,7 +1,7 @@
 """Virtual gears with their truth, through which every stage of the gear inspection is run."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 from math import cos, radians
 
 import numpy as np
@@ -89,7 +89,7 @@ def calibrated(upright: bool = False) -> Calibration:
     return calibrate(interpret(shaft.recording, own), paper_shaft())
 
 
-@cache
+@lru_cache(maxsize=4)  # of up to 45 MB
 def scanned(
     gear: Gear = SPUR, errors: GearErrors = WORN, how: Simulation | None = None, points: int = POINTS
 ) -> Simulated:

@@ -15,7 +15,7 @@ from command import run
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")] + sorted(ROOT.glob("docs/**/*.md"))
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-SMALL = {"profiles = 11000 ": "profiles = 2000 ", "points = 640": "points = 400", "hz = 200.0": "hz = 40.0"}
+SMALL = {"profiles = 11000 ": "profiles = 1100 ", "points = 640": "points = 400", "hz = 200.0": "hz = 40.0"}
 
 
 def code(page, language):

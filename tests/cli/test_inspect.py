@@ -33,7 +33,8 @@ def bench(tmp_path_factory):
     (folder / "unknown.toml").write_text(stand.read_text().replace('start = "home"', 'start = "unknown"'))
     for out, recipe, more in (
         ("k1.h5", "stand.toml", ()),
-        ("gear.h5", "full.toml", ("--part", "gear.toml", "--truth", "truth.json")),
+        ("gear.h5", "stand.toml", ("--part", "gear.toml", "--truth", "truth.json")),
+        ("dents.h5", "full.toml", ("--part", "gear.toml")),
         ("perfect.h5", "stand.toml", ("--part", "perfect.toml")),
     ):
         done = run("simulate", recipe, "--artefact", "shaft.toml", *more, "-o", out, cwd=folder)
@@ -47,7 +48,7 @@ def inspect(bench, *arguments, scan="gear.h5", part="gear.toml"):
 
 
 def test_a_gear_with_errors_does_not_conform(bench):
-    done = inspect(bench, "--report", "r.html", "--cloud", "gear.ply", "--truth", "truth.json")
+    done = inspect(bench, "--report", "r.html", "--cloud", "gear.ply", "--truth", "truth.json", scan="dents.h5")
     assert done.returncode == 1, done.stderr
     assert "does not conform" in done.stdout and "paper's method" in done.stdout
     record = json.loads((bench / "inspection.json").read_text())
@@ -196,15 +197,15 @@ def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench, turned):
 
 
 def test_an_unknown_gear_is_identified_and_its_recipe_inspected(bench):
-    done = run("identify", "gear.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench)
+    done = run("identify", "dents.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench)
     assert done.returncode == 0, done.stderr
     assert "24 teeth, module 2" in done.stdout
-    done = inspect(bench, "-o", "found.json", part="found.toml")
+    done = inspect(bench, "-o", "found.json", scan="dents.h5", part="found.toml")
     assert done.returncode == 1 and "no line has a limit" in done.stderr  # one of its teeth is chipped
     assert (
-        run("identify", "gear.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench).returncode == 2
+        run("identify", "dents.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench).returncode == 2
     )
-    told = run("identify", "gear.h5", "--calibration", "calibration.json", "--json", cwd=bench)
+    told = run("identify", "dents.h5", "--calibration", "calibration.json", "--json", cwd=bench)
     assert json.loads(told.stdout)["teeth"] == 24
 
 

@@ -57,6 +57,7 @@ def test_list_says_who_answers(stand):
     assert "front" in done.stdout and "nobody" in done.stdout
 
 
+@pytest.mark.stand
 def test_test_streams_turns_and_counts(stand):
     done = run("stand", "test", "--stand", stand.recipe, "--seconds", "0.5", "--laser", "--move", "--json")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -67,6 +68,7 @@ def test_test_streams_turns_and_counts(stand):
     assert stand.safe
 
 
+@pytest.mark.stand
 def test_a_device_shows_itself(stand):
     lit = []
     process = started("stand", "identify", "back", "--stand", stand.recipe)
@@ -80,6 +82,7 @@ def test_a_device_shows_itself(stand):
     assert done.returncode == 2 and "need one of table, front, back" in done.stderr
 
 
+@pytest.mark.stand
 def test_watch_shows_live_numbers(stand):
     done = run("stand", "watch", "--stand", stand.recipe, "--seconds", "0.8", "--laser")
     assert done.returncode == 0, done.stderr
@@ -101,6 +104,7 @@ def test_acquire_ends_0_with_a_complete_scan_of_each_sensor(stand):
     assert set(kept.evidence) == {"scan front", "scan back", "stand"}
 
 
+@pytest.mark.stand
 def test_a_fault_ends_3_and_stays_until_reset(single):
     process = acquiring(single)
     time.sleep(1.0)
@@ -122,8 +126,9 @@ def test_a_fault_ends_3_and_stays_until_reset(single):
     assert run("acquire", "--stand", single.recipe, "-o", single.folder / "b.h5", "--turns", "0.05").returncode == 0
 
 
+@pytest.mark.stand
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_the_stand_and_keeps_what_came(single, number):
     process = acquiring(single)
     time.sleep(1.0)
@@ -136,6 +141,7 @@ def test_a_signal_stops_the_stand_and_keeps_what_came(single, number):
     assert run("acquire", "--stand", single.recipe, "-o", single.folder / "b.h5", "--turns", "0.05").returncode == 0
 
 
+@pytest.mark.stand
 def test_recover_makes_a_scan_of_what_a_crash_left(single):
     process = acquiring(single)
     time.sleep(1.0)

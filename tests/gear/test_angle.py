@@ -1,7 +1,7 @@
 """The table's angle without an encoder: turns free it of what doesn't repeat; clean scans stay as they are."""
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ UM = 1e-3
 TURNS = simulation(8800)
 
 
-@cache
+@lru_cache(maxsize=4)
 def turned(name, how=TURNS):
     """The inspection of a scan whose table really stood elsewhere than its index says."""
     scan = scan_of(SPUR, WORN, how)

@@ -1,7 +1,7 @@
 """Defects that the virtual gear has are found where they are, and only those."""
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from math import radians
 
 import pytest
@@ -22,7 +22,7 @@ BROKEN = replace(
 ROUGH = simulation(outliers=0.2)
 
 
-@cache
+@lru_cache(maxsize=4)
 def inspected(errors, how=None, gear=SPUR, points=320):
     return inspect_gear(apply_calibration(scan_of(SPUR, errors, how, points), true_calibration()), gear)
 

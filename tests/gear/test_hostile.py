@@ -1,7 +1,7 @@
 """Scans and drawings that want a wrong number: each figure against the virtual stand's truth."""
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from math import radians
 
 import numpy as np
@@ -19,7 +19,7 @@ DIRTY = simulation(outliers=0.4, dropouts=0.6)
 PHYSICAL = simulation(mixed_pixels=0.3, incidence_noise=True)
 
 
-@cache
+@lru_cache(maxsize=4)
 def inspected(errors=WORN, how=None, gear=SPUR):
     scan = scan_of(SPUR, errors, how)
     return inspect_gear(apply_calibration(scan, replace(true_calibration(), reasons=())), gear)

@@ -4,7 +4,7 @@ Tolerances are the issue's; what the noise leaves is twenty times less (bench/ge
 """
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from math import pi, radians
 
 import numpy as np
@@ -35,7 +35,7 @@ ROUGH = simulation(outliers=0.2, dropouts=0.1)
 HIDDEN = simulation(triangulation=radians(25.0))
 
 
-@cache
+@lru_cache(maxsize=4)
 def inspected(gear=SPUR, errors=WORN, how=None, true=False):
     upright = how is not None and how.mounting.phi == UPRIGHT["phi"]
     known = true_calibration(upright) if true else calibrated(upright)
@@ -176,7 +176,7 @@ def test_a_sliver_of_the_face_is_refused():
     with np.errstate(invalid="ignore"):
         hidden = (surface.z > 5.0) & (np.abs(surface.z - 15.05) > 0.05)
     sliver = replace(scan, z=np.where(hidden, np.nan, scan.z))
-    with pytest.raises(NotEnoughData, match="need the toothing in view over its face"):
+    with pytest.raises(NotEnoughData, match=r"need .* in view"):
         inspect_gear(apply_calibration(sliver, true_calibration()), SPUR)
 
 

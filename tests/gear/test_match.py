@@ -1,7 +1,7 @@
 """Which gear is it: identified from the cloud alone; wrong drawings are refused, right ones never."""
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 from math import degrees, radians
 
 import numpy as np
@@ -23,7 +23,7 @@ SHIFTED = Gear(17, 3.0, 20.0, 5.0, 59.4, 46.0, profile_shift=0.4)
 STEEP = replace(SPUR, pressure_angle=radians(25.0))
 
 
-@cache
+@lru_cache(maxsize=4)
 def surface_of(gear, errors=PERFECT, profiles=4400):
     upright = gear.helix_angle != 0
     scan = scan_of(gear, errors, simulation(profiles, upright), UPRIGHT_POINTS if upright else POINTS)

@@ -42,6 +42,7 @@ def test_a_scan_is_what_was_ordered(tmp_path):
     assert latch_path(stand.recipe).read_bytes() == b""
 
 
+@pytest.mark.stand
 def test_the_encoder_counts_where_the_table_is(tmp_path):
     """A second scan begins a whole number of turns later, at the same angle of the table."""
     with lab(tmp_path, turns=0.1) as stand:
@@ -50,6 +51,7 @@ def test_the_encoder_counts_where_the_table_is(tmp_path):
     assert (second.encoder[0] - first.encoder[0]) / 360_000 == pytest.approx(1.0, abs=3e-4)  # a profile is 2.5e-4
 
 
+@pytest.mark.stand
 def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
     with lab(tmp_path, encoder=False, pace=1.0) as stand:
         for i in range(5):  # the virtual clock waits on a busy machine, which no real one does
@@ -64,6 +66,7 @@ def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
     assert scan.step == pytest.approx(0.1 * np.pi / 200, rel=2e-3)
 
 
+@pytest.mark.stand
 def test_two_sensors_give_two_scans(tmp_path):
     with lab(tmp_path, sensors=("front", "back"), turns=0.1) as stand:
         taken = stand.take()
@@ -75,6 +78,7 @@ def test_two_sensors_give_two_scans(tmp_path):
 HARMLESS = {"lost packets that come again": (Kind.LOSE_PACKETS, 0.02), "disorder": (Kind.DISORDER, None)}
 
 
+@pytest.mark.stand
 @pytest.mark.parametrize("kind", HARMLESS)
 def test_what_the_transport_mends_costs_nothing(tmp_path, kind):
     with lab(tmp_path) as stand:
@@ -94,11 +98,10 @@ FAULTS = {
 }
 
 
-SLOW = ("latency", "control lost", "garbage")
-"""Their like is tried in every run."""
+IN_EVERY_RUN = "stalled table"
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in FAULTS])
+@pytest.mark.parametrize("name", [n if n == IN_EVERY_RUN else pytest.param(n, marks=pytest.mark.stand) for n in FAULTS])
 def test_a_fault_stops_the_stand_within_a_second(tmp_path, name):
     kind, strength, words = FAULTS[name]
     with lab(tmp_path, turns=1.0, pace=3.0, heartbeat_ms=500) as stand:
@@ -114,6 +117,7 @@ def test_a_fault_stops_the_stand_within_a_second(tmp_path, name):
     assert taken.fault in reset_latch(stand.recipe)
 
 
+@pytest.mark.stand
 def test_packets_lost_for_good_end_the_scan(tmp_path):
     def lose() -> None:
         stand.faults.begin(Kind.NO_RESEND)
@@ -126,6 +130,7 @@ def test_packets_lost_for_good_end_the_scan(tmp_path):
     assert read_recording(taken.written[0].path).acquisition["lost_profiles"] > 0
 
 
+@pytest.mark.stand
 def test_a_dead_controller_is_a_fault(tmp_path):
     with lab(tmp_path, turns=1.0, pace=3.0) as stand:
         taken = stand.take(show=stand.failing(stand.server.stop, at=0.2))
@@ -134,6 +139,7 @@ def test_a_dead_controller_is_a_fault(tmp_path):
     assert not taken.complete
 
 
+@pytest.mark.stand
 def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeypatch):
     """The controller is silent for a moment, just when the stand has to stop."""
     real = stand_module.Station.make_safe
@@ -158,6 +164,7 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
             stand.take("b.h5")
 
 
+@pytest.mark.stand
 def test_nothing_recorded_tells_the_fault_and_not_the_empty_log(tmp_path):
     with lab(tmp_path) as stand:
         stand.faults.begin(Kind.LATENCY, 60_000.0)
@@ -167,6 +174,7 @@ def test_nothing_recorded_tells_the_fault_and_not_the_empty_log(tmp_path):
     assert not (tmp_path / "k1.log").exists()
 
 
+@pytest.mark.stand
 def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
     import shutil
 
@@ -180,6 +188,7 @@ def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
     assert taken.fault in reset_latch(stand.recipe)
 
 
+@pytest.mark.stand
 def test_a_scan_that_can_not_be_written_stays_in_its_log(tmp_path, monkeypatch):
     from truestand.station import scan
 
@@ -254,6 +263,7 @@ def test_a_scan_beyond_the_limits_is_refused_before_anything_moves(tmp_path, wha
     assert not list(tmp_path.glob("k1*"))
 
 
+@pytest.mark.stand
 def test_a_table_with_stops_starts_at_its_home(tmp_path):
     with lab(tmp_path, turns=0.1) as stand:
         stand.recipe.write_text(
@@ -270,6 +280,7 @@ def test_an_encoder_without_its_counts_is_refused(tmp_path):
             stand.take()
 
 
+@pytest.mark.stand
 def test_wrong_counts_per_turn_are_no_complete_scan(tmp_path):
     with lab(tmp_path) as stand:
         text = stand.recipe.read_text()
@@ -279,6 +290,7 @@ def test_wrong_counts_per_turn_are_no_complete_scan(tmp_path):
     assert "counts_per_turn in stand.toml is wrong" in taken.written[0].scan.reasons[0]
 
 
+@pytest.mark.stand
 def test_a_sensor_that_the_encoder_triggers_is_silent_at_rest(tmp_path):
     with lab(tmp_path, turns=0.1, pace=1.0, trigger="encoder") as stand:
         taken = stand.take()
@@ -286,6 +298,7 @@ def test_a_sensor_that_the_encoder_triggers_is_silent_at_rest(tmp_path):
     assert np.ptp(read_recording(taken.written[0].path).encoder) == pytest.approx(36_000, abs=400)
 
 
+@pytest.mark.stand
 def test_a_triggered_sensor_that_falls_silent_is_a_fault(tmp_path):
     with lab(tmp_path, turns=1.0, pace=1.0, trigger="encoder", heartbeat_ms=10_000) as stand:
         taken = stand.take(show=stand.failing(stand.fault(Kind.STUCK_ENCODER), at=0.15))
@@ -293,6 +306,7 @@ def test_a_triggered_sensor_that_falls_silent_is_a_fault(tmp_path):
     assert stand.since_fault is not None and stand.since_fault < 2.0
 
 
+@pytest.mark.stand
 def test_a_disk_that_fills_up_ends_the_scan_and_keeps_what_is_valid(tmp_path, monkeypatch):
     import os
 

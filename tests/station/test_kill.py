@@ -135,6 +135,7 @@ def test_ctrl_c_is_not_lost_within_genicam(tmp_path, monkeypatch):
             camera.close()
 
 
+@pytest.mark.stand
 def test_a_guard_that_dies_costs_no_scan(tmp_path, monkeypatch):
     made, real = [], subprocess.Popen
     monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: made.append(real(*a, **k)) or made[-1])

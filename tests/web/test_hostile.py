@@ -66,6 +66,7 @@ def behave(good, server, seconds):
     return took, seen
 
 
+@pytest.mark.stand
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
     with process("page_lab.py", tmp_path) as (server, port):

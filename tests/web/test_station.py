@@ -10,7 +10,7 @@ from page_lab import Client, make_page, served
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
 
-pytestmark = pytest.mark.slow  # test_morning.py goes the same way through the browser in every run
+pytestmark = pytest.mark.stand  # test_morning.py goes the same way through the browser in every run
 WITHIN = 180.0
 """s for a job on a busy machine."""
 

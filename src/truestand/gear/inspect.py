@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.calibration import Calibration
-from truestand.core.errors import BadRecipe, WrongDrawing
+from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
@@ -67,6 +67,8 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         if not reasons:  # off its axis, every gear looks like another one
             raise
         reasons = (*reasons, str(wrong))
+    if not flanks.delta.size:
+        raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     steady = steadied(surface, flanks, scan, calibration, nominal, datum.pose)
     surface, flanks, scan, calibration = steady.surface, steady.flanks, steady.scan, steady.calibration
     read = read_flanks(flanks, nominal)

@@ -90,6 +90,8 @@ def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flan
         seen = identify(surface, datum, g.face_from, g.face_to)
         instead = f"saw {seen}"
     except NotEnoughData:
+        if not flanks.delta.size:
+            raise
         seen, instead = None, "could not tell which gear it is"
     if fits and (seen is None or seen.teeth == g.teeth):
         return

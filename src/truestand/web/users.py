@@ -82,8 +82,8 @@ def write_users(path: Path, users: Mapping[str, User]) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def make_user(name: str, role: Role, password: str) -> User:
-    """A user with a fresh salt.
+def make_user(name: str, role: Role, password: str, cost: Mapping[str, int] = COST) -> User:
+    """A user with a fresh salt; ``cost``: scrypt's n, r and p.
 
     Raises:
         BadRecipe: a name or password that won't do.
@@ -93,7 +93,7 @@ def make_user(name: str, role: Role, password: str) -> User:
     if not SHORTEST <= len(password) <= LONGEST:
         raise BadRecipe(f"found a password of {len(password)} characters, need {SHORTEST} or more")
     salt = secrets.token_bytes(16)
-    return User(name, role, salt.hex(), _scrypt(password, salt, **COST), **COST)
+    return User(name, role, salt.hex(), _scrypt(password, salt, **cost), **cost)
 
 
 class Gatekeeper:
@@ -104,7 +104,7 @@ class Gatekeeper:
         self._hashing = threading.Lock()
         self._read: tuple[object, dict[str, User]] | None = None
         self._guarded = False
-        self._nobody = make_user("nobody", "operator", secrets.token_hex(16))
+        self._nobody = User("nobody", "operator", secrets.token_hex(16), "", **COST)
 
     @property
     def users(self) -> Mapping[str, User]:

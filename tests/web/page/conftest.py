@@ -21,6 +21,12 @@ SIZES = {"panel": (1280, 800), "screen": (1920, 1080), "tablet": (800, 1280)}
 PATIENCE = 20.0
 
 
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if "chromium" in item.fixturenames and item.path.parent == Path(__file__).parent:
+            item.add_marker(pytest.mark.browser)
+
+
 class Mock:
     """The mock server's address, and what it shall play."""
 

@@ -24,7 +24,7 @@ def settle(tab):
         tab.wait_for_timeout(300)
 
 
-@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious(open_tab, axe, mock, scheme):
     mock.play(seconds=0.1)
     mock.run()
@@ -40,7 +40,6 @@ def test_axe_finds_nothing_serious(open_tab, axe, mock, scheme):
     assert found == {}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("size", ["panel", "tablet"])
 def test_targets_are_large_enough_for_gloves(open_tab, mock, size):
     mock.play(fault="a fault")
@@ -55,7 +54,6 @@ def test_targets_are_large_enough_for_gloves(open_tab, mock, size):
     assert small == {}
 
 
-@pytest.mark.slow
 def test_marks_differ_in_shape(open_tab):
     tab = open_tab("#/results")
     shapes = {
@@ -65,7 +63,6 @@ def test_marks_differ_in_shape(open_tab):
     assert len(set(shapes.values())) == 3
 
 
-@pytest.mark.slow
 def test_the_first_tab_skips_to_the_content(open_tab):
     tab = open_tab("#/results")
     tab.keyboard.press("Tab")
@@ -74,7 +71,6 @@ def test_the_first_tab_skips_to_the_content(open_tab):
     assert tab.evaluate("document.activeElement.tagName") == "H1"
 
 
-@pytest.mark.slow
 def test_tabs_of_a_result_go_by_arrow(open_tab):
     tab = open_tab("#/results/57")
     tab.get_by_role("tab", name="Values").focus()
@@ -86,7 +82,6 @@ def test_tabs_of_a_result_go_by_arrow(open_tab):
     assert tab.get_by_role("tab", name="Values").get_attribute("aria-selected") == "true"
 
 
-@pytest.mark.slow
 def test_language_and_title_are_told(open_tab):
     tab = open_tab("#/devices")
     assert tab.evaluate("document.documentElement.lang") == "en"

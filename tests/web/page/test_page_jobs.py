@@ -4,8 +4,6 @@ import pytest
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 
-pytestmark = pytest.mark.slow  # the morning goes the same ways in every run, on the real stand
-
 
 TABS = 60
 

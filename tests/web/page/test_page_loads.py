@@ -13,9 +13,7 @@ PAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "size", ["panel", pytest.param("screen", marks=pytest.mark.slow), pytest.param("tablet", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("size", ["panel", "screen", "tablet"])
 @pytest.mark.parametrize("path", PAGES)
 def test_page_shows_its_heading_and_fits(open_tab, path, size):
     tab = open_tab(path, size)
@@ -38,7 +36,6 @@ def test_first_view_stands_within_a_second(open_tab, mock):
     assert not [name for name in asked if "plotly" in name]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("state", ["valid", "untrusted", "expired", "none"])
 def test_home_says_whether_the_stand_is_calibrated(open_tab, mock, state):
     mock.play(calibration=state)
@@ -54,27 +51,23 @@ def test_home_says_whether_the_stand_is_calibrated(open_tab, mock, state):
     assert first == ("Inspect a part" if state == "valid" else "Calibrate")
 
 
-@pytest.mark.slow
 def test_a_stand_without_results_says_so(open_tab, mock):
     mock.play(entries=[], calibration="none")
     assert "The first verdict will stand here" in open_tab("#/").locator("main").inner_text()
     assert "Nothing measured yet" in open_tab("#/results").locator("main").inner_text()
 
 
-@pytest.mark.slow
 def test_text_from_outside_stays_text(open_tab):
     tab = open_tab("#/results/60/evidence")
     assert "<img src=x onerror" in tab.locator(".remarks").inner_text()
     assert tab.locator(".remarks img").count() == 0 and "owned" not in tab.title()
 
 
-@pytest.mark.slow
 def test_a_result_that_is_not_there_says_what_to_do(open_tab):
     tab = open_tab("#/results/999", expect=["404"])
     assert "found no result 999; choose one of the list" in tab.get_by_role("alert").first.inner_text()
 
 
-@pytest.mark.slow
 def test_fault_is_reset_after_a_look_at_the_stand(open_tab, mock):
     mock.play(fault="the table followed its order late")
     tab = open_tab("#/results")
@@ -89,7 +82,6 @@ def test_fault_is_reset_after_a_look_at_the_stand(open_tab, mock):
     tab.locator(".strip.bad").wait_for(state="hidden")
 
 
-@pytest.mark.slow
 def test_login_leads_back_to_where_one_was(open_tab, mock):
     mock.play(login_needed=True, role=None, user=None)
     tab = open_tab("#/results", expect=["401"])
@@ -105,7 +97,6 @@ def test_login_leads_back_to_where_one_was(open_tab, mock):
     assert not tab.locator("body > nav").is_visible()
 
 
-@pytest.mark.slow
 def test_results_are_filtered_and_go_back_in_time(open_tab):
     tab = open_tab("#/results")
     assert tab.locator(".row").count() == 30
@@ -117,7 +108,6 @@ def test_results_are_filtered_and_go_back_in_time(open_tab):
     assert tab.locator(".row .verdict").all_inner_texts().count("not trusted") == 1
 
 
-@pytest.mark.slow
 def test_result_says_first_what_was_not_measurable(open_tab):
     tab = open_tab("#/results/57")
     assert tab.locator(".stamp .word").inner_text().lower() == "does not conform"
@@ -132,7 +122,6 @@ def test_result_says_first_what_was_not_measurable(open_tab):
     assert told.value.failure() is None
 
 
-@pytest.mark.slow
 def test_recipe_is_checked_and_saved(open_tab):
     tab = open_tab("#/recipes/gear.toml", expect=["422"])
     area = tab.get_by_label("gear.toml")
@@ -150,7 +139,6 @@ def test_recipe_is_checked_and_saved(open_tab):
     assert tab.get_by_label("gear.toml").input_value() == 'kind = "gear"\nteeth = 25\n'
 
 
-@pytest.mark.slow
 def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
     tab = open_tab("#/recipes/gear.toml")
     tab.get_by_label("gear.toml").fill("a = 1\n")
@@ -161,7 +149,6 @@ def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
     assert asked and tab.get_by_label("gear.toml").input_value() == "a = 1\n"
 
 
-@pytest.mark.slow
 def test_an_operator_reads_recipes_only(open_tab, mock):
     mock.play(role="operator", user="olga")
     tab = open_tab("#/recipes/gear.toml")
@@ -169,14 +156,12 @@ def test_an_operator_reads_recipes_only(open_tab, mock):
     assert tab.get_by_label("gear.toml").get_attribute("readonly") is not None
 
 
-@pytest.mark.slow
 def test_evidence_is_checked_by_an_engineer(open_tab):
     tab = open_tab("#/results")
     tab.get_by_role("button", name="Check the evidence").click()
     tab.get_by_text("One result is not as it was written").wait_for()
 
 
-@pytest.mark.slow
 def test_devices_say_who_is_silent(open_tab, mock):
     tab = open_tab("#/devices")
     tab.locator(".device").nth(2).wait_for()

@@ -10,8 +10,6 @@ expect = pytest.importorskip("playwright.sync_api", reason="playwright is not in
 
 FIRST_CHART = 30_000
 
-pytestmark = pytest.mark.slow  # the morning goes the same ways in every run, on the real stand
-
 
 def pixels(locator):
     """RGB of a screenshot, 0..255."""
