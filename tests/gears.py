@@ -89,7 +89,7 @@ def calibrated(upright: bool = False) -> Calibration:
     return calibrate(interpret(shaft.recording, own), paper_shaft())
 
 
-@lru_cache(maxsize=4)  # of up to 45 MB
+@lru_cache(maxsize=8)  # of 15 MB, up to 45
 def scanned(
     gear: Gear = SPUR, errors: GearErrors = WORN, how: Simulation | None = None, points: int = POINTS
 ) -> Simulated:

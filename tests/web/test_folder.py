@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from page_lab import Client, snapshot
+from page_lab import Client, make_page, served, snapshot
 from truestand.web.doors import Who
 from truestand.web.folder import Folder
 from truestand.web.models import JobBody, RecipeBody
@@ -51,15 +51,18 @@ def test_a_name_that_leads_elsewhere_is_no_recipe(stand, name):
 
 @pytest.mark.parametrize("name", [n for n in OUTSIDE if "\x00" not in n])
 @pytest.mark.parametrize("method", ["GET", "PUT"])
-def test_nor_over_http(client, tmp_path, name, method):
+def test_nor_over_http(stand, name, method):
     from urllib.parse import quote
 
-    before = snapshot(tmp_path.parent)
-    for path in {quote(name), quote(name, safe=""), quote(quote(name, safe=""), safe="")}:
-        answer = client.ask(method, f"/api/recipes/{path}", {"text": "x = 1"} if method == "PUT" else None)
-        assert answer.status in (404, 405, 422), answer.body
-        assert b"secret" not in answer.body or b"problem" in answer.body
-    assert snapshot(tmp_path.parent) == before
+    with served(make_page(stand.path)) as port:
+        client = Client(port)
+        client.session()
+        before = snapshot(stand.path.parent)
+        for path in {quote(name), quote(name, safe=""), quote(quote(name, safe=""), safe="")}:
+            answer = client.ask(method, f"/api/recipes/{path}", {"text": "x = 1"} if method == "PUT" else None)
+            assert answer.status in (404, 405, 422), answer.body
+            assert b"secret" not in answer.body or b"problem" in answer.body
+        assert snapshot(stand.path.parent) == before
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")
