@@ -10,6 +10,7 @@ from pathlib import Path
 
 from numpy.random import default_rng
 
+from patience import NOT_FOR_EVER
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.recipes.parts import read_part, read_part_simulation
 from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand, write_starters
@@ -38,7 +39,7 @@ class Lab:
     sensors: list[GigeDevice]
     faults: Faults
     since_fault: float | None = None
-    """Real s from the fault's begin to table at rest and lasers off."""
+    """Real s from the fault's begin to table at rest and lasers off; None: that did not come."""
     _watching: list[threading.Thread] = field(default_factory=list)
 
     @property
@@ -78,7 +79,7 @@ class Lab:
         return show
 
     def _until_safe(self, since: float) -> None:
-        while time.monotonic() - since < 5.0:
+        while time.monotonic() - since < NOT_FOR_EVER:
             if self.safe and time.monotonic() - since > 0.05:
                 self.since_fault = time.monotonic() - since
                 return

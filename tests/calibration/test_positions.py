@@ -15,6 +15,7 @@ from truestand.core.frames import sensor_parameters
 from truestand.core.scan import interpret
 from truestand.sim import FormWave, Misalignment, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
+from variants import tried
 
 OFF = 0.02 * np.exp(0.7j)
 """mm: the bearing's axis against the base's, ten times the 2 um that a shaft without a certificate is taken to have."""
@@ -109,7 +110,7 @@ def test_angles_that_tell_nothing_are_refused(clamped):
         calibrate_positions((scan(0), scan(180)), clamped, artefact())
 
 
-@pytest.mark.parametrize("clamped", [(0.0, -100.0), (0.0, 60.0)])
+@pytest.mark.parametrize("clamped", tried([(0.0, 60.0)], ((0.0, -100.0),)))
 def test_wrong_angles_are_noticed(clamped):
     """Turned by 100 degrees and stated otherwise: the scans read no one laser plane, or no one table bearing."""
     wrong = calibrate_positions((scan(0), scan(100)), tuple(map(radians, clamped)), artefact())

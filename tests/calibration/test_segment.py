@@ -17,6 +17,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.scan import Scan, interpret
 from truestand.sim import Keyway, simulate
 from truth import ABOVE, ANGLE, STANDS, Named, scan_of, shaft, truth_of
+from variants import tried
 
 THREE = Artefact(
     (
@@ -43,7 +44,7 @@ def test_both_cylinders_and_the_angle_are_found_on_every_named_stand(name):
     assert found.height == pytest.approx(truth_of(name)["sensor"]["table_from_sensor"][2][3], abs=1.0)
 
 
-@pytest.mark.parametrize("phi", [-25, -60, -120, -155, 30, 65, 110, 150])
+@pytest.mark.parametrize("phi", tried([-25, -120, 65], -60, -155, 30, 110, 150))
 def test_any_view(phi):
     found = segment(scan(Named({"phi": radians(phi)}, acquisition=ANGLE)), shaft())
     assert degrees(found.phi) == pytest.approx(phi, abs=0.4)
@@ -152,7 +153,7 @@ def test_the_band_lies_on_the_cylinder():
         assert on.sum() > 20 * view.profiles
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", tried(range(4), *range(4, 12)))
 def test_random_shafts_are_right_or_said_to_be_doubtful(seed):
     outcome = try_shaft(seed)
     assert outcome.status != "valid" or not outcome.wrong

@@ -13,6 +13,7 @@ from truestand.files.shapes.points import read_points
 from truestand.form.associate import associate
 from truestand.form.form import evaluate
 from truestand.form.upr import transmission, upr_filter
+from variants import tried
 
 DATA = Path(__file__).parents[1] / "data"
 DESICOS = Path(__file__).parents[3] / "shared" / "data" / "desicos"
@@ -251,7 +252,7 @@ def test_the_noise_floor_says_what_noise_alone_fakes():
         assert np.mean(floor) == pytest.approx(np.mean(read), rel=slack)
 
 
-@pytest.mark.parametrize("reference", ["LSC", "MZC", "MIC", "MCC"])
+@pytest.mark.parametrize("reference", tried(["LSC", "MZC"], "MIC", "MCC"))
 def test_the_uncertainty_covers_the_truth_of_a_round_part(reference):
     """x of the centre of 200 noisy rings lies within U in 95 % (190); 181 is three standard deviations below."""
     t = np.linspace(0, 2 * np.pi, 60, endpoint=False)

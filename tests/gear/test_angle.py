@@ -58,6 +58,7 @@ def test_what_no_drift_and_no_line_explains_decides_nothing():
     assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
 
 
+@pytest.mark.more
 def test_too_few_turns_say_that_they_are_uneven():
     """A turn and a half: half of the flanks came by twice, too few to correct by, enough to see it."""
     found = turned("line", simulation(6000))

@@ -14,6 +14,7 @@ from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, Worn
+from variants import tried
 
 UM = 1e-3
 GEAR = replace(SPUR, accuracy_class=10)
@@ -68,7 +69,7 @@ def test_figures_that_read_damage_are_not_decided(name):
     assert any(line.reason in remark for remark in found.remarks)
 
 
-@pytest.mark.parametrize("name", ["groove across", "along, off mid-face"])
+@pytest.mark.parametrize("name", tried(["groove across"], "along, off mid-face"))
 def test_one_damaged_tooth_leaves_the_gear_undecided(name):
     tooth, *where, touched = DAMAGE[name]
     found = inspected(worn(*where, tooth=tooth))
@@ -151,14 +152,13 @@ def test_a_tip_broken_by_less_than_is_allowed_conforms():
 
 @pytest.mark.parametrize(
     ("how", "points"),
-    [
-        (None, POINTS),
-        (WILD, 640),
+    tried(
+        [(None, POINTS), (WILD, 640)],
         (WILD, POINTS),
         (simulation(outliers=0.4, dropouts=0.6), 640),
         (simulation(speckle=0.005), 320),
         (simulation(noise=0.02), POINTS),
-    ],
+    ),
     ids=["clean", "20 % wild, 10 % lost", "the same, sparse", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
 )
 def test_sound_gears_leave_nothing_undecided(how, points):
@@ -169,7 +169,7 @@ def test_sound_gears_leave_nothing_undecided(how, points):
         assert found.defects == ()
 
 
-@pytest.mark.parametrize("helix", [15.0, -20.0])
+@pytest.mark.parametrize("helix", tried([15.0], -20.0))
 def test_flanks_at_the_edge_of_sight_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
     gear = replace(helical(helix), accuracy_class=10)

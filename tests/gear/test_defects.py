@@ -49,6 +49,7 @@ def test_teeth_that_miss_parts():
     assert chip.depth == pytest.approx(0.8, abs=0.05) and chip.height == pytest.approx(22.4, abs=0.5)
 
 
+@pytest.mark.more
 def test_half_of_the_teeth_missing():
     found = inspected(replace(PERFECT, missing=tuple(range(1, 13))))
     assert sorted((d.kind, d.tooth) for d in found.defects) == [("missing tooth", n) for n in range(1, 13)]
@@ -62,5 +63,6 @@ def test_a_tip_that_is_lower_than_drawn_is_no_defect():
     assert next(c for c in found.characteristics if c.name == "d_a").value == pytest.approx(52.0, abs=0.01)
 
 
+@pytest.mark.more
 def test_a_rough_tip_is_no_row_of_defects():
     assert inspected(PERFECT, simulation(noise=0.05)).defects == ()

@@ -28,6 +28,7 @@ from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.surface import Surface, apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import GearErrors
+from variants import tried
 
 UM = 1e-3
 PERFECT = GearErrors(phase=radians(3.0))
@@ -53,9 +54,11 @@ def line(found, name, flank=None, tooth=None):
     return next(c for c in found.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))
 
 
-@pytest.mark.parametrize("gear", [SPUR, helical(15.0), helical(-20.0)], ids=["spur", "15 right", "20 left"])
-@pytest.mark.parametrize("true", [False, True], ids=["calibrated", "true calibration"])
-def test_pitch(gear, true):
+@pytest.mark.parametrize(
+    ("helix", "true"), tried([(0.0, False), (0.0, True), (15.0, True)], (-20.0, True), (15.0, False), (-20.0, False))
+)
+def test_pitch(helix, true):
+    gear = helical(helix) if helix else SPUR
     how = simulation(4400, upright=True) if gear.helix_angle else None
     found, truth = inspected(gear, how=how, true=true), truth_of(gear)
     most = (0.3 * UM, 0.3 * UM) if true else (3 * UM, 2 * UM)

@@ -15,6 +15,7 @@ from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.gear.match import identify
 from truestand.sim import GearErrors
+from variants import tried
 
 ON_C = Pose.from_matrix(np.eye(4))
 PERFECT = GearErrors(phase=radians(3.0))
@@ -31,10 +32,9 @@ def surface_of(gear, errors=PERFECT, profiles=4400):
 
 
 @pytest.mark.parametrize(
-    "gear",
-    [SPUR, helical(15.0), helical(-20.0), FINE, SHIFTED, STEEP],
+    "gear", tried([SPUR, helical(15.0)], helical(-20.0), FINE, SHIFTED, STEEP),
     ids=["spur", "15 right", "20 left", "fine", "shifted", "25 degrees"],
-)
+)  # fmt: skip
 def test_a_gear_is_identified(gear):
     seen = identify(surface_of(gear), ON_C, gear.face_from, gear.face_to)
     assert seen.teeth == gear.teeth
@@ -71,13 +71,12 @@ def test_a_wrong_drawing_is_refused(change):
 
 @pytest.mark.parametrize(
     "errors",
-    [
-        replace(WORN, thickness=-0.3),
+    tried(
+        [replace(WORN, thickness=-0.3), replace(PERFECT, missing=tuple(range(1, 13)))],
         replace(WORN, eccentricity=0.1),
         replace(PERFECT, missing=(5, 6)),
-        replace(PERFECT, missing=tuple(range(1, 13))),
-    ],
-    ids=["thin", "eccentric", "two teeth gone", "half of the teeth gone"],
+    ),
+    ids=["thin", "half of the teeth gone", "eccentric", "two teeth gone"],
 )
 def test_a_bad_gear_is_not_another_gear(errors):
     inspect_gear(surface_of(SPUR, errors), SPUR)

@@ -54,7 +54,9 @@ def test_a_name_that_leads_elsewhere_is_no_recipe(stand, name):
 def test_nor_over_http(stand, name, method):
     from urllib.parse import quote
 
-    with served(make_page(stand.path)) as port:
+    folder = stand.path.with_name("page")
+    folder.mkdir()
+    with served(make_page(folder)) as port:
         client = Client(port)
         client.session()
         before = snapshot(stand.path.parent)

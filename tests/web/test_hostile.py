@@ -13,6 +13,7 @@ import pytest
 
 from page_lab import SERVERS, Client, raw
 from page_worker import RATE, kept_waiting
+from patience import NOT_FOR_EVER
 from truestand.web import connections
 from truestand.web.connections import Keeper, protocols
 
@@ -100,7 +101,7 @@ def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
     ):
         began = time.monotonic()
         raw(client.port, sent, timeout=8.0)
-        assert time.monotonic() - began < 5.0
+        assert time.monotonic() - began < NOT_FOR_EVER
 
 
 def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):

@@ -64,9 +64,9 @@ def test_a_name_that_nobody_has_takes_as_long(tmp_path):
     write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
     gatekeeper, took = Gatekeeper(tmp_path / "u"), {}
     for name in ("olga", "eve") * 3:
-        began = time.perf_counter()
+        began = time.thread_time()
         assert gatekeeper.check(name, "wrong password") is None
-        took[name] = min(took.get(name, 9.0), time.perf_counter() - began)
+        took[name] = min(took.get(name, 9.0), time.thread_time() - began)
     assert 0.5 < took["olga"] / took["eve"] < 2.0
 
 
