@@ -99,6 +99,7 @@ def test_half_a_turn_can_not_tell_even_harmonics():
     assert all(s.harmonic.upr % 2 for s in positions.bearing)
 
 
+@pytest.mark.more
 def test_a_sensor_that_moved_between_the_scans_is_not_trusted():
     moved = calibrate_positions((scan(0), scan(180, 95.03)), (0.0, radians(180)), artefact())
     assert any("sensor moved between the scans" in r for r in moved.reasons)

@@ -165,7 +165,7 @@ def test_compare_tells_every_way_with_its_error(bench, tmp_path):
     assert (exact["method"], exact["library"]) == ("exact model", "truestand")
     assert exact["axis_error_um"] < 1.0
     assert all(row["reason"] or row["eccentricity_um"] for row in record["rows"])
-    wrong = run("compare", bench / "k1.h5", "--artefact", bench / "shaft.toml", "--truth", bench / "report.html")
+    wrong = run("compare", bench / "k1.h5", "--artefact", bench / "shaft.toml", "--truth", bench / "stand.toml")
     assert wrong.returncode == 2
     assert len(wrong.stderr.splitlines()) == 1
 
@@ -233,8 +233,10 @@ def test_a_raw_dump_is_imported_as_told_and_refused_with_what_to_tell(tmp_path):
     assert all((f["profiles"], f["points_seen"], f["angle_source"]) == (20, 12800, "encoder") for f in facts)
 
 
-def test_the_report_is_one_file_that_explains_itself(bench):
-    page = (bench / "report.html").read_text(encoding="utf-8")
+def test_the_report_is_one_file_that_explains_itself(bench, tmp_path):
+    common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json", "-o", tmp_path / "c.json", "-q")
+    assert run("calibrate", bench / "k1.h5", *common, "--report", tmp_path / "report.html").returncode == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "http" not in page.replace("http://www.w3.org", "")
     assert "<script" not in page
     for words in (

@@ -65,11 +65,20 @@ def test_a_gear_with_errors_does_not_conform(bench):
     assert "does not conform" in (bench / "r.html").read_text().lower()
 
 
-def test_the_characteristics_as_csv(bench):
-    assert inspect(bench, "--csv", "c.csv", "-o", "c.json", "-q").returncode == 1
-    with (bench / "c.csv").open(encoding="utf-8", newline="") as file:
+@pytest.fixture(scope="module")
+def written(bench):
+    """All that one inspection can write, under the company's name."""
+    text = (bench / "stand.toml").read_text().replace("[scan]", '[company]\nname = "Precis & Co"\n\n[scan]')
+    (bench / "company.toml").write_text(text)
+    files = ("--csv", "c.csv", "--cloud", "c.ply", "--report", "k.html", "-o", "c.json", "--stand", "company.toml")
+    assert inspect(bench, *files, "-q").returncode == 1
+    return bench
+
+
+def test_the_characteristics_as_csv(written):
+    with (written / "c.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    lines = json.loads((bench / "c.json").read_text())["characteristics"]
+    lines = json.loads((written / "c.json").read_text())["characteristics"]
     assert [(r["name"], r["flank"]) for r in rows] == [(c["name"], c["flank"] or "") for c in lines]
     assert float(rows[0]["value"]) == lines[0]["value_um"]
     assert rows[0]["verdict"] == lines[0]["verdict"]
@@ -85,20 +94,17 @@ def test_a_pdf_without_its_extra_is_refused_before_the_work(bench, tmp_path, mon
     assert not (bench / "never.json").exists() and not (bench / "r.pdf").exists()
 
 
-def test_the_company_stands_at_the_head_of_the_report(bench):
-    text = (bench / "stand.toml").read_text().replace("[scan]", '[company]\nname = "Precis & Co"\n\n[scan]')
-    (bench / "company.toml").write_text(text)
-    assert inspect(bench, "--report", "k.html", "--stand", "company.toml", "-o", "k.json", "-q").returncode == 1
-    assert "Precis &amp; Co" in (bench / "k.html").read_text(encoding="utf-8")
-    (bench / "company.toml").write_text(text.replace('name = "Precis & Co"', 'logo = "none.png"'))
-    done = inspect(bench, "--stand", "company.toml", "-o", "k2.json")
+def test_the_company_stands_at_the_head_of_the_report(written):
+    assert "Precis &amp; Co" in (written / "k.html").read_text(encoding="utf-8")
+    text = (written / "company.toml").read_text()
+    (written / "logo.toml").write_text(text.replace('name = "Precis & Co"', 'logo = "none.png"'))
+    done = inspect(written, "--stand", "logo.toml", "-o", "k2.json")
     assert done.returncode == 2
     assert "none.png can't be read" in done.stderr
 
 
-def test_the_cloud_carries_the_deviations(bench):
-    assert inspect(bench, "--cloud", "c.ply", "-o", "c.json", "-q").returncode == 1
-    data = (bench / "c.ply").read_bytes()
+def test_the_cloud_carries_the_deviations(written):
+    data = (written / "c.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     assert b"property float deviation" in header
     kind = np.dtype([(n, "<f4") for n in "xyz"] + [("profile", "<i4"), ("point", "<i4"), ("deviation", "<f4")])

@@ -202,7 +202,7 @@ def read_slowly(text, separator, decimal):
         return float(cell.replace(decimal, ".")) if cell.strip() else np.nan
 
     def matrix(block):
-        rows = block.split("\n") if separator in " \t" else [row.rstrip(" ") for row in block.split("\n")]
+        rows = block.split("\n") if separator == " " else [row.rstrip(" ") for row in block.split("\n")]
         if all(row.endswith(separator) for row in rows):
             rows = [row[:-1] for row in rows]
         return [[number(cell) for cell in (row.split() if separator == " " else row.split(separator))] for row in rows]

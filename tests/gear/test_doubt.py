@@ -85,6 +85,7 @@ def test_a_residual_eccentricity_is_pitch_and_runout():
     assert found["F_r", None] == pytest.approx(20 * UM, rel=0.03)
 
 
+@pytest.mark.more
 def test_u_covers_calibrations_drawn_from_their_own_doubt():
     """Monte Carlo: calibrations drawn from the covariance, each used on the same scan. U (k = 2) of the lines that the
     calibration makes must cover about 95 % of what comes out.

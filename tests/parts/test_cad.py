@@ -190,6 +190,7 @@ def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
     assert np.isnan(elsewhere.deviation).all()
 
 
+@pytest.mark.more
 def test_the_calibrations_line_is_what_drawn_calibrations_do():
     """An exact part deviates by the calibration's error alone; 20 draws tell its mean square to a quarter."""
     own, mesh, _, known = wheel()

@@ -59,6 +59,7 @@ def test_it_is_one_well_formed_file_with_every_figure():
     assert not re.search(r"(src|href)=\"(?!#|data:)", text)
 
 
+@pytest.mark.more
 def test_the_same_input_gives_the_same_bytes():
     assert page.__wrapped__("from above") == page("from above")
 

@@ -161,6 +161,7 @@ def test_a_gear_has_every_section():
     assert "Klarák et al., Sensors 2022, 22, 5306" in text
 
 
+@pytest.mark.more
 def test_the_same_input_gives_the_same_bytes():
     assert inspection_report(replace(gear(), defects=(DENT,)), calibration()) == page()
 

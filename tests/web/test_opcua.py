@@ -311,6 +311,7 @@ def test_an_address_that_others_can_reach_needs_users(tmp_path):
         wanted(guarded, "opc.tcp://0.0.0.0:4840")
 
 
+@pytest.mark.stand
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
     write_starters(tmp_path)
