@@ -26,7 +26,8 @@ class Silent:
 
 
 def test_a_scan_is_what_was_ordered(tmp_path):
-    with lab(tmp_path) as stand:
+    """At a quarter of a turn in 5 s, on a sensor that forgives a busy machine a long silence."""
+    with lab(tmp_path, pace=1.0, heartbeat_ms=10_000) as stand:
         taken = stand.take()
         assert stand.safe
         assert not stand.sensors[0].controlled
