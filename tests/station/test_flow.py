@@ -46,7 +46,7 @@ def differing(one, other) -> list[str]:
 
 @pytest.mark.parametrize("encoder", [True, False])
 def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_path, no_reading, encoder):
-    with lab(tmp_path, turns=0.1, sensors=("front", "back"), encoder=encoder) as stand:
+    with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder, heartbeat_ms=10_000) as stand:
         taken = stand.take(keep_log=True)
     no_reading.undo()
     recovered = write_scans(convert(sort_log(tmp_path / "k1.log")), tmp_path / "again.h5")
@@ -57,7 +57,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_p
 
 
 def test_a_job_goes_on_with_the_scan_that_it_recorded(tmp_path, no_reading):
-    with lab(tmp_path, turns=0.1) as stand:
+    with lab(tmp_path, pace=2.0, turns=0.1, heartbeat_ms=10_000) as stand:
         scan = jobs._scan(
             jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Watching(), tmp_path / "job" / "shaft.h5"
         )
