@@ -91,7 +91,7 @@ def test_every_point_of_the_field_is_right_with_plane_off_and_shaft_tilted():
 
 
 def test_the_form_comes_out_with_it():
-    """60,000 readings of 5 um on a cylinder, seen at 42 degrees: 4 standard deviations are 0.15 um."""
+    """Over ten seeds amplitudes scattered by 0.07 um (standard deviation), phases by 0.02 um across the surface."""
     found = {(h.surface, h.upr): h for h in calibrated("many harmonics").harmonics}
     for n in range(2, 13):
         for surface in ("base", "bearing"):
