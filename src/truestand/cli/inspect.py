@@ -63,7 +63,6 @@ def inspect(
     into = keeping(store, stand, operator, quiet)
     reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
-
     inputs = Inputs((scan,), stand, calibration=calibration, part=part)
     outputs = Outputs(output, cloud, report, table)
     own = {key: value for key, value in (("serial", serial), ("operator", operator)) if value is not None}

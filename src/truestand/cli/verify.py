@@ -52,7 +52,6 @@ def verify(
 
     into = keeping(store, stand, operator, quiet)
     reader = scan_reader(stand, start_angle_deg, quiet)
-
     done = verify_job(
         Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.taking(scan), steps("Verifying", quiet),
         limit=mm_from_um(limit_um), start_stated=reader.start_stated,

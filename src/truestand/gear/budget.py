@@ -79,7 +79,7 @@ class Rays:
 
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
         """What ``moved`` (n, 3) mm, or one move (3,) mm of all points in C, does."""
-        delta = np.broadcast_to((self.gradient * moved).sum(axis=1), self.theta.shape).reshape(self.shape)
+        delta = (self.gradient * moved).sum(axis=1).reshape(self.shape)
         x, y = self.point[:, 0], self.point[:, 1]
         outward = (x * moved[..., 0] + y * moved[..., 1]) / np.hypot(x, y)
         return Influence(name, delta, float(np.mean(outward)), u, distribution)
