@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from gears import SPUR, calibrated, scan_of, simulation, true_calibration
-from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
+from truestand.apply.datum import datum_of
+from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
 from truestand.core.surface import apply_calibration
-from truestand.gear.figures import figures_of
-from truestand.gear.flanks import find_flanks
+from truestand.gear.evaluate import figures_of
+from truestand.gear.flanks import find_flanks, find_toothing
 from truestand.gear.geometry import involute
-from truestand.gear.inspect import inspect_gear, read_flanks
+from truestand.gear.inspect import evaluate_flanks, inspect_gear
 from truestand.sim import GearErrors
 from truestand.uncertainty.influence import unknowns_of
 
@@ -109,8 +110,9 @@ def test_u_covers_calibrations_drawn_from_their_own_doubt():
         drawn = replace(
             c, table_from_sensor=table_from_sensor(phi, u, height, alpha, d), shaft_from_rotor=shaft_from_rotor(*shaft)
         )
-        flanks = find_flanks(apply_calibration(few, drawn), involute(SPUR), Pose(np.eye(3), np.zeros(3)))
-        found = figures_of(read_flanks(flanks, involute(SPUR)).measures, involute(SPUR))
+        surface = apply_calibration(few, drawn)
+        flanks = find_flanks(surface, find_toothing(surface, involute(SPUR), datum_of(drawn, "base")))
+        found = figures_of(evaluate_flanks(flanks)[1], involute(SPUR))
         for name in names:
             nominal = {"s": np.pi, "W_k": 15.432923}.get(name[0], 0.0)
             value = found[name[0]] if name[1] is None else found[f"{name[0]} mean"][0]

@@ -79,7 +79,7 @@ def test_tooth_1_at_angle_0_is_tooth_1(degrees):
     """The tooth that stands at angle 0, as near as anyone can tell, is no. 1: the simulator
     starts to count at the next one where it stands a hair below."""
     found = inspected(GearErrors(phase=radians(degrees), missing=(6 if degrees == 0.0 else 5,)))
-    assert abs(found.evidence.turned) < radians(0.01)
+    assert abs(found.evidence.first_tooth) < radians(0.01)
     assert [d.tooth for d in found.defects] == [6]
 
 

@@ -8,7 +8,7 @@ import typer
 from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption, StartAngleOption
 
 if TYPE_CHECKING:
-    from truestand.gear.match import Seen
+    from truestand.gear.match import IdentifiedGear
 
 
 def identify(
@@ -65,7 +65,7 @@ def identify(
 IDENTITY: Any = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def _record(found: "Seen", low: float, high: float) -> dict[str, Any]:
+def _record(found: "IdentifiedGear", low: float, high: float) -> dict[str, Any]:
     from math import degrees
 
     return {

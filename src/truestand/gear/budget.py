@@ -1,4 +1,5 @@
-"""What the calibration and the stand leave open, as fields over the flanks: by how much each input shifts delta.
+"""What the calibration and the stand leave open, as fields over the flanks: by how much each input of the budget shifts
+delta.
 
 A field is found by moving the input by its U (k = 2) and sending the points of the nominal flanks through the chain
 
@@ -19,8 +20,8 @@ from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
-from truestand.gear.evaluate import Measures, Weighed, evaluate
-from truestand.gear.figures import Figures, figures_of
+from truestand.gear.evaluate import Figures, Measures, Weights, evaluate, figures_of
+from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
@@ -34,13 +35,13 @@ ENCODER_U = 5e-5
 """rad, k = 2: once-per-turn error of an angle that is measured (10 arc seconds), where the recipe doesn't say."""
 STEADY_U = 2e-4
 """rad, k = 2: the same of an angle that is taken from a steady speed, where the recipe doesn't say."""
-SMOOTH_PERIOD = 50.0
+LINEARITY_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
-ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
-"""The calibration's unknowns in the order in which their doubt is told; each with what moves along with it."""
+UNKNOWN_ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
+"""The calibration's unknowns in the order of the budget; each with what moves along with it."""
 FLANK_ONLY = "incidence"
-"""What steep flanks do, and tip and root don't."""
-NAMES = (
+"""Of steep flanks only: tip and root face the sensor."""
+UNKNOWN_NAMES = (
     "lateral offset of the laser plane", "skew of the laser line",
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
     *("axis of the shaft",) * 4,
@@ -69,16 +70,16 @@ class Rays:
     """In C."""
     x: Array
     z: Array
-    """What the sensor reads of them."""
+    """The sensor's readings of them, mm."""
     theta: Array
     """Table angle at which the laser plane meets it."""
     gradient: Array
-    """Of delta over the point's place in C."""
+    """Of delta over the point's position in C."""
     shape: tuple[int, ...]
     """Of the cells: (2, teeth, roll lengths, heights)."""
 
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
-        """What ``moved`` (n, 3) mm, or one move (3,) mm of all points in C, does."""
+        """The effect of moving the points by ``moved`` (n, 3) mm, or all alike by (3,) mm, in C."""
         delta = (self.gradient * moved).sum(axis=1).reshape(self.shape)
         x, y = self.point[:, 0], self.point[:, 1]
         outward = (x * moved[..., 0] + y * moved[..., 1]) / np.hypot(x, y)
@@ -86,20 +87,20 @@ class Rays:
 
 
 def influences_of(
-    scan: Scan, calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float, uneven: float
+    scan: Scan, calibration: Calibration, grid: Grid, toothing: Toothing, uneven: float
 ) -> tuple[Influence, ...]:
     """Every input of the budget but noise.
 
-    ``turned``: polar angle (rad, C) of the first tooth; ``uneven``: by how much (mm, rms, along the base circle) turns
-    disagreed; what repeats is taken for no less.
+    ``uneven``: by how much (mm, rms, along the base circle) turns disagreed; what repeats is taken for no less.
     """
-    rays = _rays(calibration, grid, nominal, datum, turned)
+    rays = _rays(calibration, grid, toothing)
+    nominal = toothing.nominal
     radial = rays.point * np.array([1.0, 1.0, 0.0])
     return (
         *_of_calibration(calibration, rays),
         *_of_sensor(scan, calibration, rays),
         *_of_table(scan, calibration, rays, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
-        *_of_datum(datum, rays),
+        *_of_datum(toothing.datum, rays),
         rays.influence("temperature of the part (assumed)", radial * EXPANSION * TEMPERATURE_U, TEMPERATURE_U / 2,
                        "rectangular"),
     )  # fmt: skip
@@ -114,29 +115,26 @@ def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
-def expanded(
-    influences: tuple[Influence, ...], m: Measures, weighed: Weighed, grid: Grid, nominal: Involute
-) -> dict[str, Figures]:
+def expanded(influences: tuple[Influence, ...], m: Measures, weights: Weights) -> dict[str, Figures]:
     """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined."""
+    nominal, delta = weights.grid.nominal, np.nan_to_num(weights.grid.delta)
     base = figures_of(m, nominal)
-    filled = np.nan_to_num(grid.delta)
-    joined: dict[str, Figures] = {}
+    by_input: dict[str, Figures] = {}
     for i in influences:
-        ways = [figures_of(evaluate(filled + s * i.field, weighed, grid, nominal), nominal) for s in (1.0, -1.0)]
-        own = joined.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
+        up, down = (figures_of(evaluate(delta + s * i.field, weights), nominal) for s in (1.0, -1.0))
+        joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
         for n, value in base.items():
-            moved = np.fmax(np.abs(ways[0][n] - value), np.abs(ways[1][n] - value))
-            own[n] = np.hypot(own[n], moved)
-    return joined
+            joined[n] = np.hypot(joined[n], np.fmax(np.abs(up[n] - value), np.abs(down[n] - value)))
+    return by_input
 
 
 def lines_of(
-    joined: dict[str, Figures], influences: tuple[Influence, ...], name: str, at: tuple[int, ...]
+    by_input: dict[str, Figures], influences: tuple[Influence, ...], name: str, at: tuple[int, ...]
 ) -> tuple[Contribution, ...]:
     """The budget of one figure, largest line first; lines below a thousandth of the largest are left out."""
     inputs = {i.name: i for i in influences}
     lines = []
-    for source, figures in joined.items():
+    for source, figures in by_input.items():
         U = float(figures[name][at])
         known = inputs.get(source)
         lines.append(Contribution(source, U, None if known is None else known.u,
@@ -145,16 +143,17 @@ def lines_of(
     return tuple(c for c in lines if c.U > 1e-3 * lines[0].U)
 
 
-def _rays(calibration: Calibration, grid: Grid, nominal: Involute, datum: Datum, turned: float) -> Rays:
+def _rays(calibration: Calibration, grid: Grid, toothing: Toothing) -> Rays:
+    nominal = toothing.nominal
     side, tooth, _, _ = np.indices(grid.delta.shape).reshape(4, -1)
     roll, height = grid.roll.reshape(-1), grid.height.reshape(-1)
     radius = nominal.radius(roll)
-    psi = nominal.flank_angle(tooth, side, roll, height, turned)
+    psi = nominal.flank_angle(tooth, side, roll, height, toothing.first_tooth)
     c, s = np.cos(psi), np.sin(psi)
     in_datum = np.stack([radius * c, radius * s, height], axis=1)
-    back = datum.pose.inverse
-    point = back(in_datum)
-    gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ back.rotation.T
+    shaft_from_datum = toothing.datum.pose.inverse
+    point = shaft_from_datum(in_datum)
+    gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ shaft_from_datum.rotation.T
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
     return Rays(point, x, z, theta, gradient, grid.delta.shape)
@@ -171,14 +170,14 @@ def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array)
 def _of_calibration(calibration: Calibration, rays: Rays) -> list[Influence]:
     """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
     covariance = calibration.covariance
-    if covariance.shape[0] < len(ORDER):
+    if covariance.shape[0] < len(UNKNOWN_ORDER):
         return []
-    order = np.array(ORDER)
+    order = np.array(UNKNOWN_ORDER)
     factor = _cholesky(covariance[np.ix_(order, order)])
     parameters, height = unknowns_of(calibration)
     found = []
-    for name, column in zip(NAMES, factor.T, strict=True):
-        step = np.zeros(len(ORDER))
+    for name, column in zip(UNKNOWN_NAMES, factor.T, strict=True):
+        step = np.zeros(len(UNKNOWN_ORDER))
         step[order] = 2 * column
         moved = points_of(parameters + step, height, rays.x, rays.z, rays.theta) - rays.point
         found.append(rays.influence(name, moved, float(np.abs(column).max())))
@@ -195,30 +194,32 @@ def _cholesky(covariance: Array) -> Array:
 def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays) -> list[Influence]:
     """Range errors along the ray, and what steep incidence does."""
     sensor = scan.stand.sensor
-    way = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # one unit of range along the ray
+    direction = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # of one unit of range
     z = rays.z
-    linearity, bends = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
-    period = SMOOTH_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
-    bend = linearity * tau / period * (z - z.mean())
+    linearity, name = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
+    period = LINEARITY_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
+    wave = linearity * tau / period * (z - z.mean())
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     stated = "" if sensor.incidence_U is not None else " (assumed)"
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
-    steep = _steepness(rays, way)
+    steep = _steepness(rays, direction)
     normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
     stretched = scale * (z - _shaft_range(calibration, z))
     return [
-        rays.influence(bends, way * linearity, linearity / 2),
-        rays.influence(bends, way * bend[:, None], linearity / 2),
-        rays.influence("scale of the sensor", way * stretched[:, None], scale / 2),
+        rays.influence(name, direction * linearity, linearity / 2),
+        rays.influence(name, direction * wave[:, None], linearity / 2),
+        rays.influence("scale of the sensor", direction * stretched[:, None], scale / 2),
         rays.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         rays.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
     ]
 
 
-def _steepness(rays: Rays, way: Array) -> Array:
+def _steepness(rays: Rays, direction: Array) -> Array:
     """-0.5..0.5 over the flank: how steeply it is seen, in the middle 0."""
     normal = rays.gradient / np.linalg.norm(rays.gradient, axis=1, keepdims=True)
-    incidence = np.arccos(np.clip(np.abs((normal * way).sum(axis=1)) / np.linalg.norm(way, axis=1), 0.0, 1.0))
+    incidence = np.arccos(
+        np.clip(np.abs((normal * direction).sum(axis=1)) / np.linalg.norm(direction, axis=1), 0.0, 1.0)
+    )
     low, high = np.quantile(incidence, [0.02, 0.98])
     return np.asarray(np.clip((incidence - low) / max(high - low, 1e-6), 0.0, 1.0) - 0.5)
 
@@ -236,7 +237,7 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, unev
     """The table's bearing and its angle: zero, and errors that repeat every turn; ``uneven``: rad, k = 2."""
     parameters, height = unknowns_of(calibration)
 
-    def turned(angle: Array | float) -> Array:
+    def rotated(angle: Array | float) -> Array:
         return points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - rays.point
 
     measured = scan.angle_source in ("angle", "encoder")
@@ -249,9 +250,9 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, unev
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
     return [
         *(rays.influence("table bearing (assumed)", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
-        rays.influence("zero of the table angle", turned(zero), zero / 2, "rectangular"),
+        rays.influence("zero of the table angle", rotated(zero), zero / 2, "rectangular"),
         *(
-            rays.influence(name, turned(U / n * wave(n * rays.theta)), U / n / 2)
+            rays.influence(name, rotated(U / n * wave(n * rays.theta)), U / n / 2)
             for n, name in waves
             for wave in (np.cos, np.sin)
         ),

@@ -1,4 +1,4 @@
-"""From cells to the quantities of gear people: tooth positions, traces, slopes, forms, run-out, thickness.
+"""From cells to gear quantities: tooth positions, traces, slopes, forms, run-out, thickness; and their noise.
 
 Each flank is a smooth surface of its own, a quadratic in roll length and height, on top of a shape that all teeth share
 (so that different sampling of that shape does not look like pitch). Cells that depart from both have less weight, or
@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.robust import TUKEY, robust_sd, tukey_weights
-from truestand.gear.geometry import SIGMA, Involute
+from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+Figures = dict[str, Array]
+"""Reported quantities by name, mm: () of the gear, (2,) of left and right flanks, (2, teeth) of each flank."""
 
 TERMS = 6
 """1, l, h, l^2, l h, h^2."""
@@ -33,12 +34,22 @@ LEAST_ROWS = 6
 """Points of a trace that a line and a form need."""
 LEAST_REACH = 0.4
 """Share of an evaluation range over which a trace must reach."""
+PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
+MEANS = (*PER_TOOTH, "C_alpha", "C_beta")
+PITCH = ("f_p", "F_p", "F_pk", "f_u")
+NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
+DRAWS = 64
+AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
+"""Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
+MEAN = " mean"
+"""Behind the name of a figure that is the mean over the teeth of a side."""
 
 
 @dataclass(frozen=True, slots=True)
-class Weighed:
+class Weights:
     """What stays the same when the cells' values change: which cells count, and how flanks are read from them."""
 
+    grid: Grid
     weight: Array
     """(2 teeth, cells) 0..1; 0 outside the evaluation ranges or where nothing was seen."""
     basis: Array
@@ -47,7 +58,11 @@ class Weighed:
     """(2 teeth, TERMS, cells): coefficients from cells; NaN for a flank that can't carry them."""
     rolls: Array
     """(2 teeth, roll lengths) mm: where the points of each trace lie on average."""
-    shape: tuple[int, int, int, int]
+
+    @property
+    def by_cell(self) -> Array:
+        """The weights, (2 teeth, roll lengths, heights)."""
+        return self.weight.reshape(-1, *self.grid.delta.shape[2:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,95 +100,92 @@ class Measures:
     """(2 teeth, cells): what the smooth flanks and the shared shape leave."""
 
 
-def weigh(grid: Grid, nominal: Involute, everywhere: bool = False) -> Weighed:
-    """Which cells count, by Tukey's biweight about flank and shared shape; ``everywhere``: not in the ranges only."""
-    flanks, cells = grid.delta.shape[0] * grid.delta.shape[1], grid.delta.shape[2] * grid.delta.shape[3]
-    wanted = np.isfinite(grid.delta) if everywhere else np.isfinite(grid.delta) & in_ranges(grid, nominal)
+def weights_of(grid: Grid, whole_flank: bool = False) -> Weights:
+    """Which cells count, by Tukey's biweight about flank and shared shape, inside the evaluation ranges.
+
+    ``whole_flank``: outside them, too.
+    """
+    flanks, cells = 2 * grid.delta.shape[1], grid.rolls.size * grid.heights.size
+    wanted = np.isfinite(grid.delta) if whole_flank else np.isfinite(grid.delta) & grid.in_ranges
     values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
-    basis = _basis(grid, nominal).reshape(flanks, cells, TERMS)
+    basis = _basis(grid).reshape(flanks, cells, TERMS)
     weight = inside.astype(np.float64)
     for last in ROUNDS:
-        solver = _solver(basis, weight)
-        residual = _residual(values, basis, solver, weight, grid.delta.shape)
+        residual = _residual(values, basis, _solver(basis, weight), weight, grid.delta.shape)
         spread = max(robust_sd(residual[inside]) if inside.any() else 0.0, LEAST_SPREAD)
         ratio = np.where(inside, np.abs(residual), 0.0) / spread
         far = tukey_weights(ratio / TUKEY) if last else HUBER / np.maximum(ratio, HUBER)
         weight = np.where(inside, far, 0.0)
-    solver = _solver(basis, weight)
-    by_row = weight.reshape(*grid.delta.shape)
+    by_cell = weight.reshape(grid.delta.shape)
     with np.errstate(invalid="ignore"):
-        rolls = (by_row * grid.roll).sum(axis=3) / by_row.sum(axis=3)
+        rolls = (by_cell * grid.roll).sum(axis=3) / by_cell.sum(axis=3)
     rolls = np.where(np.isnan(rolls), grid.rolls, rolls).reshape(flanks, -1)
-    a, b, c, d = grid.delta.shape
-    return Weighed(weight, basis, solver, rolls, (a, b, c, d))
+    return Weights(grid, weight, basis, _solver(basis, weight), rolls)
 
 
-def evaluate(delta: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> Measures:
+def evaluate(delta: Array, weights: Weights) -> Measures:
     """Everything that the cells' ``delta`` (2, teeth, roll lengths, heights) mm says, with weights as they stand."""
-    flanks, cells = weighed.weight.shape
-    values = np.where(weighed.weight > 0, delta.reshape(flanks, cells), 0.0)
-    shared = _shared(values, weighed)
-    c = _times(weighed.solver, values - shared)
-    residual = values - shared - _times(weighed.basis, c)
-    smooth = weighed.shape[:2]
-    profile, helix = _traces(values, c, weighed, grid, nominal)
-    alpha, beta = _trace_lines(profile, helix, weighed, grid, nominal)
-    middle = _shared_at(shared, weighed, grid, nominal.measuring_roll)
-    position = (c[:, 0] + middle).reshape(smooth)
+    nominal, by_flank = weights.grid.nominal, delta.shape[:2]
+    values, shared, c = _fit(delta, weights)
+    residual = values - shared - _times(weights.basis, c)
+    profile, helix = _traces(values, c, weights)
+    alpha, beta = _trace_lines(profile, helix, weights)
+    middle = _shared_at(shared, weights, nominal.measuring_roll)
+    position = (c[:, 0] + middle).reshape(by_flank)
     ball = _ball_roll(nominal)
-    where = _reduced_roll(ball, nominal)
-    at_ball = (c[:, 0] + c[:, 1] * where + c[:, 3] * where**2 + _shared_at(shared, weighed, grid, ball)).reshape(smooth)
+    x = _reduced_roll(ball, nominal)
+    at_ball = (c[:, 0] + c[:, 1] * x + c[:, 3] * x**2 + _shared_at(shared, weights, ball)).reshape(by_flank)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
-    touching = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
-    sides = {
-        "position": c[:, 0] + middle, "area": c @ _area_means(nominal) + middle,
-        "at_ball": at_ball.reshape(-1), "f_Halpha": alpha[0], "f_falpha": alpha[1],
-        "F_alpha": alpha[2], "C_alpha": -c[:, 3] ,
-        "f_Hbeta": beta[0], "f_fbeta": beta[1], "F_beta": beta[2], "C_beta": -c[:, 5],
+    per_delta = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
+    measured = {
+        "area": c @ _area_means(nominal) + middle, "C_alpha": -c[:, 3], "C_beta": -c[:, 5],
+        "f_Halpha": alpha[0], "f_falpha": alpha[1], "F_alpha": alpha[2],
+        "f_Hbeta": beta[0], "f_fbeta": beta[1], "F_beta": beta[2],
     }  # fmt: skip
     return Measures(
-        **{name: values.reshape(smooth) for name, values in sides.items()},
-        profile=profile.reshape(*smooth, -1),
-        helix=helix.reshape(*smooth, -1),
+        **{name: values.reshape(by_flank) for name, values in measured.items()},
+        position=position,
+        at_ball=at_ball,
+        profile=profile.reshape(*by_flank, -1),
+        helix=helix.reshape(*by_flank, -1),
         index=index,
         pitch=index - np.roll(index, 1, axis=1),
-        runout=(at_ball[0] + np.roll(at_ball[1], -1)) * touching,
-        runout_per_delta=touching,
-        residual=np.where(weighed.weight > 0, residual, np.nan),
+        runout=_runout(at_ball, per_delta),
+        runout_per_delta=per_delta,
+        residual=np.where(weights.weight > 0, residual, np.nan),
     )
 
 
-def trace_figures(
-    m: Measures, profile: Array, helix: Array, weighed: Weighed, grid: Grid, nominal: Involute
-) -> Measures:
-    """The same measures with other traces (2, teeth, n)."""
-    profiles, helices = profile.reshape(-1, profile.shape[-1]), helix.reshape(-1, helix.shape[-1])
-    alpha, beta = _trace_lines(profiles, helices, weighed, grid, nominal)
-    smooth = weighed.shape[:2]
-    (a, b, c), (d, e, f) = ([v.reshape(smooth) for v in lines] for lines in (alpha, beta))
-    return replace(m, profile=profile, helix=helix, f_Halpha=a, f_falpha=b, F_alpha=c, f_Hbeta=d, f_fbeta=e, F_beta=f)
+def residuals(delta: Array, weights: Weights) -> Array:
+    """What flanks and shared shape leave of the cells (2, teeth, roll lengths, heights), with weight or without."""
+    _, shared, c = _fit(delta, weights)
+    rest = delta.reshape(shared.shape) - shared - _times(weights.basis, c)
+    return np.asarray(rest.reshape(delta.shape))
+
+
+def _fit(delta: Array, weights: Weights) -> tuple[Array, Array, Array]:
+    """Cells (flanks, cells), 0 where they don't count; the shape shared by all teeth; coefficients (flanks, TERMS)."""
+    values = np.where(weights.weight > 0, delta.reshape(weights.weight.shape), 0.0)
+    own = _times(weights.basis, _times(weights.solver, values))
+    shared = _mean_tooth(values - own, weights.weight, delta.shape)
+    return values, shared, _times(weights.solver, values - shared)
+
+
+def _runout(at_ball: Array, per_delta: float) -> Array:
+    """Radial place (teeth,) of the ball in the space after each tooth, from delta (2, teeth) where it touches."""
+    return np.asarray((at_ball[0] + np.roll(at_ball[1], -1)) * per_delta)
 
 
 Lines = tuple[Array, Array, Array]
 
 
-def _trace_lines(profile: Array, helix: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Lines, Lines]:
+def _trace_lines(profile: Array, helix: Array, weights: Weights) -> tuple[Lines, Lines]:
     """Slope, form and total (flanks,) of profile and helix traces (flanks, n)."""
-    heights = np.broadcast_to(grid.heights, helix.shape)
+    nominal, heights = weights.grid.nominal, np.broadcast_to(weights.grid.heights, helix.shape)
     return (
-        _lines(profile, weighed.rolls, nominal.profile_range, slope_length(nominal, along_profile=True)),
+        _lines(profile, weights.rolls, nominal.profile_range, slope_length(nominal, along_profile=True)),
         _lines(helix, heights, nominal.helix_range, slope_length(nominal, along_profile=False)),
     )
-
-
-def residuals(delta: Array, weighed: Weighed) -> Array:
-    """What flanks and shared shape leave of the cells (2, teeth, roll lengths, heights), without weight or not."""
-    flanks, cells = weighed.weight.shape
-    values = np.where(weighed.weight > 0, delta.reshape(flanks, cells), 0.0)
-    shared = _shared(values, weighed)
-    c = _times(weighed.solver, values - shared)
-    rest = delta.reshape(flanks, cells) - shared - _times(weighed.basis, c)
-    return np.asarray(rest.reshape(delta.shape))
 
 
 def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
@@ -190,8 +202,7 @@ def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
 
 def largest(values: Array) -> Array:
     """Largest along the last axis, NaN aside; NaN where there is nothing else."""
-    found = np.fmax.reduce(values, axis=-1)
-    return np.asarray(found)
+    return np.asarray(np.fmax.reduce(values, axis=-1))
 
 
 def smallest(values: Array) -> Array:
@@ -199,27 +210,17 @@ def smallest(values: Array) -> Array:
     return np.asarray(np.fmin.reduce(values, axis=-1))
 
 
-def in_ranges(grid: Grid, nominal: Involute) -> Bools:
-    """Cells (2, teeth, roll lengths, heights) inside both evaluation ranges."""
-    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
-    return np.asarray((grid.roll >= low) & (grid.roll <= high) & (grid.height >= bottom) & (grid.height <= top))
-
-
-def _half_roll(nominal: Involute) -> float:
-    return nominal.control_length / 2
-
-
 def _reduced_roll(roll: Array | float, nominal: Involute) -> Array:
-    return np.asarray((roll - nominal.measuring_roll) / _half_roll(nominal))
+    return np.asarray((roll - nominal.measuring_roll) / (nominal.control_length / 2))
 
 
-def _reduced_height(height: Array, nominal: Involute) -> Array:
+def _reduced_height(height: Array | float, nominal: Involute) -> Array:
     return np.asarray((height - nominal.middle) / (nominal.gear.face_width / 2))
 
 
-def _basis(grid: Grid, nominal: Involute) -> Array:
+def _basis(grid: Grid) -> Array:
     """1, l, h, l^2, lh, h^2 about the measuring circle and the middle of the face."""
-    el, h = _reduced_roll(grid.roll, nominal), _reduced_height(grid.height, nominal)
+    el, h = _reduced_roll(grid.roll, grid.nominal), _reduced_height(grid.height, grid.nominal)
     return np.stack([np.ones(el.shape), el, h, el * el, el * h, h * h], axis=-1)
 
 
@@ -239,20 +240,14 @@ def _times(matrices: Array, vectors: Array) -> Array:
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
 
 
-def _shared(values: Array, weighed: Weighed) -> Array:
-    """The shape (flanks, cells) that all teeth of a side share beyond a quadratic; the same for each tooth."""
-    own = _times(weighed.basis, _times(weighed.solver, values))
-    return _mean_tooth(values - own, weighed.weight, weighed.shape)
-
-
 def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array:
-    sides, teeth = shape[0], shape[1]
-    able = np.isfinite(residual)
-    w = np.where(able, weight, 0.0).reshape(sides, teeth, -1)
+    """Weighted mean over the teeth of each side (flanks, cells), the same for each tooth; 0 where no cell counts."""
+    sides, teeth = shape[:2]
+    seen = np.isfinite(residual)
+    w = np.where(seen, weight, 0.0).reshape(sides, teeth, -1)
     total = w.sum(axis=1)
-    mean = (w * np.where(able, residual, 0.0).reshape(sides, teeth, -1)).sum(axis=1) / np.maximum(total, 1e-9)
-    shared = np.where(total > 0, mean, 0.0)
-    return np.asarray(np.repeat(shared, teeth, axis=0).reshape(residual.shape))
+    mean = (w * np.where(seen, residual, 0.0).reshape(sides, teeth, -1)).sum(axis=1) / np.maximum(total, 1e-9)
+    return np.asarray(np.repeat(np.where(total > 0, mean, 0.0), teeth, axis=0).reshape(residual.shape))
 
 
 def _residual(values: Array, basis: Array, solver: Array, weight: Array, shape: tuple[int, ...]) -> Array:
@@ -266,18 +261,18 @@ def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
     """Median over the teeth (flanks, cells), the same for each tooth.
 
     A cell that few teeth have takes the value between those beside it on the profile: its own tooth must not be what it
-    is compared with, or a flank would be free to drift there. 0 where no cells tell.
+    is compared with, or a flank would be free to drift there. 0 where no tooth shows it.
     """
     stacked = np.sort(residual.reshape(shape[0], shape[1], -1), axis=1)  # NaN last
     number = np.isfinite(stacked).sum(axis=1)
-    at = np.maximum(number - 1, 0)
-    low, high = (np.take_along_axis(stacked, i[:, None], 1)[:, 0] for i in (at // 2, (at + 1) // 2))
-    told = (number >= min(LEAST_TEETH, shape[1])).reshape(shape[0], shape[2], shape[3])
-    shared = np.where(told, ((low + high) / 2).reshape(told.shape), 0.0)
+    last = np.maximum(number - 1, 0)
+    low, high = (np.take_along_axis(stacked, i[:, None], 1)[:, 0] for i in (last // 2, (last + 1) // 2))
+    known = (number >= min(LEAST_TEETH, shape[1])).reshape(shape[0], shape[2], shape[3])
+    shared = np.where(known, ((low + high) / 2).reshape(known.shape), 0.0)
     rows = np.arange(shape[2])
-    for side, height in np.argwhere(told.any(axis=1) & ~told.all(axis=1)):
-        known = told[side, :, height]
-        shared[side, :, height] = np.interp(rows, rows[known], shared[side, known, height])
+    for side, height in np.argwhere(known.any(axis=1) & ~known.all(axis=1)):
+        support = known[side, :, height]
+        shared[side, :, height] = np.interp(rows, rows[support], shared[side, support, height])
     return np.asarray(np.repeat(shared.reshape(shape[0], -1), shape[1], axis=0).reshape(residual.shape))
 
 
@@ -285,26 +280,25 @@ def _area_means(nominal: Involute) -> Array:
     """Means (TERMS,) of the quadratic's terms over the evaluation area, whichever cells of it were seen."""
     (a, b), (p, q) = (
         [float(_reduced_roll(v, nominal)) for v in nominal.profile_range],
-        [float(_reduced_height(np.asarray(v), nominal)) for v in nominal.helix_range],
+        [float(_reduced_height(v, nominal)) for v in nominal.helix_range],
     )
     el, h = (a + b) / 2, (p + q) / 2
     return np.array([1.0, el, h, (a * a + a * b + b * b) / 3, el * h, (p * p + p * q + q * q) / 3])
 
 
-def _traces(values: Array, c: Array, weighed: Weighed, grid: Grid, nominal: Involute) -> tuple[Array, Array]:
+def _traces(values: Array, c: Array, weights: Weights) -> tuple[Array, Array]:
     """Profile traces (flanks, roll lengths) at the middle of the face, helix traces (flanks, heights) on the measuring
     circle: means across, each freed of how the flank runs the other way.
     """
-    shape = (weighed.weight.shape[0], *weighed.shape[2:])
-    w = weighed.weight.reshape(shape)
-    el, h = weighed.basis[:, :, 1].reshape(shape), weighed.basis[:, :, 2].reshape(shape)
-    flat = values.reshape(shape)
+    w = weights.by_cell
+    el, h = weights.basis[:, :, 1].reshape(w.shape), weights.basis[:, :, 2].reshape(w.shape)
+    delta = values.reshape(w.shape)
     one, two, three, four, five = (c[:, i, None, None] for i in range(1, TERMS))
     across = two * h + four * el * h + five * h * h
     along = one * el + three * el * el + four * el * h
     with np.errstate(invalid="ignore", divide="ignore"):
-        profile = (w * (flat - across)).sum(axis=2) / w.sum(axis=2)
-        helix = (w * (flat - along)).sum(axis=1) / w.sum(axis=1)
+        profile = (w * (delta - across)).sum(axis=2) / w.sum(axis=2)
+        helix = (w * (delta - along)).sum(axis=1) / w.sum(axis=1)
     return profile, helix
 
 
@@ -313,8 +307,8 @@ def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) 
     low, high = limits
     inside = np.isfinite(trace) & (at >= low) & (at <= high)
     n = inside.sum(axis=1)
-    where = np.where(inside, at, np.nan)
-    reach = np.fmax.reduce(where, axis=1) - np.fmin.reduce(where, axis=1)
+    seen_at = np.where(inside, at, np.nan)
+    reach = largest(seen_at) - smallest(seen_at)
     able = (n >= LEAST_ROWS) & (reach > LEAST_REACH * (high - low))
     w, y = inside.astype(np.float64), np.where(inside, trace, 0.0)
     number = np.maximum(n, 1)
@@ -323,18 +317,14 @@ def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) 
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = (x * y).sum(axis=1) / (x * x).sum(axis=1)
     rest = np.where(inside, y - mean[:, None] - slope[:, None] * x, np.nan)
-    total = np.where(inside, trace, np.nan)
-    values = slope * length, largest(rest) - smallest(rest), largest(total) - smallest(total)
-    first, second, third = (np.where(able, v, np.nan) for v in values)
-    return first, second, third
+    form, total = (largest(v) - smallest(v) for v in (rest, np.where(inside, trace, np.nan)))
+    return np.where(able, slope * length, np.nan), np.where(able, form, np.nan), np.where(able, total, np.nan)
 
 
 def slope_length(nominal: Involute, along_profile: bool) -> float:
-    """Over which length a slope deviation is told: the whole control length (2013), or the evaluation's (1995)."""
-    g = nominal.gear
-    ends = g.evaluation.slope_ends or ("full" if g.standard.endswith("2013") else "evaluation")
-    if ends == "full":
-        return nominal.control_length if along_profile else g.face_width
+    """Length (mm) over which a slope deviation counts: the whole control length or face (2013), or the evaluation's."""
+    if nominal.full_slopes:
+        return nominal.control_length if along_profile else nominal.gear.face_width
     low, high = nominal.profile_range if along_profile else nominal.helix_range
     return high - low
 
@@ -346,9 +336,109 @@ def _ball_roll(nominal: Involute) -> float:
     return float(nominal.base_radius * np.tan(alpha) - ball / 2 * cos(nominal.base_helix))
 
 
-def _shared_at(shared: Array, weighed: Weighed, grid: Grid, roll: float) -> Array:
+def _shared_at(shared: Array, weights: Weights, roll: float) -> Array:
     """The shared shape (flanks,) about a roll length: the mean over a few cells of all heights."""
-    near = np.abs(grid.rolls - roll) < 3 * (grid.rolls[1] - grid.rolls[0] if grid.rolls.size > 1 else 1.0)
-    on = (weighed.weight.reshape(-1, *weighed.shape[2:]) > 0) & near[:, None]
+    near = np.abs(weights.grid.rolls - roll) < 3 * weights.grid.size[0]
+    on = (weights.by_cell > 0) & near[:, None]
     sums = (shared.reshape(on.shape) * on).sum(axis=(1, 2))
     return np.asarray(sums / np.maximum(on.sum(axis=(1, 2)), 1))
+
+
+def figures_of(m: Measures, nominal: Involute) -> Figures:
+    """Every reported quantity; a mean over the teeth has ``MEAN`` behind its name."""
+    found: Figures = dict(pitch_extremes(m.index, pitch_span(nominal.gear)))
+    areal = pitch_extremes(SIGMA[:, None] * m.area * nominal.arc_per_delta, pitch_span(nominal.gear))
+    found |= {name + AREAL: areal[name] for name in AREAL_NAMES}
+    for name in PER_TOOTH:
+        found[name] = getattr(m, name)
+    for name in MEANS:
+        found[name + MEAN] = _mean(getattr(m, name))
+    both = _mean(m.position).sum()
+    ball = nominal.ball_diameter
+    found["F_r"] = np.asarray(largest(m.runout) - smallest(m.runout))
+    found["s"] = np.asarray(nominal.thickness + both * nominal.arc_per_delta)
+    found["W_k"] = np.asarray(nominal.span + both * nominal.normal_per_delta)
+    across = nominal.over_balls(ball) - ball
+    centre = nominal.base_radius / np.cos(nominal.ball_angle(ball))
+    found["M_d"] = np.asarray(ball + across * (1 + _mean(m.runout) / centre))
+    return found
+
+
+def _mean(values: Array) -> Array:
+    """Mean over the last axis, NaN aside; NaN where there is nothing else."""
+    number = np.isfinite(values).sum(axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(np.isfinite(values), values, 0.0).sum(axis=-1) / number)
+
+
+def noise_of(m: Measures, weights: Weights) -> tuple[Figures, Figures]:
+    """What each figure reads with the noise once more on it, and its expanded uncertainty from noise (k = 2)."""
+    nominal = weights.grid.nominal
+    drawn = [figures_of(d, nominal) for d in _noisier(m, weights)]
+    base = figures_of(m, nominal)
+    more, U = {}, {}
+    for name, value in base.items():
+        stack = np.stack([d[name] for d in drawn])
+        more[name] = np.maximum(stack.mean(axis=0), value)
+        U[name] = 2 * stack.std(axis=0)
+    return more, U
+
+
+def corrected(base: Figures, noisier: Figures) -> Figures:
+    """The figures without the bias of noise: the largest of many values reads too much even where all are zero.
+
+    The square of a figure is extrapolated to no noise (as ``core.denoise`` does, Cook and Stefanski 1994).
+    """
+    return {
+        n: np.sqrt(np.maximum(2 * v * v - noisier[n] ** 2, 0.0)) if n.removesuffix(MEAN) in NEVER_NEGATIVE else v
+        for n, v in base.items()
+    }
+
+
+def position_u(m: Measures, weights: Weights) -> Array:
+    """Standard uncertainty (2, teeth) of the tooth positions' delta from the scatter of the cells, mm.
+
+    Cells of one height, and cells of one roll length, may share an error (speckle, one profile's angle): the larger of
+    the two ways to bundle them counts (cluster-robust).
+    """
+    part = (weights.solver[:, 0, :] * np.nan_to_num(m.residual)).reshape(weights.by_cell.shape)
+    by_height, by_roll = (part.sum(axis=a) for a in (1, 2))
+    u = np.sqrt(np.maximum((by_height**2).sum(axis=1), (by_roll**2).sum(axis=1)))
+    return np.asarray(u.reshape(m.position.shape))
+
+
+def _row_u(m: Measures, weights: Weights, axis: int) -> Array:
+    """Standard uncertainty (flanks, n) of the points of a trace, mm."""
+    on = weights.by_cell > 0
+    rest = np.where(on, np.nan_to_num(m.residual).reshape(on.shape), 0.0)
+    number = on.sum(axis=axis)
+    spread = np.sqrt((rest**2).sum() / max(int(on.sum()), 1))
+    return np.asarray(spread / np.sqrt(np.maximum(number, 1)))
+
+
+def _noisier(m: Measures, weights: Weights) -> list[Measures]:
+    """The measures with noise drawn once more on them, ``DRAWS`` times."""
+    rng = np.random.default_rng(1)
+    u, across, along = position_u(m, weights), _row_u(m, weights, 2), _row_u(m, weights, 1)
+    return [
+        _moved(
+            m, weights, u * rng.standard_normal(u.shape), across * rng.standard_normal(across.shape),
+            along * rng.standard_normal(along.shape),
+        )
+        for _ in range(DRAWS)
+    ]  # fmt: skip
+
+
+def _moved(m: Measures, weights: Weights, off: Array, across: Array, along: Array) -> Measures:
+    """The measures, positions moved by ``off`` (2, teeth), traces by ``across`` and ``along`` (flanks, n) mm."""
+    profile, helix = (t + d.reshape(t.shape) for t, d in ((m.profile, across), (m.helix, along)))
+    alpha, beta = _trace_lines(profile.reshape(across.shape), helix.reshape(along.shape), weights)
+    slope, form, total = (v.reshape(off.shape) for v in alpha)
+    helix_slope, helix_form, helix_total = (v.reshape(off.shape) for v in beta)
+    at_ball = m.at_ball + off
+    return replace(
+        m, position=m.position + off, area=m.area + off, at_ball=at_ball,
+        index=SIGMA[:, None] * (m.position + off) * weights.grid.nominal.arc_per_delta,
+        runout=_runout(at_ball, m.runout_per_delta), profile=profile, helix=helix,
+        f_Halpha=slope, f_falpha=form, F_alpha=total, f_Hbeta=helix_slope, f_fbeta=helix_form, F_beta=helix_total,
+    )  # fmt: skip

@@ -15,6 +15,7 @@ from math import acos, ceil, cos, pi, sin, sqrt, tan
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.inspection import Flank
 from truestand.gear.drawing import Gear
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ Ints = NDArray[np.intp]
 
 SIGMA = np.array([1.0, -1.0])
 """Of the left and the right flank, in the order of every array with flanks."""
-FLANKS = ("left", "right")
+FLANKS: tuple[Flank, Flank] = ("left", "right")
 TIP_SHARE = 0.05
 """Share of the control length at the tip that the profile's evaluation leaves out (ISO 1328-1:2013)."""
 FACE_SHARE = 0.05
@@ -89,6 +90,12 @@ class Involute:
         g = self.gear
         end = min(FACE_SHARE * g.face_width, g.module)
         return g.face_from + end, g.face_to - end
+
+    @property
+    def full_slopes(self) -> bool:
+        """Whether slope deviations count over the whole control length and face (2013), not the evaluation ranges."""
+        ends = self.gear.evaluation.slope_ends
+        return ends == "full" if ends is not None else self.gear.standard.endswith("2013")
 
     @property
     def measuring_roll(self) -> float:

@@ -1,11 +1,14 @@
 """Flank points reduced to cells of roll length times height, one grid a tooth and flank: what everything is read from.
 
-A cell's value is the mean of the points about its median: strays have no vote. Its median of *all* points is kept
+A cell's value is the mean of the points about its median: outliers don't count. Its median of *all* points is kept
 beside it, because trimming would hide a deep dent.
+
+Radial rays sample a flank coarsely near its root: one step of the table covers rb dtheta / sin^2 alpha of roll length.
+A cell between two profiles is not hidden, so it counts as seen when its neighbours within one such step are.
 """
 
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +23,28 @@ Bools = NDArray[np.bool_]
 HEIGHT_CELL = 0.5
 """mm."""
 CLIP = 3.5
-"""Robust standard deviations about a cell's median that have a vote."""
-SPAN = 16 * GATE
-"""mm of delta that medians are told in: the published compensation moves teeth by millimetres."""
-STRAY = 0.25
-"""Share of the flank's usual number of points below which a cell's points are strays that fell where nothing is."""
+"""Robust standard deviations about a cell's median within which a point counts."""
+MEDIAN_SPAN = 16 * GATE
+"""mm of delta in which medians are found: the published compensation moves teeth by millimetres."""
+LEAST_SHARE = 0.25
+"""Share of the flank's usual number of points below which a cell's points are outliers, off the flank,"""
+SOLID_SHARE = 0.05
+"""and of what is left, below which a cell does not count as seen."""
 LEAST_SPREAD = 1e-4
 """mm: the scatter within cells is not taken for less."""
+NEAR_MIDDLE = 0.15
+"""Share of control length and face about the middle of the measuring circle that must be seen for a position."""
+LEAST_SEEN = 0.2
+"""Share of a row or column of cells that makes a point of a trace."""
+FINE_STEP = 0.25
+"""mm of roll length that a step of the table should not exceed at the root."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
     """Cells (2 flanks, teeth, roll lengths, heights)."""
 
+    nominal: Involute
     delta: Array
     """mm, NaN where no point fell."""
     median: Array
@@ -56,39 +68,67 @@ class Grid:
         return np.asarray(self.count > 0)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Roll length and height (mm) of a cell."""
+        bottom, top = _face(self.nominal)
+        return self.nominal.control_length / self.rolls.size, (top - bottom) / self.heights.size
+
+    @property
     def usual(self) -> Array:
         """Points (2, teeth, 1, 1) that a seen cell of each flank usually holds; 0 where nothing was seen."""
-        flanks = self.count.reshape(*self.count.shape[:2], -1)
-        medians_ = [[np.median(c[c > 0]) if c.any() else 0.0 for c in side] for side in flanks]
-        return np.array(medians_)[:, :, None, None]
+        return _usual(self.count.reshape(-1, self.rolls.size * self.heights.size)).reshape(*self.count.shape[:2], 1, 1)
+
+    @property
+    def solid(self) -> Bools:
+        """Cells that hold more than outliers."""
+        return np.asarray(self.count > SOLID_SHARE * self.usual)
+
+    @property
+    def in_ranges(self) -> Bools:
+        """Cells inside both evaluation ranges."""
+        (low, high), (bottom, top) = self.nominal.profile_range, self.nominal.helix_range
+        in_profile = (self.roll >= low) & (self.roll <= high)
+        return np.asarray(in_profile & (self.height >= bottom) & (self.height <= top))
 
 
-def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL) -> Grid:
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Shares 0..1, (2, teeth)."""
+
+    position: Array
+    """Whether the tooth's position was seen: 0 or 1."""
+    profile: Array
+    helix: Array
+    area: Array
+
+
+def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
     """The cells of all flanks, (2, teeth, roll lengths, heights), ``height_cell`` mm high."""
-    g = nominal.gear
-    low, high = _face(nominal)
-    rolls = ceil(nominal.control_length / g.evaluation.resolution)
-    heights = max(1, ceil((high - low) / height_cell))
-    shape = (2, g.teeth, rolls, heights)
+    nominal = flanks.toothing.nominal
+    bottom, top = _face(nominal)
+    rolls = ceil(nominal.control_length / nominal.gear.evaluation.resolution)
+    heights = max(1, ceil((top - bottom) / height_cell))
+    shape = (2, nominal.gear.teeth, rolls, heights)
     cell = cell_of(flanks, nominal, rolls, heights)
     cells = int(np.prod(shape))
-    median, count = medians(cell, flanks.delta, cells, SPAN)
-    count = _without_strays(count.reshape(2 * g.teeth, -1)).reshape(-1)
+    median, count = medians(cell, flanks.delta, cells, MEDIAN_SPAN)
+    count = _without_outliers(count.reshape(2 * nominal.gear.teeth, -1)).reshape(-1)
     median = np.where(count > 0, median, np.nan)
     off = np.abs(flanks.delta - median[cell])
     known = off[np.isfinite(off)]
     scatter = max(robust_sd(known) if known.size else 0.0, LEAST_SPREAD)
-    voting = off < CLIP * scatter
-    votes = np.bincount(cell[voting], minlength=cells)
+    inliers = off < CLIP * scatter
+    number = np.bincount(cell[inliers], minlength=cells)
 
     def mean(values: Array) -> Array:
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.bincount(cell[voting], values[voting], minlength=cells) / votes)
+            return np.asarray(np.bincount(cell[inliers], values[inliers], minlength=cells) / number).reshape(shape)
 
-    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), centres_of(low, high, heights)
-    roll, height = mean(flanks.roll).reshape(shape), mean(flanks.height).reshape(shape)
+    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), centres_of(bottom, top, heights)
+    roll, height = mean(flanks.roll), mean(flanks.height)
     return Grid(
-        mean(flanks.delta).reshape(shape),
+        nominal,
+        mean(flanks.delta),
         median.reshape(shape),
         np.where(np.isnan(roll), centres[0][:, None], roll),
         np.where(np.isnan(height), centres[1], height),
@@ -100,9 +140,9 @@ def grid_of(flanks: Flanks, nominal: Involute, height_cell: float = HEIGHT_CELL)
 
 def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, heights: int) -> NDArray[np.int64]:
     """Flat index (n,) of the cell, among (2, teeth, rolls, heights), in which each point lies."""
-    i = _place(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
-    j = _place(points.height, *_face(nominal), heights)
-    return np.asarray((points.which.astype(np.int64) * rolls + i) * heights + j)
+    i = _bin_index(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
+    j = _bin_index(points.height, *_face(nominal), heights)
+    return np.asarray((points.flank.astype(np.int64) * rolls + i) * heights + j)
 
 
 def _face(nominal: Involute) -> tuple[float, float]:
@@ -110,10 +150,14 @@ def _face(nominal: Involute) -> tuple[float, float]:
     return nominal.gear.face_from + END_MARGIN, nominal.gear.face_to - END_MARGIN
 
 
-def _without_strays(count: NDArray[np.int64]) -> NDArray[np.int64]:
+def _usual(count: NDArray[np.generic]) -> Array:
+    """Median number of points (flanks,) of the cells (flanks, cells) that hold any."""
+    return np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in count])
+
+
+def _without_outliers(count: NDArray[np.int64]) -> NDArray[np.int64]:
     """Counts (flanks, cells), 0 where there are so few that they are no part of the flank."""
-    usual = np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in count])
-    return np.where(count >= np.maximum(STRAY * usual, 1.0)[:, None], count, 0)
+    return np.where(count >= np.maximum(LEAST_SHARE * _usual(count), 1.0)[:, None], count, 0)
 
 
 def centres_of(low: float, high: float, cells: int) -> Array:
@@ -121,5 +165,46 @@ def centres_of(low: float, high: float, cells: int) -> Array:
     return np.asarray(low + (np.arange(cells) + 0.5) * (high - low) / cells)
 
 
-def _place(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
+def _bin_index(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
     return np.clip(((values - low) / (high - low) * cells).astype(np.int64), 0, cells - 1)
+
+
+def coverage_of(grid: Grid, step: float) -> Coverage:
+    """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
+    nominal = grid.nominal
+    seen = bridge_gaps(grid.solid, grid, step)
+    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
+    rolls = (grid.rolls >= low) & (grid.rolls <= high)
+    heights = (grid.heights >= bottom) & (grid.heights <= top)
+    area = seen[:, :, rolls][:, :, :, heights]
+    near_roll = np.abs(grid.rolls - nominal.measuring_roll) < NEAR_MIDDLE * nominal.control_length
+    near_height = np.abs(grid.heights - nominal.middle) < NEAR_MIDDLE * nominal.gear.face_width
+    near = seen[:, :, near_roll][:, :, :, near_height].mean(axis=(2, 3))
+    return Coverage(
+        (near >= 0.5).astype(np.float64),
+        (area.mean(axis=3) > LEAST_SEEN).mean(axis=2),
+        (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
+        area.mean(axis=(2, 3)),
+    )
+
+
+def bridge_gaps(cells: Bools, grid: Grid, step: float) -> Bools:
+    """The same cells (2, teeth, roll lengths, heights) and those within half a ``step`` of the table (rad) of them:
+    what lies between two profiles."""
+    reach = np.ceil(step_on_flank(grid.nominal, grid.rolls, step) / 2 / grid.size[0]).astype(np.intp)
+    bridged = np.zeros_like(cells)
+    for i, r in enumerate(reach):
+        bridged[:, :, i] = cells[:, :, max(i - r, 0) : i + r + 1].any(axis=2)
+    return bridged
+
+
+def step_on_flank(nominal: Involute, roll: Array | float, step: float) -> Array:
+    """Roll length (mm) that one ``step`` of the table (rad) covers where the roll length is ``roll`` mm."""
+    square = np.square(np.asarray(roll, dtype=np.float64))
+    sine = square / (square + nominal.base_radius**2)
+    return np.asarray(nominal.base_radius * abs(step) / np.maximum(sine, 1e-6))
+
+
+def profiles_for(nominal: Involute, roll: float) -> int:
+    """Profiles a turn with which a step covers ``FINE_STEP`` mm of roll length there."""
+    return ceil(2 * pi / (FINE_STEP / float(step_on_flank(nominal, roll, 1.0))))

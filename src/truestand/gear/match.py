@@ -1,4 +1,4 @@
-"""Which gear is it? Teeth, helix, base circle, module and shift from the cloud alone; and does the drawing fit it?"""
+"""Teeth, helix, base circle, module and shift of a gear from the points alone; and whether the drawing fits it."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -10,40 +10,40 @@ from numpy.typing import NDArray
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
 from truestand.core.surface import Surface
-from truestand.gear.flanks import Flanks, settle
-from truestand.gear.geometry import Involute, inv
+from truestand.gear.flanks import Flanks
+from truestand.gear.geometry import inv
 
 Array = NDArray[np.float64]
 
-FITS = 0.55
+LEAST_MATCHED = 0.55
 """Share of the points near the measuring circle that must lie on the drawing's flanks."""
 MOST_SLOPE = 0.1
 """mm over the flank: a mean slope beyond it is another pressure angle, module or helix, and no deviation."""
 MOST_THICKNESS = 0.2
 """Modules by which the teeth may be thicker or thinner than drawn."""
-CERTAIN, MOST_FOUND = 0.8, 0.6
+CERTAIN, MOST_FLANKS = 0.8, 0.6
 """Shares of these points, and of the flanks of one side, below which teeth are counted as well: the flanks of half as
 many teeth lie on those of a drawing of twice as many."""
 LEAST_TURN = 0.25
 """Share of a turn that must be in view to count teeth."""
-SAMPLED = 400_000
-SLICES = 24
+SAMPLE_POINTS = 400_000
+HEIGHT_SLICES = 24
 MOST_TEETH = 400
 RADIUS_BIN = 0.05
-ROWS = 60
+TRACE_ROWS = 60
 PRESSURE_ANGLES = (20.0, 14.5, 15.0, 17.5, 22.5, 25.0)
 MODULES = (
     0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.125, 1.25, 1.375, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.25, 3.5, 3.75,
     4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 28.0, 32.0,
 )  # fmt: skip
 """Normal modules of ISO 54, both series, and a few below."""
-AS_STANDARD = 0.004
+STANDARD_TOLERANCE = 0.004
 """Relative, by which a module may be off a standard one to be taken for it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """The gear as the cloud shows it; mm and rad."""
+class IdentifiedGear:
+    """The gear as the points show it; mm and rad."""
 
     teeth: int
     base_radius: float
@@ -67,27 +67,29 @@ class Seen:
         )
 
 
-def is_standard(seen: Seen) -> bool:
+def is_standard(seen: IdentifiedGear) -> bool:
     """Whether its module is a standard one, as near as a scan can tell."""
-    return min(abs(seen.module / m - 1) for m in MODULES) < AS_STANDARD
+    return min(abs(seen.module / m - 1) for m in MODULES) < STANDARD_TOLERANCE
 
 
-def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flanks) -> None:
+def check_drawing(surface: Surface, flanks: Flanks) -> None:
     """Refuse a gear that is not the drawing's.
 
     Raises:
         WrongDrawing: with what was seen instead.
     """
-    g = nominal.gear
-    _, offsets, share = settle(surface, nominal, datum)
-    sides = [o[np.isfinite(o)] for o in offsets.reshape(2, -1)]
+    toothing = flanks.toothing
+    g = toothing.nominal.gear
+    sides = [o[np.isfinite(o)] for o in toothing.offsets.reshape(2, -1)]
     thick = sum(float(s.mean()) for s in sides) if all(s.size for s in sides) else 0.0
-    fits = share >= FITS and abs(thick) < MOST_THICKNESS * g.module and _slopes(flanks, nominal) < MOST_SLOPE
-    found = max(s.size for s in sides) / g.teeth
-    if fits and found >= MOST_FOUND and share >= CERTAIN:
+    fits = (
+        toothing.matched >= LEAST_MATCHED and abs(thick) < MOST_THICKNESS * g.module and _steepest(flanks) < MOST_SLOPE
+    )
+    flanks_seen = max(s.size for s in sides) / g.teeth
+    if fits and flanks_seen >= MOST_FLANKS and toothing.matched >= CERTAIN:
         return
     try:
-        seen = identify(surface, datum, g.face_from, g.face_to)
+        seen = identify(surface, toothing.datum.pose, g.face_from, g.face_to)
         instead = f"saw {seen}"
     except NotEnoughData:
         if not flanks.delta.size:
@@ -102,11 +104,11 @@ def check_drawing(surface: Surface, nominal: Involute, datum: Pose, flanks: Flan
     )
 
 
-def _slopes(flanks: Flanks, nominal: Involute) -> float:
+def _steepest(flanks: Flanks) -> float:
     """The largest mean slope of a side, over its control length or face, mm."""
-    steepest = 0.0
+    nominal, steepest = flanks.toothing.nominal, 0.0
     for side in range(2):
-        on = (flanks.which >= side * nominal.gear.teeth) & (flanks.which < (side + 1) * nominal.gear.teeth)
+        on = (flanks.flank >= side * nominal.gear.teeth) & (flanks.flank < (side + 1) * nominal.gear.teeth)
         if np.count_nonzero(on) < 1000:
             continue
         few = np.flatnonzero(on)[:: max(1, int(on.sum() / 50_000))]
@@ -117,7 +119,7 @@ def _slopes(flanks: Flanks, nominal: Involute) -> float:
     return steepest
 
 
-def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Seen:
+def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> IdentifiedGear:
     """The gear whose toothing lies between two heights (mm, C).
 
     Raises:
@@ -135,7 +137,7 @@ def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Seen:
         transverse = atan(tan(alpha) / cos(beta))
         arc = (half - inv(transverse)) * 2 * (base / cos(transverse))
         shift = (arc / (module / cos(beta)) - pi / 2) / (2 * tan(alpha))
-    return Seen(teeth, base, beta, module, alpha, shift, 2 * tip, 2 * root, rms)
+    return IdentifiedGear(teeth, base, beta, module, alpha, shift, 2 * tip, 2 * root, rms)
 
 
 def toothed_heights(surface: Surface, datum: Pose) -> tuple[float, float]:
@@ -154,8 +156,8 @@ def toothed_heights(surface: Surface, datum: Pose) -> tuple[float, float]:
 
 
 def _points(surface: Surface, datum: Pose, bottom: float, top: float) -> tuple[Array, Array, Array]:
-    """Polar angle, radius, height (n,) of about ``SAMPLED`` points between two heights."""
-    thin = max(1, int(surface.x.size / SAMPLED / 4))
+    """Polar angle, radius, height (n,) of about ``SAMPLE_POINTS`` points between two heights."""
+    thin = max(1, int(surface.x.size / SAMPLE_POINTS / 4))
     x, y, z = (a[:, ::thin] for a in (surface.x, surface.y, surface.z))
     with np.errstate(invalid="ignore"):
         inside = np.isfinite(x) & (z > bottom + 0.3) & (z < top - 0.3)
@@ -184,11 +186,11 @@ def _teeth_and_twist(angle: Array, radius: Array, height: Array, root: float, ti
     on = (radius > root - 0.3) & (radius < tip + 0.3)
     up = np.where(radius[on] > (root + tip) / 2, 1.0, -1.0)
     at, h = angle[on], height[on]
-    edges = np.linspace(h.min(), h.max(), SLICES + 1)
+    edges = np.linspace(h.min(), h.max(), HEIGHT_SLICES + 1)
     places = 4 * MOST_TEETH
-    sums = np.zeros((SLICES, places))
-    counts = np.zeros((SLICES, places))
-    row = np.clip(np.searchsorted(edges, h) - 1, 0, SLICES - 1)
+    sums = np.zeros((HEIGHT_SLICES, places))
+    counts = np.zeros((HEIGHT_SLICES, places))
+    row = np.clip(np.searchsorted(edges, h) - 1, 0, HEIGHT_SLICES - 1)
     column = ((at / (2 * pi)) % 1.0 * places).astype(np.intp) % places
     np.add.at(sums, (row, column), up)
     np.add.at(counts, (row, column), 1.0)
@@ -239,7 +241,7 @@ def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) ->
     centre = float(np.angle(np.exp(1j * teeth * angle[high]).mean())) / teeth
     off = (angle - centre + pitch / 2) % pitch - pitch / 2
     low, top = root + 0.45 * (tip - root), tip - 0.08 * (tip - root)
-    edges = np.linspace(low, top, ROWS + 1)
+    edges = np.linspace(low, top, TRACE_ROWS + 1)
     at, places, sides = [], [], []
     for side, sign in enumerate((1.0, -1.0)):
         on = sign * off > 0
@@ -261,7 +263,7 @@ def _standard(base: float, base_helix: float, teeth: int) -> tuple[float, float,
         beta = asin(sin(base_helix) / cos(alpha))
         module = 2 * base * cos(beta) / (teeth * cos(atan(tan(alpha) / cos(beta))))
         nearest = min(MODULES, key=lambda m: abs(m - module))
-        if abs(module / nearest - 1) < AS_STANDARD:
+        if abs(module / nearest - 1) < STANDARD_TOLERANCE:
             return alpha, module, beta
         best = best or (alpha, module, beta)
     assert best is not None

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, styled
 from truestand.report.numbers import number
 from truestand.report.words import drawn_symbol, value_text

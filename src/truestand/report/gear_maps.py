@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from truestand.core.inspection import Inspection
 from truestand.core.units import um
-from truestand.gear.evidence import FoldedMap, GearEvidence
+from truestand.gear.inspect import GearEvidence
+from truestand.gear.teeth import FoldedMap
 from truestand.report.drawing import DIVERGING, INK, figure, image, robust, styled
 from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
 from truestand.report.gear_tables import MOST_DEFECTS

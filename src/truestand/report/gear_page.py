@@ -5,7 +5,7 @@ from math import degrees, pi
 import numpy as np
 
 from truestand.core.inspection import Inspection
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 from truestand.report import gear_figures, gear_maps, gear_tables, trace_charts
 from truestand.report.page import framed
 from truestand.report.true_values import Key

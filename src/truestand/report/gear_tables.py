@@ -6,7 +6,7 @@ from typing import Any
 
 from truestand.core.inspection import Characteristic, Defect, Flank, Inspection
 from truestand.core.units import um
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 from truestand.report.inspection_tables import (
     NONE,
     U_HEAD,

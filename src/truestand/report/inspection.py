@@ -7,7 +7,7 @@ from typing import Any
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
 from truestand.files.recipes.company import Company
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import TurnedEvidence
 from truestand.report import inspection_tables as tables

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 from truestand.report.drawing import GREY, INK, PALE, figure, styled
 from truestand.report.gear_figures import BAD, BAND, FLANKS, WIDTH, limit_of, spread
 from truestand.report.numbers import number

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.gear.evidence import GearEvidence
+from truestand.gear.inspect import GearEvidence
 
 Key = tuple[str, str | None]
 """Name, and flank or section."""

@@ -14,7 +14,7 @@ from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import Positive, read_toml, told_of
 from truestand.files.shapes.meshes import read_mesh
 from truestand.gear.drawing import Evaluation, Gear, Modification
-from truestand.gear.match import MODULES, Seen, is_standard
+from truestand.gear.match import MODULES, IdentifiedGear, is_standard
 from truestand.parts.drawings import Cad, Section, Turned
 
 NotNegative = Annotated[float, Field(ge=0)]
@@ -164,7 +164,7 @@ def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
     return told_of(path, lambda r: _cad(r, folder), checked(CadRecipe, table, str(path)))
 
 
-def seen_recipe(seen: Seen, bottom: float, top: float) -> str:
+def seen_recipe(seen: IdentifiedGear, bottom: float, top: float) -> str:
     """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
     shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
     helix = degrees(seen.helix_angle)

@@ -8,7 +8,7 @@ from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.files.records.records import scan_record, without_nan
-from truestand.gear.figures import NEVER_NEGATIVE
+from truestand.gear.evaluate import NEVER_NEGATIVE
 
 Record = dict[str, Any]
 Limits = tuple[float | None, float | None]

@@ -1,0 +1,161 @@
+"""What an inspection of a gear says beside its figures: what was not seen or left out, and what the gear says about
+the stand.
+"""
+
+from math import cos
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration
+from truestand.core.scan import Scan
+from truestand.gear.angle import AngleCorrection
+from truestand.gear.damage import Damage
+from truestand.gear.evaluate import Measures, slope_length
+from truestand.gear.flanks import Flanks
+from truestand.gear.geometry import FLANKS, Involute
+from truestand.gear.grid import FINE_STEP, Coverage, profiles_for, step_on_flank
+
+Array = NDArray[np.float64]
+
+SHORT_FACE = 0.6
+"""mm by which the flanks seen may end before the drawing's face does without a word."""
+MOST_REGIONS = 12
+"""Regions left out that are named."""
+NOTICEABLE_SLOPE = 0.003
+"""mm of mean slope below which nothing is said."""
+
+
+def remarks_of(
+    correction: AngleCorrection, coverage: Coverage, damage: tuple[Damage, ...], measures: Measures
+) -> tuple[str, ...]:
+    """All remarks, in the order of the report."""
+    flanks, scan, nominal = correction.flanks, correction.scan, correction.flanks.toothing.nominal
+    return (
+        *_sides_not_seen(coverage),
+        *_limitations(scan, correction.calibration, nominal),
+        *_left_out(damage),
+        *_short_face(flanks),
+        *_angle_source(correction),
+        *_slopes(measures, nominal),
+    )
+
+
+def unevenness(correction: AngleCorrection) -> tuple[str, ...]:
+    """Why nothing is decided where the table turned unevenly; empty where it did not."""
+    if correction.uneven_rms is None:
+        return ()
+    return (
+        f"the table turned unevenly: passes of one flank are {1000 * correction.uneven_rms:.1f} um (rms) apart, pitch "
+        "may be wrong by as much and more: record the table's angle, or turn it steadily",
+    )
+
+
+def _sides_not_seen(coverage: Coverage) -> tuple[str, ...]:
+    if not coverage.position.any():
+        return (
+            "hardly any of the flanks was seen near the middle of the face: check face_from_mm, the sensor's height "
+            "and its fan",
+        )
+    return tuple(
+        f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the sensor or "
+        "the gear turned over, or with a second sensor"
+        for side, flank in enumerate(FLANKS)
+        if not coverage.position[side].any()
+    )
+
+
+def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[str, ...]:
+    found = []
+    if nominal.gear.accuracy_class is None and not nominal.gear.limits:
+        found.append("no line has a limit: measured, not judged; add accuracy_class to the recipe")
+    coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
+    if coarse > 4 * FINE_STEP:
+        enough = profiles_for(nominal, max(nominal.control_roll, 3.0))
+        found.append(
+            f"coarse near the root: one profile a {coarse:.1f} mm of roll length at its lower end; {enough} profiles a "
+            f"turn would make it {FINE_STEP:g} mm from 3 mm up"
+        )
+    if calibration.covariance.shape[0] < 8:
+        found.append("the calibration record carries no covariance: it is taken as exact, and U leaves its part out")
+    if nominal.gear.helix_angle and scan.revolutions < 1:
+        found.append("less than a turn: teeth at the ends of the scan are seen in part")
+    return tuple(found)
+
+
+def _left_out(damage: tuple[Damage, ...]) -> tuple[str, ...]:
+    """What the figures leave out: what was not seen and the deepest first."""
+    gravest = sorted(damage, key=lambda d: -1e9 if d.depth is None else -abs(d.depth))
+    more = len(damage) - MOST_REGIONS
+    named = tuple(f"left out of the flank's figures: {d.text}" for d in gravest[:MOST_REGIONS])
+    return (*named, f"{more} more regions of flanks are left out") if more > 0 else named
+
+
+def _short_face(flanks: Flanks) -> tuple[str, ...]:
+    g = flanks.toothing.nominal.gear
+    bottom, top = float(flanks.height.min()), float(flanks.height.max())
+    if bottom - g.face_from < SHORT_FACE and g.face_to - top < SHORT_FACE:
+        return ()
+    return (
+        f"flanks were seen from height {bottom:.1f} to {top:.1f} mm, the drawing's face is {g.face_from:g} to "
+        f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view",
+    )
+
+
+def _angle_source(correction: AngleCorrection) -> tuple[str, ...]:
+    scan, before, after = correction.scan, correction.before_rms, correction.after_rms
+    if scan.angle_source in ("angle", "encoder"):
+        return ()
+    remark = "the angle comes from a steady speed"
+    if before is not None and after is not None and after < before:
+        remark += (
+            f"; {scan.revolutions:.2f} turns freed it of {1000 * before:.1f} um (rms) that don't repeat every turn"
+        )
+    elif scan.revolutions < 2:
+        remark += "; two turns and more would tell it from uneven turning"
+    return (f"{remark}; what repeats every turn looks like pitch and stands in U: an encoder would settle it",)
+
+
+def _slopes(m: Measures, nominal: Involute) -> tuple[str, ...]:
+    """Mean slopes that point at the stand, alike or opposite on both sides; none where a side was not seen.
+
+    A lateral offset h of the laser plane reads +-h cos(alpha_y) on the flanks, a radial zero off by dr reads
+    dr sin(alpha_y), a skew eps of the laser line tilts the helices by +-eps b cos(alpha). A gear can have such slopes
+    of its own, so these are remarks: they say which number of the calibration to look at first.
+    """
+    (left, right), (helix_left, helix_right) = (_means(slopes) for slopes in (m.f_Halpha, m.f_Hbeta))
+    if not np.isfinite([left, right, helix_left, helix_right]).all():
+        return ()
+    found = []
+    opposite, alike, skew = (left - right) / 2, (left + right) / 2, (helix_left - helix_right) / 2
+    if abs(opposite) > NOTICEABLE_SLOPE:
+        h = abs(opposite / _profile_slope(nominal, np.cos))
+        found.append(
+            f"profile slopes are opposite on both sides by {1000 * abs(opposite):.1f} um, as with a laser plane "
+            f"{1000 * h:.0f} um beside where the calibration has it"
+        )
+    if abs(alike) > NOTICEABLE_SLOPE:
+        dr = alike / _profile_slope(nominal, np.sin)
+        found.append(
+            f"profile slopes are alike on both sides by {1000 * alike:.1f} um, as with a radial zero "
+            f"{1000 * dr:.0f} um off"
+        )
+    if abs(skew) > NOTICEABLE_SLOPE:
+        eps = abs(skew) / (slope_length(nominal, along_profile=False) * cos(nominal.transverse_pressure))
+        found.append(
+            f"helix slopes are opposite on both sides by {1000 * abs(skew):.1f} um, as with a laser line skew by "
+            f"{1000 * eps:.2f} mrad"
+        )
+    return tuple(f"{f}; or the gear is made so" for f in found)
+
+
+def _means(values: Array) -> list[float]:
+    """Of the teeth seen on each side; NaN where none was."""
+    return [float(side[np.isfinite(side)].mean()) if np.isfinite(side).any() else float("nan") for side in values]
+
+
+def _profile_slope(nominal: Involute, wave: np.ufunc) -> float:
+    """Slope deviation that 1 mm of wave(alpha_y) reads."""
+    roll = np.linspace(*nominal.profile_range, 100)
+    line = np.polyfit(roll, wave(np.arctan(roll / nominal.base_radius)), 1)
+    return float(line[0]) * slope_length(nominal, along_profile=True)
