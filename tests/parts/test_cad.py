@@ -12,8 +12,8 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.frames import shaft_from_rotor, table_from_sensor
 from truestand.core.surface import Surface, apply_calibration
 from truestand.parts.cad import inspect_cad
-from truestand.parts.cast import meet, solid_of
 from truestand.parts.drawings import Cad, Mesh
+from truestand.parts.rays import Rays, hits_near, solid_of
 from truestand.uncertainty.influence import independent_parts, unknowns_of
 from variants import tried
 
@@ -63,7 +63,7 @@ def test_an_exact_involute_deviates_by_nothing():
 @pytest.mark.parametrize("fit", tried(["angle", "all"], "angle_and_height"))
 def test_the_angle_is_found_among_many_alike(fit):
     found = exact(fit)
-    assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=2e-5)
+    assert degrees(found.evidence.rotation) == pytest.approx(0.7, abs=2e-5)
     assert rms(found.deviation) < 0.05 * UM
     assert any("24 angles of the model fit alike" in r for r in found.remarks)
     assert np.allclose(found.evidence.shaft_from_model, turned(TURNED), atol=1e-4)
@@ -91,7 +91,7 @@ def test_a_part_that_is_not_alike_all_round_is_found_anywhere():
     mesh, scan, known = gap_toothed()
     found = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="all"))
     assert not any("alike" in r for r in found.remarks)
-    assert degrees(found.evidence.turned) == pytest.approx(137.0, abs=1e-4)
+    assert degrees(found.evidence.rotation) == pytest.approx(137.0, abs=1e-4)
     assert np.allclose(found.evidence.shaft_from_model[:3, 3], (0.05, -0.03, 0.08), atol=1e-4)
     assert rms(found.deviation) < 0.05 * UM
 
@@ -143,7 +143,7 @@ def test_noise_is_no_deviation():
     assert np.nanmax(np.abs(raw)) > 4 * UM
     assert values(found)["deviation_rms"] < 0.35 * UM
     assert abs(values(found)["deviation_max"]) < 0.6 * np.nanmax(raw)
-    assert degrees(found.evidence.turned) == pytest.approx(0.0, abs=2e-4)
+    assert degrees(found.evidence.rotation) == pytest.approx(0.0, abs=2e-4)
 
 
 def test_wild_readings_are_kept_but_do_not_count():
@@ -153,7 +153,7 @@ def test_wild_readings_are_kept_but_do_not_count():
     reach = np.where(wild, rng.uniform(70, 120, scan.z.shape) / scan.z, 1.0)
     dirty = replace(scan, x=scan.x * reach, z=scan.z * reach)
     found = inspect_cad(apply_calibration(dirty, known), Cad(mesh, fit="angle"))
-    assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=1e-4)
+    assert degrees(found.evidence.rotation) == pytest.approx(0.7, abs=1e-4)
     assert values(found)["deviation_rms"] < 2 * UM
     assert values(found)["deviation_p95"] < 0.3 * UM
     off = np.isnan(found.deviation) & np.isfinite(dirty.z)
@@ -167,7 +167,7 @@ def test_a_round_part_leaves_its_angle_open():
     scan = scanned(mesh, known, None, profiles=300, points=160)
     found = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="angle"))
     assert any("leave open: angle" in r for r in found.remarks)
-    assert found.evidence.turned == pytest.approx(0.0, abs=1e-9)
+    assert found.evidence.rotation == pytest.approx(0.0, abs=1e-9)
     assert rms(found.deviation) < 0.1 * UM
 
 
@@ -232,10 +232,11 @@ def test_surfaces_that_turn_their_back_are_no_hits():
     low, high = plate(-3.0, 0.0), plate(0.5, 1.5)
     both = Mesh(np.vstack([low.vertices, high.vertices]), np.vstack([low.faces, high.faces + len(low.vertices)]))
     points = np.array([[1.0, 2.0, 0.01], [1.0, 2.0, 1.52], [1.0, 2.0, 5.0]])
-    met = meet(solid_of(both, np.eye(4)), points, np.tile([0.0, 0.0, -1.0], (3, 1)), 1.0)
-    assert met.deviation[:2] == pytest.approx([0.01, 0.02], abs=1e-12)
-    assert np.isnan(met.deviation[2])
-    assert met.triangle[2] == -1
+    rays = Rays(points, np.tile([0.0, 0.0, -1.0], (3, 1)))
+    hits = hits_near(solid_of(both, np.eye(4)), rays, 1.0)
+    assert hits.deviation[:2] == pytest.approx([0.01, 0.02], abs=1e-12)
+    assert np.isnan(hits.deviation[2])
+    assert hits.triangle[2] == -1
 
 
 def test_a_surface_without_its_scan_and_a_model_without_surface_are_refused():
@@ -259,7 +260,7 @@ def test_what_lies_beside_the_model_is_no_part_of_it():
     assert below.sum() > 1000
     found = inspect_cad(surface, Cad(mesh, fit="angle"))
     assert np.isnan(found.deviation[below]).all()
-    assert degrees(found.evidence.turned) == pytest.approx(0.7, abs=1e-4)
+    assert degrees(found.evidence.rotation) == pytest.approx(0.7, abs=1e-4)
     assert values(found)["deviation_rms"] < 0.05 * UM
 
 

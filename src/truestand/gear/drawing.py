@@ -20,7 +20,7 @@ class Evaluation:
     tip_form_diameter: float | None = None
     """Where it ends."""
     measuring_diameter: float | None = None
-    """The circle on which pitch and tooth thickness are told (d_M)."""
+    """The circle on which pitch and tooth thickness are given (d_M)."""
     ball_diameter: float | None = None
     span_teeth: int | None = None
     pitch_span: int | None = None

@@ -71,7 +71,7 @@ class Involute:
 
     @property
     def middle(self) -> float:
-        """Height (C) of the middle of the face: where tooth positions are told."""
+        """Height (C) of the middle of the face: where tooth positions are taken."""
         return self.gear.face_from + self.gear.face_width / 2
 
     @property
@@ -120,7 +120,7 @@ class Involute:
 
     @property
     def span_teeth(self) -> int:
-        """Over how many teeth the span is told: so many that the gauge touches near the measuring circle."""
+        """Over how many teeth the span goes: so many that the gauge touches near the measuring circle."""
         if self.gear.evaluation.span_teeth is not None:
             return self.gear.evaluation.span_teeth
         alpha = acos(min(self.base_radius / self.measuring_radius, 1.0))

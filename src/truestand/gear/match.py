@@ -123,7 +123,7 @@ def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Identi
     """The gear whose toothing lies between two heights (mm, C).
 
     Raises:
-        NotEnoughData: no toothing there that could be told.
+        NotEnoughData: no toothing there that could be identified.
     """
     angle, radius, height = _points(surface, datum, bottom, top)
     root, tip = _root_and_tip(radius)

@@ -1,7 +1,7 @@
 """A part compared with its CAD model: how far each reading lies off it, along the ray that saw it.
 
-The calibrated sensor's own rays are cast onto the model, so that what the sensor can't see is not compared, and a
-reading belongs to the surface that it was meant to hit and not to the nearest one.
+The calibrated sensor's own rays are cast onto the model, so that what the sensor can't see is not on_model, and a
+reading belongs to the surface that its ray should have hit and not to the nearest one.
 """
 
 from dataclasses import dataclass, replace
@@ -17,12 +17,11 @@ from truestand.core.frames import Pose
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, sensor_origins, table_angle
-from truestand.parts.cast import Solid, meet, solid_of
 from truestand.parts.drawings import Cad
 from truestand.parts.patches import Grid, Patches, farthest, patches_of
-from truestand.parts.place import Placing, Rays, motions, place, told
-from truestand.parts.unmet import Region, unmet_regions
-from truestand.parts.view import coverage_of
+from truestand.parts.rays import Rays, Solid, hits_near, solid_of
+from truestand.parts.registration import Registration, motions, register, registration_remarks
+from truestand.parts.visibility import Region, coverage_of, unconfirmed_regions
 from truestand.statistics.noise import cleared
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
@@ -32,28 +31,28 @@ Ints = NDArray[np.intp]
 
 BLOCK = 256
 """Profiles cast at once."""
-THINNED = 40_000
+REGISTRATION_READINGS = 40_000
 """Readings that place the model."""
-MARKED = 120_000
-"""Readings that tell what was seen."""
+COVERAGE_READINGS = 120_000
+"""Readings that show what was seen."""
 PATCH = 0.5
 """mm: edge of a patch, in height, radius, and around at the model's outside."""
-ENOUGH = 16
-"""Readings a patch on average; where there are fewer, patches are larger."""
-MORE = 0.01
+READINGS_PER_PATCH = 16
+"""On average; where there are fewer, patches are larger."""
+GRID_MARGIN = 0.01
 """mm beyond the model that the grid covers: readings are sorted by where they belong on it."""
 MOST_PATCHES = 3_000_000
 """Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
 WITHIN = "shape within a patch"
-SAMPLED = 1.25
+DEEPER = 1.25
 """How much deeper a bowl of a patch's size may be than the deepest reading but one says."""
-MOST_TOLD = 12
+MOST_REGIONS = 12
 """Regions that the remarks name."""
 INCIDENCE = "incidence on steep surfaces (assumed)"
 INCIDENCE_U = 0.005
 """mm, k = 2, of range at 60 degrees: the laser's spot grows and shifts with the tangent of the incidence."""
-STEEP = 3.0**0.5
+STEEP_TANGENT = 3.0**0.5
 """Tangent of these 60 degrees."""
 
 
@@ -74,17 +73,17 @@ class CadEvidence:
     """mm: standard deviation of one reading."""
     shaft_from_model: Array
     """(4, 4): where the model was found to stand in C."""
-    turned: float
-    """rad: against the recipe's pose."""
-    alike: tuple[float, ...]
-    """rad: other angles that fit as well."""
+    rotation: float
+    """rad: against the recipe's pose, ccw from above."""
+    other_angles: tuple[float, ...]
+    """rad: they fit as well."""
     visible: float
     """Share of the model's surface that the sensor could see."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Job:
-    """What is compared with what."""
+class _Comparison:
+    """A surface and the model that it is compared with."""
 
     part: Cad
     surface: Surface
@@ -97,7 +96,7 @@ class _Job:
 
 
 @dataclass(frozen=True, slots=True)
-class _Compared:
+class _OnModel:
     """Readings on the model: where they stand in the scan (n,), their deviations (n,) mm and cells (n,)."""
 
     flat: Ints
@@ -108,7 +107,7 @@ class _Compared:
 def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     """Deviations of the part from its model, after the fit that the recipe allows, with U (k = 2) and verdict.
 
-    The pose of the recipe places the model about the datum axis. Statistics are told on patches of the surface, less
+    The pose of the recipe places the model about the datum axis. Statistics are taken on patches of the surface, less
     noise's share (``core.denoise``); coverage is the share of the visible surface that has readings.
 
     Raises:
@@ -120,106 +119,119 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     calibration, scan = surface.calibration, surface.scan
     datum = datum_of(calibration, part.datum, part.bore_clearance)
     solid = solid_of(part.mesh, part.pose)
-    job = _Job(part, surface, scan, table_angle(scan, calibration), calibration, datum, solid)
-    placing = place(solid, _thinned(job, THINNED, datum.pose), part.fit, part.reach)
-    model_from_shaft = placing.pose @ datum.pose
-    grid = _grid(job)
-    deviation, compared = _compare(job, model_from_shaft, grid)
-    patches = patches_of(grid, compared.cell, compared.deviation, part.reach)
-    marked = _on_model(job, model_from_shaft)
+    comparison = _Comparison(part, surface, scan, table_angle(scan, calibration), calibration, datum, solid)
+    registration = register(solid, _thinned(comparison, REGISTRATION_READINGS, datum.pose), part.fit, part.reach)
+    model_from_shaft = registration.pose @ datum.pose
+    grid = _grid(comparison)
+    deviation, on_model = _compare(comparison, model_from_shaft, grid)
+    patches = patches_of(grid, on_model.cell, on_model.deviation, part.reach)
+    marked = _points_on_model(comparison, model_from_shaft)
     coverage, visible = coverage_of(solid, model_from_shaft, scan, calibration, marked)
-    found = _characteristics(job, placing, model_from_shaft, patches, compared, coverage)
-    unmet = unmet_regions(solid, model_from_shaft, scan, job.angle, calibration, part.reach) if marked.size else ()
+    found = _characteristics(comparison, registration, model_from_shaft, patches, on_model, coverage)
+    unconfirmed = (
+        unconfirmed_regions(solid, model_from_shaft, scan, comparison.angle, calibration, part.reach)
+        if marked.size
+        else ()
+    )
     shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
     evidence = CadEvidence(
         grid.angle, grid.height, _most(patches), patches.count.sum(axis=2), _edge(grid), patches.scatter,
-        shaft_from_model, placing.angle, placing.alike, visible,
+        shaft_from_model, registration.angle, registration.other_angles, visible,
     )  # fmt: skip
     return Inspection(
-        "cad", part.name, _doubted(found, unmet), reasons=calibration.reasons,
-        remarks=(*_remarks(job, placing, patches, visible), *_of_regions(unmet)),
-        settings=_settings(job, placing, grid), deviation=deviation, evidence=evidence,
+        "cad", part.name, _confirmed(found, unconfirmed), reasons=calibration.reasons,
+        remarks=(*_remarks(comparison, registration, patches, visible), *_region_remarks(unconfirmed)),
+        settings=_settings(comparison, registration, grid), deviation=deviation, evidence=evidence,
     )  # fmt: skip
 
 
-def _doubted(lines: tuple[Characteristic, ...], unmet: tuple[Region, ...]) -> tuple[Characteristic, ...]:
-    """The lines, undecided at least where model surface was not confirmed: what it does there isn't known."""
-    if not unmet:
+def _confirmed(lines: tuple[Characteristic, ...], unconfirmed: tuple[Region, ...]) -> tuple[Characteristic, ...]:
+    """The lines, undecided at least where model surface was not confirmed: what the part does there isn't known."""
+    if not unconfirmed:
         return lines
     return tuple(
-        replace(c, verdict="undecided" if c.verdict == "conforms" else c.verdict, reason=unmet[0].text) for c in lines
+        replace(c, verdict="undecided" if c.verdict == "conforms" else c.verdict, reason=unconfirmed[0].text)
+        for c in lines
     )
 
 
-def _of_regions(unmet: tuple[Region, ...]) -> tuple[str, ...]:
-    more = (f"{len(unmet) - MOST_TOLD} more regions are not confirmed",) if len(unmet) > MOST_TOLD else ()
-    return (*(r.text for r in unmet[:MOST_TOLD]), *more)
+def _region_remarks(unconfirmed: tuple[Region, ...]) -> tuple[str, ...]:
+    more = (
+        (f"{len(unconfirmed) - MOST_REGIONS} more regions are not confirmed",)
+        if len(unconfirmed) > MOST_REGIONS
+        else ()
+    )
+    return (*(r.text for r in unconfirmed[:MOST_REGIONS]), *more)
 
 
-def _settings(job: _Job, placing: Placing, grid: Grid) -> dict[str, str]:
+def _settings(comparison: _Comparison, registration: Registration, grid: Grid) -> dict[str, str]:
     return {
-        "datum": f"{job.datum.name}: {job.datum.remark}",
-        "fit": f"{job.part.fit}; turned by {degrees(placing.angle):.4f} deg against the recipe's pose",
+        "datum": f"{comparison.datum.name}: {comparison.datum.remark}",
+        "fit": f"{comparison.part.fit}; turned by {degrees(registration.angle):.4f} deg against the recipe's pose",
         "deviation": "along the sensor's ray, turned into the normal of the model's triangle; positive outwards",
         "patches": f"robust means over cells of {_edge(grid):.2g} mm in height, radius and around",
-        "reach": f"readings farther than {job.part.reach:g} mm from the model along their ray are no part of it",
+        "reach": f"readings farther than {comparison.part.reach:g} mm from the model along their ray are no part of it",
         "profile": "twice the largest deviation to either side, of patches",
         "noise": "its share is taken off by extrapolation to none (SIMEX)",
         "decision rule": f"{EDITION}, guard band {GUARD_FACTOR:g} u",
     }
 
 
-def _remarks(job: _Job, placing: Placing, patches: Patches, visible: float) -> tuple[str, ...]:
+def _remarks(comparison: _Comparison, registration: Registration, patches: Patches, visible: float) -> tuple[str, ...]:
     remarks = [
-        f"datum: {job.datum.remark}",
+        f"datum: {comparison.datum.remark}",
         f"{visible:.0%} of the model's surface is visible to the sensor; coverage counts that part",
         f"noise {1000 * patches.scatter:.2g} um a reading",
-        *told(placing, job.part.fit),
+        *registration_remarks(registration),
     ]
-    if job.calibration.covariance.size == 0:
+    if comparison.calibration.covariance.size == 0:
         remarks.append("the calibration carries no covariance: no U can be told, nothing is decided")
     return tuple(remarks)
 
 
-def _rays(job: _Job, rows: slice | Ints, pose: Pose, columns: slice | Ints) -> tuple[Rays, Ints]:
-    """The readings of some profiles through ``pose``, their ways, and where they stand among these profiles'."""
-    x, y, z = (a[rows][:, columns] for a in (job.surface.x, job.surface.y, job.surface.z))
+def _rays(comparison: _Comparison, rows: slice | Ints, pose: Pose, columns: slice | Ints) -> tuple[Rays, Ints]:
+    """The readings of some profiles through ``pose``, their directions, and where they stand among these profiles'."""
+    x, y, z = (a[rows][:, columns] for a in (comparison.surface.x, comparison.surface.y, comparison.surface.z))
     seen = np.flatnonzero(np.isfinite(z))
     turn = pose.rotation
     points = np.empty((seen.size, 3))
     whole = np.stack([x.ravel()[seen], y.ravel()[seen], z.ravel()[seen]], axis=-1)
     np.dot(whole, turn.T, out=points)
     points += pose.translation
-    origins = pose(sensor_origins(job.calibration, job.angle[rows]))
-    ways = points - np.repeat(origins, np.isfinite(z).sum(axis=1), axis=0)
-    ways /= np.sqrt(np.einsum("ij,ij->i", ways, ways))[:, None]
-    return Rays(points, ways), seen
+    origins = pose(sensor_origins(comparison.calibration, comparison.angle[rows]))
+    directions = points - np.repeat(origins, np.isfinite(z).sum(axis=1), axis=0)
+    directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
+    return Rays(points, directions), seen
 
 
-def _thinned(job: _Job, count: int, pose: Pose) -> Rays:
+def _thinned(comparison: _Comparison, count: int, pose: Pose) -> Rays:
     """About ``count`` readings, spread over profiles and points alike."""
-    n, m = job.surface.x.shape
-    share = min(1.0, (count / max(n * m * job.scan.seen, 1.0)) ** 0.5)
+    n, m = comparison.surface.x.shape
+    share = min(1.0, (count / max(n * m * comparison.scan.seen, 1.0)) ** 0.5)
     rows, columns = (np.unique(np.linspace(0, k - 1, max(int(k * share), 2)).astype(np.intp)) for k in (n, m))
-    rays, _ = _rays(job, rows, pose, columns)
+    rays, _ = _rays(comparison, rows, pose, columns)
     return rays
 
 
-def _on_model(job: _Job, model_from_shaft: Pose) -> Array:
+def _points_on_model(comparison: _Comparison, model_from_shaft: Pose) -> Array:
     """Readings (n, 3) mm that belong to the model, thinned."""
-    rays = _thinned(job, MARKED, model_from_shaft)
-    met = meet(job.solid, rays.points, rays.ways, job.part.reach)
-    return np.asarray(rays.points[met.triangle >= 0])
+    rays = _thinned(comparison, COVERAGE_READINGS, model_from_shaft)
+    hits = hits_near(comparison.solid, rays, comparison.part.reach)
+    return np.asarray(rays.points[hits.triangle >= 0])
 
 
-def _grid(job: _Job) -> Grid:
+def _grid(comparison: _Comparison) -> Grid:
     """Patches about the datum axis over the model and what lies within its reach."""
-    corners = job.solid.corners
-    low, high = float(corners[:, :, 2].min()) - MORE, float(corners[:, :, 2].max()) + MORE
-    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max()) + MORE
-    area = float(job.solid.area.sum()) / 2  # some half of it is seen
-    readings = max(job.surface.x.size * job.scan.seen, 1.0)
-    edge = max(PATCH, sqrt(ENOUGH * area / readings), (tau * outer * outer * (high - low) / MOST_PATCHES) ** (1 / 3))
+    corners = comparison.solid.corners
+    low, high = float(corners[:, :, 2].min()) - GRID_MARGIN, float(corners[:, :, 2].max()) + GRID_MARGIN
+    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max()) + GRID_MARGIN
+    area = float(comparison.solid.area.sum()) / 2  # some half of it is seen
+    readings = max(comparison.surface.x.size * comparison.scan.seen, 1.0)
+    edge = max(
+        PATCH,
+        sqrt(READINGS_PER_PATCH * area / readings),
+        (tau * outer * outer * (high - low) / MOST_PATCHES) ** (1 / 3),
+    )
     heights, angles, radii = (max(1, round(extent / edge)) for extent in (high - low, tau * outer, outer))
     return Grid(low, high, heights, angles, radii, outer)
 
@@ -234,25 +246,25 @@ def _most(patches: Patches) -> Array:
     return np.asarray(np.take_along_axis(patches.mean, size.argmax(axis=2)[:, :, None], axis=2)[:, :, 0])
 
 
-def _compare(job: _Job, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _Compared]:
+def _compare(comparison: _Comparison, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _OnModel]:
     """Deviation (N, M) mm of every reading, NaN off the model, and the readings on it."""
-    n, m = job.surface.x.shape
+    n, m = comparison.surface.x.shape
     deviation = np.full((n, m), np.nan)
     flats, cells = [], []
     for first in range(0, n, BLOCK):
         rows = slice(first, min(first + BLOCK, n))
-        rays, seen = _rays(job, rows, model_from_shaft, slice(None))
-        met = meet(job.solid, rays.points, rays.ways, job.part.reach)
-        deviation[rows].ravel()[seen] = met.deviation
-        on = np.flatnonzero(met.triangle >= 0)
+        rays, seen = _rays(comparison, rows, model_from_shaft, slice(None))
+        hits = hits_near(comparison.solid, rays, comparison.part.reach)
+        deviation[rows].ravel()[seen] = hits.deviation
+        on = np.flatnonzero(hits.triangle >= 0)
         # By where they belong on the model: by their own place, noise would sort them with the deviation's sign.
-        points = rays.points[on] - met.deviation[on, None] * job.solid.normal[met.triangle[on]]
+        points = rays.points[on] - hits.deviation[on, None] * comparison.solid.normal[hits.triangle[on]]
         flats.append(seen[on] + first * m)
         psi, radius = np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1])
         cells.append(grid.cells(psi, points[:, 2], radius))
     deviation.flags.writeable = False
     flat = np.concatenate(flats)
-    return deviation, _Compared(flat, deviation.ravel()[flat], np.concatenate(cells))
+    return deviation, _OnModel(flat, deviation.ravel()[flat], np.concatenate(cells))
 
 
 def _statistics(maps: Array) -> Array:
@@ -275,35 +287,47 @@ def _values(statistics: Array, middle: float) -> Array:
 
 
 def _characteristics(
-    job: _Job, placing: Placing, model_from_shaft: Pose, patches: Patches, compared: _Compared, coverage: float
+    comparison: _Comparison,
+    registration: Registration,
+    model_from_shaft: Pose,
+    patches: Patches,
+    on_model: _OnModel,
+    coverage: float,
 ) -> tuple[Characteristic, ...]:
     at = np.flatnonzero(patches.pick.ravel() >= 0)
     status = status_of(coverage)
     if not at.size or status == "not_measurable":
-        return tuple(_line(job, name, None, None, coverage) for name in STATISTICS)
+        return tuple(_line(comparison, name, None, None, coverage) for name in STATISTICS)
     maps = patches.mean.ravel()[at]
     clear = cleared(_statistics, maps, patches.noise.ravel()[at])
     value = _values(clear.value, float(np.median(maps)))
-    beyond = _beyond_means(patches, compared, value)
-    U = _budgets(job, placing, model_from_shaft, compared.flat[patches.pick.ravel()[at]], maps, clear.u, beyond)
+    beyond = _beyond_means(patches, on_model, value)
+    U = _budgets(
+        comparison, registration, model_from_shaft, on_model.flat[patches.pick.ravel()[at]], maps, clear.u, beyond
+    )
     return tuple(
-        _line(job, name, float(value[i]), None if U is None else U[i], coverage) for i, name in enumerate(STATISTICS)
+        _line(comparison, name, float(value[i]), None if U is None else U[i], coverage)
+        for i, name in enumerate(STATISTICS)
     )
 
 
-def _beyond_means(patches: Patches, compared: _Compared, value: Array) -> Array:
+def _beyond_means(patches: Patches, on_model: _OnModel, value: Array) -> Array:
     """By how much (5,) mm the characteristics may grow where single places lie farther out than the patches' means."""
-    low, high = farthest(patches, compared.cell, compared.deviation)
+    low, high = farthest(patches, on_model.cell, on_model.deviation)
     missed = [0.0, 0.0, high - value[2], value[3] - low, 2 * max(-low, high) - value[4]]
-    return SAMPLED * np.maximum(missed, 0.0)
+    return DEEPER * np.maximum(missed, 0.0)
 
 
 def _line(
-    job: _Job, name: str, value: float | None, budget: tuple[tuple[Contribution, ...], float] | None, coverage: float
+    comparison: _Comparison,
+    name: str,
+    value: float | None,
+    budget: tuple[tuple[Contribution, ...], float] | None,
+    coverage: float,
 ) -> Characteristic:
     lines, U = budget if budget is not None else ((), None)
     whole = Characteristic(
-        name, value, U, limits=_limits(job.part, name), coverage=coverage, status=status_of(coverage),
+        name, value, U, limits=_limits(comparison.part, name), coverage=coverage, status=status_of(coverage),
         standard="ISO 1101 profile of a surface" if name == "profile" else None, budget=lines,
     )  # fmt: skip
     if budget is None:
@@ -319,35 +343,45 @@ def _limits(part: Cad, name: str) -> tuple[float | None, float | None] | None:
         return None
     lower, upper = part.limits
     even = abs(lower + upper) < 1e-9
-    own: dict[str, tuple[float | None, float | None]] = {"deviation_max": (None, upper), "deviation_min": (lower, None)}
-    return own.get(name) or ((None, 2 * upper) if name == "profile" and even else None)
+    if name == "deviation_max":
+        return None, upper
+    if name == "deviation_min":
+        return lower, None
+    return (None, 2 * upper) if name == "profile" and even else None
 
 
 def _budgets(
-    job: _Job, placing: Placing, model_from_shaft: Pose, flat: Ints, maps: Array, noise: Array, beyond: Array
+    comparison: _Comparison,
+    registration: Registration,
+    model_from_shaft: Pose,
+    flat: Ints,
+    maps: Array,
+    noise: Array,
+    beyond: Array,
 ) -> list[tuple[tuple[Contribution, ...], float]] | None:
-    """Lines and U of each characteristic; None where the calibration's own doubt is not known."""
-    row, column = np.divmod(flat, job.scan.x.shape[1])
-    origins = model_from_shaft(sensor_origins(job.calibration, job.angle[row]))
+    """Lines and U of each characteristic; None where the calibration's own uncertainty is not known."""
+    row, column = np.divmod(flat, comparison.scan.x.shape[1])
+    origins = model_from_shaft(sensor_origins(comparison.calibration, comparison.angle[row]))
     points = model_from_shaft(
-        np.stack([a[row, column] for a in (job.surface.x, job.surface.y, job.surface.z)], axis=-1)
+        np.stack([a[row, column] for a in (comparison.surface.x, comparison.surface.y, comparison.surface.z)], axis=-1)
     )
-    ways = points - origins
-    ways /= np.linalg.norm(ways, axis=1)[:, None]
-    met = meet(job.solid, points, ways, job.part.reach)
-    normal = job.solid.normal[met.triangle]
-    normal = np.where((met.triangle >= 0)[:, None], normal, 0.0)
+    directions = points - origins
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    hits = hits_near(comparison.solid, Rays(points, directions), comparison.part.reach)
+    normal = comparison.solid.normal[hits.triangle]
+    normal = np.where((hits.triangle >= 0)[:, None], normal, 0.0)
     lifts = moves(
-        job.calibration, job.scan.x[row, column], job.scan.z[row, column], job.angle[row],
+        comparison.calibration, comparison.scan.x[row, column], comparison.scan.z[row, column], comparison.angle[row],
         normal @ model_from_shaft.rotation,
     )  # fmt: skip
     if lifts is None:
         return None
-    follow, names = motions(job.part.fit, points, normal, np.median(points, axis=0))
-    held = [] if job.part.fit == "none" else [i for i, name in enumerate(names) if name not in placing.open]
-    lifts = lifts - _taken_up(follow[:, held], lifts)
+    jacobian, names = motions(comparison.part.fit, points, normal, np.median(points, axis=0))
+    if comparison.part.fit != "none":
+        fitted = [i for i, name in enumerate(names) if name not in registration.free_motions]
+        lifts = lifts - _taken_up(jacobian[:, fitted], lifts)
     U = budget_lines.spread_of(_changes(maps, lifts))
-    steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, ways)), 0.95)))
+    steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, directions)), 0.95)))
     radius = np.hypot(points[:, 0], points[:, 1])
     height = float(np.median(model_from_shaft.inverse(points)[:, 2]))
     budgets = []
@@ -357,16 +391,16 @@ def _budgets(
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
             budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
         ]
-        lines.append(budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP * steep))
+        lines.append(budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP_TANGENT * steep))
         lines.append(budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"))
-        lines += _further(job, factor, float(radius.max()), float(np.ptp(radius)), height)
+        lines += _further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height)
         budgets.append(budget_lines.together(lines))
     return budgets
 
 
-def _further(job: _Job, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
+def _further(comparison: _Comparison, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
     """What sensor, table and datum add, the part's outside at ``radius`` mm."""
-    calibration, fit = job.calibration, job.part.fit
+    calibration, fit = comparison.calibration, comparison.part.fit
     apart = max(abs(radius - budget_lines.base_radius(calibration)), depth)
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
     lines = [
@@ -378,15 +412,15 @@ def _further(job: _Job, factor: float, radius: float, depth: float, height: floa
         budget_lines.zero_line(turning, factor),
     ]
     if fit != "all":  # a free fit takes up where the axis stands
-        lines += [budget_lines.line(c.name, factor * c.U, c.distribution) for c in job.datum.lines(height)]
+        lines += [budget_lines.line(c.name, factor * c.U, c.distribution) for c in comparison.datum.lines(height)]
     return lines
 
 
-def _taken_up(follow: Array, lifts: Array) -> Array:
+def _taken_up(jacobian: Array, lifts: Array) -> Array:
     """The share of lifts (k, n) that the fit takes up, by least squares of its motions (n, m)."""
-    if not follow.shape[1]:
+    if not jacobian.shape[1]:
         return np.zeros_like(lifts)
-    return np.asarray((follow @ np.linalg.lstsq(follow, lifts.T, rcond=1e-9)[0]).T)
+    return np.asarray((jacobian @ np.linalg.lstsq(jacobian, lifts.T, rcond=1e-9)[0]).T)
 
 
 def _changes(maps: Array, lifts: Array) -> Array:

@@ -21,19 +21,19 @@ TRUSTED = 6.0
 """Robust standard deviations from the patch's median within which a reading counts."""
 LEAST_READINGS = 3
 LEAST_SHARE = 0.15
-"""Of the usual number of a patch's readings: fewer are strays."""
-HELD = 2.0
+"""Of the usual number of a patch's readings: fewer are outliers."""
+PRIOR_READINGS = 2.0
 """Readings' worth of the usual scatter that go into each patch's own."""
-OFF = 6.0
+OFF_SIGMA = 6.0
 """Standard deviations of a patch's mean from which it lies off the others."""
 MANY, SHARE = 3, 0.1
-"""Readings to one side of the trusted ones, and their share of the patch, that are no strays."""
+"""Readings to one side of the trusted ones, and their share of the patch, that are no outliers."""
 FULL = 0.5
-"""Of the usual number of a patch's readings: so many that don't agree are no strays."""
-STRAY = 1
-"""Reading of a patch that may be a stray and is passed over where the lowest and highest are told."""
-SCATTER_FROM = 200_000
-"""Readings that tell the scatter."""
+"""Of the usual number of a patch's readings: so many that don't agree are no outliers."""
+PASSED_OVER = 1
+"""Readings at either end of a patch that may be outliers and are no lowest or highest."""
+SCATTER_READINGS = 200_000
+"""Readings that the scatter is taken from."""
 LEAST_SCATTER = 5e-4
 """mm: no sensor reads better; below it, readings differ by where in the cell they lie."""
 
@@ -106,7 +106,7 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
     if not deviation.size:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - medians(cell, deviation, size, 2 * reach)[0][cell]
-    scatter = max(robust_sd(off[:: max(1, off.size // SCATTER_FROM)]), LEAST_SCATTER)
+    scatter = max(robust_sd(off[:: max(1, off.size // SCATTER_READINGS)]), LEAST_SCATTER)
     kept = np.flatnonzero(np.abs(off) <= TRUSTED * scatter)
     count = np.bincount(cell[kept], minlength=size)
     least = max(float(LEAST_READINGS), LEAST_SHARE * float(np.median(count[count > 0])))
@@ -121,12 +121,12 @@ def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patche
 
 
 def _noise(cell: Ints, off: Array, count: Ints) -> Array:
-    """Standard deviation (size,) mm of the means, by each patch's own scatter, held by the usual one where few tell."""
+    """Standard deviation (size,) mm of the means, by each patch's own scatter, or the usual one for few readings."""
     total = np.bincount(cell, off, minlength=count.size)
     squares = np.bincount(cell, off * off, minlength=count.size)
     within = np.maximum(squares - total**2 / np.maximum(count, 1), 0.0)
     usual = float(within.sum()) / max(float((count - 1)[count > 0].sum()), 1.0)
-    variance = (within + HELD * usual) / (np.maximum(count - 1, 0) + HELD)
+    variance = (within + PRIOR_READINGS * usual) / (np.maximum(count - 1, 0) + PRIOR_READINGS)
     return np.asarray(np.sqrt(variance / np.maximum(count, 1)))
 
 
@@ -140,22 +140,22 @@ def farthest(patches: Patches, cell: Ints, deviation: Array) -> tuple[float, flo
     middle = float(np.nanmedian(mean))
     off = np.isnan(mean) & (np.bincount(cell, minlength=mean.size) > FULL * np.median(count[count > 0]))
     with np.errstate(invalid="ignore"):
-        off |= np.abs(mean - middle) > OFF * noise
+        off |= np.abs(mean - middle) > OFF_SIGMA * noise
         beyond = deviation - mean[cell]
     for sign in (-1, 1):
         off |= _together(np.bincount(cell[sign * beyond > TRUSTED * patches.scatter], minlength=mean.size), patches)
-    some = np.flatnonzero(off[cell])
-    if not some.size:
+    inside = np.flatnonzero(off[cell])
+    if not inside.size:
         return middle, middle
-    order = some[np.lexsort((deviation[some], cell[some]))]
+    order = inside[np.lexsort((deviation[inside], cell[inside]))]
     ends = np.flatnonzero(np.diff(cell[order], append=-1))
     starts = np.append(0, ends[:-1] + 1)
-    second, last_but_one = np.minimum(starts + STRAY, ends), np.maximum(ends - STRAY, starts)
+    second, last_but_one = np.minimum(starts + PASSED_OVER, ends), np.maximum(ends - PASSED_OVER, starts)
     return float(deviation[order[second]].min()), float(deviation[order[last_but_one]].max())
 
 
 def _together(number: Ints, patches: Patches) -> Mask:
-    """Patches (cells,) with so many untrusted readings to one side, and one beside them with as many: no strays."""
+    """Patches (cells,) with so many untrusted readings to one side, and one beside them with as many: no outliers."""
     from scipy.ndimage import maximum_filter
 
     many = ((number.reshape(patches.count.shape) >= MANY)

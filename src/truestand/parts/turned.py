@@ -33,16 +33,16 @@ Mask = NDArray[np.bool_]
 Ints = NDArray[np.intp]
 
 REACH = 1.0
-"""mm: a surface farther than this from its drawing is another one, or a stray."""
+"""mm: a surface farther than this from its drawing is another one's, or an outlier."""
 MARGIN = 0.3
 """mm from a section's ends: chamfers, fillets, burrs."""
-PER_WAVE = 20
-"""Cells a wave at the filter's cut-off: their width takes 0.4 % of its amplitude."""
+CELLS_PER_WAVE = 20
+"""At the filter's cut-off: their width takes 0.4 % of its amplitude."""
 LEAST_ANGLES = 36
-BIN = 1.0
-"""mm of height that one circle is told from."""
-ENOUGH = 12
-"""Readings a cell on average, where there are so many."""
+CIRCLE_HEIGHT = 1.0
+"""mm of height that one circle is read from."""
+READINGS_PER_CELL = 12
+"""On average, where there are so many."""
 BLOCK = 256
 """Profiles worked on at once."""
 FORM = (
@@ -85,8 +85,8 @@ class TurnedEvidence:
 
 
 @dataclass(frozen=True, slots=True)
-class _Job:
-    """The part, where it was scanned, and its points about the datum axis."""
+class _Inspected:
+    """The part and the scan that it is inspected on."""
 
     part: Turned
     scan: Scan
@@ -119,14 +119,14 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
         raise NotEnoughData("found a surface without its scan and calibration; make it with roll(scan, calibration)")
     calibration = surface.calibration
     datum = datum_of(calibration, part.datum, part.bore_clearance)
-    job = _Job(part, surface.scan, table_angle(surface.scan, calibration), calibration, datum)
+    inspected = _Inspected(part, surface.scan, table_angle(surface.scan, calibration), calibration, datum)
     deviation = np.full(surface.x.shape, np.nan)
     found: list[Characteristic] = []
     drawn, remarks = [], [f"datum: {datum.remark}"]
     for section in part.sections:
-        grid, readings = _readings(surface, job, section)
+        grid, readings = _readings(surface, inspected, section)
         deviation.ravel()[readings.flat] = readings.deviation
-        lines, shown, remark = _section(job, section, grid, readings)
+        lines, shown, remark = _section(inspected, section, grid, readings)
         found += lines
         drawn += shown
         remarks += remark
@@ -144,51 +144,51 @@ def _settings(part: Turned, datum: Datum) -> dict[str, str]:
         "datum": f"{datum.name}: {datum.remark}",
         "filter": f"Gaussian, {part.upr} UPR (ISO 16610-21), along the circumference, for form and run-out",
         "reference": "least squares: circle at each height, cylinder of the section",
-        "heights": f"{MARGIN:g} mm from a section's ends left aside; one circle for each {BIN:g} mm or so",
-        "strays": f"farther than {REACH:g} mm from the drawing, or beyond 6 robust standard deviations of their cell",
+        "heights": f"{MARGIN:g} mm from a section's ends left aside; one circle for each {CIRCLE_HEIGHT:g} mm or so",
+        "outliers": f"farther than {REACH:g} mm from the drawing, or beyond 6 robust standard deviations of their cell",
         "noise": "its share of ranges is taken off by extrapolation to none (SIMEX); the floor stands beside each form",
         "decision rule": f"{EDITION}, guard band {GUARD_FACTOR:g} u",
     }
 
 
-def _readings(surface: Surface, job: _Job, section: Section) -> tuple[Grid, _Readings]:
+def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, _Readings]:
     """The section's grid, and its readings within the drawing's reach, about the datum axis."""
     margin = min(MARGIN, 0.15 * (section.top - section.bottom))
     low, high = section.bottom + margin, section.top - margin
-    pose, width = job.datum.pose, surface.x.shape[1]
+    pose, width = inspected.datum.pose, surface.x.shape[1]
     flats, psis, heights, offs = [], [], [], []
-    for first in range(0, job.scan.profiles, BLOCK):
+    for first in range(0, inspected.scan.profiles, BLOCK):
         rows = slice(first, first + BLOCK)
         z = surface.z[rows]
         near = np.flatnonzero((z > low - REACH) & (z < high + REACH))  # NaN compares false
         points = pose(np.stack([a[rows].ravel()[near] for a in (surface.x, surface.y, surface.z)], axis=-1))
         off = np.hypot(points[:, 0], points[:, 1]) - section.diameter / 2
-        own = np.flatnonzero((np.abs(off) < REACH) & (points[:, 2] > low) & (points[:, 2] < high))
-        flats.append(near[own] + first * width)
-        psis.append(np.arctan2(points[own, 1], points[own, 0]))
-        heights.append(points[own, 2])
-        offs.append(off[own])
+        on = np.flatnonzero((np.abs(off) < REACH) & (points[:, 2] > low) & (points[:, 2] < high))
+        flats.append(near[on] + first * width)
+        psis.append(np.arctan2(points[on, 1], points[on, 0]))
+        heights.append(points[on, 2])
+        offs.append(off[on])
     off = np.concatenate(offs)
-    grid = _grid(job, low, high, off.size)
+    grid = _grid(inspected, low, high, off.size)
     return grid, _Readings(
         np.concatenate(flats), off, grid.cells(np.concatenate(psis), np.concatenate(heights))
     )  # fmt: skip
 
 
-def _grid(job: _Job, low: float, high: float, readings: int) -> Grid:
+def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid:
     """Cells as fine as the filter needs, as far as the readings fill them."""
-    a_turn = job.scan.profiles / max(job.scan.revolutions, 1.0)
-    angles = int(np.clip(min(PER_WAVE * job.part.upr, a_turn / 2), LEAST_ANGLES, None))
-    heights = int(np.clip(min((high - low) / BIN, readings / (ENOUGH * angles)), 1, None))
+    a_turn = inspected.scan.profiles / max(inspected.scan.revolutions, 1.0)
+    angles = int(np.clip(min(CELLS_PER_WAVE * inspected.part.upr, a_turn / 2), LEAST_ANGLES, None))
+    heights = int(np.clip(min((high - low) / CIRCLE_HEIGHT, readings / (READINGS_PER_CELL * angles)), 1, None))
     return Grid(low, high, heights, angles)
 
 
 def _section(
-    job: _Job, section: Section, grid: Grid, readings: _Readings
+    inspected: _Inspected, section: Section, grid: Grid, readings: _Readings
 ) -> tuple[list[Characteristic], list[SectionEvidence], list[str]]:
     """One section's characteristics, what is drawn of it and what is to be said."""
     patches = patches_of(grid, readings.cell, readings.deviation, REACH)
-    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(job.part.upr))
+    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
     if not rings.used.any() or rings.coverage < PARTIAL:
         missing = [
             _characteristic(section, how, None, None, rings.coverage, "not_measurable") for how in _drawn(section)
@@ -209,7 +209,7 @@ def _section(
     whole = status_of(rings.coverage)
     closed = whole if bool(rings.closed.all()) else "partial"
     noise = np.maximum(clear.u, 0.0) * _rougher(patches, rings, reading, used)
-    U = _budgets(job, section, rings, _moved(job, readings, patches, rings, used), reading, noise)
+    U = _budgets(inspected, section, rings, _moved(inspected, readings, patches, rings, used), reading, noise)
     lines = [
         _characteristic(section, how, float(clear.value[i]), U[i], rings.coverage, closed if i else whole)
         for i, how in enumerate(_drawn(section))
@@ -257,19 +257,25 @@ def _characteristic(
 
 def _rougher(patches: Patches, rings: Rings, reading: Reading, used: Array) -> float:
     """By how much neighbouring cells differ more than their readings' own noise explains: speckle, drift, fine form."""
-    own = float(np.sqrt(np.nanmean(np.square(patches.noise[patches.seen]))))
+    usual = float(np.sqrt(np.nanmean(np.square(patches.noise[patches.seen]))))
     step = np.diff(np.where(rings.used[:, None], used, np.nan), axis=1)
-    return max(1.0, float(np.sqrt(np.nanmedian(np.square(step)) / 0.4549 / 2)) / max(own, 1e-12))
+    return max(1.0, float(np.sqrt(np.nanmedian(np.square(step)) / 0.4549 / 2)) / max(usual, 1e-12))
 
 
-def _moved(job: _Job, readings: _Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
-    """How the statistics change (2, k, 5) with each independent part of the calibration's doubt; None: not known."""
+def _moved(inspected: _Inspected, readings: _Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
+    """How the statistics change (2, k, 5) with each independent part of the calibration's U; None: not known."""
     at = np.flatnonzero(patches.pick.ravel() >= 0)
     flat = readings.flat[patches.pick.ravel()[at]]
-    row, column = np.divmod(flat, job.scan.x.shape[1])
+    row, column = np.divmod(flat, inspected.scan.x.shape[1])
     psi = np.broadcast_to(rings.angle, patches.mean.shape).ravel()[at]
-    outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ job.datum.pose.rotation
-    lifts = moves(job.calibration, job.scan.x[row, column], job.scan.z[row, column], job.angle[row], outward)
+    outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ inspected.datum.pose.rotation
+    lifts = moves(
+        inspected.calibration,
+        inspected.scan.x[row, column],
+        inspected.scan.z[row, column],
+        inspected.angle[row],
+        outward,
+    )
     if lifts is None:
         return None
     maps = np.zeros((len(lifts), used.size))
@@ -280,18 +286,18 @@ def _moved(job: _Job, readings: _Readings, patches: Patches, rings: Rings, used:
 
 
 def _budgets(
-    job: _Job, section: Section, rings: Rings, moved: Array | None, reading: Reading, noise: Array
+    inspected: _Inspected, section: Section, rings: Rings, moved: Array | None, reading: Reading, noise: Array
 ) -> list[tuple[tuple[Contribution, ...], float] | None]:
-    """Lines and U of each statistic; None where the calibration's own doubt is not known."""
+    """Lines and U of each statistic; None where the calibration's own uncertainty is not known."""
     if moved is None:
         return [None] * len(STATISTICS)
-    calibration = job.calibration
+    calibration = inspected.calibration
     U = budget_lines.spread_of(moved)
     apart = rings.radius - budget_lines.base_radius(calibration)
     middle = (section.bottom + section.top) / 2
     offset = max(hypot(*reading.centres[rings.used].mean(axis=0)), 0.0)
     travel = 2 * (calibration.eccentricity + offset)
-    axis = [replace(c, U=2 * c.U) for c in job.datum.lines(middle)]  # an axis aside by c shows as 2 c
+    axis = [replace(c, U=2 * c.U) for c in inspected.datum.lines(middle)]  # an axis aside by c shows as 2 c
     budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
     for i, name in enumerate(STATISTICS):
         lines = [
