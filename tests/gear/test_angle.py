@@ -36,7 +36,7 @@ def pitch(found, flank):
 
 
 @pytest.mark.parametrize("name", ["line", "drift", "two lines"])
-def test_several_turns_free_the_angle_of_what_does_not_repeat(name):
+def test_several_turns_correct_an_angle_error_that_does_not_repeat(name):
     """Before: more than 25 um of F_p too much, whatever was repeated; 8800 profiles are 2.2 turns."""
     found = turned(name)
     for flank in ("left", "right"):
@@ -45,27 +45,27 @@ def test_several_turns_free_the_angle_of_what_does_not_repeat(name):
     assert any("freed it of" in r for r in found.remarks)
 
 
-def test_a_steady_table_is_left_alone():
+def test_steady_table_needs_no_correction():
     found = turned("steady")
     assert not any("freed" in r for r in found.remarks) and not found.reasons
     for flank in ("left", "right"):
         assert pitch(found, flank) == pytest.approx(truth_of()[f"F_p_{flank}_um"], abs=0.2)
 
 
-def test_what_no_drift_and_no_line_explains_decides_nothing():
+def test_unexplained_unevenness_leaves_the_gear_undecided():
     """Its mean over the turns stays open, and looks like pitch."""
     found = turned("wander")
     assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
 
 
 @pytest.mark.more
-def test_too_few_turns_say_that_they_are_uneven():
+def test_too_few_turns_are_reported_as_uneven():
     """A turn and a half: half of the flanks came by twice, too few to correct by, enough to see it."""
     found = turned("line", simulation(6000))
     assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
 
 
-def test_a_measured_angle_is_not_doubted():
+def test_measured_angle_is_not_corrected():
     scan = scan_of(SPUR, WORN, TURNS)
     few = replace(scan, angle_source="angle")
     found = inspect_gear(apply_calibration(few, replace(true_calibration(), reasons=())), SPUR)

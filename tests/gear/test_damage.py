@@ -57,7 +57,7 @@ DAMAGED = replace(SOUND, worn=tuple(Worn(tooth, "left", *where, 0.1) for tooth, 
 
 
 @pytest.mark.parametrize("name", DAMAGE)
-def test_figures_that_read_damage_are_not_decided(name):
+def test_figures_that_touch_damage_are_undecided(name):
     tooth, *_, touched = DAMAGE[name]
     found = inspected(DAMAGED)
     for figure in touched:
@@ -78,7 +78,7 @@ def test_one_damaged_tooth_leaves_the_gear_undecided(name):
         assert verdict(found, figure, tooth) == verdict(found, figure, None) == "undecided", figure
 
 
-def test_a_flank_worn_over_the_pitch_point_leaves_pitch_undecided():
+def test_wear_over_the_pitch_point_leaves_pitch_undecided():
     """f_p is 30 um times the arc beyond what the flank reads elsewhere: 34 um, and 4 um without the wear."""
     found = inspected(worn((7.0, 9.5), FACE, 0.03, 1.25, UNEVEN))
     line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == ("f_p", None, "left"))
@@ -86,13 +86,13 @@ def test_a_flank_worn_over_the_pitch_point_leaves_pitch_undecided():
     assert abs(line.value - 34.2 * UM) < line.U
 
 
-def test_damage_that_no_trace_touches_is_listed_and_decides_no_trace():
+def test_damage_beside_the_traces_is_listed_and_leaves_traces_decided():
     found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.03))
     assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
     assert any("tooth 5 left" in remark and "below the flank" in remark for remark in found.remarks)
 
 
-def test_a_crater_that_no_trace_touches_leaves_the_gear_undecided():
+def test_crater_beside_the_traces_leaves_the_gear_undecided():
     found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.2))
     assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
     (chip,) = (d for d in found.defects if d.verdict is not None)
@@ -100,7 +100,7 @@ def test_a_crater_that_no_trace_touches_leaves_the_gear_undecided():
     assert found.verdict == "undecided"
 
 
-def test_the_deeper_the_groove_the_larger_u():
+def test_u_grows_with_the_depth_of_a_groove():
     """The depth that stands in U is the groove's, whatever it is."""
     for depth in (0.01, 0.04):
         found = inspected(worn((8.5, 9.8), FACE, depth))
@@ -138,14 +138,14 @@ def test_a_broken_tooth_leaves_the_figures_of_its_flanks_undecided():
     assert verdict(found, "f_p", None) == "undecided"
 
 
-def test_a_corner_that_broke_off_in_the_shadow_of_its_tooth_is_doubted():
+def test_corner_broken_off_out_of_view_leaves_the_gear_undecided():
     """The sensor looks up at 42 degrees to the axis: of the break at the upper end it sees nothing."""
     found = inspected(replace(SOUND, chips=(Chip(5, 23.5, 26.0, 1.0),)), points=320)
     assert [(d.tooth, d.kind, d.verdict) for d in found.defects] == [(5, "hidden tip", "undecided")]
     assert found.verdict == "undecided"
 
 
-def test_a_tip_broken_by_less_than_is_allowed_conforms():
+def test_tip_broken_by_less_than_the_limit_conforms():
     found = inspected(replace(SOUND, chips=(Chip(5, 12.0, 15.0, 0.07),)))
     assert found.verdict == "conforms" and all(d.verdict is None for d in found.defects)
 
@@ -161,7 +161,7 @@ def test_a_tip_broken_by_less_than_is_allowed_conforms():
     ),
     ids=["clean", "20 % wild, 10 % lost", "the same, sparse", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
 )
-def test_sound_gears_leave_nothing_undecided(how, points):
+def test_sound_gears_have_no_undecided_figure(how, points):
     found = inspected(SOUND, GEAR, how, points)
     assert found.verdict == "conforms"
     assert all(d.verdict is None for d in found.defects)
@@ -170,7 +170,7 @@ def test_sound_gears_leave_nothing_undecided(how, points):
 
 
 @pytest.mark.parametrize("helix", tried([15.0], -20.0))
-def test_flanks_at_the_edge_of_sight_are_no_damage(helix):
+def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
     gear = replace(helical(helix), accuracy_class=10)
     found = inspected(SOUND, gear, simulation(4400, upright=True), 640)
@@ -178,7 +178,7 @@ def test_flanks_at_the_edge_of_sight_are_no_damage(helix):
     assert len(doubted) <= 3  # of 288
 
 
-def test_dents_are_decided_where_they_lie():
+def test_dents_leave_undecided_only_the_figures_that_they_touch():
     """One on both traces, one on neither, one on the helix trace."""
     places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))
     dents = tuple(Dent(tooth, "left", roll, height, 0.75, 0.1) for tooth, roll, height in places)

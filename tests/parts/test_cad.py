@@ -61,7 +61,7 @@ def test_an_exact_involute_deviates_by_nothing():
 
 
 @pytest.mark.parametrize("fit", tried(["angle", "all"], "angle_and_height"))
-def test_the_angle_is_found_among_many_alike(fit):
+def test_rotation_of_a_wheel_is_found_nearest_to_the_recipe(fit):
     found = exact(fit)
     assert degrees(found.evidence.rotation) == pytest.approx(0.7, abs=2e-5)
     assert rms(found.deviation) < 0.05 * UM
@@ -69,7 +69,7 @@ def test_the_angle_is_found_among_many_alike(fit):
     assert np.allclose(found.evidence.shaft_from_model, turned(TURNED), atol=1e-4)
 
 
-def test_a_pose_that_is_wrong_is_seen():
+def test_wrong_pose_gives_deviations():
     """0.05 degrees at a reference radius of 24 mm, seen along the flank's normal: 24 cos(20 deg) times that."""
     _, mesh, scan, known = wheel()
     found = inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED + radians(0.05)), fit="none"))
@@ -87,7 +87,7 @@ def gap_toothed():
     return mesh, scanned(mesh, known, None, radians(137.0), (0.05, -0.03, 0.08), 600, 240), known
 
 
-def test_a_part_that_is_not_alike_all_round_is_found_anywhere():
+def test_part_without_symmetry_is_registered_from_any_angle():
     mesh, scan, known = gap_toothed()
     found = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="all"))
     assert not any("alike" in r for r in found.remarks)
@@ -96,7 +96,7 @@ def test_a_part_that_is_not_alike_all_round_is_found_anywhere():
     assert rms(found.deviation) < 0.05 * UM
 
 
-def test_what_the_fit_may_not_move_stays_off():
+def test_deviation_along_a_motion_outside_the_fit_remains():
     mesh, scan, known = gap_toothed()
     height = inspect_cad(apply_calibration(scan, known), Cad(mesh, fit="angle_and_height"))
     assert height.evidence.shaft_from_model[2, 3] == pytest.approx(0.08, abs=0.005)
@@ -146,7 +146,7 @@ def test_noise_is_no_deviation():
     assert degrees(found.evidence.rotation) == pytest.approx(0.0, abs=2e-4)
 
 
-def test_wild_readings_are_kept_but_do_not_count():
+def test_outliers_are_kept_and_do_not_count():
     _, mesh, scan, known = wheel()
     rng = np.random.default_rng(8)
     wild = rng.random(scan.z.shape) < 0.2
@@ -161,7 +161,7 @@ def test_wild_readings_are_kept_but_do_not_count():
     assert np.nanmax(np.abs(found.deviation)) > 0.3
 
 
-def test_a_round_part_leaves_its_angle_open():
+def test_round_part_leaves_its_angle_free():
     known = calibration()
     mesh = extruded(circle(12.5), 15.0, 45.0)
     scan = scanned(mesh, known, None, profiles=300, points=160)
@@ -191,7 +191,7 @@ def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
 
 
 @pytest.mark.more
-def test_the_calibrations_line_is_what_drawn_calibrations_do():
+def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     """An exact part deviates by the calibration's error alone; 20 draws tell its mean square to a quarter."""
     own, mesh, _, known = wheel()
     scan = scanned(mesh, known, own.sharpen, TURNED, profiles=300, points=160)
@@ -222,7 +222,7 @@ def test_the_fit_takes_up_what_it_may_move():
         assert ("bore clearance" in lines(loose, "deviation_max")) is counts
 
 
-def test_surfaces_that_turn_their_back_are_no_hits():
+def test_surfaces_facing_away_are_no_hits():
     """A ray that starts within a plate before the surface leaves it, and goes on to the surface that faces it."""
 
     def plate(bottom, top):
@@ -248,7 +248,7 @@ def test_a_surface_without_its_scan_and_a_model_without_surface_are_refused():
         inspect_cad(apply_calibration(scan, known), Cad(flat))
 
 
-def test_what_lies_beside_the_model_is_no_part_of_it():
+def test_readings_beside_the_model_are_no_part_of_it():
     """The shaft under the wheel comes along in the scan; it has no deviation and does not count."""
     own, mesh, _, known = wheel()
     shaft = extruded(circle(12.5, 400), -60.0, own.bottom)
@@ -277,7 +277,7 @@ def bowl(depth, radius):
 
 
 @pytest.mark.parametrize("radius", tried([0.8, 2.0], 1.2))
-def test_a_dent_that_a_patch_flattens_is_not_decided(radius):
+def test_dent_smaller_than_a_patch_is_undecided(radius):
     """0.1 mm deep, limits of 0.08 mm: a mean over the patch reads less, and its U says by how much."""
     mesh, scan, known = bowl(0.1, radius)
     found = inspect_cad(apply_calibration(scan, known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08)))
@@ -289,7 +289,7 @@ def test_a_dent_that_a_patch_flattens_is_not_decided(radius):
 
 
 @pytest.mark.parametrize("lost", tried([False], True), ids=["read behind", "not read"])
-def test_a_tooth_that_is_gone_is_no_agreement(lost):
+def test_missing_tooth_never_conforms(lost):
     """The rays that should meet it go on to what lies behind, or come back with nothing."""
     own, mesh, _, known = wheel()
     broken = extruded(own.outline(40, without=(3,)), own.bottom, own.top)
@@ -305,7 +305,7 @@ def test_a_tooth_that_is_gone_is_no_agreement(lost):
     assert float(told.split("polar angle ")[1].split()[0]) == pytest.approx(45.7, abs=1.5)  # three pitches, turned
 
 
-def test_wild_and_lost_readings_leave_no_surface_unmet():
+def test_outliers_and_lost_readings_leave_no_surface_unconfirmed():
     _, mesh, scan, known = wheel()
     rng = np.random.default_rng(8)
     wild, lost = rng.random(scan.z.shape) < 0.2, rng.random(scan.z.shape) < 0.1

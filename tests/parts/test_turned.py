@@ -77,14 +77,14 @@ def test_a_round_shaft_has_its_diameter_and_no_form():
     assert all(c.status == "measured" for c in found.characteristics)
 
 
-def test_an_oval_reads_twice_its_amplitude_as_far_as_the_filter_lets_it_pass():
+def test_oval_has_a_roundness_of_twice_its_filtered_amplitude():
     found = inspected("oval", replace(PART, upr=5))
     expected = 2 * 0.030 * float(transmission(np.array([2]), 5)[0])
     assert line(found, "base", "roundness").value == pytest.approx(expected, abs=0.001)
     assert line(found, "base", "runout").value == pytest.approx(expected, abs=0.001)
 
 
-def test_short_waves_pass_or_not_by_the_filter():
+def test_filter_attenuates_short_waves():
     passed = 2 * 0.002 * float(transmission(np.array([30]), 50)[0])
     assert line(inspected("wavy"), "base", "roundness").value == pytest.approx(passed, abs=0.0012)
     assert line(inspected("wavy", replace(PART, upr=15)), "base", "roundness").value < 0.0012
@@ -117,7 +117,7 @@ def test_a_leaning_section_is_a_cylinder_that_runs_out_the_more_the_farther():
     assert line(found, "base", "roundness").value < 0.0015
 
 
-def test_a_small_diameter_is_told_and_decided():
+def test_too_small_a_diameter_does_not_conform():
     limits = (24.992, 25.002)
     part = Turned((replace(BASE, diameter_limits=limits, runout_limit=0.02),))
     small, right = inspected("small", part), inspected("round", part)
@@ -130,7 +130,7 @@ def test_a_small_diameter_is_told_and_decided():
     assert inspected("small", wide).verdict == "does_not_conform"
 
 
-def test_a_fifth_of_wild_readings_moves_nothing():
+def test_a_fifth_of_outliers_changes_nothing():
     """0.2 um in d, the promise; the lost readings alone cost 0.02."""
     clean, dirty = inspected("oval"), inspected("oval", outliers=0.2)
     for section in ("base", "seat"):
@@ -178,7 +178,7 @@ def test_a_keyway_leaves_the_diameter_and_makes_form_partial():
     assert roundness.value < 0.003
 
 
-def test_what_is_not_there_is_not_measured():
+def test_section_that_is_not_there_is_not_measurable():
     found = inspected("round", Turned((Section("collar", -14.0, -0.5, 30.0), Section("far", 50.0, 60.0, 25.0))))
     assert {c.status for c in found.characteristics} == {"not_measurable"}
     assert all(c.value is None for c in found.characteristics)
@@ -186,7 +186,7 @@ def test_what_is_not_there_is_not_measured():
     assert np.isnan(found.deviation).all()
 
 
-def test_the_calibrations_line_is_what_drawn_calibrations_do():
+def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     """40 draws tell a standard deviation to 11 %: within 30 %."""
     scan, known = scanned("eccentric")
     rng = np.random.default_rng(5)
@@ -221,7 +221,7 @@ def test_the_datum_adds_to_run_out_only():
     assert line(sure, "base", "d").U == line(loose, "base", "d").U
 
 
-def test_linearity_counts_with_the_distance_from_the_shaft():
+def test_linearity_grows_with_the_distance_from_the_shaft():
     found = inspected("round")
     assert "linearity of the sensor" not in budget(line(found, "base", "d"))
     assert budget(line(found, "seat", "d"))["linearity of the sensor"] == pytest.approx(2 * 0.02 * 0.553)
@@ -250,14 +250,14 @@ def test_a_surface_without_its_scan_is_refused():
         inspect_turned(Surface(*np.zeros((3, 2, 2))), PART)
 
 
-def test_the_settings_say_how():
+def test_settings_name_filter_reference_and_datum():
     settings = inspected("round").settings
     assert "50 UPR" in settings["filter"]
     assert "ISO 14253-1" in settings["decision rule"]
     assert "0.3 mm" in settings["heights"]
 
 
-def test_with_a_calibration_of_its_own_every_error_is_within_u():
+def test_errors_are_within_u_of_a_found_calibration():
     """The whole chain: the shaft calibrates the stand and is then inspected as a part."""
     scan, _ = scanned("oval")
     own = calibrate(scan, shaft())

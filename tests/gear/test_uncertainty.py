@@ -1,6 +1,7 @@
-"""What error does what: the sensitivities of ../shared/GEAR.md on rolled-up scans, and U against them."""
+"""Uncertainty of gear figures: sensitivities against closed forms, and U against errors put in."""
 
 from dataclasses import replace
+from functools import cache
 from math import cos, radians
 
 import numpy as np
@@ -10,7 +11,8 @@ from gears import SPUR, calibrated, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
 from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
 from truestand.core.surface import apply_calibration
-from truestand.gear.evaluate import figures_of
+from truestand.gear.budget import Influence, expanded
+from truestand.gear.evaluate import evaluate, figures_of
 from truestand.gear.flanks import find_flanks, find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import evaluate_flanks, inspect_gear
@@ -37,7 +39,7 @@ def figures(radial=0.0, offset=0.0, tilt=0.0, shaft=(0.0, 0.0)):
     return {(c.name, c.flank): c.value for c in found.characteristics if c.tooth is None} | {"remarks": found.remarks}
 
 
-def test_nothing_off_reads_nothing():
+def test_perfect_gear_with_the_true_calibration_has_no_deviations():
     found = figures()
     for name in ("F_p", "f_p", "f_Halpha", "f_Hbeta"):
         assert abs(found[name, "left"]) < 0.1 * UM
@@ -52,7 +54,7 @@ def slope_of(deviation):
     return np.polyfit(roll_length, deviation(alpha), 1)[0] * nominal.control_length
 
 
-def test_radial_zero():
+def test_radial_zero_error_gives_equal_profile_slopes():
     """delta = dr sin(alpha). GEAR.md: 3.6 um for 10 um from a roll length of 3 mm on; our control length is longer."""
     found = figures(radial=10 * UM)
     for flank in ("left", "right"):
@@ -61,7 +63,7 @@ def test_radial_zero():
     assert any("a radial zero 10 um off" in r for r in found["remarks"])
 
 
-def test_lateral_offset_tilts_the_flanks_against_each_other():
+def test_lateral_offset_gives_opposite_profile_slopes():
     """delta = +-h cos(alpha): 6.5 um for 50 um; what is alike on both sides is second order, h d / r."""
     found = figures(offset=50 * UM)
     left, right = found["f_Halpha", "left"], found["f_Halpha", "right"]
@@ -70,7 +72,7 @@ def test_lateral_offset_tilts_the_flanks_against_each_other():
     assert any("a laser plane 50 um beside" in r for r in found["remarks"])
 
 
-def test_line_skew_tilts_the_helices_against_each_other():
+def test_line_skew_gives_opposite_helix_slopes():
     """+-eps b cos(alpha): 18.8 um for 1 mrad over 20 mm."""
     found = figures(tilt=1e-3)
     left, right = found["f_Hbeta", "left"], found["f_Hbeta", "right"]
@@ -79,7 +81,7 @@ def test_line_skew_tilts_the_helices_against_each_other():
     assert any("skew by 1.00 mrad" in r for r in found["remarks"])
 
 
-def test_a_residual_eccentricity_is_pitch_and_runout():
+def test_residual_eccentricity_gives_pitch_and_runout():
     found = figures(shaft=(10 * UM, 0.0))
     for flank in ("left", "right"):
         assert found["F_p", flank] == pytest.approx(20 * UM / cos(ALPHA), rel=0.03)
@@ -87,7 +89,7 @@ def test_a_residual_eccentricity_is_pitch_and_runout():
 
 
 @pytest.mark.more
-def test_u_covers_calibrations_drawn_from_their_own_doubt():
+def test_u_covers_calibrations_drawn_from_their_covariance():
     """Monte Carlo: calibrations drawn from the covariance, each used on the same scan. U (k = 2) of the lines that the
     calibration makes must cover about 95 % of what comes out.
     """
@@ -128,7 +130,7 @@ FROM_CALIBRATION = (
 )  # fmt: skip
 
 
-def test_what_the_sensor_may_err_on_steep_flanks_comes_from_the_recipe():
+def test_incidence_u_of_the_recipe_replaces_the_assumed_one():
     scan = scan_of(SPUR, PERFECT, QUIET)
     sensor = replace(scan.stand.sensor, incidence_U=0.001)
     better = replace(scan, stand=replace(scan.stand, sensors=(sensor,)))
@@ -137,7 +139,7 @@ def test_what_the_sensor_may_err_on_steep_flanks_comes_from_the_recipe():
     assert U[1] < U[0] / 3
 
 
-def test_the_datum_s_doubt_is_in_pitch():
+def test_bore_clearance_is_in_the_budget_of_pitch():
     """A seat whose axis is known to c adds up to 2 c / cos(alpha) to F_p (GEOMETRY.md)."""
     scan = scan_of(SPUR, PERFECT, QUIET)
     surface = apply_calibration(scan, replace(true_calibration(), covariance=np.zeros((0, 0))))
@@ -150,7 +152,32 @@ def test_the_datum_s_doubt_is_in_pitch():
     assert lines[1].U > lines[0].U
 
 
-def test_a_record_without_covariance_says_so():
+def test_record_without_covariance_is_remarked():
     bare = replace(calibrated(), covariance=np.zeros((0, 0)))
     found = inspect_gear(apply_calibration(scan_of(), bare), SPUR)
     assert any("no covariance" in r for r in found.remarks)
+
+
+@cache
+def evaluated():
+    surface = apply_calibration(scan_of(), true_calibration())
+    return evaluate_flanks(
+        find_flanks(surface, find_toothing(surface, involute(SPUR), datum_of(true_calibration(), "base")))
+    )
+
+
+def test_u_of_an_input_is_the_same_for_either_sign_of_its_field():
+    """The larger of both ways counts: ranges grow one way and shrink the other."""
+    weights, measures = evaluated()
+    field = 3 * UM * np.square(weights.grid.heights / weights.grid.heights.max()) + np.zeros(weights.grid.delta.shape)
+    U = [expanded((Influence("bend", s * field, 0.0, UM),), measures, weights)["bend"] for s in (1.0, -1.0)]
+    assert np.nanmax(U[0]["F_beta"]) > UM
+    for name in U[0]:
+        assert U[0][name] == pytest.approx(U[1][name], rel=1e-9, nan_ok=True), name
+
+
+def test_flanks_moved_alike_move_position_and_areal_mean_alike():
+    weights, measures = evaluated()
+    moved = evaluate(weights.grid.delta + 7 * UM, weights)
+    for name in ("position", "area"):
+        assert getattr(moved, name) - getattr(measures, name) == pytest.approx(7 * UM, abs=1e-12, nan_ok=True), name
