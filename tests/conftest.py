@@ -1,8 +1,12 @@
-"""Before numpy is loaded: one thread for linear algebra, as on the command line."""
+"""For all tests. Before numpy is loaded: one thread for linear algebra, as on the command line."""
 
+import gc
 import os
 import signal
+import sys
 from pathlib import Path
+
+import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started with Ctrl-C ignored
@@ -25,3 +29,13 @@ def pytest_collection_modifyitems(items):
 def pytest_xdist_auto_num_workers():
     """One more than there are cores: many tests wait for sockets and tables."""
     return (os.cpu_count() or 1) + 1
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _memory_of_a_module(request):
+    """Scans and results that a module cached end with it; servers leave cycles that are not collected in time."""
+    yield
+    own = [f for f in vars(request.module).values() if getattr(f, "__module__", "") == request.module.__name__]
+    for cached in (*own, getattr(sys.modules.get("gears"), "scanned", None)):
+        getattr(cached, "cache_clear", int)()
+    gc.collect()

@@ -12,6 +12,7 @@ from math import radians, tau
 import numpy as np
 import pytest
 
+from patience import NOT_FOR_EVER
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.core.stand import Sensor
 from truestand.devices.sensors.opening import open_sensor
@@ -83,7 +84,7 @@ def seen(sensor, seconds):
 def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction, protocol):
     with virtual(last, direction, protocol, pace=4.0) as made:
         where = made.addresses()[0].split()[-1]
-        table = open_table(TableRecipe(protocol=protocol, address=where))
+        table = open_table(TableRecipe(protocol=protocol, address=where, timeout_s=NOT_FOR_EVER))
         sensor = sensor_at(last)
         try:
             table.home()
@@ -112,7 +113,7 @@ def test_the_other_protocols_are_served_too(last, protocol):
     with virtual_stand(stand(), EXACT, paper_shaft(), recipe, [place]) as made:
         where = made.addresses()[0].split()[-1]
         assert f"{NET}.{last}" in where
-        table = open_table(TableRecipe(protocol=protocol, address=where))
+        table = open_table(TableRecipe(protocol=protocol, address=where, timeout_s=NOT_FOR_EVER))
         assert not table.state().moving
         table.close()
 

@@ -32,7 +32,8 @@ LINES = "LastResult/Characteristics"
 
 @pytest.fixture
 def page(tmp_path):
-    return make_page(tmp_path)
+    yield make_page(tmp_path)
+    gc.collect()  # 40 MB of address space a server, in cycles
 
 
 def talk(page, conversation, **more):
