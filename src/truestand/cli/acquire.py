@@ -59,7 +59,7 @@ def acquire(
 def tell(taken: "Taken", as_json: bool, quiet: bool) -> None:
     """What came of it, and the exit code that says so."""
     from truestand.cli.exit_codes import INTERRUPTED, UNDECIDED
-    from truestand.cli.talk import hint, print_json
+    from truestand.cli.terminal import hint, print_json
 
     if as_json:
         print_json(record_of(taken))

@@ -22,7 +22,7 @@ def audit(
     Example: truestand audit --store results
     """
     from truestand.cli.keeping import folder_of
-    from truestand.cli.talk import hint, print_json, working
+    from truestand.cli.terminal import hint, print_json, working
     from truestand.store import Store
 
     with working("Auditing", quiet) as advance:

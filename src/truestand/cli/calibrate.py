@@ -62,9 +62,9 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
+    from truestand.cli.evaluation import scan_reader
     from truestand.cli.keeping import keeping
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, steps
+    from truestand.cli.terminal import print_json, print_table, steps
     from truestand.files.records.records import read_json
     from truestand.station.pipeline import Inputs, Outputs, calibrate_job
 
@@ -116,7 +116,7 @@ def tell_witness(tied: "Transfer", quiet: bool) -> None:
     """Say what the shaft in view of a scan told about the zero of the table's angle."""
     from math import degrees
 
-    from truestand.cli.talk import hint
+    from truestand.cli.terminal import hint
 
     if tied.witness is not None and tied.calibration.angle_zero == "witness":
         turn, U = degrees(tied.witness.angle_shift), degrees(tied.witness.angle_U)
@@ -126,7 +126,7 @@ def tell_witness(tied: "Transfer", quiet: bool) -> None:
 
 def tell_doubts(calibration: "Calibration", quiet: bool) -> None:
     """Say why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
-    from truestand.cli.talk import hint
+    from truestand.cli.terminal import hint
 
     for reason in calibration.reasons:
         hint(f"truestand: untrusted: {reason}", quiet)

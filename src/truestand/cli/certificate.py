@@ -31,7 +31,7 @@ def certificate(
 
     Example: truestand certificate calibration.json --laboratory laboratory.toml -o dcc.xml
     """
-    from truestand.cli.talk import hint, print_json
+    from truestand.cli.terminal import hint, print_json
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_bytes_atomic
     from truestand.files.json_text import parse_json

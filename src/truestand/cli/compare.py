@@ -38,8 +38,8 @@ def compare(
     from time import perf_counter
 
     from truestand.calibration.peers import peers
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, working
+    from truestand.cli.evaluation import scan_reader
+    from truestand.cli.terminal import print_json, print_table, working
     from truestand.files.atomic import write_json_atomic
     from truestand.files.recipes.recipes import read_shaft
     from truestand.files.records.comparison import axis_of, comparison_record, comparison_row

@@ -41,7 +41,7 @@ def demo(
     Example: truestand demo --open
     """
     from truestand.cli.live import ended_by_signals
-    from truestand.cli.talk import print_table
+    from truestand.cli.terminal import print_table
     from truestand.files.recipes.recipes import STARTERS, write_starters
     from truestand.report.terminal import inspection_table, summary_table
 
@@ -152,7 +152,7 @@ def _virtual_stand(out: Path) -> Iterator[None]:
 
 def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, Any]]:
     """Scan the shaft, calibrate by both methods, write all of it: ours, the published method's, the truth."""
-    from truestand.cli.talk import steps
+    from truestand.cli.terminal import steps
     from truestand.files.atomic import write_json_atomic
     from truestand.files.records.records import read_json, write_calibration
     from truestand.station.pipeline import Inputs, Outputs, calibrate_job
@@ -174,7 +174,7 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
 
 def _inspect(bench: Bench) -> tuple["Inspection", dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
-    from truestand.cli.talk import steps
+    from truestand.cli.terminal import steps
     from truestand.files.records.records import read_json
     from truestand.station.pipeline import Inputs, Outputs, inspect_job
 

@@ -95,7 +95,7 @@ def form(
 
     Example: truestand form export.csv --feature plane --columns 2,3,4 --unit um
     """
-    from truestand.cli.talk import print_json, working
+    from truestand.cli.terminal import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_json_atomic
     from truestand.files.records.form_record import form_record
@@ -139,7 +139,7 @@ def _transferred(
     path: Path, calibration: Path, stand: Path | None, feature: FeatureName, start_angle_deg: float | None
 ) -> "Transfer":
     """The scan, and the calibration as it applies to it."""
-    from truestand.cli.reading import scan_reader
+    from truestand.cli.evaluation import scan_reader
     from truestand.core.errors import BadRecipe
     from truestand.files.records.records import read_calibration
 

@@ -35,7 +35,7 @@ def history(
     Example: truestand history --store results --quantity phi_deg --report history.html
     """
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json
+    from truestand.cli.terminal import print_json
     from truestand.store.history import inspections, series
 
     _check(since)
@@ -67,7 +67,7 @@ def _check(since: str | None) -> None:
 
 
 def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | None) -> None:
-    from truestand.cli.talk import print_table
+    from truestand.cli.terminal import print_table
     from truestand.report.history_tables import inspections_table, readings_table, series_table
 
     courses = [_course(s) for s in found]
@@ -143,7 +143,7 @@ def _gage(
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json, print_table
+    from truestand.cli.terminal import print_json, print_table
     from truestand.files.atomic import write_text_atomic
     from truestand.files.records.study import read_study
     from truestand.report.history import study_report

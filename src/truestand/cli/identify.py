@@ -30,8 +30,8 @@ def identify(
     Example: truestand identify gear.csv --calibration calibration.json -o gear.toml
     """
     from truestand.cli.calibrate import tell_doubts
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, working
+    from truestand.cli.evaluation import scan_reader
+    from truestand.cli.terminal import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.core.frames import Pose
     from truestand.core.surface import apply_calibration

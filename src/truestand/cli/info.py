@@ -20,7 +20,7 @@ def info(
 
     Example: truestand info k1.csv
     """
-    from truestand.cli.talk import print_json, working
+    from truestand.cli.terminal import print_json, working
     from truestand.files.scans.read import info as describe
     from truestand.files.scans.read import info_of_several, read_recording, recordings
 

@@ -53,9 +53,9 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
+    from truestand.cli.evaluation import scan_reader
     from truestand.cli.keeping import keeping
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, steps
+    from truestand.cli.terminal import print_json, print_table, steps
     from truestand.files.records.records import read_json
     from truestand.report.terminal import inspection_table
     from truestand.station.pipeline import Inputs, Outputs, inspect_job
@@ -82,7 +82,7 @@ def inspect(
 
 def tell(inspection: "Inspection", quiet: bool) -> None:
     """Say why nothing could be decided, and what the reader should know."""
-    from truestand.cli.talk import hint
+    from truestand.cli.terminal import hint
 
     for remark in inspection.remarks:
         hint(f"truestand: {remark}", quiet)

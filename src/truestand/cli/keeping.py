@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truestand.cli.talk import hint
+from truestand.cli.terminal import hint
 
 if TYPE_CHECKING:
     from truestand.station.pipeline import Outcome

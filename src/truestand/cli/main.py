@@ -14,10 +14,10 @@ from truestand.cli import (
     certificate,
     compare,
     demo,
+    files,
     form,
     history,
     identify,
-    importing,
     info,
     init,
     inspect,
@@ -26,7 +26,7 @@ from truestand.cli import (
     schema,
     serve,
     simulate,
-    stand,
+    simulate_stand,
     store,
     verify,
 )
@@ -47,7 +47,7 @@ app = typer.Typer(
 app.command("demo")(demo.demo)
 app.command("init")(init.init)
 app.command("simulate")(simulate.simulate)
-app.command("import")(importing.import_scan)
+app.command("import")(files.import_scan)
 app.command("info")(info.info)
 app.command("calibrate")(calibrate.calibrate)
 app.command("verify")(verify.verify)
@@ -58,7 +58,7 @@ app.command("form")(form.form)
 app.command("compare")(compare.compare)
 app.command("acquire")(acquire.acquire)
 app.command("recover")(recover.recover)
-app.add_typer(stand.app, name="stand")
+app.add_typer(simulate_stand.app, name="stand")
 app.command("history")(history.history)
 app.command("audit")(audit.audit)
 app.add_typer(store.app, name="store")

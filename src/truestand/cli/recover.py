@@ -22,7 +22,7 @@ def recover(
     Example: truestand recover k1.log
     """
     from truestand.cli.acquire import tell
-    from truestand.cli.talk import working
+    from truestand.cli.terminal import working
     from truestand.core.errors import BadRecipe
     from truestand.files.scans.write_scan import NATIVE, check_output
     from truestand.station.convert import convert, sort_log

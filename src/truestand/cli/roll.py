@@ -23,8 +23,8 @@ def roll(
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
     from truestand.cli.calibrate import tell_doubts, tell_witness
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import working
+    from truestand.cli.evaluation import scan_reader
+    from truestand.cli.terminal import working
     from truestand.core.surface import apply_calibration
     from truestand.files.records.records import read_calibration
     from truestand.files.shapes.clouds import check_suffix, write_cloud

@@ -35,7 +35,7 @@ def simulate(
 
     Example: truestand simulate stand.toml --artefact shaft.toml --part gear.toml -o gear.csv --truth truth.json
     """
-    from truestand.cli.talk import working
+    from truestand.cli.terminal import working
     from truestand.files.atomic import write_json_atomic
     from truestand.files.recipes.parts import read_part, read_part_simulation
     from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand

@@ -22,7 +22,7 @@ def listed(
     Example: truestand store list --store results
     """
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json
+    from truestand.cli.terminal import print_json
 
     entries = opened(store).entries(last=last)
     if as_json:
@@ -52,7 +52,7 @@ def correct(
     Example: truestand store correct 12 --record inspection.json --reason "wrong drawing" --store results
     """
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint
+    from truestand.cli.terminal import hint
     from truestand.files.records.records import read_json
 
     kept = opened(store)
@@ -74,7 +74,7 @@ def note(
     Example: truestand store note "sensor cleaned" --store results
     """
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint
+    from truestand.cli.terminal import hint
 
     hint(f"truestand: kept as entry {opened(store).note(text, about, operator=operator).number}", quiet)
 
@@ -90,7 +90,7 @@ def backup(
     Example: truestand store backup /mnt/backup/results --store results
     """
     from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint, working
+    from truestand.cli.terminal import hint, working
 
     with working("Copying", quiet):
         count = opened(store).backup(target)

@@ -44,9 +44,9 @@ def verify(
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
+    from truestand.cli.evaluation import scan_reader
     from truestand.cli.keeping import keeping
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import hint, print_json, steps
+    from truestand.cli.terminal import hint, print_json, steps
     from truestand.core.units import mm_from_um
     from truestand.station.pipeline import Inputs, Outputs, verify_job
 

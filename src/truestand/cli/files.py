@@ -30,7 +30,7 @@ def import_scan(
 
     Example: truestand import k1.csv --stand stand.toml -o k1.h5
     """
-    from truestand.cli.talk import hint, working
+    from truestand.cli.terminal import hint, working
     from truestand.files.recipes.recipes import read_stand
     from truestand.files.scans.read import read_recording
     from truestand.files.scans.write_scan import write_recording

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from truestand.cli.options import radians_or_none
-from truestand.cli.talk import working
+from truestand.cli.terminal import working
 from truestand.core.scan import interpret
 from truestand.files.recipes.recipes import read_stand
 from truestand.files.scans.read import read_recording
