@@ -11,6 +11,7 @@ from jsonschema import Draft202012Validator
 
 from command import run, run_process
 from exports import scancontrol
+from truestand.cli import main
 from truestand.files.shapes.points import read_ply
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
@@ -38,6 +39,13 @@ def test_help_names_every_command_and_loads_nothing_heavy():
     text, modules = shown.stdout.rstrip("\n").rsplit("\n", 1)
     assert all(name in text for name in COMMANDS)
     assert not {"numpy", "scipy", "matplotlib", "h5py", "pydantic", "fastapi"} & set(modules.split())
+
+
+@pytest.mark.parametrize("commands", [main.COMMANDS, main.STAND_COMMANDS, main.STORE_COMMANDS])
+def test_the_list_of_commands_shows_the_first_paragraph_of_each_command_s_help(commands):
+    for name, (function, summary) in commands.items():
+        paragraph, *_ = main.LazyCommand(name, function, summary).load().help.split("\n\n")
+        assert " ".join(paragraph.split()) == summary
 
 
 @pytest.mark.parametrize("command", COMMANDS)

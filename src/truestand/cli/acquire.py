@@ -1,21 +1,32 @@
-"""``truestand acquire``: take a scan with the stand."""
+"""``truestand acquire`` and ``recover``: take a scan with the stand, or write what the log of one holds."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, OperatorOption, QuietOption, StoreOption
-
-if TYPE_CHECKING:
-    from truestand.station.scan import Taken
-
-StandFile = Annotated[Path, typer.Option("--stand", metavar="STAND.toml", help="The stand, with its [devices].")]
+from truestand.cli.evaluation import result_keeper
+from truestand.cli.options import (
+    INTERRUPTED,
+    UNDECIDED,
+    DevicesOption,
+    ForceOption,
+    JsonOption,
+    OperatorOption,
+    QuietOption,
+    StoreOption,
+)
+from truestand.cli.terminal import hint, interrupted_by_signals, print_json, progress, scan_progress
+from truestand.core.errors import BadRecipe
+from truestand.files.scans.write_scan import NATIVE, check_output
+from truestand.station.convert import convert, sort_log
+from truestand.station.recipe import order_of, read_devices
+from truestand.station.scan import Taken, output_of, take_scan, write_scans
 
 
 def acquire(
-    stand: StandFile,
+    stand: DevicesOption,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="SCAN.h5", help="The scan; native.")],
     turns: Annotated[
         float | None, typer.Option(min=0.01, max=1000.0, help="Turns to scan; default: [devices.acquire] turns.")
@@ -33,48 +44,60 @@ def acquire(
 
     Example: truestand acquire --stand stand.toml -o k1.h5
     """
-    from truestand.cli.keeping import keeping
-    from truestand.cli.live import ended_by_signals, live_bar
-    from truestand.core.errors import BadRecipe
-    from truestand.files.scans.write_scan import NATIVE, check_output
-    from truestand.station.recipe import order_of, read_devices
-    from truestand.station.scan import output_of, take_scan
-
     if output.suffix.lower() not in NATIVE:
         raise BadRecipe(f"{output}: found suffix {output.suffix!r}, need .h5; `truestand import` writes others")
     described, devices = read_devices(stand)
-    into = keeping(store, stand, operator, quiet)
+    keeper = result_keeper(store, stand, operator, quiet)
     order = order_of(described, devices.acquire, turns)
-    for name in (d.name for d in devices.sensor):
-        check_output(output_of(output, name, len(devices.sensor)), force)
-    with ended_by_signals(), live_bar(quiet) as show:
+    for sensor in devices.sensor:
+        check_output(output_of(output, sensor.name, len(devices.sensor)), force)
+    with interrupted_by_signals(), scan_progress(quiet) as show:
         taken = take_scan(stand, described, devices, order, output, show, keep_log)
     if taken.written:
         scans = {f"scan {one.scan.sensor}": one.path for one in taken.written}
         status = "complete" if taken.complete else "incomplete"
-        into.add("scan", {"status": status, **record_of(taken)}, {**scans, "stand": stand})
-    tell(taken, as_json, quiet)
+        keeper.add("scan", {"status": status, **_record(taken)}, {**scans, "stand": stand})
+    _print_and_exit(taken, as_json, quiet)
 
 
-def tell(taken: "Taken", as_json: bool, quiet: bool) -> None:
-    """What came of it, and the exit code that says so."""
-    from truestand.cli.exit_codes import INTERRUPTED, UNDECIDED
-    from truestand.cli.terminal import hint, print_json
+def recover(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The .log that a recording left.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="SCAN.h5", help="Default: beside the log.")
+    ] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write what a log holds as a native scan: 0 proven complete, 3 incomplete (written, with the reason).
 
+    Example: truestand recover k1.log
+    """
+    target = log.with_suffix(".h5") if output is None else output
+    if target.suffix.lower() not in NATIVE:
+        raise BadRecipe(f"{target}: found suffix {target.suffix!r}, need .h5, which says whether the scan is complete")
+    check_output(target, force)
+    with progress(f"Reading {log.name}", quiet):
+        written = write_scans(convert(sort_log(log)), target, force)
+    _print_and_exit(Taken(written), as_json, quiet)
+
+
+def _print_and_exit(taken: Taken, as_json: bool, quiet: bool) -> None:
+    """Print the result, and end with the exit code that says how complete it is."""
     if as_json:
-        print_json(record_of(taken))
+        print_json(_record(taken))
     elif not quiet:
         for one in taken.written:
             typer.echo(one.path)
     for line in _hints(taken):
-        hint(f"truestand: {line}", quiet)
+        hint(line, quiet)
     if taken.interrupted:
         raise typer.Exit(INTERRUPTED)
     if not taken.complete:
         raise typer.Exit(UNDECIDED)
 
 
-def _hints(taken: "Taken") -> Iterator[str]:
+def _hints(taken: Taken) -> Iterator[str]:
     """What people need to know besides the paths."""
     for one in taken.written:
         yield from (f"incomplete: {reason}" for reason in one.scan.reasons)
@@ -85,7 +108,7 @@ def _hints(taken: "Taken") -> Iterator[str]:
         yield "the stand stays in fault: mend the cause, then `truestand stand reset`"
 
 
-def record_of(taken: "Taken") -> dict[str, Any]:
+def _record(taken: Taken) -> dict[str, Any]:
     """The result as JSON."""
     return {
         "complete": taken.complete,

@@ -1,28 +1,30 @@
-"""Scans as the options of a command say: on which stand, from which table angle."""
+"""What the commands that evaluate scans share: reading scans, keeping results, saying why one is not trusted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
-from truestand.cli.options import radians_or_none
-from truestand.cli.terminal import working
-from truestand.core.scan import interpret
-from truestand.files.recipes.recipes import read_stand
+import typer
+
+from truestand.apply.transfer import Transfer, transfer
+from truestand.cli.options import UNDECIDED, radians_or_none
+from truestand.cli.terminal import hint, progress
+from truestand.core.calibration import Calibration
+from truestand.core.scan import Scan, interpret
+from truestand.core.stand import Stand
+from truestand.files.recipes.recipes import read_stand, read_store_folder
 from truestand.files.scans.read import read_recording
-
-if TYPE_CHECKING:
-    from truestand.apply.transfer import Transfer
-    from truestand.core.calibration import Calibration
-    from truestand.core.scan import Scan
-    from truestand.core.stand import Stand
-    from truestand.station.pipeline import TakeScans
+from truestand.station.pipeline import TakeScans
+from truestand.store import Store
 
 
 @dataclass(frozen=True, slots=True)
 class ScanReader:
-    """What ``--stand`` and ``--start-angle-deg`` say."""
+    """Reads scans as ``--stand`` and ``--start-angle-deg`` say."""
 
-    stand: "Stand | None"
+    stand: Stand | None
     start_angle: float | None
     """rad; None: not stated."""
     quiet: bool
@@ -32,20 +34,18 @@ class ScanReader:
         """Whether the user stated the table angle of the first profile."""
         return self.start_angle is not None
 
-    def read(self, path: Path, calibrated: "Stand | None" = None) -> "Scan":
+    def read(self, path: Path, calibrated: Stand | None = None) -> Scan:
         """A scan on the stand of ``--stand``, otherwise on its own, otherwise on that of the calibration."""
-        with working(f"Reading {path.name}", self.quiet):
+        with progress(f"Reading {path.name}", self.quiet):
             recording = read_recording(path)
             return interpret(recording, self.stand or recording.stand or calibrated, self.start_angle)
 
-    def taking(self, *paths: Path) -> "TakeScans":
-        """Reads them when a job of the pipeline asks for its scans."""
+    def when_asked(self, *paths: Path) -> TakeScans:
+        """Reads these scans when a job of the pipeline asks for them."""
         return lambda calibrated: tuple(self.read(path, calibrated) for path in paths)
 
-    def tied(self, path: Path, calibration: "Calibration") -> "Transfer":
+    def transferred(self, path: Path, calibration: Calibration) -> Transfer:
         """A scan of any part, and the calibration as it applies to it."""
-        from truestand.apply.transfer import transfer
-
         return transfer(self.read(path, calibration.stand), calibration, self.start_stated)
 
 
@@ -53,3 +53,47 @@ def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool) 
     """The reader, its recipe read before the work begins."""
     described = None if stand is None else read_stand(stand)
     return ScanReader(described, radians_or_none(start_angle_deg), quiet)
+
+
+@dataclass(frozen=True, slots=True)
+class ResultKeeper:
+    """Adds results to a store, once their files are written; without a store nothing is kept."""
+
+    folder: Path | None
+    operator: str | None
+    quiet: bool
+
+    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
+        """Add a record with the files, by role, that it rests on, and print the entry's number."""
+        if self.folder is not None:
+            entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
+            hint(f"kept as entry {entry.number} in {self.folder}", self.quiet)
+
+
+def result_keeper(store: Path | None, stand: Path | None, operator: str | None, quiet: bool) -> ResultKeeper:
+    """For the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
+
+    Raises:
+        BadStore: a store that can't be written to.
+    """
+    folder = store or (None if stand is None else read_store_folder(stand))
+    if folder is not None:
+        Store.open(folder, create=True)
+    return ResultKeeper(folder, operator, quiet)
+
+
+def print_witness(transferred: Transfer, quiet: bool) -> None:
+    """Print what the shaft in view of a scan says of the zero of the table's angle."""
+    witness = transferred.witness
+    if witness is not None and transferred.calibration.angle_zero == "witness":
+        turn, U = degrees(witness.angle_shift), degrees(witness.angle_U)
+        surfaces = ", ".join(witness.surfaces)
+        hint(f"table angle tied by the shaft in view ({surfaces}): {turn:+.4f} deg, U = {U:.4f} deg", quiet)
+
+
+def end_if_untrusted(calibration: Calibration, quiet: bool) -> None:
+    """Print why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
+    for reason in calibration.reasons:
+        hint(f"untrusted: {reason}", quiet)
+    if calibration.reasons:
+        raise typer.Exit(UNDECIDED)

@@ -1,23 +1,27 @@
 """``truestand stand``: list, test and identify devices, watch live numbers, reset a fault."""
 
-from contextlib import AbstractContextManager, closing, nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
 
-from truestand.cli.exit_codes import FAILS, WRONG_USE
-from truestand.cli.options import JsonOption, QuietOption
+from truestand.cli.options import FAILS, WRONG_USE, DevicesOption, JsonOption, QuietOption
+from truestand.cli.terminal import interrupted_by_signals, print_json, print_table, progress
+from truestand.station.examine import Answer, StreamReport, ask_all, identify, reset, try_all, watching
+from truestand.station.guard import guard
+from truestand.station.latch import Latch
+from truestand.station.recipe import read_devices
 
-if TYPE_CHECKING:
-    from truestand.station.examine import Answer, StreamReport
-
-StandFile = Annotated[Path, typer.Option("--stand", metavar="STAND.toml", help="The stand, with its [devices].")]
-Seconds = Annotated[float, typer.Option(min=0.2, max=3600.0, help="How long each sensor streams.")]
+LaserOption = Annotated[bool, typer.Option("--laser", help="Switch the lasers on meanwhile.")]
 
 
 def list_devices(
-    stand: StandFile,
+    stand: DevicesOption,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -25,10 +29,6 @@ def list_devices(
 
     Example: truestand stand list --stand stand.toml
     """
-    from truestand.cli.terminal import print_json
-    from truestand.station.examine import ask_all
-    from truestand.station.recipe import read_devices
-
     answers = ask_all(*read_devices(stand))
     if as_json:
         print_json([_answer_record(answer) for answer in answers])
@@ -39,9 +39,9 @@ def list_devices(
 
 
 def test_devices(
-    stand: StandFile,
-    seconds: Seconds = 2.0,
-    light: Annotated[bool, typer.Option("--laser", help="Switch the lasers on meanwhile.")] = False,
+    stand: DevicesOption,
+    seconds: Annotated[float, typer.Option(min=0.2, max=3600.0, help="How long each sensor streams.")] = 2.0,
+    laser: LaserOption = False,
     move: Annotated[
         bool, typer.Option("--move", help="Home the table and turn it by 10 degrees, the encoder against it.")
     ] = False,
@@ -52,21 +52,12 @@ def test_devices(
 
     Nothing moves without --move, and no laser goes on without --laser. Example: truestand stand test --stand stand.toml
     """
-    from truestand.cli.live import ended_by_signals
-    from truestand.cli.terminal import print_json, working
-    from truestand.station.examine import try_all
-    from truestand.station.latch import Latch
-    from truestand.station.recipe import read_devices
-
     described, devices = read_devices(stand)
-    latch = Latch(stand)
-    try:
-        with ended_by_signals(), _guarded(stand, light or move), working("Testing the devices", quiet):
-            report = try_all(described, devices, seconds, light, move)
-    finally:
-        latch.close()
+    with _stand_in_use(stand, laser or move), progress("Testing the devices", quiet):
+        report = try_all(described, devices, seconds, laser, move)
     if as_json:
-        print_json({"sensors": {name: _stream_record(r) for name, r in report.streams.items()}, "table": report.table})
+        streams = {name: _stream_record(stream) for name, stream in report.streams.items()}
+        print_json({"sensors": streams, "table": report.table})
     elif not quiet:
         _print_streams(report.streams)
         for key, value in report.table.items():
@@ -77,98 +68,69 @@ def test_devices(
 
 def identify_device(
     device: Annotated[str, typer.Argument(metavar="DEVICE", help="A sensor's name, or `table`.")],
-    stand: StandFile,
+    stand: DevicesOption,
     quiet: QuietOption = False,
 ) -> None:
     """Have one device show itself: a sensor blinks its laser (reduced power), the table turns by 2 degrees and back.
 
     The table homes first where it is not homed. Example: truestand stand identify front --stand stand.toml
     """
-    from truestand.cli.live import ended_by_signals
-    from truestand.station.examine import identify
-    from truestand.station.latch import Latch
-    from truestand.station.recipe import read_devices
-
     described, devices = read_devices(stand)
-    latch = Latch(stand)
-    try:
-        with ended_by_signals(), _guarded(stand, True):
-            identify(described, devices, device)
-    finally:
-        latch.close()
+    with _stand_in_use(stand, active=True):
+        identify(described, devices, device)
     if not quiet:
         typer.echo(f"{device} has shown itself")
 
 
 def watch_devices(
-    stand: StandFile,
+    stand: DevicesOption,
     seconds: Annotated[float, typer.Option(min=0.2, help="End after so long; default: at Ctrl-C.")] = 1e9,
-    light: Annotated[bool, typer.Option("--laser", help="Switch the lasers on meanwhile.")] = False,
+    laser: LaserOption = False,
 ) -> None:
     """Live numbers until Ctrl-C: frames per second, lost, seen, encoder, table position. Nothing moves.
 
     Example: truestand stand watch --stand stand.toml --laser
     """
-    from rich.live import Live
-
-    from truestand.cli.live import ended_by_signals
-    from truestand.station.examine import watching
-    from truestand.station.latch import Latch
-    from truestand.station.recipe import read_devices
-
     described, devices = read_devices(stand)
+    with (
+        _stand_in_use(stand, laser),
+        Live(refresh_per_second=5) as screen,
+        closing(watching(described, devices, seconds, laser)) as updates,
+    ):
+        for rows in updates:
+            screen.update(_live_table(rows))
+
+
+@contextmanager
+def _stand_in_use(stand: Path, active: bool) -> Iterator[None]:
+    """Lock the stand; where something moves or shines, a guard stops it should this program be killed."""
     latch = Latch(stand)
     try:
-        with (
-            ended_by_signals(),
-            _guarded(stand, light),
-            Live(refresh_per_second=5) as screen,
-            closing(watching(described, devices, seconds, light)) as looks,
-        ):
-            for rows in looks:
-                screen.update(_live_table(rows))
+        with interrupted_by_signals(), guard(stand) if active else nullcontext():
+            yield
     finally:
         latch.close()
 
 
-def _guarded(stand: Path, active: bool) -> AbstractContextManager[object]:
-    """A guard for what moves or shines: it stops the stand where this program is killed."""
-    from truestand.station.guard import guard
-
-    return guard(stand) if active else nullcontext()
-
-
-def reset_fault(stand: StandFile, quiet: QuietOption = False) -> None:
+def reset_fault(stand: DevicesOption, quiet: QuietOption = False) -> None:
     """Say that the cause of a fault is mended: the stand may be used again. Nothing moves.
 
     Example: truestand stand reset --stand stand.toml
     """
-    from truestand.station.examine import reset
-
-    told = reset(stand)
+    fault = reset(stand)
     if not quiet:
-        typer.echo(f"reset; the fault was: {told}" if told else "there was no fault to reset")
+        typer.echo(f"reset; the fault was: {fault}" if fault else "there was no fault to reset")
 
 
-def _print_answers(answers: list["Answer"]) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from truestand.cli.terminal import print_table
-
+def _print_answers(answers: list[Answer]) -> None:
     table = Table("device", "name", "address", "answers", "says", title="Devices")
     for a in answers:
-        says = a.problem or "  ".join(f"{key} {value}" for key, value in a.told.items() if value)
-        table.add_row(a.device, a.name, a.address, "yes" if a.answers else "[red]no[/red]", escape(says))
+        details = a.problem or "  ".join(f"{key} {value}" for key, value in a.told.items() if value)
+        table.add_row(a.device, a.name, a.address, "yes" if a.answers else "[red]no[/red]", escape(details))
     print_table(table)
 
 
-def _print_streams(streams: dict[str, "StreamReport"]) -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from truestand.cli.terminal import print_table
-
+def _print_streams(streams: Mapping[str, StreamReport]) -> None:
     table = Table("sensor", "profiles/s", "profiles", "lost", "resent", "seen", "", title="Streams")
     for name, r in streams.items():
         table.add_row(
@@ -178,10 +140,7 @@ def _print_streams(streams: dict[str, "StreamReport"]) -> None:
     print_table(table)
 
 
-def _live_table(rows: dict[str, dict[str, str]]) -> Any:
-    from rich.markup import escape
-    from rich.table import Table
-
+def _live_table(rows: dict[str, dict[str, str]]) -> Table:
     columns = list(dict.fromkeys(key for row in rows.values() for key in row))
     table = Table("device", *columns)
     for name, row in rows.items():
@@ -189,14 +148,14 @@ def _live_table(rows: dict[str, dict[str, str]]) -> Any:
     return table
 
 
-def _answer_record(a: "Answer") -> dict[str, Any]:
+def _answer_record(a: Answer) -> dict[str, Any]:
     return {
         "device": a.device, "name": a.name, "address": a.address, "answers": a.answers, "problem": a.problem or None,
         **a.told,
     }  # fmt: skip
 
 
-def _stream_record(r: "StreamReport") -> dict[str, Any]:
+def _stream_record(r: StreamReport) -> dict[str, Any]:
     return {
         "seconds": r.seconds,
         "profiles": r.profiles,
