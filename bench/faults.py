@@ -14,7 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from lab import lab
 from truestand.sim.live.faults import Kind
-from truestand.station.latch import reset_latch
+from truestand.station.stand_lock import reset_latch
 
 FAULTS = {
     "sensor unplugged": (Kind.UNPLUGGED, None),

@@ -12,7 +12,7 @@ from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, Lim
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import Kind
 from truestand.station import stand as stand_module
-from truestand.station.latch import latch_path, reset_latch
+from truestand.station.stand_lock import latch_path, reset_latch
 
 
 @dataclass
@@ -203,8 +203,8 @@ def test_a_scan_that_can_not_be_written_stays_in_its_log(tmp_path, monkeypatch):
 
 
 def test_a_stand_in_use_is_not_reset(tmp_path):
-    from truestand.station.examine import reset
-    from truestand.station.latch import Latch
+    from truestand.station.diagnostics import reset
+    from truestand.station.stand_lock import Latch
 
     with lab(tmp_path) as stand:
         stand.table.trip("a door is open")
@@ -336,7 +336,7 @@ def test_a_sensor_that_is_not_there_is_said_before_anything_moves(tmp_path):
 
 
 def test_one_stand_serves_one_program(tmp_path):
-    from truestand.station.latch import Latch
+    from truestand.station.stand_lock import Latch
 
     with lab(tmp_path) as stand:
         held = Latch(stand.recipe)

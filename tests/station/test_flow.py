@@ -13,10 +13,10 @@ from truestand.files.scans import read
 from truestand.files.scans.read import read_recording
 from truestand.files.scans.scan_log import SUSPECT, Kind, Record
 from truestand.station import convert as convert_module
-from truestand.station import frames as frames_module
 from truestand.station import jobs
+from truestand.station import log as frames_module
 from truestand.station.convert import convert, sort_log
-from truestand.station.frames import Frames
+from truestand.station.log import Frames
 from truestand.station.scan import write_scans
 
 

@@ -16,7 +16,7 @@ from truestand.core.errors import Fault
 from truestand.devices.gige import nodes
 from truestand.devices.gige.camera import Camera
 from truestand.station.convert import convert, sort_log
-from truestand.station.latch import Latch, reset_latch
+from truestand.station.stand_lock import Latch, reset_latch
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
 

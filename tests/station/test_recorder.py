@@ -16,9 +16,9 @@ from truestand.files.scans.scan_log import Kind, read_log
 from truestand.station import acquire as acquire_module
 from truestand.station import watch
 from truestand.station.acquire import SensorJob, acquire
-from truestand.station.machine import State
 from truestand.station.recipe import Order
 from truestand.station.stand import Station
+from truestand.station.state_machine import State
 
 ORDER = Order(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
 

@@ -240,7 +240,7 @@ def test_a_latched_fault_is_told_and_reset(client, tmp_path):
 
 
 def test_a_stand_that_another_program_uses_is_in_no_fault(client, tmp_path):
-    from truestand.station.latch import Latch
+    from truestand.station.stand_lock import Latch
 
     latch = Latch(tmp_path / "stand.toml")
     latch.use("now", tmp_path / "k1.log")

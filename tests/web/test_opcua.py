@@ -20,7 +20,7 @@ from page_lab import PASSWORD
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
 from truestand.files.scans.read import sha256_of
-from truestand.station.latch import latch_path, reset_latch
+from truestand.station.stand_lock import latch_path, reset_latch
 from truestand.web.machines.attach import wanted
 from truestand.web.machines.lines import lines_of
 from truestand.web.machines.opcua import Shown

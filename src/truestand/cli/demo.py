@@ -24,10 +24,10 @@ from truestand.files.atomic import write_json_atomic, write_text_atomic
 from truestand.files.recipes.recipes import STARTERS, write_starters
 from truestand.files.records.records import read_json, write_calibration
 from truestand.report.terminal import inspection_table, summary_table
-from truestand.station.latch import latch_path
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
 from truestand.station.recipe import DevicesRecipe, order_of, read_devices
 from truestand.station.scan import take_scan
+from truestand.station.stand_lock import latch_path
 
 PACE = 20.0
 """Times real time; the virtual stand is slower where the machine can't draw as fast."""

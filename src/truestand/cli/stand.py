@@ -12,10 +12,10 @@ from rich.table import Table
 
 from truestand.cli.options import FAILS, WRONG_USE, DevicesOption, JsonOption, QuietOption
 from truestand.cli.terminal import interrupted_by_signals, print_json, print_table, progress
-from truestand.station.examine import Answer, StreamReport, ask_all, identify, reset, try_all, watching
+from truestand.station.diagnostics import Answer, StreamReport, ask_all, identify, reset, try_all, watching
 from truestand.station.guard import guard
-from truestand.station.latch import Latch
 from truestand.station.recipe import read_devices
+from truestand.station.stand_lock import Latch
 
 LaserOption = Annotated[bool, typer.Option("--laser", help="Switch the lasers on meanwhile.")]
 

@@ -17,9 +17,9 @@ from truestand.devices.sensor import Laser, Layout
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
 from truestand.station.convert import SensorPlan, begin_record
-from truestand.station.machine import Event, State
 from truestand.station.recipe import Order
 from truestand.station.stand import Station
+from truestand.station.state_machine import Event, State
 from truestand.station.watch import SETTLING, EncoderWatch, SensorWatch, TableWatch
 
 TICK = 0.02

@@ -20,7 +20,7 @@ from truestand.devices.sensor import Layout
 from truestand.files.checking import refuse_other_types
 from truestand.files.recipes.recipes import stand_from_recipe
 from truestand.files.scans.scan_log import TABLE, Damage, Kind, Record, read_log
-from truestand.station.frames import Frames
+from truestand.station.log import Frames
 from truestand.station.recipe import Order, order_from
 from truestand.station.sync import (
     ClockLine,

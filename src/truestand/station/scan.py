@@ -14,10 +14,10 @@ from truestand.files.scans.write_scan import write_recording
 from truestand.station.acquire import Live, SensorJob, acquire
 from truestand.station.convert import Converted, Log, LogSorter, convert
 from truestand.station.guard import guard
-from truestand.station.latch import Latch, in_words
-from truestand.station.machine import Machine
 from truestand.station.recipe import DevicesRecipe, Order
 from truestand.station.stand import open_station
+from truestand.station.stand_lock import Latch, in_words
+from truestand.station.state_machine import Machine
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,10 @@ from truestand.devices.axis import RotaryTable
 from truestand.devices.sensor import Laser, LineSensor
 from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.tables.opening import open_table
-from truestand.station.gates import GatedDrive, GatedSensor
-from truestand.station.latch import in_words
-from truestand.station.machine import TRANSITIONS, Event, Machine
+from truestand.station.interlock import GatedDrive, GatedSensor
 from truestand.station.recipe import DevicesRecipe, sensor_of
+from truestand.station.stand_lock import in_words
+from truestand.station.state_machine import TRANSITIONS, Event, Machine
 
 RETURN_SPEED = 0.5
 """Share of the table's highest speed at which it goes back to its start."""

@@ -69,7 +69,7 @@ def check(folder: str, name: str) -> str | None:
 
 def devices(stand: str) -> list[dict[str, Any]]:
     """What table and sensors say; nothing moves."""
-    from truestand.station.examine import ask_all
+    from truestand.station.diagnostics import ask_all
     from truestand.station.recipe import read_devices
 
     return [
@@ -81,7 +81,7 @@ def devices(stand: str) -> list[dict[str, Any]]:
 
 def reset(stand: str) -> str:
     """Clear a latched fault; its reason."""
-    from truestand.station.examine import reset as clear
+    from truestand.station.diagnostics import reset as clear
 
     return clear(Path(stand))
 

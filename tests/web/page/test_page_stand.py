@@ -8,7 +8,7 @@ import pytest
 
 import page_lab
 from page_lab import Client, served
-from truestand.station.latch import Latch
+from truestand.station.stand_lock import Latch
 from truestand.store import Store
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect

@@ -15,7 +15,7 @@ from typing import Any
 
 from truestand.core.errors import TruestandError
 from truestand.files.scans.read import sha256_of
-from truestand.station.latch import latch_path, latched_fault
+from truestand.station.stand_lock import latch_path, latched_fault
 from truestand.web.hub import Listener
 from truestand.web.machines.lines import Line, lines_of
 from truestand.web.models import CalibrationState, Entry

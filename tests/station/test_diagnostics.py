@@ -6,12 +6,12 @@ from station.doubles import MemoryDrive, MemorySensor
 from truestand.core.errors import DeviceError
 from truestand.core.stand import Stand
 from truestand.devices.axis import RotaryTable
-from truestand.station import examine
+from truestand.station import diagnostics
 from truestand.station.stand import Station
 
 LOOKS = {
-    "test": lambda: examine.try_all(Stand(), None, 0.0, light=False, move=False),
-    "watch": lambda: list(examine.watching(Stand(), None, 0.0, light=False)),
+    "test": lambda: diagnostics.try_all(Stand(), None, 0.0, light=False, move=False),
+    "watch": lambda: list(diagnostics.watching(Stand(), None, 0.0, light=False)),
 }
 
 
@@ -20,6 +20,6 @@ def test_a_laser_that_stays_on_at_the_end_is_told(monkeypatch, look):
     def open_station(*arguments) -> Station:
         return Station(Stand(), RotaryTable(MemoryDrive()), [MemorySensor(gone=True)])
 
-    monkeypatch.setattr(examine, "open_station", open_station)
+    monkeypatch.setattr(diagnostics, "open_station", open_station)
     with pytest.raises(DeviceError, match="Laser may be ON: sensor front"):
         LOOKS[look]()

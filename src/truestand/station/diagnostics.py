@@ -18,10 +18,10 @@ from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
-from truestand.station.latch import demand_free, reset_latch
-from truestand.station.machine import Event, Machine
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
 from truestand.station.stand import Station, open_station
+from truestand.station.stand_lock import demand_free, reset_latch
+from truestand.station.state_machine import Event, Machine
 from truestand.station.watch import SensorWatch
 
 TURN, MOST_OFF = radians(10.0), 0.01

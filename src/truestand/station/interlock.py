@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from truestand.devices.axis import Drive, DriveState
 from truestand.devices.sensor import Frame, Laser, Layout, LineSensor, StreamStatistics
-from truestand.station.machine import Machine
+from truestand.station.state_machine import Machine
 
 
 @dataclass(frozen=True, slots=True)

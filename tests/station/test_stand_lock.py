@@ -5,8 +5,8 @@ import os
 import pytest
 
 from truestand.core.errors import DeviceError, Fault
-from truestand.station import latch as latch_module
-from truestand.station.latch import Latch, latch_path, latched_fault, reset_latch
+from truestand.station import stand_lock as latch_module
+from truestand.station.stand_lock import Latch, latch_path, latched_fault, reset_latch
 
 
 @pytest.fixture

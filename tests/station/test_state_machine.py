@@ -14,8 +14,8 @@ from truestand.devices.axis import RotaryTable
 from truestand.devices.sensors import range_camera
 from truestand.devices.sensors.range_camera import RangeCamera
 from truestand.devices.sensors.recipe import SensorRecipe
-from truestand.station.machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, Machine, State
 from truestand.station.stand import Station
+from truestand.station.state_machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, Machine, State
 
 
 def test_what_could_not_be_stopped_is_named_the_lasers_first():
