@@ -12,7 +12,7 @@ from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, Lim
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import Kind
 from truestand.station import stand as stand_module
-from truestand.station.stand_lock import latch_path, reset_latch
+from truestand.station.stand_lock import reset_latched_fault, state_path
 
 
 @dataclass
@@ -40,7 +40,7 @@ def test_a_scan_is_what_was_ordered(tmp_path):
     assert np.ptp(turned) == pytest.approx(0.25, abs=1e-3)
     assert (np.diff(recording.counter) == 1).all()
     assert not (tmp_path / "k1.log").exists()
-    assert latch_path(stand.recipe).read_bytes() == b""
+    assert state_path(stand.recipe).read_bytes() == b""
 
 
 @pytest.mark.stand
@@ -115,7 +115,7 @@ def test_a_fault_stops_the_stand(tmp_path, name):
     assert scan.doubts and 0.1 < scan.revolutions < 0.9
     with pytest.raises(Fault, match="in fault since"):
         stand.take("b.h5")
-    assert taken.fault in reset_latch(stand.recipe)
+    assert taken.fault in reset_latched_fault(stand.recipe)
 
 
 @pytest.mark.stand
@@ -147,7 +147,7 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
 
     def make_safe(station):
         silent = replace(station, table=replace(station.table, drive=Silent(station.table.drive)))
-        failed, station.left = real(silent), silent.left
+        failed, station.not_stopped = real(silent), silent.not_stopped
         return failed
 
     def interrupt() -> None:
@@ -156,7 +156,7 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
     monkeypatch.setattr(stand_module.Station, "make_safe", make_safe)
     with lab(tmp_path, turns=10.0, pace=1.0) as stand:
         taken = stand.take(show=stand.failing(interrupt, at=0.002))
-        assert taken.left == ("Table may be turning: silent",)
+        assert taken.not_stopped == ("Table may be turning: silent",)
         until = time.monotonic() + 10.0
         while not stand.safe:
             assert time.monotonic() < until
@@ -186,7 +186,7 @@ def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
         taken = stand.take(show=stand.failing(lambda: monkeypatch.setattr(shutil, "disk_usage", gone), at=0.2))
         assert stand.safe
     assert "No such file" in taken.fault and not taken.complete
-    assert taken.fault in reset_latch(stand.recipe)
+    assert taken.fault in reset_latched_fault(stand.recipe)
 
 
 @pytest.mark.stand
@@ -203,14 +203,14 @@ def test_a_scan_that_can_not_be_written_stays_in_its_log(tmp_path, monkeypatch):
 
 
 def test_a_stand_in_use_is_not_reset(tmp_path):
-    from truestand.station.diagnostics import reset
-    from truestand.station.stand_lock import Latch
+    from truestand.station.diagnostics import reset_fault
+    from truestand.station.stand_lock import StandLock
 
     with lab(tmp_path) as stand:
         stand.table.trip("a door is open")
-        held = Latch(stand.recipe)
+        held = StandLock(stand.recipe)
         with pytest.raises(DeviceError, match="another program uses this stand"):
-            reset(stand.recipe)
+            reset_fault(stand.recipe)
         assert stand.table.status().fault
         held.close()
 
@@ -224,7 +224,7 @@ def test_an_interruption_stops_the_stand_and_keeps_what_came(tmp_path):
         assert stand.safe
     assert taken.interrupted and not taken.complete
     assert taken.written[0].scan.reasons == ("it was interrupted by the operator",)
-    assert latch_path(stand.recipe).read_bytes() == b""
+    assert state_path(stand.recipe).read_bytes() == b""
 
 
 def test_no_room_on_the_disk_is_said_before_anything_moves(tmp_path, monkeypatch):
@@ -336,10 +336,10 @@ def test_a_sensor_that_is_not_there_is_said_before_anything_moves(tmp_path):
 
 
 def test_one_stand_serves_one_program(tmp_path):
-    from truestand.station.stand_lock import Latch
+    from truestand.station.stand_lock import StandLock
 
     with lab(tmp_path) as stand:
-        held = Latch(stand.recipe)
+        held = StandLock(stand.recipe)
         with pytest.raises(DeviceError, match="another program uses this stand"):
             stand.take()
         held.close()

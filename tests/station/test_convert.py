@@ -11,8 +11,9 @@ from truestand.devices.layout import encode_plain
 from truestand.devices.sensor import Layout, Profiles
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
-from truestand.station.convert import SensorPlan, begin_record, convert, sort_log
-from truestand.station.recipe import Order
+from truestand.station.convert import convert
+from truestand.station.log import SensorPlan, begin_record, sort_log
+from truestand.station.recipe import ScanSettings
 from truestand.station.scan import write_scans
 
 COUNTS = 360_000
@@ -37,17 +38,17 @@ def recorded(
     ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on,
     ``hurried``: sooner before the table turns.
     """
-    order = Order(turns, radians(speed), radians(speed), 0.001)
+    settings = ScanSettings(turns, radians(speed), radians(speed), 0.001)
     layout = Layout("plain", "test", 2, 1, rate)
     plans = tuple(SensorPlan(name, layout, encoder) for name in names)
-    stand = Stand(Table(order.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
-    end = REST + order.seconds
+    stand = Stand(Table(settings.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
+    end = REST + settings.duration
 
     def angle(time):
-        return np.clip((time - REST) * order.speed, 0.0, order.travel)
+        return np.clip((time - REST) * settings.speed, 0.0, settings.travel)
 
     with LogWriter(path) as log:
-        log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), order, plans, "now", "test"), 0.0)
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), settings, plans, "now", "test"), 0.0)
         for time in np.arange(0.0, end + 0.05, 0.02).tolist():
             log.append(Kind.TABLE, TABLE.pack(angle(time), 1e-4, REST <= time < end), time)
         for i in range(int((end + REST) * rate)):
@@ -123,10 +124,10 @@ def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_pat
 
 def test_frames_without_a_whole_profile_are_no_scan(tmp_path):
     path = tmp_path / "k1.log"
-    order = Order(1.0, 0.1, 0.1, 0.001)
+    settings = ScanSettings(1.0, 0.1, 0.1, 0.001)
     plan = SensorPlan("front", Layout("scancontrol", "29xx-50", 8, 4, 200.0, 1 << 24, 128.0, 1 << 15), encoder=True)
     with LogWriter(path) as log:
-        log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), order, (plan,), "now", "test"), 0.0)
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), settings, (plan,), "now", "test"), 0.0)
         log.append(Kind.FRAME, bytes(plan.layout.frame_bytes), 0.1, flags=INCOMPLETE)
     with pytest.raises(NotEnoughData, match="no whole profile"):
         convert(sort_log(path))
@@ -143,7 +144,7 @@ def test_two_logs_in_one_are_refused(tmp_path):
 def test_a_layout_of_another_version_is_said(tmp_path, change):
     path = tmp_path / "k1.log"
     plan = SensorPlan("front", Layout("plain", "test", 2, 1, 100.0), encoder=False)
-    begin = begin_record(stand_recipe(Stand()), Order(1.0, 0.1, 0.1, 0.001), (plan,), "now", "truestand 99")
+    begin = begin_record(stand_recipe(Stand()), ScanSettings(1.0, 0.1, 0.1, 0.001), (plan,), "now", "truestand 99")
     begin["sensors"][0]["layout"].update(change)
     with LogWriter(path) as log:
         log.append_json(Kind.BEGIN, begin, 0.0)

@@ -12,11 +12,10 @@ from truestand.core.scan import interpret
 from truestand.files.scans import read
 from truestand.files.scans.read import read_recording
 from truestand.files.scans.scan_log import SUSPECT, Kind, Record
-from truestand.station import convert as convert_module
 from truestand.station import jobs
-from truestand.station import log as frames_module
-from truestand.station.convert import convert, sort_log
-from truestand.station.log import Frames
+from truestand.station import log as log_module
+from truestand.station.convert import convert
+from truestand.station.log import Frames, sort_log
 from truestand.station.scan import write_scans
 
 
@@ -28,7 +27,7 @@ def no_reading(monkeypatch):
         raise AssertionError("read back")
 
     with monkeypatch.context() as inside:
-        inside.setattr(convert_module, "read_log", refused)
+        inside.setattr(log_module, "read_log", refused)
         inside.setattr(read, "read_native", refused)
         yield inside
 
@@ -59,7 +58,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_p
 def test_a_job_goes_on_with_the_scan_that_it_recorded(tmp_path, no_reading):
     with lab(tmp_path, pace=2.0, turns=0.1, heartbeat_ms=10_000) as stand:
         scan = jobs._scan(
-            jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Watching(), tmp_path / "job" / "shaft.h5"
+            jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Observer(), tmp_path / "job" / "shaft.h5"
         )
     no_reading.undo()
     assert differing(scan, interpret(read_recording(tmp_path / "job" / "shaft.h5"))) == []
@@ -87,7 +86,7 @@ def test_frames_give_their_memory_up_as_they_are_taken_out(monkeypatch):
         return made
 
     monkeypatch.setattr(mmap, "mmap", mapped)
-    monkeypatch.setattr(frames_module, "MAP_BYTES", 1000)
+    monkeypatch.setattr(log_module, "MAP_BYTES", 1000)
     frames = Frames(100)
     for number in range(100):
         frames.add(frame(number, bytes(100)))

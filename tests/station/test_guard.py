@@ -35,7 +35,7 @@ class HangingGuard:
 def test_a_guard_that_hangs_at_its_start_is_killed_and_told(tmp_path, monkeypatch):
     started = []
     monkeypatch.setattr(subprocess, "Popen", lambda *a, **k: started.append(HangingGuard()) or started[-1])
-    monkeypatch.setattr(guard_module, "STARTS_WITHIN", 0.01)
+    monkeypatch.setattr(guard_module, "START_TIMEOUT_S", 0.01)
     with pytest.raises(DeviceLost, match="found no guard within"), guard("stand.toml"):
         pass
     assert started[0].killed.is_set()

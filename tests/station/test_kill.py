@@ -15,8 +15,9 @@ from patience import NOT_FOR_EVER
 from truestand.core.errors import Fault
 from truestand.devices.gige import nodes
 from truestand.devices.gige.camera import Camera
-from truestand.station.convert import convert, sort_log
-from truestand.station.stand_lock import Latch, reset_latch
+from truestand.station.convert import convert
+from truestand.station.log import sort_log
+from truestand.station.stand_lock import StandLock, reset_latched_fault
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
 
@@ -73,8 +74,8 @@ def killed_often(tmp_path, times, seed) -> list[Killed]:
         for i in range(times):
             results.append(kill_once(stand, f"k{i}", chance.uniform(0.0, 2.5)))
             with pytest.raises(Fault, match=rf"died; .* and the laser is off, `truestand recover .*k{i}.log`"):
-                Latch(stand.recipe)
-            reset_latch(stand.recipe)
+                StandLock(stand.recipe)
+            reset_latched_fault(stand.recipe)
     return results
 
 

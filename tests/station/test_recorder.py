@@ -15,12 +15,12 @@ from truestand.devices.sensor import Frame
 from truestand.files.scans.scan_log import Kind, read_log
 from truestand.station import acquire as acquire_module
 from truestand.station import watch
-from truestand.station.acquire import SensorJob, acquire
-from truestand.station.recipe import Order
+from truestand.station.acquire import SensorSettings, acquire
+from truestand.station.recipe import ScanSettings
 from truestand.station.stand import Station
 from truestand.station.state_machine import State
 
-ORDER = Order(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
+SETTINGS = ScanSettings(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
 
 
 @dataclass
@@ -52,13 +52,13 @@ class StreamingSensor(MemorySensor):
 
 
 def test_a_recorder_that_fails_after_the_last_look_makes_the_scan_incomplete(tmp_path, monkeypatch):
-    monkeypatch.setattr(acquire_module, "LAST_FRAMES", 0.0)  # the stand looks no more once the table has arrived
-    monkeypatch.setattr(watch, "SILENCE", inf)  # a busy machine is no silent sensor
+    monkeypatch.setattr(acquire_module, "LAST_FRAMES_S", 0.0)  # the stand looks no more once the table has arrived
+    monkeypatch.setattr(watch, "SILENCE_S", inf)  # a busy machine is no silent sensor
     drive = TellingDrive()
     station = Station(Stand(), RotaryTable(drive), [StreamingSensor(lost=drive.arrived)])
     log = tmp_path / "k1.log"
     with pytest.raises(DeviceLost, match="the cable came off"):
-        acquire(station, ORDER, {"front": SensorJob("full", encoder=False)}, log, "now")
+        acquire(station, SETTINGS, {"front": SensorSettings("full", encoder=False)}, log, "now")
     (end,) = (record.json() for record in read_log(log) if record.kind is Kind.END)
     assert end == {"complete": False, "reasons": ["the cable came off"]}
     assert station.machine.state is State.FAULT

@@ -5,8 +5,8 @@ import os
 import pytest
 
 from truestand.core.errors import DeviceError, Fault
-from truestand.station import stand_lock as latch_module
-from truestand.station.stand_lock import Latch, latch_path, latched_fault, reset_latch
+from truestand.station import stand_lock as lock_module
+from truestand.station.stand_lock import StandLock, latched_fault, reset_latched_fault, state_path
 
 
 @pytest.fixture
@@ -16,27 +16,27 @@ def stand(tmp_path):
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"[1, 2]", b"{", b"[" * 60_000, b'{"state": "fault", "sin'])
 def test_foreign_content_is_a_fault_until_it_is_reset(stand, content):
-    latch_path(stand).write_bytes(content)
+    state_path(stand).write_bytes(content)
     with pytest.raises(Fault, match="holds no JSON"):
-        Latch(stand)
-    assert "holds no JSON" in reset_latch(stand)
-    Latch(stand).close()
+        StandLock(stand)
+    assert "holds no JSON" in reset_latched_fault(stand)
+    StandLock(stand).close()
 
 
 def test_a_write_that_is_broken_off_leaves_no_free_stand(stand, monkeypatch):
-    latch = Latch(stand)
-    latch.use("now", stand)
+    held = StandLock(stand)
+    held.set_in_use("now", stand)
 
     def killed(file, data):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "write", killed)
     with pytest.raises(KeyboardInterrupt):
-        latch.fault("now", "x")
+        held.latch_fault("now", "x", {})
     monkeypatch.undo()
-    os.close(latch._file)
+    os.close(held._file)
     with pytest.raises(Fault):
-        Latch(stand)
+        StandLock(stand)
 
 
 @pytest.mark.parametrize("there", [True, False])
@@ -44,36 +44,36 @@ def test_who_died_before_there_was_a_log_has_none_to_recover(stand, there):
     log = stand.with_suffix(".log")
     if there:
         log.touch()
-    latch = Latch(stand)
-    latch.use("now", log)
-    os.close(latch._file)
+    held = StandLock(stand)
+    held.set_in_use("now", log)
+    os.close(held._file)
     with pytest.raises(Fault, match="died") as told:
-        Latch(stand)
+        StandLock(stand)
     assert ("truestand recover" in str(told.value)) == there
 
 
 def test_a_program_that_ends_well_while_somebody_looks_has_not_died(stand, monkeypatch):
-    latch, lock = Latch(stand), latch_module._lock
-    latch.use("now", stand)
-    monkeypatch.setattr(latch_module, "_lock", lambda file: latch.close() or lock(file))
+    held, lock = StandLock(stand), lock_module._lock
+    held.set_in_use("now", stand)
+    monkeypatch.setattr(lock_module, "_lock", lambda file: held.close() or lock(file))
     assert latched_fault(stand) == ""
 
 
 def test_a_reset_does_not_free_the_stand_of_a_program_that_came_meanwhile(stand, monkeypatch):
     """Another person's reset, and a scan, just when the first reset has given its lock back."""
-    broken, close, came = Latch(stand), os.close, []
-    broken.fault("now", "a reason")
+    broken, close, came = StandLock(stand), os.close, []
+    broken.latch_fault("now", "a reason", {})
     broken.close()
 
     def close_and_come(file) -> None:
         close(file)
         if not came:
             came.append(None)
-            reset_latch(stand)
-            came[0] = Latch(stand)
+            reset_latched_fault(stand)
+            came[0] = StandLock(stand)
 
     monkeypatch.setattr(os, "close", close_and_come)
-    assert "a reason" in reset_latch(stand)
+    assert "a reason" in reset_latched_fault(stand)
     with pytest.raises(DeviceError, match="another program uses this stand"):
-        Latch(stand)
+        StandLock(stand)
     came[0].close()

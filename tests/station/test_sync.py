@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truestand.station.sync import TableTrack, angle_by_clock, clock_line
+from truestand.station.sync import TableTrack, angle_by_clock, fit_clocks
 
 SPEED = 0.3
 """rad/s."""
@@ -14,7 +14,7 @@ def test_a_late_last_frame_does_not_bend_the_line_of_the_clocks():
     device = np.arange(12.0)
     host = device + 0.002
     host[-1] += 0.5
-    line = clock_line(device, host)
+    line = fit_clocks(device, host)
     assert line.rate == pytest.approx(1.0, abs=1e-9) and line.offset == pytest.approx(0.002, abs=1e-9)
     assert line.misfit == pytest.approx(0.0, abs=1e-9)
 
@@ -40,7 +40,7 @@ def test_an_uneven_table_is_read_between_its_answers():
     uneven = track()
     position = uneven.position + 0.05 * np.sin(3 * uneven.time) * uneven.moving
     angle, steady = angle_by_clock(
-        np.array([4.0]), TableTrack(uneven.time, position, uneven.doubt, uneven.moving), (0.1, 2.5)
+        np.array([4.0]), TableTrack(uneven.time, position, uneven.half_width, uneven.moving), (0.1, 2.5)
     )
     assert not steady
     assert angle[0] == pytest.approx(SPEED * 3.0 + 0.05 * np.sin(12.0), abs=1e-3)

@@ -20,9 +20,10 @@ from truestand.cli.options import (
 from truestand.cli.terminal import hint, interrupted_by_signals, print_json, progress, scan_progress
 from truestand.core.errors import BadRecipe
 from truestand.files.scans.write_scan import NATIVE, check_output
-from truestand.station.convert import convert, sort_log
-from truestand.station.recipe import order_of, read_devices
-from truestand.station.scan import Taken, output_of, take_scan, write_scans
+from truestand.station.convert import convert
+from truestand.station.log import sort_log
+from truestand.station.recipe import read_devices, scan_settings
+from truestand.station.scan import ScanOutcome, output_path, take_scan, write_scans
 
 
 def acquire(
@@ -48,16 +49,16 @@ def acquire(
         raise BadRecipe(f"{output}: found suffix {output.suffix!r}, need .h5; `truestand import` writes others")
     described, devices = read_devices(stand)
     keeper = result_keeper(store, stand, operator, quiet)
-    order = order_of(described, devices.acquire, turns)
+    settings = scan_settings(described, devices.acquire, turns)
     for sensor in devices.sensor:
-        check_output(output_of(output, sensor.name, len(devices.sensor)), force)
+        check_output(output_path(output, sensor.name, len(devices.sensor)), force)
     with interrupted_by_signals(), scan_progress(quiet) as show:
-        taken = take_scan(stand, described, devices, order, output, show, keep_log)
-    if taken.written:
-        scans = {f"scan {one.scan.sensor}": one.path for one in taken.written}
-        status = "complete" if taken.complete else "incomplete"
-        keeper.add("scan", {"status": status, **_record(taken)}, {**scans, "stand": stand})
-    _print_and_exit(taken, as_json, quiet)
+        outcome = take_scan(stand, described, devices, settings, output, show, keep_log)
+    if outcome.written:
+        scans = {f"scan {one.scan.sensor}": one.path for one in outcome.written}
+        status = "complete" if outcome.complete else "incomplete"
+        keeper.add("scan", {"status": status, **_record(outcome)}, {**scans, "stand": stand})
+    _print_and_exit(outcome, as_json, quiet)
 
 
 def recover(
@@ -79,43 +80,43 @@ def recover(
     check_output(target, force)
     with progress(f"Reading {log.name}", quiet):
         written = write_scans(convert(sort_log(log)), target, force)
-    _print_and_exit(Taken(written), as_json, quiet)
+    _print_and_exit(ScanOutcome(written), as_json, quiet)
 
 
-def _print_and_exit(taken: Taken, as_json: bool, quiet: bool) -> None:
+def _print_and_exit(outcome: ScanOutcome, as_json: bool, quiet: bool) -> None:
     """Print the result, and end with the exit code that says how complete it is."""
     if as_json:
-        print_json(_record(taken))
+        print_json(_record(outcome))
     elif not quiet:
-        for one in taken.written:
+        for one in outcome.written:
             typer.echo(one.path)
-    for line in _hints(taken):
+    for line in _hints(outcome):
         hint(line, quiet)
-    if taken.interrupted:
+    if outcome.interrupted:
         raise typer.Exit(INTERRUPTED)
-    if not taken.complete:
+    if not outcome.complete:
         raise typer.Exit(UNDECIDED)
 
 
-def _hints(taken: Taken) -> Iterator[str]:
+def _hints(outcome: ScanOutcome) -> Iterator[str]:
     """What people need to know besides the paths."""
-    for one in taken.written:
+    for one in outcome.written:
         yield from (f"incomplete: {reason}" for reason in one.scan.reasons)
-    if taken.fault and taken.complete:
-        yield f"the scan is complete; after it {taken.fault}"
-    yield from (f"NOT STOPPED, look at the stand: {what}" for what in taken.left)
-    if taken.fault or taken.left:
+    if outcome.fault and outcome.complete:
+        yield f"the scan is complete; after it {outcome.fault}"
+    yield from (f"NOT STOPPED, look at the stand: {hazard}" for hazard in outcome.not_stopped)
+    if outcome.fault or outcome.not_stopped:
         yield "the stand stays in fault: mend the cause, then `truestand stand reset`"
 
 
-def _record(taken: Taken) -> dict[str, Any]:
+def _record(outcome: ScanOutcome) -> dict[str, Any]:
     """The result as JSON."""
     return {
-        "complete": taken.complete,
-        "fault": taken.fault or None,
-        "not_stopped": list(taken.left),
+        "complete": outcome.complete,
+        "fault": outcome.fault or None,
+        "not_stopped": list(outcome.not_stopped),
         "scans": [
             {"path": str(one.path), "sensor": one.scan.sensor, **(one.scan.recording.acquisition or {})}
-            for one in taken.written
+            for one in outcome.written
         ],
     }

@@ -25,9 +25,9 @@ from truestand.files.recipes.recipes import STARTERS, write_starters
 from truestand.files.records.records import read_json, write_calibration
 from truestand.report.terminal import inspection_table, summary_table
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
-from truestand.station.recipe import DevicesRecipe, order_of, read_devices
+from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
 from truestand.station.scan import take_scan
-from truestand.station.stand_lock import latch_path
+from truestand.station.stand_lock import state_path
 
 PACE = 20.0
 """Times real time; the virtual stand is slower where the machine can't draw as fast."""
@@ -77,15 +77,15 @@ class Bench:
 
     def scan(self, name: str, description: str) -> Scan:
         """Take a scan with the stand at its addresses, into the folder."""
-        order = order_of(self.stand, self.devices.acquire)
+        settings = scan_settings(self.stand, self.devices.acquire)
         with scan_progress(self.quiet, description) as show:
-            taken = take_scan(self.out / "stand.toml", self.stand, self.devices, order, self.out / name, show)
-        if taken.interrupted:
+            outcome = take_scan(self.out / "stand.toml", self.stand, self.devices, settings, self.out / name, show)
+        if outcome.interrupted:
             raise KeyboardInterrupt
-        if not taken.complete:
-            reasons = "; ".join(r for w in taken.written for r in w.scan.reasons)
+        if not outcome.complete:
+            reasons = "; ".join(r for w in outcome.written for r in w.scan.reasons)
             raise DeviceError(f"the virtual stand gave no complete scan: {reasons}; close other programs and try again")
-        return interpret(taken.written[0].scan.recording)
+        return interpret(outcome.written[0].scan.recording)
 
     def mount_part(self) -> None:
         """Put the gear on the shaft."""
@@ -99,7 +99,7 @@ class Bench:
 
 def _bench(out: Path, quiet: bool) -> Bench:
     _move_to_free_addresses(out / "stand.toml")
-    latch_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
+    state_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
     stand, devices = read_devices(out / "stand.toml")
     for earlier in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
         (out / earlier).unlink(missing_ok=True)

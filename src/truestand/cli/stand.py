@@ -12,10 +12,11 @@ from rich.table import Table
 
 from truestand.cli.options import FAILS, WRONG_USE, DevicesOption, JsonOption, QuietOption
 from truestand.cli.terminal import interrupted_by_signals, print_json, print_table, progress
-from truestand.station.diagnostics import Answer, StreamReport, ask_all, identify, reset, try_all, watching
+from truestand.station import diagnostics
+from truestand.station.diagnostics import DeviceAnswer, StreamReport
 from truestand.station.guard import guard
 from truestand.station.recipe import read_devices
-from truestand.station.stand_lock import Latch
+from truestand.station.stand_lock import StandLock
 
 LaserOption = Annotated[bool, typer.Option("--laser", help="Switch the lasers on meanwhile.")]
 
@@ -29,7 +30,7 @@ def list_devices(
 
     Example: truestand stand list --stand stand.toml
     """
-    answers = ask_all(*read_devices(stand))
+    answers = diagnostics.ask_devices(*read_devices(stand))
     if as_json:
         print_json([_answer_record(answer) for answer in answers])
     elif not quiet:
@@ -54,7 +55,7 @@ def test_devices(
     """
     described, devices = read_devices(stand)
     with _stand_in_use(stand, laser or move), progress("Testing the devices", quiet):
-        report = try_all(described, devices, seconds, laser, move)
+        report = diagnostics.check_devices(described, devices, seconds, laser, move)
     if as_json:
         streams = {name: _stream_record(stream) for name, stream in report.streams.items()}
         print_json({"sensors": streams, "table": report.table})
@@ -62,7 +63,7 @@ def test_devices(
         _print_streams(report.streams)
         for key, value in report.table.items():
             typer.echo(f"table {key.replace('_', ' ')}: {value}")
-    if not report.well:
+    if not report.passed:
         raise typer.Exit(FAILS)
 
 
@@ -77,7 +78,7 @@ def identify_device(
     """
     described, devices = read_devices(stand)
     with _stand_in_use(stand, active=True):
-        identify(described, devices, device)
+        diagnostics.identify_device(described, devices, device)
     if not quiet:
         typer.echo(f"{device} has shown itself")
 
@@ -95,7 +96,7 @@ def watch_devices(
     with (
         _stand_in_use(stand, laser),
         Live(refresh_per_second=5) as screen,
-        closing(watching(described, devices, seconds, laser)) as updates,
+        closing(diagnostics.live_values(described, devices, seconds, laser)) as updates,
     ):
         for rows in updates:
             screen.update(_live_table(rows))
@@ -104,12 +105,12 @@ def watch_devices(
 @contextmanager
 def _stand_in_use(stand: Path, active: bool) -> Iterator[None]:
     """Lock the stand; where something moves or shines, a guard stops it should this program be killed."""
-    latch = Latch(stand)
+    lock = StandLock(stand)
     try:
         with interrupted_by_signals(), guard(stand) if active else nullcontext():
             yield
     finally:
-        latch.close()
+        lock.close()
 
 
 def reset_fault(stand: DevicesOption, quiet: QuietOption = False) -> None:
@@ -117,15 +118,15 @@ def reset_fault(stand: DevicesOption, quiet: QuietOption = False) -> None:
 
     Example: truestand stand reset --stand stand.toml
     """
-    fault = reset(stand)
+    fault = diagnostics.reset_fault(stand)
     if not quiet:
         typer.echo(f"reset; the fault was: {fault}" if fault else "there was no fault to reset")
 
 
-def _print_answers(answers: list[Answer]) -> None:
+def _print_answers(answers: list[DeviceAnswer]) -> None:
     table = Table("device", "name", "address", "answers", "says", title="Devices")
     for a in answers:
-        details = a.problem or "  ".join(f"{key} {value}" for key, value in a.told.items() if value)
+        details = a.problem or "  ".join(f"{key} {value}" for key, value in a.details.items() if value)
         table.add_row(a.device, a.name, a.address, "yes" if a.answers else "[red]no[/red]", escape(details))
     print_table(table)
 
@@ -148,10 +149,10 @@ def _live_table(rows: dict[str, dict[str, str]]) -> Table:
     return table
 
 
-def _answer_record(a: Answer) -> dict[str, Any]:
+def _answer_record(a: DeviceAnswer) -> dict[str, Any]:
     return {
         "device": a.device, "name": a.name, "address": a.address, "answers": a.answers, "problem": a.problem or None,
-        **a.told,
+        **a.details,
     }  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def scan_progress(quiet: bool, description: str = "") -> Iterator[Callable[["Liv
 
 def _live_line(live: "Live") -> str:
     words = [live.state.value, f"{degrees(live.position):6.1f}°"]
-    words += [f"{rate:.0f} frames/s {lost} lost" for rate, lost in zip(live.frames_per_s, live.lost, strict=True)]
+    words += [f"{sensor.frames_per_s:.0f} frames/s {sensor.lost} lost" for sensor in live.sensors]
     return "  ".join(words)
 
 

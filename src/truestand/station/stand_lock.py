@@ -1,7 +1,7 @@
-"""The mark beside a stand.toml that the stand is in use, or in a fault that nobody has reset yet.
+"""The state file beside a stand.toml: the stand is in use, or in a latched fault that nobody has reset yet.
 
-The process that uses the stand holds a lock on it, which ends with the process, however that ends: a mark that says
-*in use* and isn't locked is that of a process that died.
+The process that uses the stand holds a lock on the file, which ends with the process, however that ends: a file that
+says *in use* and isn't locked is that of a process that died.
 """
 
 import json
@@ -14,16 +14,16 @@ from typing import Any
 
 from truestand.core.errors import DeviceError, Fault
 
-WORDS = "mend the cause, then `truestand stand reset`"
+REMEDY = "mend the cause, then `truestand stand reset`"
 
 
-def latch_path(stand: Path) -> Path:
-    """Where a stand's mark stands: beside its stand.toml."""
+def state_path(stand: Path) -> Path:
+    """The state file of a stand.toml, in the same folder."""
     return stand.with_name(f".{stand.name}.state")
 
 
-class Latch:
-    """The mark, taken for as long as the stand is used.
+class StandLock:
+    """Exclusive use of a stand, for as long as this is open.
 
     Raises:
         DeviceError: another process uses the stand.
@@ -31,7 +31,7 @@ class Latch:
     """
 
     def __init__(self, stand: Path) -> None:
-        self.path = latch_path(stand)
+        self.path = state_path(stand)
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         self._fault = False
         try:
@@ -44,17 +44,17 @@ class Latch:
             os.close(self._file)
             raise
 
-    def use(self, since: str, log: Path) -> None:
-        """Say that the stand is in use now, recording to ``log``."""
+    def set_in_use(self, since: str, log: Path) -> None:
+        """Write that the stand records to ``log``."""
         self._write({"state": "in use", "since": since, "log": str(log)})
 
-    def fault(self, since: str, reason: str, left: Mapping[str, str] | None = None) -> None:
-        """Keep a fault until ``reset``, with what could not be stopped and why."""
+    def latch_fault(self, since: str, reason: str, not_stopped: Mapping[str, str]) -> None:
+        """Keep a fault until it is reset, with what could not be stopped and why."""
         self._fault = True
-        self._write({"state": "fault", "since": since, "reason": reason, "not_stopped": left or {}})
+        self._write({"state": "fault", "since": since, "reason": reason, "not_stopped": dict(not_stopped)})
 
     def close(self) -> None:
-        """Give the stand free; a fault stays."""
+        """Release the stand; a latched fault stays."""
         if not self._fault:
             self._write({})
         os.close(self._file)
@@ -72,31 +72,31 @@ class Latch:
         os.fsync(self._file)
 
 
-def demand_free(stand: Path) -> None:
-    """See that nobody uses the stand; a fault doesn't matter.
+def require_unused(stand: Path) -> None:
+    """Refuse a stand that is in use; a fault doesn't matter.
 
     Raises:
         DeviceError: the stand is in use.
     """
-    if latch_path(stand).exists():
+    if state_path(stand).exists():
         with suppress(Fault):
-            Latch(stand).close()
+            StandLock(stand).close()
 
 
-def reset_latch(stand: Path) -> str:
-    """Forget a latched fault; its reason, or nothing where there was none.
+def reset_latched_fault(stand: Path) -> str:
+    """Forget a latched fault; its reason, empty where there was none.
 
     Raises:
         DeviceError: the stand is in use.
     """
-    path = latch_path(stand)
+    path = state_path(stand)
     if not path.exists():
         return ""
     file = os.open(path, os.O_RDWR)
     try:
         if not _lock(file):
             raise _in_use(stand)
-        reason = _reason(_mark(path))
+        reason = _reason(_read_state(path))
         os.ftruncate(file, 0)  # not unlinked: others may have this file open, and lock it
         return reason
     finally:
@@ -104,34 +104,34 @@ def reset_latch(stand: Path) -> str:
 
 
 def latched_fault(stand: Path) -> str:
-    """Why the stand may not be used, or nothing; looks only, and says nothing of a stand that is in use."""
-    path = latch_path(stand)
-    told = _mark(path)
-    if told.get("state") != "in use":
-        return _reason(told)
+    """Why the stand may not be used; empty where it may, or is in use. Changes nothing."""
+    path = state_path(stand)
+    state = _read_state(path)
+    if state.get("state") != "in use":
+        return _reason(state)
     file = os.open(path, os.O_RDWR)
     try:
-        return _reason(_mark(path)) if _lock(file) else ""  # read again: its program may just have ended well
+        return _reason(_read_state(path)) if _lock(file) else ""  # read again: its program may just have ended well
     finally:
         os.close(file)
 
 
 def not_stopped(stand: Path) -> list[str]:
-    """What could not be stopped when the stand's fault was latched, in plain words."""
-    return list(_left(_mark(latch_path(stand))))
+    """What could not be stopped when the stand's fault was latched."""
+    return list(_not_stopped(_read_state(state_path(stand))))
 
 
-def in_words(left: Mapping[str, str]) -> list[str]:
+def failure_texts(not_stopped: Mapping[str, str]) -> list[str]:
     """What could not be stopped, each with its reason."""
-    return [f"{what}: {why}" for what, why in left.items()]
+    return [f"{hazard}: {reason}" for hazard, reason in not_stopped.items()]
 
 
-def _left(told: dict[str, Any]) -> dict[str, str]:
-    left = told.get("not_stopped")
-    return {what: str(why) for what, why in left.items()} if isinstance(left, dict) else {}
+def _not_stopped(state: dict[str, Any]) -> dict[str, str]:
+    hazards = state.get("not_stopped")
+    return {hazard: str(reason) for hazard, reason in hazards.items()} if isinstance(hazards, dict) else {}
 
 
-def _mark(path: Path) -> dict[str, Any]:
+def _read_state(path: Path) -> dict[str, Any]:
     try:
         return _parsed(path.read_bytes(), path.name)
     except FileNotFoundError:
@@ -142,26 +142,26 @@ def _parsed(content: bytes, name: str) -> dict[str, Any]:
     if not content.strip():
         return {}
     try:
-        told = json.loads(content)
+        state = json.loads(content)
     except (ValueError, RecursionError):
-        told = None
-    return told if isinstance(told, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
+        state = None
+    return state if isinstance(state, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
 
 
 def _in_use(stand: Path) -> DeviceError:
     return DeviceError(f"{stand}: another program uses this stand; end it first, or wait")
 
 
-def _reason(told: dict[str, Any]) -> str:
-    """Why a stand with this mark may not be used."""
-    if told.get("state") == "fault":
-        why = dict.fromkeys(["; ".join(in_words(_left(told))), str(told.get("reason"))])
-        return f"the stand is in fault since {told.get('since')}: {'; '.join(filter(None, why))}; {WORDS}"
-    if told.get("state") == "in use":
-        log = Path(str(told.get("log")))
+def _reason(state: dict[str, Any]) -> str:
+    """Why a stand in this state may not be used; empty where it may."""
+    if state.get("state") == "fault":
+        reasons = dict.fromkeys(["; ".join(failure_texts(_not_stopped(state))), str(state.get("reason"))])
+        return f"the stand is in fault since {state.get('since')}: {'; '.join(filter(None, reasons))}; {REMEDY}"
+    if state.get("state") == "in use":
+        log = Path(str(state.get("log")))
         recover = f"`truestand recover {log}`, " if log.exists() else ""
         return (
-            f"the program that used the stand since {told.get('since')} died; see that the table stands still and "
+            f"the program that used the stand since {state.get('since')} died; see that the table stands still and "
             f"the laser is off, {recover}then `truestand stand reset`"
         )
     return ""
