@@ -134,6 +134,7 @@ class _Recording:
     watches: list[SensorWatch] = field(default_factory=list)
     encoders: list[EncoderWatch | None] = field(default_factory=list)
     latest: list[bytes] = field(default_factory=list)
+    recorders: list[Future[None]] = field(default_factory=list)
     over: threading.Event = field(default_factory=threading.Event)
     start: float = 0.0
     """rad of the table before it turns."""
@@ -149,10 +150,10 @@ class _Recording:
         ]
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
             try:
-                recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
-                self._turn(recorders)
+                self.recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
+                self._turn()
                 self.over.set()
-                for recorder in recorders:  # one may have failed since the last poll
+                for recorder in self.recorders:  # one may have failed since the last poll
                     recorder.result()
             except BaseException as error:
                 self._abort(error)
@@ -182,12 +183,12 @@ class _Recording:
             reason = "it was interrupted by the operator" if interrupted else str(error)
             self.log.append_json(Kind.END, {"complete": False, "reasons": [reason]}, time.monotonic())
 
-    def _turn(self, recorders: list[Future[None]]) -> None:
+    def _turn(self) -> None:
         """Lasers on, the table from rest to rest, and the last frames."""
         machine, table, speed = self.station.machine, self.station.table, self.settings.speed
         machine.fire(Event.START)
         self.station.set_lasers({name: sensor.power for name, sensor in self.sensors.items()})
-        self._await_first_frames(recorders)
+        self._await_first_frames()
         self.start = self._table_state().position
         target = self.start + self.settings.travel
         table.start_move(target, speed)
@@ -201,16 +202,16 @@ class _Recording:
             for p in self.plans
         ]
         self._expect(began + SETTLING_S)
-        while not self._arrived(watch, recorders):
+        while not self._arrived(watch):
             time.sleep(POLL_INTERVAL_S)
         until = time.monotonic() + LAST_FRAMES_S
         while time.monotonic() < until:
-            self._poll(recorders)
+            self._poll()
             time.sleep(POLL_INTERVAL_S)
 
-    def _arrived(self, watch: TableWatch, recorders: list[Future[None]]) -> bool:
+    def _arrived(self, watch: TableWatch) -> bool:
         """Poll recorders, disk, sensors, table and encoders; whether the table has arrived."""
-        self._poll(recorders)
+        self._poll()
         state = self._table_state()
         _raise_fault(state.fault)
         _raise_fault(watch.see(state.time, state.position, state.moving))
@@ -228,10 +229,10 @@ class _Recording:
             if self.sensors[watch.name].triggered:
                 watch.quiet_until = since
 
-    def _poll(self, recorders: list[Future[None]]) -> None:
+    def _poll(self) -> None:
         """Poll recorders, sensors and disk."""
         now = time.monotonic()
-        _raise_failures(recorders)
+        self._raise_failures()
         expected = int(self.settings.duration * max(p.layout.rate for p in self.plans))
         for watch in self.watches:
             _raise_fault(watch.overdue(now))
@@ -241,16 +242,22 @@ class _Recording:
             if shutil.disk_usage(self.log.path.parent).free < SPARE_BYTES / 4:
                 raise NoSpace(f"{self.log.path.parent}: the disk is all but full; what was recorded so far is kept")
 
+    def _raise_failures(self) -> None:
+        """Raise the error of a recorder that has failed."""
+        for recorder in self.recorders:
+            if recorder.done():
+                recorder.result()
+
     def _table_state(self) -> DriveState:
         state = self.station.table.state()
         self.log.append(Kind.TABLE, TABLE.pack(state.position, state.doubt, state.moving), state.time)
         return state
 
-    def _await_first_frames(self, recorders: list[Future[None]]) -> None:
+    def _await_first_frames(self) -> None:
         until = time.monotonic() + FIRST_FRAME_TIMEOUT_S
         awaited = [watch for watch in self.watches if not self.sensors[watch.name].triggered]
         while any(watch.profiles == 0 for watch in awaited):
-            _raise_failures(recorders)
+            self._raise_failures()
             if time.monotonic() > until:
                 silent = ", ".join(w.name for w in awaited if w.profiles == 0)
                 raise DeviceLost(
@@ -285,13 +292,6 @@ class _Recording:
                 ),
             )
         )
-
-
-def _raise_failures(recorders: list[Future[None]]) -> None:
-    """Raise the error of a recorder that has failed."""
-    for recorder in recorders:
-        if recorder.done():
-            recorder.result()
 
 
 def _raise_fault(problem: str) -> None:

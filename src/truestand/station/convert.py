@@ -3,7 +3,7 @@
 A scan is incomplete until proven complete.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import degrees, radians, tau
 from typing import Any
@@ -65,18 +65,14 @@ def convert(log: Log) -> tuple[SensorScan, ...]:
     Raises:
         NotEnoughData: a log without a whole profile.
     """
-    scans = tuple(_scan(log, i, stream) for i, stream in _streams(log))
+    scans = []
+    for plan, frames in zip(log.sensors, log.frames, strict=True):
+        stream = _decoded(plan.layout, frames) if frames else None
+        if stream is not None and stream.counter.size:
+            scans.append(_scan(log, plan, stream))
     if not scans:
         raise NotEnoughData(f"{log.name}: found no whole profile in the log, need at least one; scan again")
-    return scans
-
-
-def _streams(log: Log) -> Iterator[tuple[int, "Stream"]]:
-    """Each sensor of which a whole profile came, by its place, one after the other."""
-    for i, plan in enumerate(log.sensors):
-        frames = log.frames[i]
-        if frames and (stream := _decoded(plan.layout, frames)).counter.size:
-            yield i, stream
+    return tuple(scans)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,8 +135,8 @@ class TableAngles:
     """Why the angles can't be right; empty = no contradiction."""
 
 
-def _scan(log: Log, i: int, stream: Stream) -> SensorScan:
-    plan, settings = log.sensors[i], log.settings
+def _scan(log: Log, plan: SensorPlan, stream: Stream) -> SensorScan:
+    settings = log.settings
     angles = _table_angles(log, plan, stream)
     begin = angles.position[0] + settings.run_up
     end = begin + settings.turns * tau

@@ -71,17 +71,15 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
 def _first_line(process: subprocess.Popen[bytes]) -> bytes:
     """The first line of a guard's output; empty where none comes within ``START_TIMEOUT_S``: it is killed then."""
     assert process.stdout is not None
-    lines: list[bytes] = []
-    read_line = process.stdout.readline
-    reading = threading.Thread(target=lambda: lines.append(read_line()), name="start of the guard", daemon=True)
-    reading.start()
+    timeout = threading.Timer(START_TIMEOUT_S, process.kill)  # the end of its output then ends the reading
+    timeout.start()
     try:
-        reading.join(START_TIMEOUT_S)
+        return process.stdout.readline()
+    except BaseException:  # broken off by the operator
+        process.kill()
+        raise
     finally:
-        if reading.is_alive():  # late, or broken off by the operator; the end of its output ends the reading
-            process.kill()
-            reading.join()
-    return b"".join(lines)
+        timeout.cancel()
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:

@@ -37,7 +37,7 @@ class StandLock:
         try:
             if not _lock(self._file):
                 raise _in_use(stand)
-            reason = _reason(self._read())
+            reason = _reason(_read_state(self.path))
             if reason:
                 raise Fault(reason)
         except BaseException:
@@ -58,10 +58,6 @@ class StandLock:
         if not self._fault:
             self._write({})
         os.close(self._file)
-
-    def _read(self) -> dict[str, Any]:
-        os.lseek(self._file, 0, os.SEEK_SET)
-        return _parsed(os.read(self._file, 65536), self.path.name)
 
     def _write(self, content: dict[str, Any]) -> None:
         """Broken off in between, it leaves no JSON rather than nothing: a fault, not a stand that is free."""
@@ -133,19 +129,13 @@ def _not_stopped(state: dict[str, Any]) -> dict[str, str]:
 
 def _read_state(path: Path) -> dict[str, Any]:
     try:
-        return _parsed(path.read_bytes(), path.name)
+        content = path.read_bytes()
+        state = json.loads(content) if content.strip() else {}
     except FileNotFoundError:
         return {}
-
-
-def _parsed(content: bytes, name: str) -> dict[str, Any]:
-    if not content.strip():
-        return {}
-    try:
-        state = json.loads(content)
     except (ValueError, RecursionError):
         state = None
-    return state if isinstance(state, dict) else {"state": "fault", "reason": f"{name} holds no JSON"}
+    return state if isinstance(state, dict) else {"state": "fault", "reason": f"{path.name} holds no JSON"}
 
 
 def _in_use(stand: Path) -> DeviceError:
