@@ -99,8 +99,8 @@ def run(options, address):
     with tempfile.TemporaryDirectory() as folder, open_station(described, devices) as opened:
         log = Path(folder) / "k1.log"
         wall, cpu = time.monotonic(), time.process_time()
-        sensors, sorter = {"front": station.SensorSettings("full", encoder=True)}, LogSorter(log)
-        station.acquire(opened, settings, sensors, log, "now", written=sorter.add)
+        sorter = LogSorter(log)
+        station.acquire(opened, settings, devices.sensor, log, "now", written=sorter.add)
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         statistics = opened.sensors[0].statistics()
         records = [(r.number, r.time) for r in read_log(log) if r.kind is Kind.FRAME]

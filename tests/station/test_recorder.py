@@ -12,14 +12,16 @@ from truestand.core.errors import DeviceLost
 from truestand.core.stand import Stand
 from truestand.devices.axis import DriveState, RotaryTable
 from truestand.devices.sensor import Frame
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.files.scans.scan_log import Kind, read_log
 from truestand.station import acquire as acquire_module
 from truestand.station import watch
-from truestand.station.acquire import SensorSettings, acquire
+from truestand.station.acquire import acquire
 from truestand.station.recipe import ScanSettings
 from truestand.station.stand import Station
 from truestand.station.state_machine import State
 
+SENSOR = SensorRecipe(name="front", driver="scancontrol", address="127.0.0.1", model="29xx-50", encoder=False)
 SETTINGS = ScanSettings(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
 
 
@@ -58,7 +60,7 @@ def test_a_recorder_that_fails_after_the_last_look_makes_the_scan_incomplete(tmp
     station = Station(Stand(), RotaryTable(drive), [StreamingSensor(lost=drive.arrived)])
     log = tmp_path / "k1.log"
     with pytest.raises(DeviceLost, match="the cable came off"):
-        acquire(station, SETTINGS, {"front": SensorSettings("full", encoder=False)}, log, "now")
+        acquire(station, SETTINGS, [SENSOR], log, "now")
     (end,) = (record.json() for record in read_log(log) if record.kind is Kind.END)
     assert end == {"complete": False, "reasons": ["the cable came off"]}
     assert station.machine.state is State.FAULT

@@ -99,7 +99,7 @@ def _print_and_exit(outcome: ScanOutcome, as_json: bool, quiet: bool) -> None:
 
 
 def _hints(outcome: ScanOutcome) -> Iterator[str]:
-    """What people need to know besides the paths."""
+    """One line for each thing to know besides the paths."""
     for one in outcome.written:
         yield from (f"incomplete: {reason}" for reason in one.scan.reasons)
     if outcome.fault and outcome.complete:

@@ -5,7 +5,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -52,10 +52,10 @@ def demo(
     """
     _refuse_real_scans(out)
     write_starters(out, force=True)
-    bench = _bench(out, quiet)
+    stand = _demo_stand(out, quiet)
     with interrupted_by_signals(), _virtual_stand(out):
-        calibration, paper, truth = _calibrate(bench)
-        inspection, gear_truth = _inspect(bench)
+        calibration, paper, truth = _calibrate(stand)
+        inspection, gear_truth = _inspect(stand)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
         print_table(inspection_table(inspection, gear_truth))
@@ -67,7 +67,7 @@ def demo(
 
 
 @dataclass(frozen=True)
-class Bench:
+class DemoStand:
     """The recipes of the demo, and the folder that it writes to."""
 
     out: Path
@@ -90,24 +90,21 @@ class Bench:
     def mount_part(self) -> None:
         """Put the gear on the shaft."""
         device = self.devices.sensor[0]
-        camera = Camera(device.name, device.address, device.heartbeat_ms)
-        try:
+        with closing(Camera(device.name, device.address, device.heartbeat_ms)) as camera:
             camera.nodes.set("VirtualMounted", "Part")
-        finally:
-            camera.close()
 
 
-def _bench(out: Path, quiet: bool) -> Bench:
+def _demo_stand(out: Path, quiet: bool) -> DemoStand:
     _move_to_free_addresses(out / "stand.toml")
     state_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
     stand, devices = read_devices(out / "stand.toml")
     for earlier in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
         (out / earlier).unlink(missing_ok=True)
-    return Bench(out, stand, devices, quiet)
+    return DemoStand(out, stand, devices, quiet)
 
 
 def _move_to_free_addresses(recipe: Path) -> None:
-    """Have the demo's stand answer where nobody else does, so that demos can run side by side."""
+    """Give the demo's stand free addresses, so that demos can run side by side."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         table = f"127.0.0.1:{free.getsockname()[1]}"
     number = os.getpid() % 65_000
@@ -136,16 +133,16 @@ def _virtual_stand(out: Path) -> Iterator[None]:
         process.communicate(timeout=10)
 
 
-def _calibrate(bench: Bench) -> tuple[Calibration, Calibration, dict[str, Any]]:
+def _calibrate(stand: DemoStand) -> tuple[Calibration, Calibration, dict[str, Any]]:
     """Scan the shaft, calibrate by both methods, write all of it: ours, the published method's, the truth."""
-    out = bench.out
+    out = stand.out
     truth = read_json(out / "gear-truth.json")
     truth.pop("part")
     write_json_atomic(out / "truth.json", truth)
     outcome = calibrate_job(
         Inputs((out / "k1.h5",), out / "stand.toml", out / "shaft.toml"),
         Outputs(out / "calibration.json", out / "cloud.ply", out / "report.html"),
-        lambda _: (bench.scan("k1.h5", "Scanning the shaft"),), step_progress("Calibrating", bench.quiet), truth=truth,
+        lambda _: (stand.scan("k1.h5", "Scanning the shaft"),), step_progress("Calibrating", stand.quiet), truth=truth,
     )  # fmt: skip
     calibration, published = outcome.result
     assert published is not None
@@ -153,20 +150,20 @@ def _calibrate(bench: Bench) -> tuple[Calibration, Calibration, dict[str, Any]]:
     return calibration, published, truth
 
 
-def _inspect(bench: Bench) -> tuple[Inspection, dict[str, Any]]:
+def _inspect(stand: DemoStand) -> tuple[Inspection, dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
-    out = bench.out
-    bench.mount_part()
+    out = stand.out
+    stand.mount_part()
     truth = read_json(out / "gear-truth.json")
     outcome = inspect_job(
         Inputs((out / "gear.h5",), out / "stand.toml", calibration=out / "calibration.json", part=out / "gear.toml"),
         Outputs(out / "inspection.json", out / "gear.ply", out / "gear-report.html"),
-        lambda _: (bench.scan("gear.h5", "Scanning the gear"),), step_progress("Inspecting", bench.quiet), truth=truth,
+        lambda _: (stand.scan("gear.h5", "Scanning the gear"),), step_progress("Inspecting", stand.quiet), truth=truth,
     )  # fmt: skip
     return outcome.result, truth
 
 
 def _refuse_real_scans(out: Path) -> None:
-    """Raw scans are never overwritten: one without a truth beside it is none of the demo's."""
+    """Raw scans are never overwritten: one without a truth beside it was not made by a demo."""
     if (out / "k1.h5").exists() and not (out / "truth.json").exists():
         raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")

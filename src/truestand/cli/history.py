@@ -47,43 +47,43 @@ def history(
         _gage(gage_rr, store, since, quantity, report, as_json, quiet)
         return
     opened = open_store(store)
-    found, inspected = series(opened, since, quantity), inspections(opened, since, part)
+    quantities, parts = series(opened, since, quantity), inspections(opened, since, part)
     if report is not None:
-        _write_report(report, opened, found, inspected)
+        _write_report(report, opened, quantities, parts)
     if as_json:
-        print_json(_record(opened, found, inspected))
+        print_json(_record(opened, quantities, parts))
     elif not quiet:
-        _print(found, inspected, quantity)
+        _print(quantities, parts, quantity)
         if report is not None:
             typer.echo(report)
 
 
 def _check(since: str | None) -> None:
-    """Refuse what is no date."""
+    """Refuse a text that is no date."""
     try:
         datetime.fromisoformat(since or "2026-01-01")
     except ValueError:
         raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
 
 
-def _print(found: list[Series], inspected: list[Inspected], quantity: str | None) -> None:
-    courses = [_course(s) for s in found]
+def _print(quantities: list[Series], parts: list[Inspected], quantity: str | None) -> None:
+    courses = [_course(s) for s in quantities]
     if quantity is not None:
         for course in courses:
             print_table(readings_table(course))
         return
     print_table(series_table(courses))
-    if inspected:
-        print_table(inspections_table([_line(i) for i in inspected]))
+    if parts:
+        print_table(inspections_table([_line(i) for i in parts]))
 
 
-def _write_report(path: Path, store: Store, found: list[Series], inspected: list[Inspected]) -> None:
+def _write_report(path: Path, store: Store, quantities: list[Series], parts: list[Inspected]) -> None:
     stand = Path("stand.toml")
     company = read_company(stand) if stand.is_file() else None
     number, stated = store.head()
     head = f"{store.folder.name}: last entry {number}, hash {stated}"
     text = history_report(
-        [_course(s) for s in found], [_line(i) for i in inspected], head, company.name if company else None
+        [_course(s) for s in quantities], [_line(i) for i in parts], head, company.name if company else None
     )
     write_text_atomic(path, text)
 
@@ -99,7 +99,7 @@ def _line(i: Inspected) -> InspectionLine:
     return InspectionLine(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
 
 
-def _record(store: Store, found: list[Series], inspected: list[Inspected]) -> dict[str, Any]:
+def _record(store: Store, quantities: list[Series], parts: list[Inspected]) -> dict[str, Any]:
     number, stated = store.head()
     return {
         "format": "truestand.history",
@@ -116,13 +116,13 @@ def _record(store: Store, found: list[Series], inspected: list[Inspected]) -> di
                     for e, p in zip(s.entries, s.chart.points, strict=True)
                 ],
             }
-            for s in found
+            for s in quantities
         ],
         "inspections": [
             {"entry": i.standing.entry.number, "time": i.standing.entry.time, "part": i.standing.entry.part,
              "serial": i.standing.entry.serial, "order": i.standing.entry.order,
              "operator": i.standing.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
-            for i in inspected
+            for i in parts
         ],
     }  # fmt: skip
 

@@ -1,7 +1,7 @@
 """The commands by name, and the one place where expected errors are caught and printed in one line.
 
 A command's module is imported when the command is called: the list of commands stays quick, and a command loads only
-what it needs.
+its own module.
 """
 
 import os
@@ -137,7 +137,7 @@ class LazyCommand(TyperCommand):
         return get_command(app)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
-        """The context of the command itself, which then is what runs."""
+        """The context of the command itself, which click then runs."""
         return self.load().make_context(*arguments, **options)
 
 

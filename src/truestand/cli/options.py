@@ -15,7 +15,7 @@ FAILS = 1
 WRONG_USE = 2
 """Wrong use, or input that can't be read."""
 UNDECIDED = 3
-"""Undecided or untrusted: what was written says why."""
+"""Undecided or untrusted: the record says why."""
 INTERRUPTED = 130
 """Broken off by the user."""
 VERDICT_CODES = {

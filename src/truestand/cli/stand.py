@@ -104,7 +104,7 @@ def watch_devices(
 
 @contextmanager
 def _stand_in_use(stand: Path, active: bool) -> Iterator[None]:
-    """Lock the stand; where something moves or shines, a guard stops it should this program be killed."""
+    """Lock the stand; ``active``: something moves or a laser is on, and a guard stops it if this program is killed."""
     lock = StandLock(stand)
     try:
         with interrupted_by_signals(), guard(stand) if active else nullcontext():

@@ -64,7 +64,7 @@ def _live_line(live: "Live") -> str:
 
 @contextmanager
 def _bar(description: str, total: float | None, quiet: bool) -> Iterator[Callable[..., None]]:
-    """A bar, with the time that remains where its total is known; yields what updates it."""
+    """A bar, with the time that remains where its total is known; yields a function that updates it."""
     if quiet or not sys.stderr.isatty():
         yield lambda **changes: None
         return
@@ -81,7 +81,7 @@ def _bar(description: str, total: float | None, quiet: bool) -> Iterator[Callabl
 
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
-    """Have a request to end (SIGTERM, a closed terminal) act as Ctrl-C does: the stand stops, what came is kept."""
+    """Have a request to end (SIGTERM, a closed terminal) act as Ctrl-C does: the stand stops, frames are kept."""
 
     def interrupt(number: int, frame: Any) -> None:
         raise KeyboardInterrupt

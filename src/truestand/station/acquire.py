@@ -1,10 +1,10 @@
-"""Taking a scan: check, home, laser on, turn, record, laser off, stop. Safe whatever happens; what came is kept."""
+"""Taking a scan: check, home, laser on, turn, record, laser off, stop. Safe whatever happens; frames are kept."""
 
 import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from math import inf, tau
@@ -13,7 +13,8 @@ from pathlib import Path
 from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
-from truestand.devices.sensor import Laser, Layout
+from truestand.devices.sensor import Layout
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
 from truestand.station.log import SensorPlan, begin_record
@@ -32,16 +33,6 @@ SPARE_BYTES = 200e6
 NATIVE_SHARE = 1.5
 """Room for the native file beside the log, over the log's own size: both are there for a moment."""
 DISK_CHECK_INTERVAL_S = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class SensorSettings:
-    """How one sensor takes part in a recording."""
-
-    power: Laser
-    encoder: bool
-    triggered: bool = False
-    """The encoder triggers it: while the table stands, it rightly sends nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,25 +67,29 @@ Show = Callable[[Live], None]
 def acquire(
     station: Station,
     settings: ScanSettings,
-    sensors: Mapping[str, SensorSettings],
+    sensors: Sequence[SensorRecipe],
     log: Path,
     created: str,
     show: Show = lambda live: None,
     written: Callable[[Record], None] = lambda record: None,
 ) -> None:
-    """Record one scan to ``log``, and hand each record to ``written`` once it is there. ``sensors`` by name.
+    """Record one scan to ``log``, and hand each record to ``written`` once it is there.
 
-    Whatever goes wrong, an interruption too, ends with the table halted, the lasers off, and what came on the disk.
+    ``sensors``: the recipes of the station's sensors, in their order.
+
+    Whatever goes wrong, an interruption too, ends with the table halted, the lasers off, and the frames on the disk.
 
     Raises:
-        Fault: something went wrong while the stand moved; latched in the station's machine.
-        DeviceError, NoSpace: something is wrong before anything moved.
+        Fault, DeviceError, NoSpace: while the stand moved; then its machine is in FAULT. Or before anything moved.
         FileExistsError: the log is already there.
     """
     with station.stopped_on_error():
         station.check()
         station.table.demand(settings.travel, settings.speed)
-        plans = tuple(SensorPlan(s.name, s.start(), sensors[s.name].encoder) for s in station.sensors)
+        plans = tuple(
+            SensorPlan(sensor.name, sensor.start(), recipe.encoder)
+            for sensor, recipe in zip(station.sensors, sensors, strict=True)
+        )
         _require_space(log, settings, plans)
         station.home()
         with LogWriter(log, written) as writer:
@@ -127,7 +122,7 @@ class _Recording:
 
     station: Station
     settings: ScanSettings
-    sensors: Mapping[str, SensorSettings]
+    sensors: Sequence[SensorRecipe]
     plans: tuple[SensorPlan, ...]
     log: LogWriter
     show: Show
@@ -141,13 +136,11 @@ class _Recording:
     _disk_checked: float = 0.0
 
     def record(self) -> None:
-        """From the first frame to rest; the END record says how it went."""
+        """Record from the first frame to rest; the END record tells whether the recording is complete."""
         now = time.monotonic()
         self.latest = [b"" for _ in self.plans]
-        self.watches = [
-            SensorWatch(p.name, p.layout, now, quiet_until=inf if self.sensors[p.name].triggered else 0.0)
-            for p in self.plans
-        ]
+        self.watches = [SensorWatch(p.name, p.layout, now) for p in self.plans]
+        self._expect_triggered(since=inf)
         with ThreadPoolExecutor(len(self.plans), "recorder") as together:
             try:
                 self.recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
@@ -187,7 +180,7 @@ class _Recording:
         """Lasers on, the table from rest to rest, and the last frames."""
         machine, table, speed = self.station.machine, self.station.table, self.settings.speed
         machine.fire(Event.START)
-        self.station.set_lasers({name: sensor.power for name, sensor in self.sensors.items()})
+        self.station.set_lasers({sensor.name: sensor.power for sensor in self.sensors})
         self._await_first_frames()
         self.start = self._table_state().position
         target = self.start + self.settings.travel
@@ -201,7 +194,7 @@ class _Recording:
             else None
             for p in self.plans
         ]
-        self._expect(began + SETTLING_S)
+        self._expect_triggered(since=began + SETTLING_S)
         while not self._arrived(watch):
             time.sleep(POLL_INTERVAL_S)
         until = time.monotonic() + LAST_FRAMES_S
@@ -216,17 +209,17 @@ class _Recording:
         _raise_fault(state.fault)
         _raise_fault(watch.see(state.time, state.position, state.moving))
         if state.position > self.start + self.settings.run_up + self.settings.turns * tau:
-            self._expect(inf)
+            self._expect_triggered(since=inf)
         for sensor, encoder in zip(self.watches, self.encoders, strict=True):
             if encoder is not None:
                 _raise_fault(encoder.see(state.time, state.position, sensor.encoder, sensor.fresh(state.time)))
         self._show(state.position)
         return watch.arrived(state.position, state.moving)
 
-    def _expect(self, since: float) -> None:
-        """From when on (s) the sensors must send that the encoder triggers."""
-        for watch in self.watches:
-            if self.sensors[watch.name].triggered:
+    def _expect_triggered(self, since: float) -> None:
+        """Set from when on (s) sensors must send that the encoder triggers: at rest, they rightly send nothing."""
+        for sensor, watch in zip(self.sensors, self.watches, strict=True):
+            if sensor.trigger == "encoder":
                 watch.quiet_until = since
 
     def _poll(self) -> None:
@@ -255,7 +248,7 @@ class _Recording:
 
     def _await_first_frames(self) -> None:
         until = time.monotonic() + FIRST_FRAME_TIMEOUT_S
-        awaited = [watch for watch in self.watches if not self.sensors[watch.name].triggered]
+        awaited = [watch for watch in self.watches if watch.quiet_until < inf]
         while any(watch.profiles == 0 for watch in awaited):
             self._raise_failures()
             if time.monotonic() > until:

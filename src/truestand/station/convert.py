@@ -45,18 +45,15 @@ class SensorScan:
     sensor: str
     stand: Stand
     recording: Recording
-    sensors: int = 1
-    """How many took part, whether or not anything came of each."""
+    reasons: tuple[str, ...]
+    """Why the scan isn't complete; empty where it is proven to be."""
+    sensors: int
+    """How many took part, whether or not profiles came of each."""
 
     @property
     def complete(self) -> bool:
-        """Whether it is proven complete."""
-        return self.recording.acquisition is not None and bool(self.recording.acquisition["complete"])
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why it is not."""
-        return () if self.recording.acquisition is None else tuple(self.recording.acquisition["reasons"])
+        """Whether the scan is proven complete."""
+        return not self.reasons
 
 
 def convert(log: Log) -> tuple[SensorScan, ...]:
@@ -141,7 +138,7 @@ def _scan(log: Log, plan: SensorPlan, stream: Stream) -> SensorScan:
     begin = angles.position[0] + settings.run_up
     end = begin + settings.turns * tau
     kept = (angles.position >= begin) & (angles.position < end)
-    if not kept.any():  # broken off before the scan proper: better what there is than nothing
+    if not kept.any():  # broken off during the run-up: keep the profiles there are
         kept = np.ones(angles.position.shape, dtype=np.bool_)
     lost = _lost(stream.counter, kept)
     tolerance = max(COVERAGE_TOLERANCE, 2 * settings.speed / plan.layout.rate)
@@ -157,7 +154,8 @@ def _scan(log: Log, plan: SensorPlan, stream: Stream) -> SensorScan:
         "synchronisation": angles.synchronisation,
     }
     stand = _sensor_stand(log.stand, plan, angles)
-    return SensorScan(plan.name, stand, _recording(stream, angles, _rows(kept), acquisition, stand), len(log.sensors))
+    recording = _recording(stream, angles, _rows(kept), acquisition, stand)
+    return SensorScan(plan.name, stand, recording, tuple(reasons), len(log.sensors))
 
 
 def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
@@ -205,7 +203,7 @@ def _track(log: Log) -> TableTrack:
 
 
 def _uneven(clocks: ClockFit, speed: float) -> str:
-    """What is wrong with angles by the clocks where the table turned at ``speed`` (rad/s)."""
+    """The problem of angles by the clocks where the table turned at ``speed`` (rad/s)."""
     error = clocks.misfit * speed
     if error <= TRAVEL_TOLERANCE:
         return ""
@@ -216,7 +214,7 @@ def _uneven(clocks: ClockFit, speed: float) -> str:
 
 
 def _contradiction(stream: Stream, position: Array, track: TableTrack) -> str:
-    """What is wrong with the encoder's ``position`` where the table reports another travel from rest to rest."""
+    """The problem of the encoder's ``position`` where the table reports another travel from rest to rest."""
     last = stream.time > stream.time[-1] - AT_REST_S
     if track.time.size < 2 or track.moving[-1] or stream.encoder is None or np.ptp(stream.encoder[last]) > 1:
         return ""

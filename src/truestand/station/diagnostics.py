@@ -32,12 +32,12 @@ UPDATE_INTERVAL_S = 0.2
 """Between two updates of the live values."""
 BLINKS, BLINK_S = 3, 0.4
 IDENTIFY_TURN, IDENTIFY_SPEED = radians(2.0), radians(5.0)
-"""By how much a table is moved to and fro to be told from others."""
+"""Of a table that is moved to and fro to be recognised."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceAnswer:
-    """What one device says when it is asked."""
+    """The answer of one device to the question for its identity or state."""
 
     device: str
     """table or sensor."""
@@ -182,7 +182,7 @@ def check_devices(stand: Stand, devices: DevicesRecipe, seconds: float, laser: b
 
 
 def _turn_table(station: Station, devices: DevicesRecipe) -> dict[str, str]:
-    """Home, turn by 10 degrees with each sensor that has an encoder, and back at the end; what was found."""
+    """Home, turn by 10 degrees with each sensor that has an encoder, and back at the end; the report, as text."""
     station.home()
     station.machine.fire(Event.START)
     table, start = station.table, station.table.state().position

@@ -31,7 +31,7 @@ class Frames:
         return len(self._by_number)
 
     def add(self, record: Record) -> None:
-        """Copy a frame, unless it has another size or the watch found something wrong with it."""
+        """Copy a frame, unless it has another size or the watch reported a problem."""
         size = self._frame_bytes
         if record.flags & SUSPECT or len(record.payload) != size:
             return

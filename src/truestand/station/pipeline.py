@@ -1,6 +1,6 @@
-"""From a scan to a result, its record, its report and what proves them: the one way that commands, page and demo go.
+"""From a scan to a result, its record, its report and their evidence: commands, page and demo all call these jobs.
 
-Recipes are read first, then the scan is taken or read: a wrong recipe costs nobody a scan.
+Recipes are read first, then the scan is taken or read: a wrong recipe is found before a scan is taken.
 """
 
 from collections.abc import Callable, Mapping
@@ -66,7 +66,7 @@ class Outputs:
 
     @property
     def paths(self) -> list[Path]:
-        """What is wanted."""
+        """The files that are wanted."""
         return [p for p in (self.record, self.cloud, self.report, self.table) if p is not None]
 
     def check(self) -> None:
@@ -84,7 +84,7 @@ class Outputs:
             check_suffix(self.cloud)
 
     def evidence(self) -> dict[str, Path]:
-        """What was written and is kept beside the record, by role."""
+        """The files, by role, that are kept with the record."""
         return {role: path for role, path in (("report", self.report), ("cloud", self.cloud)) if path is not None}
 
 

@@ -11,7 +11,7 @@ from truestand.files.records.records import now
 from truestand.files.scans.native import FORMAT
 from truestand.files.scans.read import sha256_of
 from truestand.files.scans.write_scan import write_recording
-from truestand.station.acquire import Live, SensorSettings, acquire
+from truestand.station.acquire import Live, acquire
 from truestand.station.convert import SensorScan, convert
 from truestand.station.guard import guard
 from truestand.station.log import Log, LogSorter
@@ -121,9 +121,8 @@ def _record(
     not_stopped: dict[str, str] = {}
     try:
         with guard(recipe) as hand_over, open_station(stand, devices) as station:
-            sensors = {s.name: SensorSettings(s.power, s.encoder, s.trigger == "encoder") for s in devices.sensor}
             try:
-                acquire(station, settings, sensors, sorter.path, now(), show, sorter.add)
+                acquire(station, settings, devices.sensor, sorter.path, now(), show, sorter.add)
             finally:
                 not_stopped = station.not_stopped
                 if not_stopped:

@@ -31,7 +31,7 @@ class Station:
     sensors: Sequence[LineSensor]
     machine: StateMachine = field(default_factory=StateMachine)
     not_stopped: dict[str, str] = field(default_factory=dict)
-    """What could not be stopped when that was last tried, and why; empty = all of it was."""
+    """Warning and reason of each device that did not obey the last ``make_safe``; empty = all did."""
 
     def __post_init__(self) -> None:
         self.table = replace(self.table, drive=InterlockedDrive(self.table.drive, self.machine))
@@ -80,7 +80,7 @@ class Station:
             sensor.set_laser(powers[sensor.name])
 
     def make_safe(self) -> list[str]:
-        """Halt the table and switch off all lasers, all at once; what did not obey, with its reason."""
+        """Halt the table and switch off all lasers, all at once; a warning for each device that did not obey."""
         self.not_stopped = {"Laser may be ON, table may be turning": "stopping was broken off"}
         commands: dict[str, Callable[[], None]] = {
             f"Laser may be ON: sensor {s.name}": partial(s.set_laser, "off") for s in self.sensors

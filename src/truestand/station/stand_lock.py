@@ -49,7 +49,7 @@ class StandLock:
         self._write({"state": "in use", "since": since, "log": str(log)})
 
     def latch_fault(self, since: str, reason: str, not_stopped: Mapping[str, str]) -> None:
-        """Keep a fault until it is reset, with what could not be stopped and why."""
+        """Keep a fault until it is reset; ``not_stopped``: devices that did not obey, with the reason."""
         self._fault = True
         self._write({"state": "fault", "since": since, "reason": reason, "not_stopped": dict(not_stopped)})
 
@@ -113,7 +113,7 @@ def latched_fault(stand: Path) -> str:
 
 
 def not_stopped(stand: Path) -> list[str]:
-    """What could not be stopped when the stand's fault was latched."""
+    """The devices that could not be stopped when the stand's fault was latched, as warnings for people."""
     return list(_not_stopped(_read_state(state_path(stand))))
 
 

@@ -2,7 +2,7 @@
 
 The sensor's clock runs beside the host's. A frame arrives some time after its last exposure, never before: the line
 under all arrivals ties the clocks (offset, rate), and what remains is the transport's least delay. Where an encoder is
-wired, that delay shows as skew between what the encoder and the table say, and is reported.
+wired, that delay shows as skew between encoder and table, and is reported.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Watches: what must be true of sensor, table and encoder while a scan is recorded.
 
-Each call returns what is not, in plain words, or an empty text. Pure: times are passed in. The station turns the first
+Each call returns the problem in plain words, or an empty text. Pure: times are passed in. The station turns the first
 problem into a fault. Thresholds leave the half of the second that a fault may take for stopping.
 """
 
@@ -18,13 +18,13 @@ SILENCE_S = 0.5
 FRESH_S = 0.15
 """After a frame, within which its encoder count is compared with the table."""
 WINDOW_S = 0.5
-"""Over which the progress of table and encoder is looked at."""
+"""Over which the progress of table and encoder is checked."""
 SETTLING_S = 1.0
 """After the start of a motion, in which the table may still be getting up to speed."""
 STALLED_SHARE = 0.1
 """Of the set speed, below which the table counts as stalled."""
 ENCODER_SHARES = (0.5, 2.0)
-"""Lowest and highest permitted ratio of the encoder's counts to what the table's own position says."""
+"""Lowest and highest permitted ratio of the encoder's counts to what the table's own position gives."""
 PERMITTED_LOST = 20
 """Profiles that may be lost in any scan before their share counts."""
 
@@ -48,7 +48,7 @@ class SensorWatch:
     _raw_encoder: int | None = None
 
     def see(self, frame: Frame) -> str:
-        """What is wrong with a frame; empty = nothing."""
+        """The problem of a frame; empty = none."""
         before, self._last_frame = self._last_frame, frame
         if len(frame.payload) != self.layout.frame_bytes:
             return (
@@ -97,14 +97,14 @@ class SensorWatch:
         return self._last_frame is not None and now - self._last_frame.received < FRESH_S
 
     def overdue(self, now: float) -> str:
-        """What is wrong where nothing came for too long before ``now`` (s)."""
+        """The problem where no frame came for too long before ``now`` (s)."""
         last = max(self.quiet_until, self.began if self._last_frame is None else self._last_frame.received)
         if now - last > SILENCE_S:
             return f"sensor {self.name} has sent nothing for {now - last:.1f} s; check its cable, power and trigger"
         return ""
 
     def too_lossy(self, most_lost: float, expected: int) -> str:
-        """What is wrong where more than the share ``most_lost`` of the ``expected`` profiles was lost."""
+        """The problem where more than the share ``most_lost`` of the ``expected`` profiles was lost."""
         permitted = max(PERMITTED_LOST, most_lost * expected)
         if self.lost > permitted:
             return (
@@ -125,7 +125,7 @@ class TableWatch:
     _seen: deque[tuple[float, float]] = field(default_factory=deque)
 
     def see(self, now: float, position: float, moving: bool) -> str:
-        """What is wrong with where the table is; empty = nothing."""
+        """The problem of a table at ``position`` (rad); empty = none."""
         if position - self.target > max(self.tolerance, WINDOW_S * self.speed):
             return f"the table ran past the end of the scan, to {degrees(position):.2f} deg; check its controller"
         if not moving and abs(position - self.target) > self.tolerance and now - self.began > WINDOW_S:
@@ -147,7 +147,7 @@ class TableWatch:
 
 @dataclass(slots=True)
 class EncoderWatch:
-    """Whether a sensor's encoder counts what the table turns; asked only while both turn and send."""
+    """Compares a sensor's encoder with the table while the table turns and the sensor sends."""
 
     name: str
     counts_per_turn: int
@@ -156,7 +156,7 @@ class EncoderWatch:
     _seen: deque[tuple[float, tuple[float, int]]] = field(default_factory=deque)
 
     def see(self, now: float, position: float, counts: int, fresh: bool) -> str:
-        """What is wrong with the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
+        """The problem of the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
         if not fresh:
             self._seen.clear()
             return ""

@@ -1,9 +1,9 @@
-"""A job in a process of its own: ``python -m truestand.station.worker``, so that no client of a page costs a profile.
+"""A job in a process of its own: ``python -m truestand.station.worker``, so that the page's clients cost no profiles.
 
 One JSON object on standard input says what to do: ``kind``, the paths ``stand``, ``folder``, ``store``, ``artefact``,
 ``part``, ``calibration``, and ``operator``, ``order``, ``serial``. Events go to standard output, one JSON object a
 line: ``step``, ``live`` (five a second), and one of ``done``, ``failed``, ``aborted`` at the end. SIGINT or SIGTERM
-abort: the stand stops, what came is kept.
+abort: the stand stops, recorded frames are kept.
 
 A thread writes the events, so that a reader that stalls never delays the polling of table and sensors.
 """
