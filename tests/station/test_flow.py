@@ -44,7 +44,7 @@ def differing(one, other) -> list[str]:
 
 
 @pytest.mark.parametrize("encoder", [True, False])
-def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_path, no_reading, encoder):
+def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path, no_reading, encoder):
     with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder, heartbeat_ms=10_000) as stand:
         taken = stand.take(keep_log=True)
     no_reading.undo()
@@ -55,7 +55,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_p
         assert differing(one.scan.recording, read_recording(one.path)) == []
 
 
-def test_a_job_goes_on_with_the_scan_that_it_recorded(tmp_path, no_reading):
+def test_a_job_evaluates_its_scan_without_reading_the_file(tmp_path, no_reading):
     with lab(tmp_path, pace=2.0, turns=0.1, heartbeat_ms=10_000) as stand:
         scan = jobs._scan(
             jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Observer(), tmp_path / "job" / "shaft.h5"
@@ -68,7 +68,7 @@ def frame(number: int, content: bytes, flags: int = 0) -> Record:
     return Record(Kind.FRAME, 0, number, float(number), content, flags)
 
 
-def test_frames_come_out_once_and_in_order_without_those_that_are_wrong():
+def test_frames_are_taken_out_once_in_order_without_suspect_and_short_ones():
     frames = Frames(2)
     for record in (frame(3, b"cc"), frame(1, b"xx"), frame(2, b"bb", SUSPECT), frame(4, b"d"), frame(1, b"aa")):
         frames.add(record)
@@ -77,7 +77,7 @@ def test_frames_come_out_once_and_in_order_without_those_that_are_wrong():
     assert len(frames) == 0
 
 
-def test_frames_give_their_memory_up_as_they_are_taken_out(monkeypatch):
+def test_frames_release_their_memory_as_they_are_taken_out(monkeypatch):
     real, maps = mmap.mmap, weakref.WeakSet()
 
     def mapped(file, size):

@@ -89,7 +89,7 @@ def test_killed_recordings_are_recovered_and_the_guard_stops_the_stand(tmp_path)
     check(killed_often(tmp_path, 2, 1))
 
 
-def test_a_killed_look_at_the_devices_leaves_no_laser_on(tmp_path):
+def test_stand_watch_when_killed_leaves_no_laser_on(tmp_path):
     with lab(tmp_path, heartbeat_ms=500) as stand:
         command = [sys.executable, "-m", "truestand", "stand", "watch", "--laser", "--stand", str(stand.recipe)]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -105,7 +105,7 @@ def test_a_killed_look_at_the_devices_leaves_no_laser_on(tmp_path):
 
 
 @pytest.mark.parametrize("ended", [signal.SIGTERM, signal.SIGHUP])
-def test_a_test_that_is_ended_stops_and_darkens(tmp_path, ended):
+def test_stand_test_when_terminated_leaves_the_stand_safe(tmp_path, ended):
     with lab(tmp_path, pace=0.6) as stand:
         command = [sys.executable, "-m", "truestand", "stand", "test", "--laser", "--seconds", "30"]
         process = subprocess.Popen([*command, "--stand", str(stand.recipe)], stdin=subprocess.DEVNULL)
@@ -117,7 +117,7 @@ def test_a_test_that_is_ended_stops_and_darkens(tmp_path, ended):
         assert stand.safe
 
 
-def test_ctrl_c_is_not_lost_within_genicam(tmp_path, monkeypatch):
+def test_ctrl_c_within_genicam_is_not_lost(tmp_path, monkeypatch):
     """While it is loaded, and at some other places, GenICam swallows what Python raises."""
     real = nodes._genapi
 

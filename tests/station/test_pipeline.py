@@ -1,4 +1,4 @@
-"""One way from a scan to its result: the page's jobs and the commands make the same records and keep the same files."""
+"""Jobs: the page's worker and the commands make the same records and keep the same files."""
 
 import shutil
 
@@ -49,7 +49,7 @@ ROLES = {
 
 
 @pytest.mark.parametrize("kind", ROLES)
-def test_a_job_and_a_command_come_to_the_same(shop, tmp_path, monkeypatch, kind):
+def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, monkeypatch, kind):
     def copied(job, observer, path):
         path.parent.mkdir()
         shutil.copy(shop / "k1.h5", path)
@@ -81,7 +81,7 @@ def test_a_job_and_a_command_come_to_the_same(shop, tmp_path, monkeypatch, kind)
         ("verify", "a calib"),
     ],
 )
-def test_what_a_job_lacks_is_told_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
+def test_a_job_without_an_input_is_refused_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
     monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
     part = None if lacking == "the part's recipe" else shop / "part.toml"
     calibration = shop / "calibration.json" if part is None else None
@@ -89,7 +89,7 @@ def test_what_a_job_lacks_is_told_before_any_scan(shop, tmp_path, monkeypatch, k
         jobs.run_job(Job(kind, shop / "stand.toml", tmp_path, None, part, calibration), Observer())
 
 
-def test_a_recipe_that_can_not_be_read_costs_no_scan(shop, tmp_path, monkeypatch):
+def test_an_unreadable_recipe_is_refused_before_any_scan(shop, tmp_path, monkeypatch):
     monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
     logo = '[company]\nlogo = "none.png"\n'
     (tmp_path / "stand.toml").write_text((shop / "stand.toml").read_text() + logo)

@@ -1,4 +1,4 @@
-"""The threads that record: what goes wrong in one is told, however late."""
+"""The threads that record: an error in one is reported, however late."""
 
 import threading
 import time
@@ -26,8 +26,8 @@ SETTINGS = ScanSettings(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
 
 
 @dataclass
-class TellingDrive(MemoryDrive):
-    """It tells when the stand has seen it arrive at the end of the scan."""
+class ArrivingDrive(MemoryDrive):
+    """It sets ``arrived`` when the stand has seen it at the end of the scan."""
 
     arrived: threading.Event = field(default_factory=threading.Event)
 
@@ -53,10 +53,10 @@ class StreamingSensor(MemorySensor):
         return Frame(self._number, time.monotonic(), payload)
 
 
-def test_a_recorder_that_fails_after_the_last_look_makes_the_scan_incomplete(tmp_path, monkeypatch):
-    monkeypatch.setattr(acquire_module, "LAST_FRAMES_S", 0.0)  # the stand looks no more once the table has arrived
+def test_a_recorder_that_fails_after_the_last_poll_makes_the_scan_incomplete(tmp_path, monkeypatch):
+    monkeypatch.setattr(acquire_module, "LAST_FRAMES_S", 0.0)  # no more polls once the table has arrived
     monkeypatch.setattr(watch, "SILENCE_S", inf)  # a busy machine is no silent sensor
-    drive = TellingDrive()
+    drive = ArrivingDrive()
     station = Station(Stand(), RotaryTable(drive), [StreamingSensor(lost=drive.arrived)])
     log = tmp_path / "k1.log"
     with pytest.raises(DeviceLost, match="the cable came off"):

@@ -1,4 +1,4 @@
-"""The mark beside a stand.toml: foreign or damaged content is a fault that says so, never a stand that is free."""
+"""The state file of a stand: foreign or damaged content is a fault with its reason, never a stand that is free."""
 
 import os
 
@@ -15,7 +15,7 @@ def stand(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe", b"[1, 2]", b"{", b"[" * 60_000, b'{"state": "fault", "sin'])
-def test_foreign_content_is_a_fault_until_it_is_reset(stand, content):
+def test_a_state_file_without_json_is_a_fault_until_reset(stand, content):
     state_path(stand).write_bytes(content)
     with pytest.raises(Fault, match="holds no JSON"):
         StandLock(stand)
@@ -23,7 +23,7 @@ def test_foreign_content_is_a_fault_until_it_is_reset(stand, content):
     StandLock(stand).close()
 
 
-def test_a_write_that_is_broken_off_leaves_no_free_stand(stand, monkeypatch):
+def test_a_write_that_is_broken_off_leaves_a_fault(stand, monkeypatch):
     held = StandLock(stand)
     held.set_in_use("now", stand)
 
@@ -40,26 +40,26 @@ def test_a_write_that_is_broken_off_leaves_no_free_stand(stand, monkeypatch):
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_who_died_before_there_was_a_log_has_none_to_recover(stand, there):
+def test_recover_is_advised_only_where_the_dead_program_left_a_log(stand, there):
     log = stand.with_suffix(".log")
     if there:
         log.touch()
     held = StandLock(stand)
     held.set_in_use("now", log)
     os.close(held._file)
-    with pytest.raises(Fault, match="died") as told:
+    with pytest.raises(Fault, match="died") as error:
         StandLock(stand)
-    assert ("truestand recover" in str(told.value)) == there
+    assert ("truestand recover" in str(error.value)) == there
 
 
-def test_a_program_that_ends_well_while_somebody_looks_has_not_died(stand, monkeypatch):
+def test_a_program_that_ends_while_the_state_is_read_has_not_died(stand, monkeypatch):
     held, lock = StandLock(stand), lock_module._lock
     held.set_in_use("now", stand)
     monkeypatch.setattr(lock_module, "_lock", lambda file: held.close() or lock(file))
     assert latched_fault(stand) == ""
 
 
-def test_a_reset_does_not_free_the_stand_of_a_program_that_came_meanwhile(stand, monkeypatch):
+def test_a_reset_keeps_the_lock_of_a_program_that_started_meanwhile(stand, monkeypatch):
     """Another person's reset, and a scan, just when the first reset has given its lock back."""
     broken, close, came = StandLock(stand), os.close, []
     broken.latch_fault("now", "a reason", {})

@@ -1,4 +1,4 @@
-"""The table of states: nothing moves or shines in FAULT, whatever is asked in whatever order."""
+"""The table of states: no motion and no laser in FAULT, by any sequence of commands."""
 
 from contextlib import suppress
 
@@ -18,7 +18,7 @@ from truestand.station.stand import Station
 from truestand.station.state_machine import PERMITTED, TRANSITIONS, Event, State, StateMachine
 
 
-def test_what_could_not_be_stopped_is_named_the_lasers_first():
+def test_devices_that_can_not_be_stopped_are_named_lasers_first():
     table = RotaryTable(MemoryDrive(gone=True), clock=lambda: 0.0, sleep=lambda s: None)
     station = Station(Stand(), table, [MemorySensor("back"), MemorySensor("front", gone=True)])
     assert station.make_safe() == [
@@ -130,7 +130,7 @@ def test_only_a_reset_leads_out_of_fault():
     assert TRANSITIONS[State.FAULT, Event.FAIL] is State.FAULT
 
 
-def test_the_first_reason_stays():
+def test_the_first_reason_of_a_fault_is_kept():
     machine = StateMachine()
     machine.fire(Event.FAIL, "cable")
     machine.fire(Event.FAIL, "everything else, then")
@@ -140,7 +140,7 @@ def test_the_first_reason_stays():
     assert machine.state is State.IDLE
 
 
-def test_a_state_is_left_as_it_is_where_an_event_has_no_place():
+def test_an_event_without_a_transition_is_refused_and_the_state_kept():
     machine = StateMachine()
     with pytest.raises(Fault, match="'start' is not possible while the stand is idle"):
         machine.fire(Event.START)
