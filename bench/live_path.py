@@ -31,7 +31,7 @@ from truestand.sim.live.registers import Identity
 from truestand.sim.live.source import RecordedSource
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
-from truestand.station.log import LogSorter
+from truestand.station.log import LogBuilder
 from truestand.station.recipe import DevicesRecipe, ScanSettings
 from truestand.station.stand import open_station
 
@@ -99,8 +99,8 @@ def run(options, address):
     with tempfile.TemporaryDirectory() as folder, open_station(described, devices) as opened:
         log = Path(folder) / "k1.log"
         wall, cpu = time.monotonic(), time.process_time()
-        sorter = LogSorter(log)
-        station.acquire(opened, settings, devices.sensor, log, "now", written=sorter.add)
+        builder = LogBuilder(log)
+        station.acquire(opened, settings, devices.sensor, log, "now", written=builder.add)
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         statistics = opened.sensors[0].statistics()
         records = [(r.number, r.time) for r in read_log(log) if r.kind is Kind.FRAME]

@@ -12,7 +12,7 @@ from truestand.devices.sensor import Layout, Profiles
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
 from truestand.station.convert import convert
-from truestand.station.log import SensorPlan, begin_record, sort_log
+from truestand.station.log import SensorPlan, begin_record, load_log
 from truestand.station.recipe import ScanSettings
 from truestand.station.scan import write_scans
 
@@ -64,7 +64,7 @@ def recorded(
 
 
 def only(path):
-    (scan,) = convert(sort_log(path))
+    (scan,) = convert(load_log(path))
     return scan
 
 
@@ -119,7 +119,7 @@ def test_the_travel_is_not_compared_where_the_stream_ends_before_the_table_rests
 
 def test_the_file_of_one_of_two_sensors_carries_its_name_though_the_other_is_silent(tmp_path):
     log = recorded(tmp_path / "k1.log", names=("front", "back"), silent=("back",))
-    assert [w.path.name for w in write_scans(convert(sort_log(log)), tmp_path / "k1.h5")] == ["k1-front.h5"]
+    assert [w.path.name for w in write_scans(convert(load_log(log)), tmp_path / "k1.h5")] == ["k1-front.h5"]
 
 
 def test_a_log_without_a_whole_profile_is_refused(tmp_path):
@@ -130,14 +130,14 @@ def test_a_log_without_a_whole_profile_is_refused(tmp_path):
         log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), settings, (plan,), "now", "test"), 0.0)
         log.append(Kind.FRAME, bytes(plan.layout.frame_bytes), 0.1, flags=INCOMPLETE)
     with pytest.raises(NotEnoughData, match="no whole profile"):
-        convert(sort_log(path))
+        convert(load_log(path))
 
 
 def test_a_file_of_two_logs_is_refused(tmp_path):
     one, two = recorded(tmp_path / "a.log"), recorded(tmp_path / "b.log")
     one.write_bytes(one.read_bytes() + two.read_bytes())
     with pytest.raises(UnreadableFile, match="found two recordings"):
-        sort_log(one)
+        load_log(one)
 
 
 @pytest.mark.parametrize("change", [{"kind": "hologram"}, {"points": 0}, {"rate": "fast"}, {"depth": 3}])
@@ -149,4 +149,4 @@ def test_a_layout_of_another_version_is_refused_with_that_version(tmp_path, chan
     with LogWriter(path) as log:
         log.append_json(Kind.BEGIN, begin, 0.0)
     with pytest.raises(UnreadableFile, match=r"another version \(truestand 99\)"):
-        convert(sort_log(path))
+        convert(load_log(path))

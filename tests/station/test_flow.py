@@ -15,7 +15,7 @@ from truestand.files.scans.scan_log import SUSPECT, Kind, Record
 from truestand.station import jobs
 from truestand.station import log as log_module
 from truestand.station.convert import convert
-from truestand.station.log import Frames, sort_log
+from truestand.station.log import Frames, load_log
 from truestand.station.scan import write_scans
 
 
@@ -48,7 +48,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path,
     with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder, heartbeat_ms=10_000) as stand:
         taken = stand.take(keep_log=True)
     no_reading.undo()
-    recovered = write_scans(convert(sort_log(tmp_path / "k1.log")), tmp_path / "again.h5")
+    recovered = write_scans(convert(load_log(tmp_path / "k1.log")), tmp_path / "again.h5")
     assert len(taken.written) == len(recovered) == 2
     for one, again in zip(taken.written, recovered, strict=True):
         assert one.path.read_bytes() == again.path.read_bytes()

@@ -16,7 +16,7 @@ from truestand.core.errors import Fault
 from truestand.devices.gige import nodes
 from truestand.devices.gige.camera import Camera
 from truestand.station.convert import convert
-from truestand.station.log import sort_log
+from truestand.station.log import load_log
 from truestand.station.stand_lock import StandLock, reset_latched_fault
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
@@ -55,7 +55,7 @@ def kill_once(stand, name, wait) -> Killed:
         time.sleep(0.01)
         assert time.monotonic() - killed < NOT_FOR_EVER
     stopped = time.monotonic() - killed
-    (scan,) = convert(sort_log(log))
+    (scan,) = convert(load_log(log))
     while device.controlled:
         time.sleep(0.02)
     return Killed(sent, profiles_in(log), scan.complete, stopped)

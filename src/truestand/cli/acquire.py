@@ -21,7 +21,7 @@ from truestand.cli.terminal import hint, interrupted_by_signals, print_json, pro
 from truestand.core.errors import BadRecipe
 from truestand.files.scans.write_scan import NATIVE, check_output
 from truestand.station.convert import convert
-from truestand.station.log import sort_log
+from truestand.station.log import load_log
 from truestand.station.recipe import read_devices, scan_settings
 from truestand.station.scan import ScanOutcome, output_path, take_scan, write_scans
 
@@ -79,7 +79,7 @@ def recover(
         raise BadRecipe(f"{target}: found suffix {target.suffix!r}, need .h5, which says whether the scan is complete")
     check_output(target, force)
     with progress(f"Reading {log.name}", quiet):
-        written = write_scans(convert(sort_log(log)), target, force)
+        written = write_scans(convert(load_log(log)), target, force)
     _print_and_exit(ScanOutcome(written), as_json, quiet)
 
 

@@ -105,12 +105,8 @@ def watch_devices(
 @contextmanager
 def _stand_in_use(stand: Path, active: bool) -> Iterator[None]:
     """Lock the stand; ``active``: something moves or a laser is on, and a guard stops it if this program is killed."""
-    lock = StandLock(stand)
-    try:
-        with interrupted_by_signals(), guard(stand) if active else nullcontext():
-            yield
-    finally:
-        lock.close()
+    with closing(StandLock(stand)), interrupted_by_signals(), guard(stand) if active else nullcontext():
+        yield
 
 
 def reset_fault(stand: DevicesOption, quiet: QuietOption = False) -> None:

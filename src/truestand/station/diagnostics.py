@@ -100,7 +100,7 @@ def _ask_sensor(stand: Stand, recipe: SensorRecipe) -> DeviceAnswer:
 
 
 def _stream(sensor: LineSensor, while_running: Iterator[None]) -> StreamReport:
-    """Let a sensor stream until the iterator ends, which goes on by one step for each frame; the laser as it is."""
+    """Let a sensor stream until the iterator ends; one step is taken before each frame. The laser stays as it is."""
     layout = sensor.start()
     began = time.monotonic()
     watch, problem, last = SensorWatch(sensor.name, layout, began), "", b""

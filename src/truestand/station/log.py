@@ -76,24 +76,24 @@ class Log:
     damages: list[Damage] = field(default_factory=list)
 
 
-def sort_log(path: Path) -> Log:
+def load_log(path: Path) -> Log:
     """The content of the log at ``path``.
 
     Raises:
         UnreadableFile: no log, without its first record, or with two of them.
     """
     damages: list[Damage] = []
-    sorter = LogSorter(path)
+    builder = LogBuilder(path)
     for record in read_log(path, damages):
-        sorter.add(record)
-    if sorter.log is None:
-        raise _headless(path)
-    sorter.log.damages = damages
-    return sorter.log
+        builder.add(record)
+    if builder.log is None:
+        raise _without_begin(path)
+    builder.log.damages = damages
+    return builder.log
 
 
-class LogSorter:
-    """Sorts the records of the log at ``path`` as they are written, or read."""
+class LogBuilder:
+    """Builds the content of the log at ``path`` from its records, as they are written or read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -112,9 +112,9 @@ class LogSorter:
                 raise UnreadableFile(
                     f"{self.path.name}: found two recordings, need one; recover each from the log of its own"
                 )
-            self.log = _begun(record.json(), self.path.name)
+            self.log = _log_from(record.json(), self.path.name)
         elif log is None:
-            raise _headless(self.path)
+            raise _without_begin(self.path)
         elif record.kind is Kind.FRAME and record.source < len(log.frames):
             log.frames[record.source].add(record)
         elif record.kind is Kind.TABLE and len(record.payload) == TABLE.size:
@@ -123,7 +123,7 @@ class LogSorter:
             log.end = record.json()
 
 
-def _headless(path: Path) -> UnreadableFile:
+def _without_begin(path: Path) -> UnreadableFile:
     return UnreadableFile(f"{path.name}: the log lost its first record, which says how to read it; scan again")
 
 
@@ -135,7 +135,7 @@ def begin_record(
     return {"stand": stand, "order": settings.record(), "sensors": plans, "created": created, "software": software}
 
 
-def _begun(record: Mapping[str, Any], name: str) -> Log:
+def _log_from(record: Mapping[str, Any], name: str) -> Log:
     try:
         plans = tuple(SensorPlan(str(s["name"]), _layout(s["layout"]), bool(s["encoder"])) for s in record["sensors"])
         stand = stand_from_recipe(record["stand"])

@@ -1,6 +1,7 @@
 """One scan from its settings to its files: the stand's lock, the guard, the recording, the native files."""
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from truestand.files.scans.write_scan import write_recording
 from truestand.station.acquire import Live, acquire
 from truestand.station.convert import SensorScan, convert
 from truestand.station.guard import guard
-from truestand.station.log import Log, LogSorter
+from truestand.station.log import Log, LogBuilder
 from truestand.station.recipe import DevicesRecipe, ScanSettings
 from truestand.station.stand import open_station
 from truestand.station.stand_lock import REMEDY, StandLock, failure_texts
@@ -76,14 +77,12 @@ def take_scan(
     log = output.with_suffix(".log")
     if log.exists():
         raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
-    lock, sorter = StandLock(recipe), LogSorter(log)
-    try:
+    builder = LogBuilder(log)
+    with closing(StandLock(recipe)) as lock:
         lock.set_in_use(now(), log.absolute())
-        outcome = _record(recipe, stand, devices, settings, sorter, show, lock)
-    finally:
-        lock.close()
-    assert sorter.log is not None
-    return replace(outcome, written=_write(sorter.log, log, output, outcome, keep_log))
+        outcome = _record(recipe, stand, devices, settings, builder, show, lock)
+    assert builder.log is not None
+    return replace(outcome, written=_write(builder.log, log, output, outcome, keep_log))
 
 
 def _write(content: Log, log: Path, output: Path, outcome: ScanOutcome, keep_log: bool) -> tuple[WrittenScan, ...]:
@@ -113,7 +112,7 @@ def _record(
     stand: Stand,
     devices: DevicesRecipe,
     settings: ScanSettings,
-    sorter: LogSorter,
+    builder: LogBuilder,
     show: Callable[[Live], None],
     lock: StandLock,
 ) -> ScanOutcome:
@@ -122,7 +121,7 @@ def _record(
     try:
         with guard(recipe) as hand_over, open_station(stand, devices) as station:
             try:
-                acquire(station, settings, devices.sensor, sorter.path, now(), show, sorter.add)
+                acquire(station, settings, devices.sensor, builder.path, now(), show, builder.add)
             finally:
                 not_stopped = station.not_stopped
                 if not_stopped:
@@ -130,13 +129,13 @@ def _record(
     except KeyboardInterrupt:
         if not_stopped:
             lock.latch_fault(now(), "it was interrupted by the operator", not_stopped)
-        if sorter.log is None:
+        if builder.log is None:
             raise
         return ScanOutcome((), interrupted=True, not_stopped=tuple(failure_texts(not_stopped)))
     except Exception as error:
-        if isinstance(error, Fault) or not_stopped or sorter.path.exists():
+        if isinstance(error, Fault) or not_stopped or builder.path.exists():
             lock.latch_fault(now(), str(error), not_stopped)
-        if sorter.log is None or not isinstance(error, TruestandError | OSError):
+        if builder.log is None or not isinstance(error, TruestandError | OSError):
             raise
         return ScanOutcome((), fault=str(error), not_stopped=tuple(failure_texts(not_stopped)))
     return ScanOutcome(())
