@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.evaluation import result_keeper
 from truestand.cli.options import (
     INTERRUPTED,
     UNDECIDED,
@@ -17,6 +16,7 @@ from truestand.cli.options import (
     QuietOption,
     StoreOption,
 )
+from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, interrupted_by_signals, print_json, progress, scan_progress
 from truestand.core.errors import BadRecipe
 from truestand.files.scans.write_scan import NATIVE, check_output

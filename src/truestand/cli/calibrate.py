@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from truestand.apply.verify import Verification
-from truestand.cli.evaluation import end_if_untrusted, result_keeper, scan_reader
+from truestand.cli.evaluation import end_if_untrusted, scan_reader
 from truestand.cli.options import (
     VERDICT_CODES,
     ArtefactOption,
@@ -20,6 +20,7 @@ from truestand.cli.options import (
     StoreOption,
     TruthOption,
 )
+from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, print_json, print_table, step_progress
 from truestand.core.calibration import Method
 from truestand.core.errors import BadRecipe

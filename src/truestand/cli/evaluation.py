@@ -1,10 +1,8 @@
-"""What the commands that evaluate scans share: reading scans, keeping results, saying why one is not trusted."""
+"""What the commands that evaluate scans share: reading scans, and saying why a calibration is not trusted."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -14,10 +12,9 @@ from truestand.cli.terminal import hint, progress
 from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Stand
-from truestand.files.recipes.recipes import read_stand, read_store_folder
+from truestand.files.recipes.recipes import read_stand
 from truestand.files.scans.read import read_recording
 from truestand.station.pipeline import TakeScans
-from truestand.store import Store
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,33 +50,6 @@ def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool) 
     """The reader, its recipe read before the work begins."""
     described = None if stand is None else read_stand(stand)
     return ScanReader(described, radians_or_none(start_angle_deg), quiet)
-
-
-@dataclass(frozen=True, slots=True)
-class ResultKeeper:
-    """Adds results to a store, once their files are written; without a store nothing is kept."""
-
-    folder: Path | None
-    operator: str | None
-    quiet: bool
-
-    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
-        """Add a record with the files, by role, that it rests on, and print the entry's number."""
-        if self.folder is not None:
-            entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
-            hint(f"kept as entry {entry.number} in {self.folder}", self.quiet)
-
-
-def result_keeper(store: Path | None, stand: Path | None, operator: str | None, quiet: bool) -> ResultKeeper:
-    """For the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
-
-    Raises:
-        BadStore: a store that can't be written to.
-    """
-    folder = store or (None if stand is None else read_store_folder(stand))
-    if folder is not None:
-        Store.open(folder, create=True)
-    return ResultKeeper(folder, operator, quiet)
 
 
 def print_witness(transferred: Transfer, quiet: bool) -> None:

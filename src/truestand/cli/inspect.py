@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from truestand.cli.evaluation import end_if_untrusted, print_witness, result_keeper, scan_reader
+from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import (
     VERDICT_CODES,
     CalibrationOption,
@@ -21,6 +21,7 @@ from truestand.cli.options import (
     StoreOption,
     TruthOption,
 )
+from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, print_json, print_table, progress, step_progress
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose

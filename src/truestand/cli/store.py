@@ -1,7 +1,9 @@
-"""``truestand store`` and ``audit``: list, correct, remark on, copy and check the entries of a results store."""
+"""``truestand store`` and ``audit``, and how other commands add their results to a store."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -29,6 +31,33 @@ def _folder(store: Path | None) -> Path:
     if folder is None:
         raise BadRecipe("found no --store and no stand.toml with [store] here; pass --store DIR")
     return folder
+
+
+@dataclass(frozen=True, slots=True)
+class ResultKeeper:
+    """Adds results to a store, once their files are written; without a store nothing is kept."""
+
+    folder: Path | None
+    operator: str | None
+    quiet: bool
+
+    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
+        """Add a record with the files, by role, that it rests on, and print the entry's number."""
+        if self.folder is not None:
+            entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
+            hint(f"kept as entry {entry.number} in {self.folder}", self.quiet)
+
+
+def result_keeper(store: Path | None, stand: Path | None, operator: str | None, quiet: bool) -> ResultKeeper:
+    """For the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
+
+    Raises:
+        BadStore: a store that can't be written to.
+    """
+    folder = store or (None if stand is None else read_store_folder(stand))
+    if folder is not None:
+        Store.open(folder, create=True)
+    return ResultKeeper(folder, operator, quiet)
 
 
 def list_entries(
