@@ -13,7 +13,7 @@ from pathlib import Path
 from truestand._version import __version__
 from truestand.core.errors import DeviceLost, Fault, NoSpace
 from truestand.devices.axis import DriveState
-from truestand.devices.sensor import Layout
+from truestand.devices.sensor import Layout, LineSensor
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
@@ -95,7 +95,12 @@ def acquire(
         with LogWriter(log, written) as writer:
             begin = begin_record(stand_recipe(station.stand), settings, plans, created, f"truestand {__version__}")
             writer.append_json(Kind.BEGIN, begin, time.monotonic())
-            _Recording(station, settings, sensors, plans, writer, show).record()
+            now = time.monotonic()
+            recorders = [
+                _SensorRecorder(i, sensor, recipe, SensorWatch(plan.name, plan.layout, now))
+                for i, (sensor, recipe, plan) in enumerate(zip(station.sensors, sensors, plans, strict=True))
+            ]
+            _Recording(station, settings, recorders, writer, show).record()
 
 
 def _require_space(log: Path, settings: ScanSettings, plans: Sequence[SensorPlan]) -> None:
@@ -117,19 +122,47 @@ def _require_space(log: Path, settings: ScanSettings, plans: Sequence[SensorPlan
 
 
 @dataclass(slots=True)
+class _SensorRecorder:
+    """One sensor's part of a recording."""
+
+    index: int
+    """Of the sensor in the log."""
+    sensor: LineSensor
+    recipe: SensorRecipe
+    watch: SensorWatch
+    encoder: EncoderWatch | None = None
+    """Once the table turns; None where the sensor has none."""
+    latest: bytes = b""
+
+    def record(self, log: LogWriter, over: threading.Event) -> None:
+        """In a thread: check and log every frame until ``over``, without those from before the recording."""
+        while not over.is_set():
+            frame = self.sensor.next_frame(POLL_INTERVAL_S * 5)
+            if frame is None or frame.received < self.watch.began:
+                continue
+            problem = self.watch.see(frame)
+            flags = INCOMPLETE if frame.missing else SUSPECT if problem else 0
+            log.append(Kind.FRAME, frame.payload, frame.received, self.index, frame.number, flags)
+            _raise_fault(problem)
+            self.latest = frame.payload
+
+    def live(self, now: float) -> LiveSensor:
+        """How far the recording is at ``now`` (s)."""
+        w = self.watch
+        rate = w.profiles / w.layout.profiles / max(now - w.began, 1e-3)
+        return LiveSensor(w.name, rate, w.profiles, w.lost, w.layout, self.latest)
+
+
+@dataclass(slots=True)
 class _Recording:
     """One recording while it goes on."""
 
     station: Station
     settings: ScanSettings
-    sensors: Sequence[SensorRecipe]
-    plans: tuple[SensorPlan, ...]
+    sensors: Sequence[_SensorRecorder]
     log: LogWriter
     show: Show
-    watches: list[SensorWatch] = field(default_factory=list)
-    encoders: list[EncoderWatch | None] = field(default_factory=list)
-    latest: list[bytes] = field(default_factory=list)
-    recorders: list[Future[None]] = field(default_factory=list)
+    threads: list[Future[None]] = field(default_factory=list)
     over: threading.Event = field(default_factory=threading.Event)
     start: float = 0.0
     """rad of the table before it turns."""
@@ -137,17 +170,14 @@ class _Recording:
 
     def record(self) -> None:
         """Record from the first frame to rest; the END record tells whether the recording is complete."""
-        now = time.monotonic()
-        self.latest = [b"" for _ in self.plans]
-        self.watches = [SensorWatch(p.name, p.layout, now) for p in self.plans]
         self._expect_triggered(since=inf)
-        with ThreadPoolExecutor(len(self.plans), "recorder") as together:
+        with ThreadPoolExecutor(len(self.sensors), "recorder") as together:
             try:
-                self.recorders = [together.submit(self._record_sensor, i) for i in range(len(self.plans))]
+                self.threads = [together.submit(sensor.record, self.log, self.over) for sensor in self.sensors]
                 self._turn()
                 self.over.set()
-                for recorder in self.recorders:  # one may have failed since the last poll
-                    recorder.result()
+                for thread in self.threads:  # one may have failed since the last poll
+                    thread.result()
             except BaseException as error:
                 self._abort(error)
                 raise
@@ -180,7 +210,7 @@ class _Recording:
         """Lasers on, the table from rest to rest, and the last frames."""
         machine, table, speed = self.station.machine, self.station.table, self.settings.speed
         machine.fire(Event.START)
-        self.station.set_lasers({sensor.name: sensor.power for sensor in self.sensors})
+        self.station.set_lasers({sensor.recipe.name: sensor.recipe.power for sensor in self.sensors})
         self._await_first_frames()
         self.start = self._table_state().position
         target = self.start + self.settings.travel
@@ -188,12 +218,10 @@ class _Recording:
         machine.fire(Event.TURNING)
         began = time.monotonic()
         watch = TableWatch(speed, target, table.limits.tolerance, began)
-        self.encoders = [
-            EncoderWatch(p.name, self.station.stand.counts_per_turn, speed, began)
-            if p.encoder and p.layout.encoder_modulus
-            else None
-            for p in self.plans
-        ]
+        for sensor in self.sensors:
+            if sensor.recipe.encoder and sensor.watch.layout.encoder_modulus:
+                counts_per_turn = self.station.stand.counts_per_turn
+                sensor.encoder = EncoderWatch(sensor.recipe.name, counts_per_turn, speed, began)
         self._expect_triggered(since=began + SETTLING_S)
         while not self._arrived(watch):
             time.sleep(POLL_INTERVAL_S)
@@ -210,36 +238,37 @@ class _Recording:
         _raise_fault(watch.see(state.time, state.position, state.moving))
         if state.position > self.start + self.settings.run_up + self.settings.turns * tau:
             self._expect_triggered(since=inf)
-        for sensor, encoder in zip(self.watches, self.encoders, strict=True):
-            if encoder is not None:
-                _raise_fault(encoder.see(state.time, state.position, sensor.encoder, sensor.fresh(state.time)))
+        for sensor in self.sensors:
+            if sensor.encoder is not None:
+                fresh = sensor.watch.fresh(state.time)
+                _raise_fault(sensor.encoder.see(state.time, state.position, sensor.watch.encoder, fresh))
         self._show(state.position)
         return watch.arrived(state.position, state.moving)
 
     def _expect_triggered(self, since: float) -> None:
         """Set from when on (s) sensors must send that the encoder triggers: at rest, they rightly send nothing."""
-        for sensor, watch in zip(self.sensors, self.watches, strict=True):
-            if sensor.trigger == "encoder":
-                watch.quiet_until = since
+        for sensor in self.sensors:
+            if sensor.recipe.trigger == "encoder":
+                sensor.watch.quiet_until = since
 
     def _poll(self) -> None:
         """Poll recorders, sensors and disk."""
         now = time.monotonic()
         self._raise_failures()
-        expected = int(self.settings.duration * max(p.layout.rate for p in self.plans))
-        for watch in self.watches:
-            _raise_fault(watch.overdue(now))
-            _raise_fault(watch.too_lossy(self.settings.most_lost, expected))
+        expected = int(self.settings.duration * max(sensor.watch.layout.rate for sensor in self.sensors))
+        for sensor in self.sensors:
+            _raise_fault(sensor.watch.overdue(now))
+            _raise_fault(sensor.watch.too_lossy(self.settings.most_lost, expected))
         if now - self._disk_checked > DISK_CHECK_INTERVAL_S:
             self._disk_checked = now
             if shutil.disk_usage(self.log.path.parent).free < SPARE_BYTES / 4:
                 raise NoSpace(f"{self.log.path.parent}: the disk is all but full; what was recorded so far is kept")
 
     def _raise_failures(self) -> None:
-        """Raise the error of a recorder that has failed."""
-        for recorder in self.recorders:
-            if recorder.done():
-                recorder.result()
+        """Raise the error of a thread that has failed."""
+        for thread in self.threads:
+            if thread.done():
+                thread.result()
 
     def _table_state(self) -> DriveState:
         state = self.station.table.state()
@@ -248,7 +277,7 @@ class _Recording:
 
     def _await_first_frames(self) -> None:
         until = time.monotonic() + FIRST_FRAME_TIMEOUT_S
-        awaited = [watch for watch in self.watches if watch.quiet_until < inf]
+        awaited = [sensor.watch for sensor in self.sensors if sensor.recipe.trigger != "encoder"]
         while any(watch.profiles == 0 for watch in awaited):
             self._raise_failures()
             if time.monotonic() > until:
@@ -259,32 +288,11 @@ class _Recording:
                 )
             time.sleep(POLL_INTERVAL_S)
 
-    def _record_sensor(self, i: int) -> None:
-        """In a thread: check and log every frame of one sensor, without those from before the recording."""
-        sensor, watch = self.station.sensors[i], self.watches[i]
-        while not self.over.is_set():
-            frame = sensor.next_frame(POLL_INTERVAL_S * 5)
-            if frame is None or frame.received < watch.began:
-                continue
-            problem = watch.see(frame)
-            flags = INCOMPLETE if frame.missing else SUSPECT if problem else 0
-            self.log.append(Kind.FRAME, frame.payload, frame.received, i, frame.number, flags)
-            _raise_fault(problem)
-            self.latest[i] = frame.payload
-
     def _show(self, position: float) -> None:
-        seconds = max(time.monotonic() - self.watches[0].began, 1e-3)
-        self.show(
-            Live(
-                self.station.machine.state,
-                min(max((position - self.start) / self.settings.travel, 0.0), 1.0),
-                position,
-                tuple(
-                    LiveSensor(w.name, w.profiles / w.layout.profiles / seconds, w.profiles, w.lost, w.layout, latest)
-                    for w, latest in zip(self.watches, self.latest, strict=True)
-                ),
-            )
-        )
+        now = time.monotonic()
+        done = min(max((position - self.start) / self.settings.travel, 0.0), 1.0)
+        sensors = tuple(sensor.live(now) for sensor in self.sensors)
+        self.show(Live(self.station.machine.state, done, position, sensors))
 
 
 def _raise_fault(problem: str) -> None:

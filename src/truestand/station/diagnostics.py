@@ -1,8 +1,8 @@
 """Diagnostics of a stand's devices: which answer, what a sensor sends, which device is which; and the fault's reset."""
 
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Generator, Iterator, Mapping
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from math import degrees, radians, tau
 from pathlib import Path
@@ -77,8 +77,7 @@ def ask_devices(stand: Stand, devices: DevicesRecipe) -> list[DeviceAnswer]:
 
 def _ask_table(recipe: TableRecipe) -> DeviceAnswer:
     try:
-        table = open_table(recipe)
-        with _closing(table.close):
+        with closing(open_table(recipe)) as table:
             state = table.state()
     except TruestandError as error:
         return DeviceAnswer("table", recipe.protocol, recipe.address, answers=False, problem=str(error))
@@ -92,8 +91,7 @@ def _ask_table(recipe: TableRecipe) -> DeviceAnswer:
 
 def _ask_sensor(stand: Stand, recipe: SensorRecipe) -> DeviceAnswer:
     try:
-        sensor = open_sensor(recipe, sensor_of(stand, recipe.name))
-        with _closing(sensor.close):
+        with closing(open_sensor(recipe, sensor_of(stand, recipe.name))) as sensor:
             return DeviceAnswer("sensor", recipe.name, recipe.address, answers=True, details=sensor.identity())
     except TruestandError as error:
         return DeviceAnswer("sensor", recipe.name, recipe.address, answers=False, problem=str(error))
@@ -266,8 +264,7 @@ def reset_fault(path: Path) -> str:
     """
     _, devices = read_devices(path)
     require_unused(path)
-    table = open_table(devices.table)
-    with _closing(table.close):
+    with closing(open_table(devices.table)) as table:
         table.reset()
         fault = table.state().fault
     if fault:
@@ -299,12 +296,3 @@ def identify_device(stand: Stand, devices: DevicesRecipe, name: str) -> None:
             time.sleep(BLINK_S)
             sensor.set_laser("off")
             time.sleep(BLINK_S)
-
-
-@contextmanager
-def _closing(close: Callable[[], None]) -> Iterator[None]:
-    try:
-        yield
-    finally:
-        with suppress(DeviceError):
-            close()
