@@ -14,7 +14,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from lab import lab
 from truestand.sim.live.faults import Kind
-from truestand.station.latch import reset_latch
+from truestand.station.stand_lock import reset_latched_fault
 
 FAULTS = {
     "sensor unplugged": (Kind.UNPLUGGED, None),
@@ -30,7 +30,7 @@ FAULTS = {
 def once(kind, strength):
     with tempfile.TemporaryDirectory() as folder, lab(Path(folder), turns=1.0, pace=1.0, points=640) as stand:
         taken = stand.take(show=stand.failing(stand.fault(kind, strength), at=0.2))
-        reset_latch(stand.recipe)
+        reset_latched_fault(stand.recipe)
     return stand.since_fault, taken
 
 

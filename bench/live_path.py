@@ -31,8 +31,8 @@ from truestand.sim.live.registers import Identity
 from truestand.sim.live.source import RecordedSource
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
-from truestand.station.convert import LogSorter
-from truestand.station.recipe import DevicesRecipe, Order
+from truestand.station.log import LogBuilder
+from truestand.station.recipe import DevicesRecipe, ScanSettings
 from truestand.station.stand import open_station
 
 ADDRESS = "127.0.39.1"
@@ -94,13 +94,13 @@ def run(options, address):
         sensor=[SensorRecipe(name="front", driver="scancontrol", address=ADDRESS, model="29xx-50",
                              packet_size=options.packet)],
     )  # fmt: skip
-    order = Order(options.seconds * SPEED / (2 * np.pi), SPEED, 0.1, 0.001)
+    settings = ScanSettings(options.seconds * SPEED / (2 * np.pi), SPEED, 0.1, 0.001)
     station.LogWriter = TimedLog
     with tempfile.TemporaryDirectory() as folder, open_station(described, devices) as opened:
         log = Path(folder) / "k1.log"
         wall, cpu = time.monotonic(), time.process_time()
-        jobs, sorter = {"front": station.SensorJob("full", encoder=True)}, LogSorter(log)
-        station.acquire(opened, order, jobs, log, "now", written=sorter.add)
+        builder = LogBuilder(log)
+        station.acquire(opened, settings, devices.sensor, log, "now", written=builder.add)
         wall, cpu = time.monotonic() - wall, time.process_time() - cpu
         statistics = opened.sensors[0].statistics()
         records = [(r.number, r.time) for r in read_log(log) if r.kind is Kind.FRAME]

@@ -23,8 +23,8 @@ from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.source import LiveSource
 from truestand.sim.live.table import VirtualTable
-from truestand.station.recipe import order_of, read_devices
-from truestand.station.scan import Taken, take_scan
+from truestand.station.recipe import read_devices, scan_settings
+from truestand.station.scan import ScanOutcome, take_scan
 
 _worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
 _hosts = itertools.count(10)
@@ -56,13 +56,13 @@ class Lab:
     def safe(self) -> bool:
         return self.at_rest and not any(sensor.laser for sensor in self.sensors)
 
-    def take(self, name="k1.h5", show=lambda live: None, **options) -> Taken:
+    def take(self, name="k1.h5", show=lambda live: None, **options) -> ScanOutcome:
         stand, devices = read_devices(self.recipe)
-        order = order_of(stand, devices.acquire, options.pop("turns", None))
-        taken = take_scan(self.recipe, stand, devices, order, self.folder / name, show, **options)
+        settings = scan_settings(stand, devices.acquire, options.pop("turns", None))
+        outcome = take_scan(self.recipe, stand, devices, settings, self.folder / name, show, **options)
         for thread in self._watching:
             thread.join()
-        return taken
+        return outcome
 
     def failing(self, begin, at=0.4):
         """A ``show`` that begins something at a share of the scan, and measures how long the stand then goes on."""

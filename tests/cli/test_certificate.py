@@ -16,13 +16,15 @@ def test_a_draft_is_written_and_says_what_is_missing(bench, tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "dcc.xml").read_bytes().startswith(b"<?xml")
     assert "a draft: nobody stated [laboratory] name, city, country" in done.stderr
-    told = json.loads(run("certificate", bench / "calibration.json", "-o", tmp_path / "d.xml", "--json", "-q").stdout)
-    assert told["draft"] and not told["validated"] and "[stand] serial (laboratory.toml)" in told["not_stated"]
+    printed = json.loads(
+        run("certificate", bench / "calibration.json", "-o", tmp_path / "d.xml", "--json", "-q").stdout
+    )
+    assert printed["draft"] and not printed["validated"] and "[stand] serial (laboratory.toml)" in printed["not_stated"]
     assert (tmp_path / "d.xml").read_bytes() == (tmp_path / "dcc.xml").read_bytes()
 
 
 @pytest.mark.skipif(not SCHEMAS.is_dir(), reason="no schemas of the DCC in the folder shared beside the project")
-def test_it_is_held_against_the_schemas(bench, tmp_path):
+def test_the_certificate_is_validated_by_the_schemas(bench, tmp_path):
     out = tmp_path / "dcc.xml"
     done = run("certificate", bench / "calibration.json", "-o", out, "--schema-dir", SCHEMAS, "--json")
     assert done.returncode == 0, done.stderr
@@ -37,7 +39,7 @@ def test_it_is_held_against_the_schemas(bench, tmp_path):
     assert not out.exists()
 
 
-def test_an_untrusted_calibration_gets_none(bench, tmp_path):
+def test_an_untrusted_calibration_gets_no_certificate(bench, tmp_path):
     record = json.loads((bench / "calibration.json").read_text(encoding="utf-8"))
     record |= {"status": "untrusted", "reasons": ["the shaft was dirty"]}
     (tmp_path / "c.json").write_text(json.dumps(record), encoding="utf-8")
@@ -47,7 +49,7 @@ def test_an_untrusted_calibration_gets_none(bench, tmp_path):
     assert not (tmp_path / "dcc.xml").exists()
 
 
-def test_a_laboratory_that_leaves_something_out_is_asked(bench, tmp_path):
+def test_missing_keys_of_a_laboratory_are_named(bench, tmp_path):
     (tmp_path / "laboratory.toml").write_text('[laboratory]\nname = "M"\n', encoding="utf-8")
     done = run(
         "certificate",
@@ -63,7 +65,7 @@ def test_a_laboratory_that_leaves_something_out_is_asked(bench, tmp_path):
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[]", "not json"])
-def test_what_is_no_calibration_is_refused(tmp_path, content):
+def test_a_file_that_is_no_calibration_is_refused(tmp_path, content):
     (tmp_path / "c.json").write_text(content, encoding="utf-8")
     done = run("certificate", tmp_path / "c.json", "-o", tmp_path / "dcc.xml")
     assert done.returncode == 2

@@ -11,6 +11,7 @@ from jsonschema import Draft202012Validator
 
 from command import run, run_process
 from exports import scancontrol
+from truestand.cli import main
 from truestand.files.shapes.points import read_ply
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
@@ -40,6 +41,13 @@ def test_help_names_every_command_and_loads_nothing_heavy():
     assert not {"numpy", "scipy", "matplotlib", "h5py", "pydantic", "fastapi"} & set(modules.split())
 
 
+@pytest.mark.parametrize("commands", [main.COMMANDS, main.STAND_COMMANDS, main.STORE_COMMANDS])
+def test_the_list_of_commands_shows_the_first_paragraph_of_each_command_s_help(commands):
+    for name, (function, summary) in commands.items():
+        paragraph, *_ = main.LazyCommand(name, function, summary).load().help.split("\n\n")
+        assert " ".join(paragraph.split()) == summary
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_an_example(command):
     shown = run(command, "--help")
@@ -47,7 +55,7 @@ def test_every_command_has_help_with_an_example(command):
     assert f"truestand {command}" in shown.stdout
 
 
-def test_the_program_ends_with_its_code_and_one_line(tmp_path):
+def test_an_error_ends_with_code_2_and_one_line(tmp_path):
     """In processes of their own; all else calls the same entry point in this one."""
     assert run_process("--version").stdout.startswith("truestand 0.")
     done = run_process("info", tmp_path / "none.csv")
@@ -90,7 +98,7 @@ def test_csv_and_native_file_give_the_same_calibration(bench, tmp_path):
         assert printed[key] == native[key]
 
 
-def test_method_paper(bench, tmp_path):
+def test_the_paper_method_writes_its_keys_and_a_cloud(bench, tmp_path):
     out = tmp_path / "p.json"
     done = run("calibrate", bench / "k1.h5", "--artefact", bench / "shaft.toml", "--method", "paper", "-o", out)
     assert done.returncode == 0, done.stderr
@@ -117,7 +125,7 @@ def test_roll_puts_the_shaft_where_the_drawing_has_it(bench, tmp_path):
     assert packed["profile"].size == len((tmp_path / "cloud.xyz").read_text().splitlines())
 
 
-def test_a_minimal_record_of_somebody_else_is_accepted(bench, tmp_path):
+def test_a_minimal_calibration_record_is_accepted(bench, tmp_path):
     record = json.loads((bench / "calibration.json").read_text(encoding="utf-8"))
     minimal = {key: record[key] for key in ("format", "version", "table", "sensor", "shaft")}
     (tmp_path / "m.json").write_text(json.dumps(minimal))
@@ -154,7 +162,7 @@ def test_several_scans_without_their_angles_are_wrong_use(bench, tmp_path, angle
     assert not (tmp_path / "c.json").exists()
 
 
-def test_compare_tells_every_way_with_its_error(bench, tmp_path):
+def test_compare_lists_every_method_with_its_error(bench, tmp_path):
     common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json")
     done = run("compare", bench / "k1.h5", *common, "-o", tmp_path / "c.json", "--json")
     assert done.returncode == 0, done.stderr
@@ -204,7 +212,7 @@ def test_info(bench):
     assert plain["points_seen"] == facts["points_seen"]
 
 
-def test_a_file_of_several_heads_is_listed_and_taken_apart(tmp_path):
+def test_recordings_of_a_file_of_several_heads_are_listed_and_picked(tmp_path):
     facts = json.loads(run("info", LOG, "--json").stdout)
     Draft202012Validator(json.loads(run("schema", "info").stdout)).validate(facts)
     assert (facts["format"], facts["profiles"], len(facts["recordings"])) == ("joescan raw", 24, 6)
@@ -220,7 +228,7 @@ def test_a_file_of_several_heads_is_listed_and_taken_apart(tmp_path):
     assert one["points_seen"] == own["points_seen"]
 
 
-def test_a_raw_dump_is_imported_as_told_and_refused_with_what_to_tell(tmp_path):
+def test_a_raw_dump_is_imported_with_its_layout_and_refused_without(tmp_path):
     (tmp_path / "dump.raw").write_bytes(scancontrol(20, 640))
     refused = run("import", "dump.raw", "-o", "k.h5", cwd=tmp_path)
     assert refused.returncode == 2
@@ -307,7 +315,7 @@ def test_bad_scans_end_with_one_helpful_line_and_no_output(bench, tmp_path):
         (("roll", "k1.h5", "--calibration", "calibration.json", "-o", "c.e57"), "e57"),
     ],
 )
-def test_wrong_use_is_told_in_one_line(bench, arguments, words):
+def test_wrong_use_ends_with_code_2_and_one_line(bench, arguments, words):
     done = run(*arguments, cwd=bench)
     assert done.returncode == 2, done.stderr
     assert words in done.stderr
@@ -328,7 +336,7 @@ def test_a_typo_in_a_recipe_names_the_right_key(bench, tmp_path):
     assert "did you mean 'profile_rate_hz'?" in done.stderr
 
 
-def test_an_unknown_start_is_untrusted_and_written_all_the_same(bench, tmp_path):
+def test_an_unknown_start_is_written_as_untrusted(bench, tmp_path):
     text = (bench / "stand.toml").read_text(encoding="utf-8").replace('start = "home"', 'start = "unknown"')
     (tmp_path / "stand.toml").write_text(text, encoding="utf-8")
     out = tmp_path / "c.json"

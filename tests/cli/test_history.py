@@ -1,4 +1,4 @@
-"""Results into the store by the commands, and what history, audit and store make of them."""
+"""Results kept by the commands, and history, audit and store of them."""
 
 import json
 import re
@@ -24,7 +24,7 @@ limits_mm = [19.9, 20.1]
 
 @pytest.fixture(scope="module")
 def shop(bench, tmp_path_factory):
-    """A shop floor after a morning: two calibrations, a verification, an inspection, all in ``results``."""
+    """A folder after some work: two calibrations, a verification, an inspection, all in ``results``."""
     folder = tmp_path_factory.mktemp("shop")
     for name in ("stand.toml", "shaft.toml", "k1.csv"):
         shutil.copy(bench / name, folder / name)
@@ -37,21 +37,21 @@ def shop(bench, tmp_path_factory):
         assert done.returncode == 0, done.stderr
     stand = ("--stand", "stand.toml")
     calibrate = ("calibrate", "k1.csv", *artefact, *stand, "-o", "c1.json", "--report", "c1.html", "--operator", "Eva")
-    told(run(*calibrate, cwd=folder), 0, "kept as entry 1")
-    told(run("calibrate", "k2.csv", *artefact, *stand, "-o", "c2.json", cwd=folder), 0, "kept as entry 2")
+    assert_ended(run(*calibrate, cwd=folder), 0, "kept as entry 1")
+    assert_ended(run("calibrate", "k2.csv", *artefact, *stand, "-o", "c2.json", cwd=folder), 0, "kept as entry 2")
     verify = ("verify", "k2.csv", "--calibration", "c1.json", "--store", "results", "--operator", "Jan")
-    told(run(*verify, cwd=folder), 0, "kept as entry 3")
+    assert_ended(run(*verify, cwd=folder), 0, "kept as entry 3")
     inspect = ("inspect", "pin.csv", "--calibration", "c1.json", "--part", "pin.toml", *stand, "-o", "i.json")
-    told(run(*inspect, "--serial", "13", "--operator", "Jan", cwd=folder), 0, "kept as entry 4")
+    assert_ended(run(*inspect, "--serial", "13", "--operator", "Jan", cwd=folder), 0, "kept as entry 4")
     return folder
 
 
-def told(done, code, words):
+def assert_ended(done, code, words):
     assert done.returncode == code, done.stderr
     assert words in done.stderr
 
 
-def test_results_lie_in_the_store_with_their_evidence(shop):
+def test_results_are_kept_with_their_evidence(shop):
     store = Store.open(shop / "results")
     calibration, _, verification, inspection = store.entries()
     assert set(calibration.evidence) == {"scan", "artefact", "stand", "report"} and calibration.operator == "Eva"
@@ -68,7 +68,7 @@ def test_without_a_store_nothing_is_kept(shop, tmp_path):
     assert done.returncode == 0 and not list(tmp_path.iterdir())
 
 
-def test_a_store_that_can_not_be_is_told_before_the_work(shop, tmp_path):
+def test_an_unusable_store_is_refused_before_the_work(shop, tmp_path):
     (tmp_path / "file").write_text("x")
     done = run("calibrate", shop / "k1.csv", "--artefact", shop / "shaft.toml", "--stand", shop / "stand.toml",
                "-o", tmp_path / "c.json", "--store", tmp_path / "file")  # fmt: skip
@@ -95,7 +95,7 @@ def test_history_in_the_terminal_as_json_and_as_a_page(shop):
     assert run("history", "--since", "soon", cwd=shop).returncode == 2
 
 
-def test_audit_is_sound_then_finds_a_flipped_bit(shop, tmp_path):
+def test_audit_finds_a_flipped_bit(shop, tmp_path):
     done = run("audit", "--json", cwd=shop)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -114,7 +114,7 @@ def test_audit_is_sound_then_finds_a_flipped_bit(shop, tmp_path):
     assert run("audit", cwd=tmp_path).returncode == 2
 
 
-def test_correct_note_backup_and_list(shop, tmp_path):
+def test_store_corrects_notes_backs_up_and_lists(shop, tmp_path):
     copy = tmp_path / "copy"
     assert run("store", "backup", copy, "--store", shop / "results").returncode == 0
     record = json.loads((shop / "i.json").read_text(encoding="utf-8")) | {"verdict": "does_not_conform"}

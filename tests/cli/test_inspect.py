@@ -120,7 +120,7 @@ def test_a_perfect_gear_conforms_to_a_coarse_class(bench):
     assert json.loads(done.stdout)["verdict"] == "conforms"
 
 
-def test_what_the_stand_cannot_decide_ends_3(bench):
+def test_a_class_finer_than_the_uncertainty_is_undecided_and_ends_3(bench):
     text = (bench / "perfect.toml").read_text().replace("accuracy_class = 11", "accuracy_class = 7")
     (bench / "fine.toml").write_text(text)
     assert inspect(bench, "-o", "u.json", scan="perfect.h5", part="fine.toml").returncode == 3
@@ -211,11 +211,11 @@ def test_an_unknown_gear_is_identified_and_its_recipe_inspected(bench):
     assert (
         run("identify", "dents.h5", "--calibration", "calibration.json", "-o", "found.toml", cwd=bench).returncode == 2
     )
-    told = run("identify", "dents.h5", "--calibration", "calibration.json", "--json", cwd=bench)
-    assert json.loads(told.stdout)["teeth"] == 24
+    done = run("identify", "dents.h5", "--calibration", "calibration.json", "--json", cwd=bench)
+    assert json.loads(done.stdout)["teeth"] == 24
 
 
-def test_a_turned_part_and_a_cad_model_go_the_same_way(bench):
+def test_a_turned_part_and_a_cad_model_are_inspected_by_the_same_command(bench):
     """The calibration's shaft as a turned part, and as a cylinder of triangles."""
     import trimesh
 

@@ -45,7 +45,7 @@ def acquiring(stand, *more):
     return process
 
 
-def test_list_says_who_answers(stand):
+def test_list_shows_which_devices_answer(stand):
     done = run("stand", "list", "--stand", stand.recipe, "--json")
     assert done.returncode == 0, done.stderr
     table, front, back = json.loads(done.stdout)
@@ -71,7 +71,7 @@ def test_test_streams_turns_and_counts(stand):
 
 
 @pytest.mark.stand
-def test_a_device_shows_itself(stand):
+def test_identify_blinks_the_laser_of_one_sensor(stand):
     lit = []
     process = started("stand", "identify", "back", "--stand", stand.recipe)
     while process.poll() is None:
@@ -97,8 +97,8 @@ def test_acquire_ends_0_with_a_complete_scan_of_each_sensor(stand):
     done = run("acquire", "--stand", stand.recipe, "-o", target, "--store", stand.folder / "results")
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(stand.folder / "k1-front.h5"), str(stand.folder / "k1-back.h5")]
-    told = json.loads(run("info", stand.folder / "k1-front.h5", "--json").stdout)
-    assert told["complete"] is True and told["lost_profiles"] == 0
+    info = json.loads(run("info", stand.folder / "k1-front.h5", "--json").stdout)
+    assert info["complete"] is True and info["lost_profiles"] == 0
     again = run("acquire", "--stand", stand.recipe, "-o", target)
     assert again.returncode == 2 and "never overwritten without --force" in again.stderr
     (kept,) = Store.open(stand.folder / "results").entries()
@@ -118,8 +118,8 @@ def test_a_fault_ends_3_and_stays_until_reset(single):
     single.faults.clear()
     again = run("acquire", "--stand", single.recipe, "-o", single.folder / "b.h5")
     assert again.returncode == 2 and "in fault since" in again.stderr and "stand reset" in again.stderr
-    told = json.loads(run("info", single.folder / "k1.h5", "--json").stdout)
-    assert told["complete"] is False and "stands still" in told["reasons"][0]
+    info = json.loads(run("info", single.folder / "k1.h5", "--json").stdout)
+    assert info["complete"] is False and "stands still" in info["reasons"][0]
     calibrated = run("calibrate", single.folder / "k1.h5", "--artefact", single.folder / "shaft.toml",
                      "-o", single.folder / "c.json")  # fmt: skip
     assert calibrated.returncode in (2, 3)
@@ -131,7 +131,7 @@ def test_a_fault_ends_3_and_stays_until_reset(single):
 @pytest.mark.stand
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_stops_the_stand_and_keeps_what_came(single, number):
+def test_a_signal_stops_the_stand_and_keeps_the_frames(single, number):
     process = acquiring(single)
     time.sleep(1.0)
     process.send_signal(number)
@@ -144,7 +144,7 @@ def test_a_signal_stops_the_stand_and_keeps_what_came(single, number):
 
 
 @pytest.mark.stand
-def test_recover_makes_a_scan_of_what_a_crash_left(single):
+def test_recover_makes_a_scan_of_the_log_of_a_crash(single):
     process = acquiring(single)
     time.sleep(1.0)
     process.kill()

@@ -41,8 +41,8 @@ class MemoryDrive:
 
     def state(self) -> DriveState:
         self._there()
-        was, self.moving = self.moving, False
-        return DriveState(self.position, was, self.homed, 0.0)
+        moving, self.moving = self.moving, False
+        return DriveState(self.position, moving, self.homed, 0.0)
 
     def close(self) -> None:
         pass

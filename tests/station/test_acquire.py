@@ -12,7 +12,7 @@ from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, Lim
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import Kind
 from truestand.station import stand as stand_module
-from truestand.station.latch import latch_path, reset_latch
+from truestand.station.stand_lock import reset_latched_fault, state_path
 
 
 @dataclass
@@ -25,7 +25,7 @@ class Silent:
         raise DeviceLost("silent")
 
 
-def test_a_scan_is_what_was_ordered(tmp_path):
+def test_a_scan_has_the_turns_and_profiles_of_its_settings(tmp_path):
     """At a quarter of a turn in 5 s, on a sensor that forgives a busy machine a long silence."""
     with lab(tmp_path, pace=1.0, heartbeat_ms=10_000) as stand:
         taken = stand.take()
@@ -40,7 +40,7 @@ def test_a_scan_is_what_was_ordered(tmp_path):
     assert np.ptp(turned) == pytest.approx(0.25, abs=1e-3)
     assert (np.diff(recording.counter) == 1).all()
     assert not (tmp_path / "k1.log").exists()
-    assert latch_path(stand.recipe).read_bytes() == b""
+    assert state_path(stand.recipe).read_bytes() == b""
 
 
 @pytest.mark.stand
@@ -53,15 +53,15 @@ def test_the_encoder_counts_where_the_table_is(tmp_path):
 
 
 @pytest.mark.stand
-def test_without_an_encoder_the_clocks_tell_the_angle(tmp_path):
+def test_without_an_encoder_the_angle_comes_from_the_clocks(tmp_path):
     with lab(tmp_path, encoder=False, pace=1.0) as stand:
         for i in range(5):  # the virtual clock waits on a busy machine, which no real one does
             taken = stand.take(f"k{i}.h5")
-            told = taken.written[0].scan.recording.acquisition["synchronisation"]
-            if taken.complete and told["steady"]:
+            synchronisation = taken.written[0].scan.recording.acquisition["synchronisation"]
+            if taken.complete and synchronisation["steady"]:
                 break
     assert taken.complete
-    assert told["source"] == "clock" and told["steady"]
+    assert synchronisation["source"] == "clock" and synchronisation["steady"]
     scan = read_scan(taken.written[0].path)
     assert scan.angle_source == "angle"
     assert scan.step == pytest.approx(0.1 * np.pi / 200, rel=2e-3)
@@ -81,7 +81,7 @@ HARMLESS = {"lost packets that come again": (Kind.LOSE_PACKETS, 0.02), "disorder
 
 @pytest.mark.stand
 @pytest.mark.parametrize("kind", HARMLESS)
-def test_what_the_transport_mends_costs_nothing(tmp_path, kind):
+def test_packets_resent_or_reordered_cost_no_profile(tmp_path, kind):
     with lab(tmp_path) as stand:
         taken = stand.take(show=stand.failing(stand.fault(*HARMLESS[kind]), at=0.1))
     assert taken.complete, taken.fault
@@ -103,7 +103,7 @@ IN_EVERY_RUN = "stalled table"
 
 
 @pytest.mark.parametrize("name", [n if n == IN_EVERY_RUN else pytest.param(n, marks=pytest.mark.stand) for n in FAULTS])
-def test_a_fault_stops_the_stand(tmp_path, name):
+def test_a_fault_while_recording_stops_the_stand(tmp_path, name):
     kind, strength, words = FAULTS[name]
     with lab(tmp_path, turns=1.0, pace=3.0, heartbeat_ms=500) as stand:
         taken = stand.take(show=stand.failing(stand.fault(kind, strength), at=0.2))
@@ -115,7 +115,7 @@ def test_a_fault_stops_the_stand(tmp_path, name):
     assert scan.doubts and 0.1 < scan.revolutions < 0.9
     with pytest.raises(Fault, match="in fault since"):
         stand.take("b.h5")
-    assert taken.fault in reset_latch(stand.recipe)
+    assert taken.fault in reset_latched_fault(stand.recipe)
 
 
 @pytest.mark.stand
@@ -141,13 +141,13 @@ def test_a_dead_controller_is_a_fault(tmp_path):
 
 
 @pytest.mark.stand
-def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeypatch):
+def test_a_device_that_can_not_be_stopped_is_named_and_left_to_the_guard(tmp_path, monkeypatch):
     """The controller is silent for a moment, just when the stand has to stop."""
     real = stand_module.Station.make_safe
 
     def make_safe(station):
         silent = replace(station, table=replace(station.table, drive=Silent(station.table.drive)))
-        failed, station.left = real(silent), silent.left
+        failed, station.not_stopped = real(silent), silent.not_stopped
         return failed
 
     def interrupt() -> None:
@@ -156,7 +156,7 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
     monkeypatch.setattr(stand_module.Station, "make_safe", make_safe)
     with lab(tmp_path, turns=10.0, pace=1.0) as stand:
         taken = stand.take(show=stand.failing(interrupt, at=0.002))
-        assert taken.left == ("Table may be turning: silent",)
+        assert taken.not_stopped == ("Table may be turning: silent",)
         until = time.monotonic() + 10.0
         while not stand.safe:
             assert time.monotonic() < until
@@ -166,7 +166,7 @@ def test_what_can_not_be_stopped_is_said_and_left_to_the_guard(tmp_path, monkeyp
 
 
 @pytest.mark.stand
-def test_nothing_recorded_tells_the_fault_and_not_the_empty_log(tmp_path):
+def test_without_recorded_frames_the_fault_is_reported_and_no_empty_log(tmp_path):
     with lab(tmp_path) as stand:
         stand.faults.begin(Kind.LATENCY, 60_000.0)
         with pytest.raises(Fault, match=r"found no profile in 3 s, .*check trigger mode.*`truestand stand reset`"):
@@ -176,7 +176,7 @@ def test_nothing_recorded_tells_the_fault_and_not_the_empty_log(tmp_path):
 
 
 @pytest.mark.stand
-def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
+def test_a_folder_that_vanishes_while_recording_is_a_fault(tmp_path, monkeypatch):
     import shutil
 
     def gone(path):
@@ -186,7 +186,7 @@ def test_a_folder_that_vanishes_is_a_fault(tmp_path, monkeypatch):
         taken = stand.take(show=stand.failing(lambda: monkeypatch.setattr(shutil, "disk_usage", gone), at=0.2))
         assert stand.safe
     assert "No such file" in taken.fault and not taken.complete
-    assert taken.fault in reset_latch(stand.recipe)
+    assert taken.fault in reset_latched_fault(stand.recipe)
 
 
 @pytest.mark.stand
@@ -203,19 +203,19 @@ def test_a_scan_that_can_not_be_written_stays_in_its_log(tmp_path, monkeypatch):
 
 
 def test_a_stand_in_use_is_not_reset(tmp_path):
-    from truestand.station.examine import reset
-    from truestand.station.latch import Latch
+    from truestand.station.diagnostics import reset_fault
+    from truestand.station.stand_lock import StandLock
 
     with lab(tmp_path) as stand:
         stand.table.trip("a door is open")
-        held = Latch(stand.recipe)
+        held = StandLock(stand.recipe)
         with pytest.raises(DeviceError, match="another program uses this stand"):
-            reset(stand.recipe)
+            reset_fault(stand.recipe)
         assert stand.table.status().fault
         held.close()
 
 
-def test_an_interruption_stops_the_stand_and_keeps_what_came(tmp_path):
+def test_an_interruption_stops_the_stand_and_keeps_the_frames(tmp_path):
     def interrupt() -> None:
         raise KeyboardInterrupt
 
@@ -224,10 +224,10 @@ def test_an_interruption_stops_the_stand_and_keeps_what_came(tmp_path):
         assert stand.safe
     assert taken.interrupted and not taken.complete
     assert taken.written[0].scan.reasons == ("it was interrupted by the operator",)
-    assert latch_path(stand.recipe).read_bytes() == b""
+    assert state_path(stand.recipe).read_bytes() == b""
 
 
-def test_no_room_on_the_disk_is_said_before_anything_moves(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_before_anything_moves(tmp_path, monkeypatch):
     import shutil
 
     real = shutil.disk_usage
@@ -239,7 +239,7 @@ def test_no_room_on_the_disk_is_said_before_anything_moves(tmp_path, monkeypatch
     assert not (tmp_path / "k1.log").exists()
 
 
-def test_a_folder_that_takes_no_log_is_said_before_anything_moves(tmp_path):
+def test_an_unwritable_folder_is_reported_before_anything_moves(tmp_path):
     (tmp_path / "file").touch()
     with lab(tmp_path) as stand:
         with pytest.raises(NoSpace, match="can't be written"):
@@ -282,7 +282,7 @@ def test_an_encoder_without_its_counts_is_refused(tmp_path):
 
 
 @pytest.mark.stand
-def test_wrong_counts_per_turn_are_no_complete_scan(tmp_path):
+def test_wrong_counts_per_turn_make_the_scan_incomplete(tmp_path):
     with lab(tmp_path) as stand:
         text = stand.recipe.read_text()
         stand.recipe.write_text(text.replace("counts_per_turn = 360000", "counts_per_turn = 300000"))
@@ -308,7 +308,7 @@ def test_a_triggered_sensor_that_falls_silent_is_a_fault(tmp_path):
 
 
 @pytest.mark.stand
-def test_a_disk_that_fills_up_ends_the_scan_and_keeps_what_is_valid(tmp_path, monkeypatch):
+def test_a_disk_that_fills_up_ends_the_scan_and_keeps_valid_records(tmp_path, monkeypatch):
     import os
 
     real, room = os.write, [0]
@@ -327,7 +327,7 @@ def test_a_disk_that_fills_up_ends_the_scan_and_keeps_what_is_valid(tmp_path, mo
     assert 0.1 < read_scan(taken.written[0].path).revolutions < 0.4
 
 
-def test_a_sensor_that_is_not_there_is_said_before_anything_moves(tmp_path):
+def test_a_missing_sensor_is_reported_before_anything_moves(tmp_path):
     with lab(tmp_path) as stand:
         stand.faults.begin(Kind.UNPLUGGED)
         with pytest.raises(DeviceError, match="front"):
@@ -335,11 +335,11 @@ def test_a_sensor_that_is_not_there_is_said_before_anything_moves(tmp_path):
     assert not list(tmp_path.glob("k1*"))
 
 
-def test_one_stand_serves_one_program(tmp_path):
-    from truestand.station.latch import Latch
+def test_a_stand_in_use_is_refused_to_another_program(tmp_path):
+    from truestand.station.stand_lock import StandLock
 
     with lab(tmp_path) as stand:
-        held = Latch(stand.recipe)
+        held = StandLock(stand.recipe)
         with pytest.raises(DeviceError, match="another program uses this stand"):
             stand.take()
         held.close()

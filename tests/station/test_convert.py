@@ -1,4 +1,4 @@
-"""From a log to scans: what is called complete is, and the angles are those that the table had."""
+"""From a log to scans: complete only where proven, and with the angles that the table had."""
 
 from math import radians, tau
 
@@ -11,8 +11,9 @@ from truestand.devices.layout import encode_plain
 from truestand.devices.sensor import Layout, Profiles
 from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, TABLE, Kind, LogWriter
-from truestand.station.convert import SensorPlan, begin_record, convert, sort_log
-from truestand.station.recipe import Order
+from truestand.station.convert import convert
+from truestand.station.log import SensorPlan, begin_record, load_log
+from truestand.station.recipe import ScanSettings
 from truestand.station.scan import write_scans
 
 COUNTS = 360_000
@@ -37,17 +38,17 @@ def recorded(
     ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on,
     ``hurried``: sooner before the table turns.
     """
-    order = Order(turns, radians(speed), radians(speed), 0.001)
+    settings = ScanSettings(turns, radians(speed), radians(speed), 0.001)
     layout = Layout("plain", "test", 2, 1, rate)
     plans = tuple(SensorPlan(name, layout, encoder) for name in names)
-    stand = Stand(Table(order.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
-    end = REST + order.seconds
+    stand = Stand(Table(settings.speed), tuple(Sensor(name, rate, 2) for name in names), counts_per_turn=COUNTS)
+    end = REST + settings.duration
 
     def angle(time):
-        return np.clip((time - REST) * order.speed, 0.0, order.travel)
+        return np.clip((time - REST) * settings.speed, 0.0, settings.travel)
 
     with LogWriter(path) as log:
-        log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), order, plans, "now", "test"), 0.0)
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), settings, plans, "now", "test"), 0.0)
         for time in np.arange(0.0, end + 0.05, 0.02).tolist():
             log.append(Kind.TABLE, TABLE.pack(angle(time), 1e-4, REST <= time < end), time)
         for i in range(int((end + REST) * rate)):
@@ -63,19 +64,19 @@ def recorded(
 
 
 def only(path):
-    (scan,) = convert(sort_log(path))
+    (scan,) = convert(load_log(path))
     return scan
 
 
 @pytest.mark.parametrize("rate, speed", [(200.0, 18.0), (200.0, 86.0), (30.0, 90.0), (7.0, 18.0)])
-def test_a_whole_scan_is_complete_however_far_apart_its_profiles_are(tmp_path, rate, speed):
+def test_a_whole_scan_is_complete_at_any_distance_of_its_profiles(tmp_path, rate, speed):
     for i, turns in enumerate(np.linspace(0.25, 0.26, 9)):
         scan = only(recorded(tmp_path / f"k{i}.log", rate, speed, float(turns)))
         assert scan.complete, scan.reasons
 
 
 @pytest.mark.parametrize("first", [215, 700, 1255])
-def test_profiles_lost_anywhere_in_the_scan_count_at_its_ends_too(tmp_path, first):
+def test_profiles_lost_at_the_ends_of_the_scan_are_counted(tmp_path, first):
     """The scan goes from profile 260 to 1260; 100 lost profiles reach into it."""
     scan = only(recorded(tmp_path / "k1.log", lost=range(first, first + 100)))
     assert not scan.complete
@@ -83,69 +84,69 @@ def test_profiles_lost_anywhere_in_the_scan_count_at_its_ends_too(tmp_path, firs
 
 
 @pytest.mark.parametrize("counts, complete", [(COUNTS, True), (300_000, False), (COUNTS + 10_000, False)])
-def test_an_encoder_that_tells_another_travel_than_the_table_proves_nothing(tmp_path, counts, complete):
+def test_a_scan_is_incomplete_where_encoder_and_table_differ_in_travel(tmp_path, counts, complete):
     scan = only(recorded(tmp_path / "k1.log", turns=1.0, counts=counts))
     assert scan.complete == complete, scan.reasons
     assert complete or "deg where the table turned 387.0: counts were lost, or counts_per_turn" in scan.reasons[0]
 
 
 @pytest.mark.parametrize("late, complete", [(0.0, True), (0.01, True), (0.05, False)])
-def test_clocks_that_jump_prove_no_angle(tmp_path, late, complete):
+def test_a_scan_is_incomplete_where_the_clocks_jump(tmp_path, late, complete):
     scan = only(recorded(tmp_path / "k1.log", encoder=False, late=late))
     assert scan.complete == complete, scan.reasons
     assert complete or "the clocks of sensor and host left their line by 42 ms, 0.8 deg" in scan.reasons[0]
 
 
-def test_what_the_clocks_do_at_rest_does_not_matter(tmp_path):
+def test_clocks_that_jump_at_rest_leave_the_scan_complete(tmp_path):
     scan = only(recorded(tmp_path / "k1.log", encoder=False, turns=1.0, hurried=0.08))
     assert scan.complete, scan.reasons
     true = (scan.recording.time - REST) * radians(18.0)
     assert np.abs(scan.recording.angle - true).max() < radians(0.1)
 
 
-def test_angles_by_even_clocks_are_those_of_the_table(tmp_path):
-    """What remains is the way of a frame, 1 ms here, and no one can tell it from a table that is late."""
+def test_angles_by_even_clocks_are_the_table_s_but_for_the_transport_delay(tmp_path):
+    """The transport delay of a frame remains, 1 ms here: it can't be told from a table that is late."""
     recording = only(recorded(tmp_path / "k1.log", encoder=False, turns=2.75)).recording
     true = (recording.time - REST) * radians(18.0)
     assert np.abs(recording.angle - true - 1e-3 * radians(18.0)).max() < 1e-6
 
 
-def test_a_stream_that_ends_before_the_table_rests_says_nothing_of_its_travel(tmp_path):
+def test_the_travel_is_not_compared_where_the_stream_ends_before_the_table_rests(tmp_path):
     """As where the encoder triggers the sensor, or its last frames are late."""
     scan = only(recorded(tmp_path / "k1.log", turns=1.0, lost=range(4340, 9999)))
     assert scan.complete, scan.reasons
 
 
-def test_one_silent_sensor_of_two_does_not_take_the_name_of_another_file(tmp_path):
+def test_the_file_of_one_of_two_sensors_carries_its_name_though_the_other_is_silent(tmp_path):
     log = recorded(tmp_path / "k1.log", names=("front", "back"), silent=("back",))
-    assert [w.path.name for w in write_scans(convert(sort_log(log)), tmp_path / "k1.h5")] == ["k1-front.h5"]
+    assert [w.path.name for w in write_scans(convert(load_log(log)), tmp_path / "k1.h5")] == ["k1-front.h5"]
 
 
-def test_frames_without_a_whole_profile_are_no_scan(tmp_path):
+def test_a_log_without_a_whole_profile_is_refused(tmp_path):
     path = tmp_path / "k1.log"
-    order = Order(1.0, 0.1, 0.1, 0.001)
+    settings = ScanSettings(1.0, 0.1, 0.1, 0.001)
     plan = SensorPlan("front", Layout("scancontrol", "29xx-50", 8, 4, 200.0, 1 << 24, 128.0, 1 << 15), encoder=True)
     with LogWriter(path) as log:
-        log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), order, (plan,), "now", "test"), 0.0)
+        log.append_json(Kind.BEGIN, begin_record(stand_recipe(Stand()), settings, (plan,), "now", "test"), 0.0)
         log.append(Kind.FRAME, bytes(plan.layout.frame_bytes), 0.1, flags=INCOMPLETE)
     with pytest.raises(NotEnoughData, match="no whole profile"):
-        convert(sort_log(path))
+        convert(load_log(path))
 
 
-def test_two_logs_in_one_are_refused(tmp_path):
+def test_a_file_of_two_logs_is_refused(tmp_path):
     one, two = recorded(tmp_path / "a.log"), recorded(tmp_path / "b.log")
     one.write_bytes(one.read_bytes() + two.read_bytes())
     with pytest.raises(UnreadableFile, match="found two recordings"):
-        sort_log(one)
+        load_log(one)
 
 
 @pytest.mark.parametrize("change", [{"kind": "hologram"}, {"points": 0}, {"rate": "fast"}, {"depth": 3}])
-def test_a_layout_of_another_version_is_said(tmp_path, change):
+def test_a_layout_of_another_version_is_refused_with_that_version(tmp_path, change):
     path = tmp_path / "k1.log"
     plan = SensorPlan("front", Layout("plain", "test", 2, 1, 100.0), encoder=False)
-    begin = begin_record(stand_recipe(Stand()), Order(1.0, 0.1, 0.1, 0.001), (plan,), "now", "truestand 99")
+    begin = begin_record(stand_recipe(Stand()), ScanSettings(1.0, 0.1, 0.1, 0.001), (plan,), "now", "truestand 99")
     begin["sensors"][0]["layout"].update(change)
     with LogWriter(path) as log:
         log.append_json(Kind.BEGIN, begin, 0.0)
     with pytest.raises(UnreadableFile, match=r"another version \(truestand 99\)"):
-        convert(sort_log(path))
+        convert(load_log(path))

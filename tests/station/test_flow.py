@@ -12,11 +12,10 @@ from truestand.core.scan import interpret
 from truestand.files.scans import read
 from truestand.files.scans.read import read_recording
 from truestand.files.scans.scan_log import SUSPECT, Kind, Record
-from truestand.station import convert as convert_module
-from truestand.station import frames as frames_module
 from truestand.station import jobs
-from truestand.station.convert import convert, sort_log
-from truestand.station.frames import Frames
+from truestand.station import log as log_module
+from truestand.station.convert import convert
+from truestand.station.log import Frames, load_log
 from truestand.station.scan import write_scans
 
 
@@ -28,7 +27,7 @@ def no_reading(monkeypatch):
         raise AssertionError("read back")
 
     with monkeypatch.context() as inside:
-        inside.setattr(convert_module, "read_log", refused)
+        inside.setattr(log_module, "read_log", refused)
         inside.setattr(read, "read_native", refused)
         yield inside
 
@@ -45,21 +44,21 @@ def differing(one, other) -> list[str]:
 
 
 @pytest.mark.parametrize("encoder", [True, False])
-def test_a_scan_is_recorded_without_reading_and_recovered_to_the_last_byte(tmp_path, no_reading, encoder):
+def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path, no_reading, encoder):
     with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder, heartbeat_ms=10_000) as stand:
         taken = stand.take(keep_log=True)
     no_reading.undo()
-    recovered = write_scans(convert(sort_log(tmp_path / "k1.log")), tmp_path / "again.h5")
+    recovered = write_scans(convert(load_log(tmp_path / "k1.log")), tmp_path / "again.h5")
     assert len(taken.written) == len(recovered) == 2
     for one, again in zip(taken.written, recovered, strict=True):
         assert one.path.read_bytes() == again.path.read_bytes()
         assert differing(one.scan.recording, read_recording(one.path)) == []
 
 
-def test_a_job_goes_on_with_the_scan_that_it_recorded(tmp_path, no_reading):
+def test_a_job_evaluates_its_scan_without_reading_the_file(tmp_path, no_reading):
     with lab(tmp_path, pace=2.0, turns=0.1, heartbeat_ms=10_000) as stand:
         scan = jobs._scan(
-            jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Watching(), tmp_path / "job" / "shaft.h5"
+            jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Observer(), tmp_path / "job" / "shaft.h5"
         )
     no_reading.undo()
     assert differing(scan, interpret(read_recording(tmp_path / "job" / "shaft.h5"))) == []
@@ -69,7 +68,7 @@ def frame(number: int, content: bytes, flags: int = 0) -> Record:
     return Record(Kind.FRAME, 0, number, float(number), content, flags)
 
 
-def test_frames_come_out_once_and_in_order_without_those_that_are_wrong():
+def test_frames_are_taken_out_once_in_order_without_suspect_and_short_ones():
     frames = Frames(2)
     for record in (frame(3, b"cc"), frame(1, b"xx"), frame(2, b"bb", SUSPECT), frame(4, b"d"), frame(1, b"aa")):
         frames.add(record)
@@ -78,7 +77,7 @@ def test_frames_come_out_once_and_in_order_without_those_that_are_wrong():
     assert len(frames) == 0
 
 
-def test_frames_give_their_memory_up_as_they_are_taken_out(monkeypatch):
+def test_frames_release_their_memory_as_they_are_taken_out(monkeypatch):
     real, maps = mmap.mmap, weakref.WeakSet()
 
     def mapped(file, size):
@@ -87,7 +86,7 @@ def test_frames_give_their_memory_up_as_they_are_taken_out(monkeypatch):
         return made
 
     monkeypatch.setattr(mmap, "mmap", mapped)
-    monkeypatch.setattr(frames_module, "MAP_BYTES", 1000)
+    monkeypatch.setattr(log_module, "MAP_BYTES", 1000)
     frames = Frames(100)
     for number in range(100):
         frames.add(frame(number, bytes(100)))

@@ -15,8 +15,9 @@ from patience import NOT_FOR_EVER
 from truestand.core.errors import Fault
 from truestand.devices.gige import nodes
 from truestand.devices.gige.camera import Camera
-from truestand.station.convert import convert, sort_log
-from truestand.station.latch import Latch, reset_latch
+from truestand.station.convert import convert
+from truestand.station.log import load_log
+from truestand.station.stand_lock import StandLock, reset_latched_fault
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is of POSIX")
 
@@ -54,7 +55,7 @@ def kill_once(stand, name, wait) -> Killed:
         time.sleep(0.01)
         assert time.monotonic() - killed < NOT_FOR_EVER
     stopped = time.monotonic() - killed
-    (scan,) = convert(sort_log(log))
+    (scan,) = convert(load_log(log))
     while device.controlled:
         time.sleep(0.02)
     return Killed(sent, profiles_in(log), scan.complete, stopped)
@@ -73,8 +74,8 @@ def killed_often(tmp_path, times, seed) -> list[Killed]:
         for i in range(times):
             results.append(kill_once(stand, f"k{i}", chance.uniform(0.0, 2.5)))
             with pytest.raises(Fault, match=rf"died; .* and the laser is off, `truestand recover .*k{i}.log`"):
-                Latch(stand.recipe)
-            reset_latch(stand.recipe)
+                StandLock(stand.recipe)
+            reset_latched_fault(stand.recipe)
     return results
 
 
@@ -88,7 +89,7 @@ def test_killed_recordings_are_recovered_and_the_guard_stops_the_stand(tmp_path)
     check(killed_often(tmp_path, 2, 1))
 
 
-def test_a_killed_look_at_the_devices_leaves_no_laser_on(tmp_path):
+def test_stand_watch_when_killed_leaves_no_laser_on(tmp_path):
     with lab(tmp_path, heartbeat_ms=500) as stand:
         command = [sys.executable, "-m", "truestand", "stand", "watch", "--laser", "--stand", str(stand.recipe)]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -104,7 +105,7 @@ def test_a_killed_look_at_the_devices_leaves_no_laser_on(tmp_path):
 
 
 @pytest.mark.parametrize("ended", [signal.SIGTERM, signal.SIGHUP])
-def test_a_test_that_is_ended_stops_and_darkens(tmp_path, ended):
+def test_stand_test_when_terminated_leaves_the_stand_safe(tmp_path, ended):
     with lab(tmp_path, pace=0.6) as stand:
         command = [sys.executable, "-m", "truestand", "stand", "test", "--laser", "--seconds", "30"]
         process = subprocess.Popen([*command, "--stand", str(stand.recipe)], stdin=subprocess.DEVNULL)
@@ -116,7 +117,7 @@ def test_a_test_that_is_ended_stops_and_darkens(tmp_path, ended):
         assert stand.safe
 
 
-def test_ctrl_c_is_not_lost_within_genicam(tmp_path, monkeypatch):
+def test_ctrl_c_within_genicam_is_not_lost(tmp_path, monkeypatch):
     """While it is loaded, and at some other places, GenICam swallows what Python raises."""
     real = nodes._genapi
 

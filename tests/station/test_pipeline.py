@@ -1,4 +1,4 @@
-"""One way from a scan to its result: the page's jobs and the commands make the same records and keep the same files."""
+"""Jobs: the page's worker and the commands make the same records and keep the same files."""
 
 import shutil
 
@@ -10,7 +10,7 @@ from truestand.core.errors import BadRecipe
 from truestand.files.records.records import read_json
 from truestand.files.scans.read import read_scan
 from truestand.station import jobs
-from truestand.station.jobs import Job, Watching
+from truestand.station.jobs import Job, Observer
 from truestand.store import Store
 
 CAD = 'kind = "cad"\nfile = "base.stl"\nfit = "none"\nlimits_um = [-150.0, 150.0]\n'
@@ -49,17 +49,17 @@ ROLES = {
 
 
 @pytest.mark.parametrize("kind", ROLES)
-def test_a_job_and_a_command_come_to_the_same(shop, tmp_path, monkeypatch, kind):
-    def taken(job, watching, path):
+def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, monkeypatch, kind):
+    def copied(job, observer, path):
         path.parent.mkdir()
         shutil.copy(shop / "k1.h5", path)
         return read_scan(path)
 
-    monkeypatch.setattr(jobs, "_scan", taken)
+    monkeypatch.setattr(jobs, "_scan", copied)
     paths = {name: shop / f"{name}.toml" for name in ("stand", "artefact", "part")} | {"artefact": shop / "shaft.toml"}
     job = Job(kind, folder=tmp_path / "job", calibration=shop / "calibration.json", **paths)
     steps = []
-    outcome = jobs.run(job, Watching(lambda name, state: steps.append((name, state))))
+    outcome = jobs.run_job(job, Observer(lambda name, state: steps.append((name, state))))
     assert set(outcome.evidence) == ROLES[kind] and all(path.is_file() for path in outcome.evidence.values())
     assert [name for name, state in steps if state == "done"] == [n for n, _ in jobs.STEPS[kind] if n != "acquire"]
 
@@ -81,19 +81,19 @@ def test_a_job_and_a_command_come_to_the_same(shop, tmp_path, monkeypatch, kind)
         ("verify", "a calib"),
     ],
 )
-def test_what_a_job_lacks_is_told_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
+def test_a_job_without_an_input_is_refused_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
     monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
     part = None if lacking == "the part's recipe" else shop / "part.toml"
     calibration = shop / "calibration.json" if part is None else None
     with pytest.raises(BadRecipe, match=lacking):
-        jobs.run(Job(kind, shop / "stand.toml", tmp_path, None, part, calibration), Watching())
+        jobs.run_job(Job(kind, shop / "stand.toml", tmp_path, None, part, calibration), Observer())
 
 
-def test_a_recipe_that_can_not_be_read_costs_no_scan(shop, tmp_path, monkeypatch):
+def test_an_unreadable_recipe_is_refused_before_any_scan(shop, tmp_path, monkeypatch):
     monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
     logo = '[company]\nlogo = "none.png"\n'
     (tmp_path / "stand.toml").write_text((shop / "stand.toml").read_text() + logo)
     job = Job("calibrate", tmp_path / "stand.toml", tmp_path / "job", shop / "shaft.toml")
     with pytest.raises(BadRecipe, match=r"none\.png"):
-        jobs.run(job, Watching())
+        jobs.run_job(job, Observer())
     assert not (tmp_path / "job").exists() and read_json(shop / "calibration.json")["status"] == "valid"

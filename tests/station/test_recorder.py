@@ -1,4 +1,4 @@
-"""The threads that record: what goes wrong in one is told, however late."""
+"""The threads that record: an error in one is reported, however late."""
 
 import threading
 import time
@@ -12,20 +12,22 @@ from truestand.core.errors import DeviceLost
 from truestand.core.stand import Stand
 from truestand.devices.axis import DriveState, RotaryTable
 from truestand.devices.sensor import Frame
+from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.files.scans.scan_log import Kind, read_log
 from truestand.station import acquire as acquire_module
 from truestand.station import watch
-from truestand.station.acquire import SensorJob, acquire
-from truestand.station.machine import State
-from truestand.station.recipe import Order
+from truestand.station.acquire import acquire
+from truestand.station.recipe import ScanSettings
 from truestand.station.stand import Station
+from truestand.station.state_machine import State
 
-ORDER = Order(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
+SENSOR = SensorRecipe(name="front", driver="scancontrol", address="127.0.0.1", model="29xx-50", encoder=False)
+SETTINGS = ScanSettings(turns=0.1, speed=1.0, run_up=0.0, most_lost=0.001)
 
 
 @dataclass
-class TellingDrive(MemoryDrive):
-    """It tells when the stand has seen it arrive at the end of the scan."""
+class ArrivingDrive(MemoryDrive):
+    """It sets ``arrived`` when the stand has seen it at the end of the scan."""
 
     arrived: threading.Event = field(default_factory=threading.Event)
 
@@ -51,14 +53,14 @@ class StreamingSensor(MemorySensor):
         return Frame(self._number, time.monotonic(), payload)
 
 
-def test_a_recorder_that_fails_after_the_last_look_makes_the_scan_incomplete(tmp_path, monkeypatch):
-    monkeypatch.setattr(acquire_module, "LAST_FRAMES", 0.0)  # the stand looks no more once the table has arrived
-    monkeypatch.setattr(watch, "SILENCE", inf)  # a busy machine is no silent sensor
-    drive = TellingDrive()
+def test_a_recorder_that_fails_after_the_last_poll_makes_the_scan_incomplete(tmp_path, monkeypatch):
+    monkeypatch.setattr(acquire_module, "LAST_FRAMES_S", 0.0)  # no more polls once the table has arrived
+    monkeypatch.setattr(watch, "SILENCE_S", inf)  # a busy machine is no silent sensor
+    drive = ArrivingDrive()
     station = Station(Stand(), RotaryTable(drive), [StreamingSensor(lost=drive.arrived)])
     log = tmp_path / "k1.log"
     with pytest.raises(DeviceLost, match="the cable came off"):
-        acquire(station, ORDER, {"front": SensorJob("full", encoder=False)}, log, "now")
+        acquire(station, SETTINGS, [SENSOR], log, "now")
     (end,) = (record.json() for record in read_log(log) if record.kind is Kind.END)
     assert end == {"complete": False, "reasons": ["the cable came off"]}
     assert station.machine.state is State.FAULT

@@ -1,22 +1,24 @@
-"""What the watches say, moment by moment."""
+"""The watches of sensor and table, one call after the other."""
 
 from math import radians
+from struct import pack
 
 import pytest
 
-from truestand.station.watch import TableWatch
+from truestand.devices.sensor import Frame, Layout
+from truestand.station.watch import SensorWatch, TableWatch
 
 SPEED = radians(18.0)
 TARGET = radians(90.0)
 
 
-def told(position, until=20.0):
-    """The first complaint of a table that is at ``position(time)`` rad and says that it moves, and when (s)."""
+def first_problem(position, until=20.0):
+    """Of a table that is at ``position(time)`` rad and reports that it moves; and when (s)."""
     watch = TableWatch(SPEED, TARGET, radians(0.05), 0.0)
     for i in range(int(until / 0.02)):
-        said = watch.see(0.02 * i, position(0.02 * i), moving=True)
-        if said:
-            return said, 0.02 * i
+        problem = watch.see(0.02 * i, position(0.02 * i), moving=True)
+        if problem:
+            return problem, 0.02 * i
     return "", until
 
 
@@ -31,7 +33,22 @@ def told(position, until=20.0):
     ],
     ids=["well", "backwards", "runaway", "stalled", "crawling"],
 )
-def test_a_table_that_does_not_go_where_it_was_told_is_said(position, words, at_most):
-    said, at = told(position)
-    assert words in said and bool(said) == bool(words)
-    assert at <= at_most
+def test_a_table_that_does_not_follow_its_command_is_reported_within_a_second(position, words, at_most):
+    problem, time = first_problem(position)
+    assert words in problem and bool(problem) == bool(words)
+    assert time <= at_most
+
+
+def stamped(*counters):
+    """A frame of profiles without points at 200 Hz, stamped with these counters; None = a profile that never came."""
+    stamps = [bytes(16) if n is None else pack(">4I", n, 40 * n << 12, 0, 40 * n << 12 | 1) for n in counters]
+    payload = b"".join(bytes(6 * 8 - 16) + stamp for stamp in stamps)
+    return Frame(counters[0] // 4, 0.0, payload, missing=48 * counters.count(None))
+
+
+def test_profiles_lost_within_frames_and_between_them_are_counted_together():
+    watch = SensorWatch("front", Layout("scancontrol", "29xx-50", 8, 4, 200.0, 1 << 24, 128.0, 1 << 15), 0.0)
+    for frame, lost in ((stamped(4, 5, 6, 7), 0), (stamped(8, None, None, 11), 2), (stamped(14, 15, None, 17), 5)):
+        assert watch.see(frame) == ""
+        assert watch.lost == lost
+    assert watch.profiles == 9

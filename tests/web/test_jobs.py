@@ -97,10 +97,10 @@ def test_a_worker_whose_server_died_stops_the_stand_and_says_why():
             raise BrokenPipeError
 
     events = EventWriter(Gone())
-    events.tell({"event": "live"})
+    events.emit({"event": "live"})
     events.close()
     with pytest.raises(Fault, match="the page's server stopped while the job ran"):
-        events.tell({"event": "live"})
+        events.emit({"event": "live"})
 
 
 def test_a_server_that_takes_nothing_holds_up_no_look_at_the_stand():
@@ -113,11 +113,11 @@ def test_a_server_that_takes_nothing_holds_up_no_look_at_the_stand():
 
     out = Stalled()
     events = EventWriter(out)
-    events.tell({"event": "step", "n": 0})
+    events.emit({"event": "step", "n": 0})
     assert out.began.wait(20)
     for n in range(1, 100):  # all of it while the first one is not taken
-        events.tell({"event": "live", "n": n})
-    events.tell({"event": "step", "n": 100})
+        events.emit({"event": "live", "n": n})
+    events.emit({"event": "step", "n": 100})
     out.go.set()
     events.close()
     assert [json.loads(line)["n"] for line in out.getvalue().splitlines()] == [0, 1, 100]
@@ -240,13 +240,13 @@ def test_a_latched_fault_is_told_and_reset(client, tmp_path):
 
 
 def test_a_stand_that_another_program_uses_is_in_no_fault(client, tmp_path):
-    from truestand.station.latch import Latch
+    from truestand.station.stand_lock import StandLock
 
-    latch = Latch(tmp_path / "stand.toml")
-    latch.use("now", tmp_path / "k1.log")
+    lock = StandLock(tmp_path / "stand.toml")
+    lock.set_in_use("now", tmp_path / "k1.log")
     assert client.get("/api/home").json["fault"] is None
-    latch.fault("now", "it broke")
-    latch.close()
+    lock.latch_fault("now", "it broke", {})
+    lock.close()
     assert "it broke" in client.get("/api/home").json["fault"]
     assert client.get("/api/home").json["not_stopped"] == []
     (tmp_path / ".stand.toml.state").write_text(json.dumps({"state": "in use", "since": "now", "log": "k1.log"}))

@@ -20,7 +20,7 @@ from page_lab import PASSWORD
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
 from truestand.files.scans.read import sha256_of
-from truestand.station.latch import latch_path, reset_latch
+from truestand.station.stand_lock import reset_latched_fault, state_path
 from truestand.web.machines.attach import wanted
 from truestand.web.machines.lines import lines_of
 from truestand.web.machines.opcua import Shown
@@ -186,10 +186,10 @@ def test_what_cant_be_done_is_refused_with_its_code(page):
 
 
 def test_a_fault_is_shown_and_reset(page):
-    latch_path(page.settings.stand).write_text('{"state": "fault", "since": "noon", "reason": "encoder stuck"}')
+    state_path(page.settings.stand).write_text('{"state": "fault", "since": "noon", "reason": "encoder stuck"}')
 
     async def reset(*arguments, **more):
-        return reset_latch(page.settings.stand)
+        return reset_latched_fault(page.settings.stand)
 
     async def work(client):
         assert await client.read("Stand/State") == "fault"

@@ -1,21 +1,33 @@
-"""``truestand acquire``: take a scan with the stand."""
+"""``truestand acquire`` and ``recover``: take a scan with the stand, or write what the log of one holds."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, OperatorOption, QuietOption, StoreOption
-
-if TYPE_CHECKING:
-    from truestand.station.scan import Taken
-
-StandFile = Annotated[Path, typer.Option("--stand", metavar="STAND.toml", help="The stand, with its [devices].")]
+from truestand.cli.options import (
+    INTERRUPTED,
+    UNDECIDED,
+    DevicesOption,
+    ForceOption,
+    JsonOption,
+    OperatorOption,
+    QuietOption,
+    StoreOption,
+)
+from truestand.cli.store import result_keeper
+from truestand.cli.terminal import hint, interrupted_by_signals, print_json, progress, scan_progress
+from truestand.core.errors import BadRecipe
+from truestand.files.scans.write_scan import NATIVE, check_output
+from truestand.station.convert import convert
+from truestand.station.log import load_log
+from truestand.station.recipe import read_devices, scan_settings
+from truestand.station.scan import ScanOutcome, output_path, take_scan, write_scans
 
 
 def acquire(
-    stand: StandFile,
+    stand: DevicesOption,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="SCAN.h5", help="The scan; native.")],
     turns: Annotated[
         float | None, typer.Option(min=0.01, max=1000.0, help="Turns to scan; default: [devices.acquire] turns.")
@@ -33,66 +45,78 @@ def acquire(
 
     Example: truestand acquire --stand stand.toml -o k1.h5
     """
-    from truestand.cli.keeping import keeping
-    from truestand.cli.live import ended_by_signals, live_bar
-    from truestand.core.errors import BadRecipe
-    from truestand.files.scans.write_scan import NATIVE, check_output
-    from truestand.station.recipe import order_of, read_devices
-    from truestand.station.scan import output_of, take_scan
-
     if output.suffix.lower() not in NATIVE:
         raise BadRecipe(f"{output}: found suffix {output.suffix!r}, need .h5; `truestand import` writes others")
     described, devices = read_devices(stand)
-    into = keeping(store, stand, operator, quiet)
-    order = order_of(described, devices.acquire, turns)
-    for name in (d.name for d in devices.sensor):
-        check_output(output_of(output, name, len(devices.sensor)), force)
-    with ended_by_signals(), live_bar(quiet) as show:
-        taken = take_scan(stand, described, devices, order, output, show, keep_log)
-    if taken.written:
-        scans = {f"scan {one.scan.sensor}": one.path for one in taken.written}
-        status = "complete" if taken.complete else "incomplete"
-        into.add("scan", {"status": status, **record_of(taken)}, {**scans, "stand": stand})
-    tell(taken, as_json, quiet)
+    keeper = result_keeper(store, stand, operator, quiet)
+    settings = scan_settings(described, devices.acquire, turns)
+    for sensor in devices.sensor:
+        check_output(output_path(output, sensor.name, len(devices.sensor)), force)
+    with interrupted_by_signals(), scan_progress(quiet) as show:
+        outcome = take_scan(stand, described, devices, settings, output, show, keep_log)
+    if outcome.written:
+        scans = {f"scan {one.scan.sensor}": one.path for one in outcome.written}
+        status = "complete" if outcome.complete else "incomplete"
+        keeper.add("scan", {"status": status, **_record(outcome)}, {**scans, "stand": stand})
+    _print_and_exit(outcome, as_json, quiet)
 
 
-def tell(taken: "Taken", as_json: bool, quiet: bool) -> None:
-    """What came of it, and the exit code that says so."""
-    from truestand.cli.exit_codes import INTERRUPTED, UNDECIDED
-    from truestand.cli.talk import hint, print_json
+def recover(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The .log that a recording left.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="SCAN.h5", help="Default: beside the log.")
+    ] = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Write what a log holds as a native scan: 0 proven complete, 3 incomplete (written, with the reason).
 
+    Example: truestand recover k1.log
+    """
+    target = log.with_suffix(".h5") if output is None else output
+    if target.suffix.lower() not in NATIVE:
+        raise BadRecipe(f"{target}: found suffix {target.suffix!r}, need .h5, which says whether the scan is complete")
+    check_output(target, force)
+    with progress(f"Reading {log.name}", quiet):
+        written = write_scans(convert(load_log(log)), target, force)
+    _print_and_exit(ScanOutcome(written), as_json, quiet)
+
+
+def _print_and_exit(outcome: ScanOutcome, as_json: bool, quiet: bool) -> None:
+    """Print the result, and end with the exit code that says how complete it is."""
     if as_json:
-        print_json(record_of(taken))
+        print_json(_record(outcome))
     elif not quiet:
-        for one in taken.written:
+        for one in outcome.written:
             typer.echo(one.path)
-    for line in _hints(taken):
-        hint(f"truestand: {line}", quiet)
-    if taken.interrupted:
+    for line in _hints(outcome):
+        hint(line, quiet)
+    if outcome.interrupted:
         raise typer.Exit(INTERRUPTED)
-    if not taken.complete:
+    if not outcome.complete:
         raise typer.Exit(UNDECIDED)
 
 
-def _hints(taken: "Taken") -> Iterator[str]:
-    """What people need to know besides the paths."""
-    for one in taken.written:
+def _hints(outcome: ScanOutcome) -> Iterator[str]:
+    """One line for each thing to know besides the paths."""
+    for one in outcome.written:
         yield from (f"incomplete: {reason}" for reason in one.scan.reasons)
-    if taken.fault and taken.complete:
-        yield f"the scan is complete; after it {taken.fault}"
-    yield from (f"NOT STOPPED, look at the stand: {what}" for what in taken.left)
-    if taken.fault or taken.left:
+    if outcome.fault and outcome.complete:
+        yield f"the scan is complete; after it {outcome.fault}"
+    yield from (f"NOT STOPPED, look at the stand: {hazard}" for hazard in outcome.not_stopped)
+    if outcome.fault or outcome.not_stopped:
         yield "the stand stays in fault: mend the cause, then `truestand stand reset`"
 
 
-def record_of(taken: "Taken") -> dict[str, Any]:
+def _record(outcome: ScanOutcome) -> dict[str, Any]:
     """The result as JSON."""
     return {
-        "complete": taken.complete,
-        "fault": taken.fault or None,
-        "not_stopped": list(taken.left),
+        "complete": outcome.complete,
+        "fault": outcome.fault or None,
+        "not_stopped": list(outcome.not_stopped),
         "scans": [
             {"path": str(one.path), "sensor": one.scan.sensor, **(one.scan.recording.acquisition or {})}
-            for one in taken.written
+            for one in outcome.written
         ],
     }

@@ -1,13 +1,15 @@
-"""``truestand calibrate``: the main job."""
+"""``truestand calibrate`` and ``verify``: calibrate by scans of the artefact, see whether it still holds."""
 
-from enum import StrEnum
+from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from truestand.cli.exit_codes import UNDECIDED
+from truestand.apply.verify import Verification
+from truestand.cli.evaluation import end_if_untrusted, scan_reader
 from truestand.cli.options import (
+    VERDICT_CODES,
     ArtefactOption,
     JsonOption,
     OperatorOption,
@@ -16,32 +18,28 @@ from truestand.cli.options import (
     StandOption,
     StartAngleOption,
     StoreOption,
+    TruthOption,
 )
-
-if TYPE_CHECKING:
-    from truestand.apply.transfer import Transfer
-    from truestand.core.calibration import Calibration
-
-
-class Method(StrEnum):
-    """Which procedure."""
-
-    STAND = "stand"
-    PAPER = "paper"
+from truestand.cli.store import result_keeper
+from truestand.cli.terminal import hint, print_json, print_table, step_progress
+from truestand.core.calibration import Method
+from truestand.core.errors import BadRecipe
+from truestand.core.units import mm_from_um, um
+from truestand.files.records.records import read_json
+from truestand.report.terminal import positions_table, summary_table
+from truestand.station.pipeline import Inputs, Outputs, calibrate_job, verify_job
 
 
 def calibrate(
     scans: Annotated[list[Path], typer.Argument(metavar="SCAN...", help="A scan of the artefact, or several.")],
     artefact: ArtefactOption,
     stand: StandOption = None,
-    method: Annotated[Method, typer.Option(help="The exact model, or the published procedure.")] = Method.STAND,
+    method: Annotated[Method, typer.Option(help="The exact model, or the published procedure.")] = "stand",
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="CALIBRATION.json", help="The record to write.")
     ] = Path("calibration.json"),
     report: ReportOption = None,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
-    ] = None,
+    truth: TruthOption = None,
     clamped_at_deg: Annotated[
         str | None,
         typer.Option(
@@ -62,43 +60,31 @@ def calibrate(
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
-    from truestand.cli.keeping import keeping
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, steps
-    from truestand.files.records.records import read_json
-    from truestand.station.pipeline import Inputs, Outputs, calibrate_job
-
-    clamped = _clamped(scans, clamped_at_deg, method)
-    into = keeping(store, stand, operator, quiet)
+    clamped = _clamping_angles(scans, clamped_at_deg, method)
+    keeper = result_keeper(store, stand, operator, quiet)
     reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
-    done = calibrate_job(
-        Inputs(tuple(scans), stand, artefact), Outputs(output, report=report), reader.taking(*scans),
-        steps("Calibrating", quiet), method=method.value, clamped=clamped, truth=known,
+    outcome = calibrate_job(
+        Inputs(tuple(scans), stand, artefact), Outputs(output, report=report), reader.when_asked(*scans),
+        step_progress("Calibrating", quiet), method=method, clamped=clamped, truth=known,
     )  # fmt: skip
-    calibration, _ = done.result
-    into.keep(done)
+    calibration, _ = outcome.result
+    keeper.add(outcome.kind, outcome.record, outcome.evidence)
     if as_json:
-        print_json(done.record)
+        print_json(outcome.record)
     elif not quiet:
-        from truestand.report.terminal import positions_table, summary_table
-
         print_table(summary_table(calibration, truth=known))
         if calibration.positions is not None:
             print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
-    tell_doubts(calibration, quiet)
+    end_if_untrusted(calibration, quiet)
 
 
-def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
+def _clamping_angles(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
     """The clamping angles in rad, one a scan; none for a single scan."""
-    from math import isfinite, radians
-
-    from truestand.core.errors import BadRecipe
-
     if len(scans) == 1 and stated is None:
         return ()
-    if len(scans) > 1 and method is Method.PAPER:
+    if len(scans) > 1 and method == "paper":
         raise BadRecipe(f"found {len(scans)} scans, the published method knows one; leave out --method paper")
     if len(scans) == 1 or stated is None:
         found = "one scan and --clamped-at-deg" if len(scans) == 1 else f"{len(scans)} scans and no clamping angles"
@@ -112,23 +98,49 @@ def _clamped(scans: list[Path], stated: str | None, method: Method) -> tuple[flo
     return angles
 
 
-def tell_witness(tied: "Transfer", quiet: bool) -> None:
-    """Say what the shaft in view of a scan told about the zero of the table's angle."""
-    from math import degrees
+def verify(
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A new scan of the artefact.")],
+    calibration: Annotated[
+        Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The calibration to hold against it.")
+    ],
+    artefact: Annotated[
+        Path | None,
+        typer.Option("--artefact", metavar="SHAFT.toml", help="The shaft; default: the one in the calibration."),
+    ] = None,
+    stand: StandOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="VERIFICATION.json", help="Write the record.")
+    ] = None,
+    limit_um: Annotated[float, typer.Option(min=0.0, help="How far a calibrated point may have moved.")] = 10.0,
+    start_angle_deg: StartAngleOption = None,
+    store: StoreOption = None,
+    operator: OperatorOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Hold an old calibration against a new scan of the artefact: 0 holds, 1 does not, 3 undecided.
 
-    from truestand.cli.talk import hint
+    Example: truestand verify k2.csv --calibration calibration.json
+    """
+    keeper = result_keeper(store, stand, operator, quiet)
+    reader = scan_reader(stand, start_angle_deg, quiet)
+    outcome = verify_job(
+        Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.when_asked(scan),
+        step_progress("Verifying", quiet), limit=mm_from_um(limit_um), start_stated=reader.start_stated,
+    )  # fmt: skip
+    verification = outcome.result
+    keeper.add(outcome.kind, outcome.record, outcome.evidence)
+    if as_json:
+        print_json(outcome.record)
+    elif not quiet:
+        _print_changes(verification)
+    for reason in verification.reasons:
+        hint(str(reason), quiet)
+    raise typer.Exit(VERDICT_CODES[verification.verdict])
 
-    if tied.witness is not None and tied.calibration.angle_zero == "witness":
-        turn, U = degrees(tied.witness.angle_shift), degrees(tied.witness.angle_U)
-        where = ", ".join(tied.witness.surfaces)
-        hint(f"truestand: table angle tied by the shaft in view ({where}): {turn:+.4f} deg, U = {U:.4f} deg", quiet)
 
-
-def tell_doubts(calibration: "Calibration", quiet: bool) -> None:
-    """Say why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
-    from truestand.cli.talk import hint
-
-    for reason in calibration.reasons:
-        hint(f"truestand: untrusted: {reason}", quiet)
-    if calibration.reasons:
-        raise typer.Exit(UNDECIDED)
+def _print_changes(verification: Verification) -> None:
+    typer.echo(f"{'the calibration':24}{verification.verdict.replace('_', ' ')}")
+    for c in verification.changes:
+        moved = f"{um(c.value):7.2f} um  U {um(c.U):6.2f}  limit {um(c.limit):6.2f}"
+        typer.echo(f"{c.name:24}{moved}  {c.verdict.replace('_', ' ')}")

@@ -5,8 +5,17 @@ from typing import Annotated
 
 import typer
 
-from truestand.cli.exit_codes import UNDECIDED
-from truestand.cli.options import JsonOption, QuietOption
+from truestand.cli.options import UNDECIDED, JsonOption, QuietOption
+from truestand.cli.terminal import hint, print_json
+from truestand.core.errors import BadRecipe
+from truestand.files.atomic import write_bytes_atomic
+from truestand.files.json_text import parse_json
+from truestand.files.recipes.laboratory import read_laboratory
+from truestand.files.records.records import read_calibration
+from truestand.files.records.xml_schema import read_schema, violations
+from truestand.report.certificate import certificate as certificate_xml
+from truestand.report.certificate import lacking, refusals
+from truestand.report.certificate_issue import Issue
 
 
 def certificate(
@@ -31,36 +40,25 @@ def certificate(
 
     Example: truestand certificate calibration.json --laboratory laboratory.toml -o dcc.xml
     """
-    from truestand.cli.talk import hint, print_json
-    from truestand.core.errors import BadRecipe
-    from truestand.files.atomic import write_bytes_atomic
-    from truestand.files.json_text import parse_json
-    from truestand.files.recipes.laboratory import read_laboratory
-    from truestand.files.records.records import read_calibration
-    from truestand.files.records.xml_schema import read_schema, violations
-    from truestand.report.certificate import certificate as made_of
-    from truestand.report.certificate import lacking, refusals
-    from truestand.report.certificate_issue import Issue
-
     schema = None if schema_dir is None else read_schema(schema_dir)
     stated = None if laboratory is None else read_laboratory(laboratory)
     known, source = read_calibration(calibration), calibration.read_bytes()
     record = parse_json(source.decode("utf-8-sig"), str(calibration), "give a calibration.json")
-    against = refusals(record)
-    for reason in against:
-        hint(f"truestand: no certificate: {reason}", quiet)
-    if against:
+    reasons = refusals(record)
+    for reason in reasons:
+        hint(f"no certificate: {reason}", quiet)
+    if reasons:
         raise typer.Exit(UNDECIDED)
     issue = Issue(record, known, source, calibration.name, stated, number)
-    text = made_of(issue)
+    text = certificate_xml(issue)
     if schema is not None and (wrong := violations(text, schema)):
         raise BadRecipe(f"{schema_dir}: the certificate is not valid by this schema: {'; '.join(wrong)}")
     write_bytes_atomic(output, text)
     missing = lacking(issue)
     if as_json:
-        told = {"certificate": str(output), "identifier": issue.identifier, "draft": issue.draft}
-        print_json(told | {"not_stated": missing, "validated": schema is not None})
+        print_json({"certificate": str(output), "identifier": issue.identifier, "draft": issue.draft,
+                    "not_stated": missing, "validated": schema is not None})  # fmt: skip
     elif not quiet:
         typer.echo(output)
     if missing:
-        hint(f"truestand: a draft: nobody stated {'; '.join(missing)}; see docs/certificate.md", quiet)
+        hint(f"a draft: nobody stated {'; '.join(missing)}; see docs/certificate.md", quiet)

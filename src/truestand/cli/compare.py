@@ -1,20 +1,22 @@
 """``truestand compare``: the paper's method, ours and the installed peers on one scan."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from time import perf_counter
+from typing import Annotated, Any
 
 import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
-from truestand.cli.options import (
-    ArtefactOption,
-    JsonOption,
-    QuietOption,
-    StandOption,
-    StartAngleOption,
-)
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from truestand.calibration.peers import peers
+from truestand.cli.evaluation import scan_reader
+from truestand.cli.options import ArtefactOption, JsonOption, QuietOption, StandOption, StartAngleOption
+from truestand.cli.terminal import print_json, print_table, progress
+from truestand.files.atomic import write_json_atomic
+from truestand.files.recipes.recipes import read_shaft
+from truestand.files.records.comparison import axis_of, comparison_record, comparison_row
+from truestand.files.records.records import now, read_json
+from truestand.report.numbers import number
 
 
 def compare(
@@ -35,28 +37,18 @@ def compare(
 
     Example: truestand compare k1.csv --stand stand.toml --artefact shaft.toml --truth truth.json
     """
-    from time import perf_counter
-
-    from truestand.calibration.peers import peers
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, working
-    from truestand.files.atomic import write_json_atomic
-    from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.comparison import axis_of, comparison_record, comparison_row
-    from truestand.files.records.records import now, read_json
-
     shaft, reader = read_shaft(artefact), scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else axis_of(read_json(truth), truth)
-    seen = reader.read(scan)
+    measured = reader.read(scan)
     rows = []
-    with working("Comparing", quiet) as advance:
-        ways = peers(seen, shaft)
-        for done, way in enumerate(ways, 1):
-            begun = perf_counter()
-            found = way.tried()
-            rows.append(comparison_row(way, found, perf_counter() - begun, known))
-            advance(done, len(ways))
-    record = comparison_record(seen, rows, now())
+    with progress("Comparing", quiet) as advance:
+        methods = peers(measured, shaft)
+        for done, method in enumerate(methods, 1):
+            start = perf_counter()
+            result = method.tried()
+            rows.append(comparison_row(method, result, perf_counter() - start, known))
+            advance(done, len(methods))
+    record = comparison_record(measured, rows, now())
     if output is not None:
         write_json_atomic(output, record)
     if as_json:
@@ -68,12 +60,7 @@ def compare(
                 typer.echo(f"{row['method']} ({row['library']}): {row['reason']}")
 
 
-def _table(rows: list[dict[str, Any]], against_truth: bool) -> "Table":
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    from truestand.report.numbers import number
-
+def _table(rows: list[dict[str, Any]], against_truth: bool) -> Table:
     table = Table(title="Where the shaft's axis stands, by whom", title_justify="left", box=SIMPLE_HEAD)
     table.add_column("\nmethod (library)", no_wrap=True)
     columns = [("eccentricity\num", "eccentricity_um", 3), ("direction\ndeg", "eccentricity_direction_deg", 4),

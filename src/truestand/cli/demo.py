@@ -1,27 +1,37 @@
 """``truestand demo``: the main job on the virtual stand, from nothing to the verdict on a gear and its report."""
 
+import os
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from truestand.cli.options import QuietOption
-
-if TYPE_CHECKING:
-    from truestand.core.calibration import Calibration
-    from truestand.core.inspection import Inspection
-    from truestand.core.scan import Scan
-    from truestand.core.stand import Stand
-    from truestand.station.recipe import DevicesRecipe
+from truestand.cli.terminal import interrupted_by_signals, print_table, scan_progress, step_progress
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
+from truestand.core.inspection import Inspection
+from truestand.core.scan import Scan, interpret
+from truestand.core.stand import Stand
+from truestand.devices.gige.camera import Camera
+from truestand.files.atomic import write_json_atomic, write_text_atomic
+from truestand.files.recipes.recipes import STARTERS, write_starters
+from truestand.files.records.records import read_json, write_calibration
+from truestand.report.terminal import inspection_table, summary_table
+from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
+from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
+from truestand.station.scan import take_scan
+from truestand.station.stand_lock import state_path
 
 PACE = 20.0
 """Times real time; the virtual stand is slower where the machine can't draw as fast."""
-MADE = (
+RESULTS = (
     "k1.h5", "truth.json", "calibration.json", "calibration-paper.json", "cloud.ply", "report.html",
     "gear.h5", "gear-truth.json", "inspection.json", "gear.ply", "gear-report.html",
 )  # fmt: skip
@@ -40,21 +50,16 @@ def demo(
 
     Example: truestand demo --open
     """
-    from truestand.cli.live import ended_by_signals
-    from truestand.cli.talk import print_table
-    from truestand.files.recipes.recipes import STARTERS, write_starters
-    from truestand.report.terminal import inspection_table, summary_table
-
     _refuse_real_scans(out)
     write_starters(out, force=True)
-    bench = _bench(out, quiet)
-    with ended_by_signals(), _virtual_stand(out):
-        calibration, paper, truth = _calibrate(bench)
-        inspection, gear_truth = _inspect(bench)
+    stand = _demo_stand(out, quiet)
+    with interrupted_by_signals(), _virtual_stand(out):
+        calibration, paper, truth = _calibrate(stand)
+        inspection, gear_truth = _inspect(stand)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
         print_table(inspection_table(inspection, gear_truth))
-        for name in (*STARTERS, *MADE):
+        for name in (*STARTERS, *RESULTS):
             typer.echo(out / name)
     if open_report:
         for name in ("report.html", "gear-report.html"):
@@ -62,68 +67,48 @@ def demo(
 
 
 @dataclass(frozen=True)
-class Bench:
+class DemoStand:
     """The recipes of the demo, and the folder that it writes to."""
 
     out: Path
-    stand: "Stand"
-    devices: "DevicesRecipe"
+    stand: Stand
+    devices: DevicesRecipe
     quiet: bool
 
-    def scan(self, name: str, what: str) -> "Scan":
+    def scan(self, name: str, description: str) -> Scan:
         """Take a scan with the stand at its addresses, into the folder."""
-        from truestand.cli.live import live_bar
-        from truestand.core.errors import DeviceError
-        from truestand.core.scan import interpret
-        from truestand.station.recipe import order_of
-        from truestand.station.scan import take_scan
-
-        order = order_of(self.stand, self.devices.acquire)
-        with live_bar(self.quiet, what) as show:
-            taken = take_scan(self.out / "stand.toml", self.stand, self.devices, order, self.out / name, show)
-        if taken.interrupted:
+        settings = scan_settings(self.stand, self.devices.acquire)
+        with scan_progress(self.quiet, description) as show:
+            outcome = take_scan(self.out / "stand.toml", self.stand, self.devices, settings, self.out / name, show)
+        if outcome.interrupted:
             raise KeyboardInterrupt
-        if not taken.complete:
-            reasons = "; ".join(r for w in taken.written for r in w.scan.reasons)
+        if not outcome.complete:
+            reasons = "; ".join(r for w in outcome.written for r in w.scan.reasons)
             raise DeviceError(f"the virtual stand gave no complete scan: {reasons}; close other programs and try again")
-        return interpret(taken.written[0].scan.recording)
+        return interpret(outcome.written[0].scan.recording)
 
     def mount_part(self) -> None:
         """Put the gear on the shaft."""
-        from truestand.devices.gige.camera import Camera
-
         device = self.devices.sensor[0]
-        camera = Camera(device.name, device.address, device.heartbeat_ms)
-        try:
+        with closing(Camera(device.name, device.address, device.heartbeat_ms)) as camera:
             camera.nodes.set("VirtualMounted", "Part")
-        finally:
-            camera.close()
 
 
-def _bench(out: Path, quiet: bool) -> Bench:
-    from truestand.station.latch import latch_path
-    from truestand.station.recipe import read_devices
-
+def _demo_stand(out: Path, quiet: bool) -> DemoStand:
     _move_to_free_addresses(out / "stand.toml")
-    latch_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
+    state_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
     stand, devices = read_devices(out / "stand.toml")
-    for left in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
-        (out / left).unlink(missing_ok=True)
-    return Bench(out, stand, devices, quiet)
+    for earlier in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
+        (out / earlier).unlink(missing_ok=True)
+    return DemoStand(out, stand, devices, quiet)
 
 
 def _move_to_free_addresses(recipe: Path) -> None:
-    """Have the demo's stand answer where nobody else does, so that demos can run side by side."""
-    import os
-    import socket
-    import sys
-
-    from truestand.files.atomic import write_text_atomic
-
+    """Give the demo's stand free addresses, so that demos can run side by side."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         table = f"127.0.0.1:{free.getsockname()[1]}"
-    own = os.getpid() % 65_000
-    sensor = f"127.77.{own // 250}.{own % 250 + 1}" if sys.platform == "linux" else "127.0.0.1"
+    number = os.getpid() % 65_000
+    sensor = f"127.77.{number // 250}.{number % 250 + 1}" if sys.platform == "linux" else "127.0.0.1"
     text = recipe.read_text(encoding="utf-8")
     text = text.replace('address = "127.0.0.1:5020"', f'address = "{table}"')
     write_text_atomic(recipe, text.replace('address = "127.0.0.1"', f'address = "{sensor}"'))
@@ -132,8 +117,6 @@ def _move_to_free_addresses(recipe: Path) -> None:
 @contextmanager
 def _virtual_stand(out: Path) -> Iterator[None]:
     """The virtual stand, in a process of its own, as ``truestand stand simulate`` serves it."""
-    from truestand.core.errors import DeviceLost
-
     command = [
         sys.executable, "-m", "truestand", "stand", "simulate", str(out / "stand.toml"),
         "--artefact", str(out / "shaft.toml"), "--part", str(out / "gear.toml"), "--mounted", "shaft",
@@ -150,48 +133,37 @@ def _virtual_stand(out: Path) -> Iterator[None]:
         process.communicate(timeout=10)
 
 
-def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, Any]]:
+def _calibrate(stand: DemoStand) -> tuple[Calibration, Calibration, dict[str, Any]]:
     """Scan the shaft, calibrate by both methods, write all of it: ours, the published method's, the truth."""
-    from truestand.cli.talk import steps
-    from truestand.files.atomic import write_json_atomic
-    from truestand.files.records.records import read_json, write_calibration
-    from truestand.station.pipeline import Inputs, Outputs, calibrate_job
-
-    out = bench.out
+    out = stand.out
     truth = read_json(out / "gear-truth.json")
     truth.pop("part")
     write_json_atomic(out / "truth.json", truth)
-    done = calibrate_job(
+    outcome = calibrate_job(
         Inputs((out / "k1.h5",), out / "stand.toml", out / "shaft.toml"),
         Outputs(out / "calibration.json", out / "cloud.ply", out / "report.html"),
-        lambda _: (bench.scan("k1.h5", "Scanning the shaft"),), steps("Calibrating", bench.quiet), truth=truth,
+        lambda _: (stand.scan("k1.h5", "Scanning the shaft"),), step_progress("Calibrating", stand.quiet), truth=truth,
     )  # fmt: skip
-    calibration, published = done.result
+    calibration, published = outcome.result
     assert published is not None
     write_calibration(out / "calibration-paper.json", published)
     return calibration, published, truth
 
 
-def _inspect(bench: Bench) -> tuple["Inspection", dict[str, Any]]:
+def _inspect(stand: DemoStand) -> tuple[Inspection, dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
-    from truestand.cli.talk import steps
-    from truestand.files.records.records import read_json
-    from truestand.station.pipeline import Inputs, Outputs, inspect_job
-
-    out = bench.out
-    bench.mount_part()
+    out = stand.out
+    stand.mount_part()
     truth = read_json(out / "gear-truth.json")
-    done = inspect_job(
+    outcome = inspect_job(
         Inputs((out / "gear.h5",), out / "stand.toml", calibration=out / "calibration.json", part=out / "gear.toml"),
         Outputs(out / "inspection.json", out / "gear.ply", out / "gear-report.html"),
-        lambda _: (bench.scan("gear.h5", "Scanning the gear"),), steps("Inspecting", bench.quiet), truth=truth,
+        lambda _: (stand.scan("gear.h5", "Scanning the gear"),), step_progress("Inspecting", stand.quiet), truth=truth,
     )  # fmt: skip
-    return done.result, truth
+    return outcome.result, truth
 
 
 def _refuse_real_scans(out: Path) -> None:
-    """Raw scans are never overwritten: one without a truth beside it is none of the demo's."""
-    from truestand.core.errors import BadRecipe
-
+    """Raw scans are never overwritten: one without a truth beside it was not made by a demo."""
     if (out / "k1.h5").exists() and not (out / "truth.json").exists():
         raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")

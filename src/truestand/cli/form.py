@@ -1,47 +1,27 @@
 """``truestand form``: associate a feature with points, and say how far they depart from it."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Literal
 
 import typer
 
+from truestand.apply.transfer import Transfer
+from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption
-
-if TYPE_CHECKING:
-    from truestand.apply.transfer import Transfer
-    from truestand.core.artefact import Cylinder
-    from truestand.core.calibration import Calibration
-    from truestand.form.form import Form
-    from truestand.form.sections import Section
-
-
-class FeatureName(StrEnum):
-    """What to associate."""
-
-    LINE = "line"
-    PLANE = "plane"
-    CIRCLE = "circle"
-    CYLINDER = "cylinder"
-    SPHERE = "sphere"
-
-
-class ReferenceName(StrEnum):
-    """By which reference."""
-
-    LSC = "LSC"
-    MZC = "MZC"
-    MIC = "MIC"
-    MCC = "MCC"
-
-
-class LengthUnit(StrEnum):
-    """The unit of coordinates."""
-
-    MM = "mm"
-    UM = "um"
-    M = "m"
-
+from truestand.cli.terminal import print_json, progress
+from truestand.core.artefact import Cylinder
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe
+from truestand.core.surface import apply_calibration
+from truestand.core.units import um
+from truestand.files.atomic import write_json_atomic
+from truestand.files.records.form_record import form_record
+from truestand.files.records.records import now, read_calibration
+from truestand.files.scans.read import sha256_of
+from truestand.files.shapes.points import read_points
+from truestand.form.associate import Feature
+from truestand.form.form import Form, Reference, evaluate
+from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, Section, section
 
 FORM_NAMES = {
     "line": "straightness",
@@ -56,18 +36,18 @@ def form(
     points: Annotated[
         Path, typer.Argument(metavar="POINTS", help="x y z text, PLY or NIST .ds; a scan with --calibration.")
     ],
-    feature: Annotated[FeatureName, typer.Option(help="What to associate.")],
+    feature: Annotated[Feature, typer.Option(help="What to associate.")],
     reference: Annotated[
-        ReferenceName,
+        Reference,
         typer.Option(
             help="Least squares; circle and cylinder also minimum zone, maximum inscribed, minimum circumscribed."
         ),
-    ] = ReferenceName.LSC,
+    ] = "LSC",
     columns: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1.")
     ] = None,
     unit: Annotated[
-        LengthUnit | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
+        Literal["mm", "um", "m"] | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
     ] = None,
     filter_upr: Annotated[
         float | None, typer.Option(min=0.001, help="Circle: Gaussian filter, half of this many waves a turn passes.")
@@ -95,15 +75,6 @@ def form(
 
     Example: truestand form export.csv --feature plane --columns 2,3,4 --unit um
     """
-    from truestand.cli.talk import print_json, working
-    from truestand.core.errors import BadRecipe
-    from truestand.files.atomic import write_json_atomic
-    from truestand.files.records.form_record import form_record
-    from truestand.files.records.records import now
-    from truestand.files.scans.read import sha256_of
-    from truestand.files.shapes.points import read_points
-    from truestand.form.form import evaluate
-
     if calibration is None and any(given is not None for given in (surface, height_mm, stand, start_angle_deg)):
         raise BadRecipe(
             "--surface, --height-mm, --stand and --start-angle-deg are for scans; "
@@ -111,94 +82,81 @@ def form(
         )
     if calibration is not None and (columns is not None or unit is not None):
         raise BadRecipe("--columns and --unit are for points; leave them out with --calibration")
-    run_out, known = None, None
-    with working(f"Reading {points.name}", quiet):
+    run_out, transferred = None, None
+    with progress(f"Reading {points.name}", quiet):
         if calibration is None:
             cloud = read_points(points, columns, unit)
         else:
-            tied = _transferred(points, calibration, stand, feature, start_angle_deg)
-            cells, known = _section(tied, feature, surface, height_mm), tied.calibration
+            transferred = _transferred(points, calibration, stand, feature, start_angle_deg)
+            cells = _section(transferred, feature, surface, height_mm)
             cloud, run_out = cells.points, cells.run_out
-    with working("Associating", quiet):
-        found = evaluate(cloud, feature.value, reference.value, filter_upr)
-    record = form_record(found, now(), sha256_of(points), run_out)
+    with progress("Associating", quiet):
+        result = evaluate(cloud, feature, reference, filter_upr)
+    record = form_record(result, now(), sha256_of(points), run_out)
     if output is not None:
         write_json_atomic(output, record)
     if as_json:
         print_json(record)
     elif not quiet:
-        _print(found, run_out)
-    if known is not None:
-        from truestand.cli.calibrate import tell_doubts, tell_witness
-
-        tell_witness(tied, quiet)
-        tell_doubts(known, quiet)
+        _print(result, run_out)
+    if transferred is not None:
+        print_witness(transferred, quiet)
+        end_if_untrusted(transferred.calibration, quiet)
 
 
 def _transferred(
-    path: Path, calibration: Path, stand: Path | None, feature: FeatureName, start_angle_deg: float | None
-) -> "Transfer":
+    path: Path, calibration: Path, stand: Path | None, feature: Feature, start_angle_deg: float | None
+) -> Transfer:
     """The scan, and the calibration as it applies to it."""
-    from truestand.cli.reading import scan_reader
-    from truestand.core.errors import BadRecipe
-    from truestand.files.records.records import read_calibration
-
-    if feature not in (FeatureName.CIRCLE, FeatureName.CYLINDER):
-        raise BadRecipe(f"a {feature.value} can't be taken from a scan of the artefact; use circle or cylinder")
-    return scan_reader(stand, start_angle_deg, quiet=True).tied(path, read_calibration(calibration))
+    if feature not in ("circle", "cylinder"):
+        raise BadRecipe(f"a {feature} can't be taken from a scan of the artefact; use circle or cylinder")
+    return scan_reader(stand, start_angle_deg, quiet=True).transferred(path, read_calibration(calibration))
 
 
-def _section(tied: "Transfer", feature: FeatureName, surface: str | None, height: float | None) -> "Section":
+def _section(transferred: Transfer, feature: Feature, surface: str | None, height: float | None) -> Section:
     """Cells of one cylinder of the artefact in a scan."""
-    from truestand.core.surface import apply_calibration
-    from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, section
-
-    rolled = apply_calibration(tied.scan, tied.calibration)
-    cylinder, low, high = _stretch(tied.calibration, surface)
-    if feature is FeatureName.CYLINDER:
+    rolled = apply_calibration(transferred.scan, transferred.calibration)
+    cylinder, low, high = _measured_cylinder(transferred.calibration, surface)
+    if feature == "cylinder":
         return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)
     middle = (low + high) / 2 if height is None else height
     return section(rolled, cylinder.radius, middle - SECTION / 2, middle + SECTION / 2, CIRCLE_CELLS)
 
 
-def _stretch(known: "Calibration", name: str | None) -> "tuple[Cylinder, float, float]":
-    """A cylinder of the artefact and the heights between which the calibration measured it."""
-    from truestand.core.errors import BadRecipe
-
-    if known.artefact is None or not known.static_profiles:
+def _measured_cylinder(calibration: Calibration, name: str | None) -> tuple[Cylinder, float, float]:
+    """A cylinder of the artefact (default: the first) and the heights (mm) between which it was measured."""
+    if calibration.artefact is None or not calibration.static_profiles:
         raise BadRecipe("the calibration carries no artefact; calibrate again with this version")
-    seen = {p.surface: p for p in known.static_profiles}
-    wanted = name or known.static_profiles[0].surface
-    if wanted not in seen:
-        raise BadRecipe(f"found no surface {wanted!r} in the calibration, need one of {', '.join(seen)}")
-    heights = seen[wanted].height
-    cylinder = next(c for c in known.artefact.cylinders if c.name == wanted)
+    heights_of = {p.surface: p.height for p in calibration.static_profiles}
+    name = name or calibration.static_profiles[0].surface
+    if name not in heights_of:
+        raise BadRecipe(f"found no surface {name!r} in the calibration, need one of {', '.join(heights_of)}")
+    heights = heights_of[name]
+    cylinder = next(c for c in calibration.artefact.cylinders if c.name == name)
     return cylinder, float(heights[0]), float(heights[-1])
 
 
-def _print(found: "Form", run_out: float | None) -> None:
-    from truestand.core.units import um
-
+def _print(result: Form, run_out: float | None) -> None:
     def line(name: str, text: str, U: float | None = None) -> None:
         typer.echo(f"{name:22}{text}" + ("" if U is None else f"   U = {um(U):.3f} um (k = 2)"))
 
-    line("feature", f"{found.feature}, {found.reference}, {found.n} points")
-    line("point, mm", "  ".join(f"{v:.6f}" for v in found.point), found.U.get("point"))
-    if found.direction is not None:
-        line("direction", "  ".join(f"{v:.9f}" for v in found.direction))
-    if found.radius is not None:
-        line("radius, mm", f"{found.radius:.6f}", found.U.get("radius"))
-    line("rms, um", f"{um(found.rms):.4f}")
-    line(f"{FORM_NAMES[found.feature]}, um", f"{um(found.form):.4f}", found.U.get("form"))
-    if found.cutoff_upr is not None:
-        line("filter", f"Gaussian, {found.cutoff_upr:g} UPR")
-    line("noise floor, um", f"{um(found.noise_floor):.4f}   what this form value reads from the points' noise alone")
+    line("feature", f"{result.feature}, {result.reference}, {result.n} points")
+    line("point, mm", "  ".join(f"{v:.6f}" for v in result.point), result.U.get("point"))
+    if result.direction is not None:
+        line("direction", "  ".join(f"{v:.9f}" for v in result.direction))
+    if result.radius is not None:
+        line("radius, mm", f"{result.radius:.6f}", result.U.get("radius"))
+    line("rms, um", f"{um(result.rms):.4f}")
+    line(f"{FORM_NAMES[result.feature]}, um", f"{um(result.form):.4f}", result.U.get("form"))
+    if result.cutoff_upr is not None:
+        line("filter", f"Gaussian, {result.cutoff_upr:g} UPR")
+    line("noise floor, um", f"{um(result.noise_floor):.4f}   what this form value reads from the points' noise alone")
     if run_out is not None:
-        kind = "circular" if found.feature == "circle" else "total"
+        kind = "circular" if result.feature == "circle" else "total"
         line(f"{kind} run-out, um", f"{um(run_out):.4f}   about the shaft's axis, unfiltered")
-    if found.certificate is not None:
-        proof = "proven" if found.certificate.scope == "global" else "no small move betters it"
+    if result.certificate is not None:
+        proof = "proven" if result.certificate.scope == "global" else "no small move betters it"
         line(
             "optimum",
-            f"{proof}: {len(found.certificate.contacts)} contacts, balanced to {found.certificate.imbalance:.0e}",
+            f"{proof}: {len(result.certificate.contacts)} contacts, balanced to {result.certificate.imbalance:.0e}",
         )

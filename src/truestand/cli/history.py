@@ -1,16 +1,24 @@
 """``truestand history``: how the stand and its parts did over time, and how much of it is the measuring."""
 
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from truestand.cli.options import JsonOption, QuietOption, StoreOption
-
-if TYPE_CHECKING:
-    from truestand.statistics.gage import GageStudy
-    from truestand.store import Store
-    from truestand.store.history import Inspected, Series
+from truestand.cli.store import open_store
+from truestand.cli.terminal import print_json, print_table
+from truestand.core.errors import BadRecipe
+from truestand.files.atomic import write_text_atomic
+from truestand.files.recipes.company import read_company
+from truestand.files.records.study import read_study
+from truestand.report.history import Course, history_report, study_report
+from truestand.report.history import Inspected as InspectionLine
+from truestand.report.history_tables import inspections_table, readings_table, series_table, study_table
+from truestand.statistics.gage import GageStudy, gage_study, readings_of
+from truestand.store import Store
+from truestand.store.history import Inspected, Series, inspections, repeated, series
 
 
 def history(
@@ -34,83 +42,64 @@ def history(
 
     Example: truestand history --store results --quantity phi_deg --report history.html
     """
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json
-    from truestand.store.history import inspections, series
-
     _check(since)
     if gage_rr is not None:
         _gage(gage_rr, store, since, quantity, report, as_json, quiet)
         return
-    kept = opened(store)
-    found, inspected = series(kept, since, quantity), inspections(kept, since, part)
+    opened = open_store(store)
+    quantities, parts = series(opened, since, quantity), inspections(opened, since, part)
     if report is not None:
-        _write_report(report, kept, found, inspected)
+        _write_report(report, opened, quantities, parts)
     if as_json:
-        print_json(_record(kept, found, inspected))
+        print_json(_record(opened, quantities, parts))
     elif not quiet:
-        _show(found, inspected, quantity)
+        _print(quantities, parts, quantity)
         if report is not None:
             typer.echo(report)
 
 
 def _check(since: str | None) -> None:
-    """Refuse what is no date."""
-    from datetime import datetime
-
-    from truestand.core.errors import BadRecipe
-
+    """Refuse a text that is no date."""
     try:
         datetime.fromisoformat(since or "2026-01-01")
     except ValueError:
         raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
 
 
-def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | None) -> None:
-    from truestand.cli.talk import print_table
-    from truestand.report.history_tables import inspections_table, readings_table, series_table
-
-    courses = [_course(s) for s in found]
-    if quantity is None:
-        print_table(series_table(courses))
-    else:
+def _print(quantities: list[Series], parts: list[Inspected], quantity: str | None) -> None:
+    courses = [_course(s) for s in quantities]
+    if quantity is not None:
         for course in courses:
             print_table(readings_table(course))
-    if inspected and quantity is None:
-        print_table(inspections_table([_line(i) for i in inspected]))
+        return
+    print_table(series_table(courses))
+    if parts:
+        print_table(inspections_table([_line(i) for i in parts]))
 
 
-def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
-    from truestand.files.atomic import write_text_atomic
-    from truestand.files.recipes.company import read_company
-    from truestand.report.history import history_report
-
-    here = Path("stand.toml")
-    company = read_company(here) if here.is_file() else None
+def _write_report(path: Path, store: Store, quantities: list[Series], parts: list[Inspected]) -> None:
+    stand = Path("stand.toml")
+    company = read_company(stand) if stand.is_file() else None
     number, stated = store.head()
     head = f"{store.folder.name}: last entry {number}, hash {stated}"
     text = history_report(
-        [_course(s) for s in found], [_line(i) for i in inspected], head, company.name if company else None
+        [_course(s) for s in quantities], [_line(i) for i in parts], head, company.name if company else None
     )
     write_text_atomic(path, text)
 
 
-def _course(s: "Series") -> Any:
-    from truestand.report.history import Course
-
+def _course(s: Series) -> Course:
     title = f"{s.sensor}: {s.quantity}"
     times, numbers = tuple(e.time for e in s.entries), tuple(e.number for e in s.entries)
     return Course(title, s.unit, times, numbers, s.chart, s.clamping)
 
 
-def _line(i: "Inspected") -> Any:
-    from truestand.report.history import Inspected as Line
-
+def _line(i: Inspected) -> InspectionLine:
     e = i.standing.entry
-    return Line(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
+    return InspectionLine(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
 
 
-def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> dict[str, Any]:
+def _record(store: Store, quantities: list[Series], parts: list[Inspected]) -> dict[str, Any]:
     number, stated = store.head()
     return {
         "format": "truestand.history",
@@ -127,13 +116,13 @@ def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]")
                     for e, p in zip(s.entries, s.chart.points, strict=True)
                 ],
             }
-            for s in found
+            for s in quantities
         ],
         "inspections": [
             {"entry": i.standing.entry.number, "time": i.standing.entry.time, "part": i.standing.entry.part,
              "serial": i.standing.entry.serial, "order": i.standing.entry.order,
              "operator": i.standing.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
-            for i in inspected
+            for i in parts
         ],
     }  # fmt: skip
 
@@ -142,29 +131,20 @@ def _gage(
     source: str, store: Path | None, since: str | None, quantity: str | None, report: Path | None,
     as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json, print_table
-    from truestand.files.atomic import write_text_atomic
-    from truestand.files.records.study import read_study
-    from truestand.report.history import study_report
-    from truestand.report.history_tables import study_table
-    from truestand.statistics.gage import gage_study, readings_of
-    from truestand.store.history import repeated
-
     table = source.lower().endswith((".csv", ".txt"))
-    rows = {"value": read_study(Path(source))} if table else repeated(opened(store), source, since, quantity)
-    name_of = Path(source).name if table else source
-    studies = {name: gage_study(readings_of(found)[0]) for name, found in rows.items()}
+    rows = {"value": read_study(Path(source))} if table else repeated(open_store(store), source, since, quantity)
+    title = Path(source).name if table else source
+    studies = {name: gage_study(readings_of(readings)[0]) for name, readings in rows.items()}
     if report is not None:
-        write_text_atomic(report, study_report(studies, name_of))
+        write_text_atomic(report, study_report(studies, title))
     if as_json:
         print_json({"format": "truestand.gage", "version": 1, "source": source,
                     "studies": {name: _study(s) for name, s in studies.items()}})  # fmt: skip
     elif not quiet:
-        print_table(study_table(studies, name_of))
+        print_table(study_table(studies, title))
 
 
-def _study(s: "GageStudy") -> dict[str, Any]:
+def _study(s: GageStudy) -> dict[str, Any]:
     return {
         "operators": s.operators, "parts": s.parts, "trials": s.trials, "interaction_pooled": s.pooled,
         "EV": s.EV, "AV": s.AV, "INT": s.INT, "GRR": s.GRR, "PV": s.PV, "TV": s.TV, "ndc": s.ndc,

@@ -1,11 +1,17 @@
-"""``truestand inspect``: a part's scan to characteristics, defects and a verdict."""
+"""``truestand inspect``, ``identify`` and ``roll``: what a scan of a part on the calibrated stand tells of the part."""
 
+from math import degrees
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import (
+    VERDICT_CODES,
+    CalibrationOption,
+    ForceOption,
     JsonOption,
     OperatorOption,
     QuietOption,
@@ -13,17 +19,27 @@ from truestand.cli.options import (
     StandOption,
     StartAngleOption,
     StoreOption,
+    TruthOption,
 )
-
-if TYPE_CHECKING:
-    from truestand.core.inspection import Inspection
-
-EXIT_CODES = {"conforms": 0, "does_not_conform": 1, "undecided": 3}
+from truestand.cli.store import result_keeper
+from truestand.cli.terminal import hint, print_json, print_table, progress, step_progress
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
+from truestand.core.surface import apply_calibration
+from truestand.core.units import um
+from truestand.files.atomic import write_text_atomic
+from truestand.files.recipes.parts import seen_recipe
+from truestand.files.records.records import read_calibration, read_json
+from truestand.files.shapes.clouds import check_suffix, write_cloud
+from truestand.gear.match import IdentifiedGear, toothed_heights
+from truestand.gear.match import identify as identify_gear
+from truestand.report.terminal import inspection_table
+from truestand.station.pipeline import Inputs, Outputs, inspect_job
 
 
 def inspect(
     scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of the part on the calibrated stand.")],
-    calibration: Annotated[Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The stand today.")],
+    calibration: CalibrationOption,
     part: Annotated[Path, typer.Option("--part", metavar="PART.toml", help="The part: gear, turned or CAD model.")],
     stand: StandOption = None,
     output: Annotated[
@@ -37,9 +53,7 @@ def inspect(
         Path | None,
         typer.Option("--cloud", metavar="CLOUD", help="Write the cloud with its deviations: .ply, .xyz, .npz."),
     ] = None,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
-    ] = None,
+    truth: TruthOption = None,
     start_angle_deg: StartAngleOption = None,
     store: StoreOption = None,
     operator: OperatorOption = None,
@@ -53,38 +67,105 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
-    from truestand.cli.keeping import keeping
-    from truestand.cli.reading import scan_reader
-    from truestand.cli.talk import print_json, print_table, steps
-    from truestand.files.records.records import read_json
-    from truestand.report.terminal import inspection_table
-    from truestand.station.pipeline import Inputs, Outputs, inspect_job
-
-    into = keeping(store, stand, operator, quiet)
+    keeper = result_keeper(store, stand, operator, quiet)
     reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
-    inputs = Inputs((scan,), stand, calibration=calibration, part=part)
     outputs = Outputs(output, cloud, report, table)
-    own = {key: value for key, value in (("serial", serial), ("operator", operator)) if value is not None}
-    done = inspect_job(
-        inputs, outputs, reader.taking(scan), steps("Inspecting", quiet), identity=own,
-        start_stated=reader.start_stated, truth=known,
+    identity = {key: value for key, value in (("serial", serial), ("operator", operator)) if value is not None}
+    outcome = inspect_job(
+        Inputs((scan,), stand, calibration=calibration, part=part), outputs, reader.when_asked(scan),
+        step_progress("Inspecting", quiet), identity=identity, start_stated=reader.start_stated, truth=known,
     )  # fmt: skip
-    into.keep(done)
+    inspection = outcome.result
+    keeper.add(outcome.kind, outcome.record, outcome.evidence)
     if as_json:
-        print_json(done.record)
+        print_json(outcome.record)
     elif not quiet:
-        print_table(inspection_table(done.result, known))
+        print_table(inspection_table(inspection, known))
         typer.echo("\n".join(str(path) for path in outputs.paths))
-    tell(done.result, quiet)
-    raise typer.Exit(EXIT_CODES[done.result.verdict])
-
-
-def tell(inspection: "Inspection", quiet: bool) -> None:
-    """Say why nothing could be decided, and what the reader should know."""
-    from truestand.cli.talk import hint
-
     for remark in inspection.remarks:
-        hint(f"truestand: {remark}", quiet)
+        hint(str(remark), quiet)
     for reason in inspection.reasons:
-        hint(f"truestand: untrusted: {reason}", quiet)
+        hint(f"untrusted: {reason}", quiet)
+    raise typer.Exit(VERDICT_CODES[inspection.verdict])
+
+
+def roll(
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of any part on the calibrated stand.")],
+    calibration: CalibrationOption,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
+    ],
+    stand: StandOption = None,
+    start_angle_deg: StartAngleOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Roll a scan up into a point cloud in the shaft's own coordinates.
+
+    Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
+    """
+    check_suffix(output)
+    known = read_calibration(calibration)
+    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, known)
+    with progress("Rolling up", quiet):
+        surface = apply_calibration(transferred.scan, transferred.calibration)
+        write_cloud(output, surface.x, surface.y, surface.z)
+    if not quiet:
+        typer.echo(output)
+    print_witness(transferred, quiet)
+    end_if_untrusted(transferred.calibration, quiet)
+
+
+def identify(
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of the gear on the calibrated stand.")],
+    calibration: CalibrationOption,
+    stand: StandOption = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="GEAR.toml", help="Write a recipe to start from.")
+    ] = None,
+    from_mm: Annotated[float | None, typer.Option(help="Lower end of the face, height; default: seen.")] = None,
+    to_mm: Annotated[float | None, typer.Option(help="Upper end of the face; default: seen.")] = None,
+    start_angle_deg: StartAngleOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Tell teeth, module, helix and shift of an unknown gear from its scan.
+
+    Example: truestand identify gear.csv --calibration calibration.json -o gear.toml
+    """
+    if output is not None and output.exists() and not force:
+        raise BadRecipe(f"found {output} already there; choose another name or pass --force")
+    known = read_calibration(calibration)
+    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, known)
+    with progress("Identifying", quiet):
+        surface = apply_calibration(transferred.scan, transferred.calibration)
+        datum = Pose.from_matrix(np.eye(4))
+        low, high = toothed_heights(surface, datum)
+        low, high = low if from_mm is None else from_mm, high if to_mm is None else to_mm
+        gear = identify_gear(surface, datum, low, high)
+    if output is not None:
+        write_text_atomic(output, seen_recipe(gear, low, high))
+    if as_json:
+        print_json(_gear_record(gear, low, high))
+    elif not quiet:
+        typer.echo(f"{gear}\nface from {low:.2f} to {high:.2f} mm, root diameter {gear.root_diameter:.2f} mm")
+        if output is not None:
+            typer.echo(output)
+    end_if_untrusted(transferred.calibration, quiet)
+
+
+def _gear_record(gear: IdentifiedGear, low: float, high: float) -> dict[str, Any]:
+    return {
+        "teeth": gear.teeth,
+        "module_mm": gear.module,
+        "pressure_angle_deg": degrees(gear.pressure_angle),
+        "helix_angle_deg": degrees(gear.helix_angle),
+        "profile_shift": gear.profile_shift,
+        "base_diameter_mm": 2 * gear.base_radius,
+        "tip_diameter_mm": gear.tip_diameter,
+        "root_diameter_mm": gear.root_diameter,
+        "face_from_mm": low,
+        "face_width_mm": high - low,
+        "rms_um": um(gear.rms),
+    }

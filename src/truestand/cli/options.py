@@ -1,24 +1,43 @@
-"""Options that mean the same in every command."""
+"""Options and exit codes that mean the same in every command."""
 
+from math import isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from truestand.files.scans.scancontrol_raw import RawLayout
+from truestand.core.errors import BadRecipe
+
+DONE = 0
+"""Done, conforms, holds."""
+FAILS = 1
+"""Does not conform, does not hold."""
+WRONG_USE = 2
+"""Wrong use, or input that can't be read."""
+UNDECIDED = 3
+"""Undecided or untrusted: the record says why."""
+INTERRUPTED = 130
+"""Broken off by the user."""
+VERDICT_CODES = {
+    "conforms": DONE, "does_not_conform": FAILS, "holds": DONE, "does_not_hold": FAILS, "undecided": UNDECIDED,
+}  # fmt: skip
 
 StandOption = Annotated[
     Path | None, typer.Option("--stand", metavar="STAND.toml", help="The stand; default: the one the input carries.")
 ]
+DevicesOption = Annotated[Path, typer.Option("--stand", metavar="STAND.toml", help="The stand, with its [devices].")]
 ArtefactOption = Annotated[
     Path, typer.Option("--artefact", metavar="SHAFT.toml", help="The reference shaft's drawing and certificate.")
 ]
+CalibrationOption = Annotated[Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The stand today.")]
 StartAngleOption = Annotated[
     float | None,
     typer.Option(
         "--start-angle-deg", help="Table angle of the first profile, for scans without an angle of their own."
     ),
+]
+TruthOption = Annotated[
+    Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
@@ -34,40 +53,14 @@ ReportOption = Annotated[
     typer.Option("--report", metavar="REPORT", help="Write the report: one HTML file, or PDF where its name ends so."),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing scan or recipe.")]
-PickOption = Annotated[
-    str | None,
-    typer.Option("--pick", metavar="NAME", help="The recording of a file that holds several; `info` names them."),
-]
-RawTypeOption = Annotated[
-    str | None,
-    typer.Option("--raw-type", metavar="TYPE", help="Type of the scanCONTROL sensor of a raw dump, such as 29xx-50."),
-]
-PointsOption = Annotated[int | None, typer.Option("--points", help="Points in a profile of a raw dump.")]
-
-
-def raw_layout(raw_type: str | None, points: int | None) -> "RawLayout | None":
-    """What a raw dump doesn't say of itself; None where it isn't one.
-
-    Raises:
-        BadRecipe: one of them without the other.
-    """
-    from truestand.core.errors import BadRecipe
-    from truestand.files.scans.scancontrol_raw import RawLayout
-
-    if raw_type is None and points is None:
-        return None
-    if raw_type is None or points is None:
-        found, lacking = ("--points", "--raw-type") if raw_type is None else ("--raw-type", "--points")
-        raise BadRecipe(f"found {found} without {lacking}; a raw dump needs both: --raw-type 29xx-50 --points 640")
-    return RawLayout(raw_type, points)
 
 
 def radians_or_none(degrees: float | None, option: str = "--start-angle-deg") -> float | None:
-    """An optional angle at the border, degrees in, rad out."""
-    from math import isfinite, radians
+    """The angle (rad) that an ``option`` gives in degrees; None where it was left out.
 
-    from truestand.core.errors import BadRecipe
-
+    Raises:
+        BadRecipe: infinite, or no number.
+    """
     if degrees is not None and not isfinite(degrees):
         raise BadRecipe(f"found {option} {degrees}, need a finite number of degrees")
     return None if degrees is None else radians(degrees)

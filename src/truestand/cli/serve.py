@@ -1,27 +1,19 @@
 """``truestand serve``: the operator page."""
 
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from truestand.cli.options import QuietOption
-
-
-class RoleName(StrEnum):
-    """What a user may do."""
-
-    OPERATOR = "operator"
-    ENGINEER = "engineer"
-
-
-StandFile = Annotated[Path, typer.Option("--stand", metavar="STAND.toml", help="The stand, with its [devices].")]
+from truestand.cli.options import DevicesOption, QuietOption
+from truestand.core.errors import BadRecipe
+from truestand.files.recipes.recipes import read_stand, read_store_folder
+from truestand.web.users import Role, make_user, read_users, users_path, write_users
 
 
 def serve(
-    stand: StandFile = Path("stand.toml"),
+    stand: DevicesOption = Path("stand.toml"),
     artefact: Annotated[
         Path | None,
         typer.Option(metavar="SHAFT.toml", help="The shaft; default: shaft.toml beside the stand."),
@@ -60,7 +52,7 @@ def serve(
     add_user: Annotated[
         str | None, typer.Option("--add-user", metavar="NAME", help="Add a user, or change one; asks for a password.")
     ] = None,
-    role: Annotated[RoleName, typer.Option(help="Of the user that is added.")] = RoleName.OPERATOR,
+    role: Annotated[Role, typer.Option(help="Of the user that is added.")] = "operator",
     remove_user: Annotated[str | None, typer.Option("--remove-user", metavar="NAME", help="Remove a user.")] = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -68,12 +60,10 @@ def serve(
 
     Example: truestand serve --stand stand.toml --open
     """
-    kept = store or _store_of(stand)
+    folder = store or _store_folder(stand)
     if add_user is not None or remove_user is not None:
-        _change_users(kept, add_user, role, remove_user, quiet)
+        _change_users(folder, add_user, role, remove_user, quiet)
         return
-    from truestand.core.errors import BadRecipe
-    from truestand.files.recipes.recipes import read_stand
     from truestand.web.machines.attach import machines, wanted
     from truestand.web.page import Settings
     from truestand.web.serving import Binding, make_page
@@ -82,36 +72,31 @@ def serve(
     if (tls_certificate is None) != (tls_key is None):
         raise BadRecipe("found one of --tls-certificate and --tls-key, need both")
     read_stand(stand)
-    settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute())
+    settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), folder.absolute())
     binding = Binding(host, port, tuple(name or ()), tuple(proxy or ()), tls_certificate, tls_key)
     page = make_page(settings)
     beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
-    run(page, binding, lambda address: _told(stand, address, quiet), open_browser, beside)
+    run(page, binding, lambda address: _print_address(stand, address, quiet), open_browser, beside)
 
 
-def _store_of(stand: Path) -> Path:
+def _store_folder(stand: Path) -> Path:
     """As stand.toml says; beside it where it says nothing."""
-    from truestand.files.recipes.recipes import read_store_folder
-
     return (read_store_folder(stand) if stand.is_file() else None) or stand.parent / "results"
 
 
-def _told(stand: Path, address: str, quiet: bool) -> None:
+def _print_address(stand: Path, address: str, quiet: bool) -> None:
     if not quiet:
         print(f"truestand: serving {stand} at {address}", flush=True)
 
 
-def _change_users(store: Path, add: str | None, role: RoleName, remove: str | None, quiet: bool) -> None:
+def _change_users(store: Path, add: str | None, role: Role, remove: str | None, quiet: bool) -> None:
     """Write the file of users; a page that serves takes note by itself."""
-    from truestand.core.errors import BadRecipe
-    from truestand.web.users import make_user, read_users, users_path, write_users
-
     path = users_path(store.absolute())
     users = read_users(path)
     if remove is not None and users.pop(remove, None) is None:
         raise BadRecipe(f"found no user {remove!r}, need one of: {', '.join(users) or 'nobody yet'}")
     if add is not None:
-        users[add] = make_user(add, role.value, _password(add))
+        users[add] = make_user(add, role, _password(add))
     write_users(path, users)
     if not quiet:
         nobody = "no users, so that nobody may enter; add one, or remove this file to let in everyone on this machine"

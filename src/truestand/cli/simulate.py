@@ -1,12 +1,36 @@
-"""``truestand simulate``: a scan from the virtual stand."""
+"""``truestand simulate`` and ``stand simulate``: a scan from the virtual stand, or its devices served."""
 
+import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from truestand.cli.options import ForceOption, QuietOption, radians_or_none
+from truestand.cli.terminal import interrupted_by_signals, progress
+from truestand.core.artefact import Artefact
+from truestand.core.errors import BadRecipe
+from truestand.core.stand import Sensor
+from truestand.devices.sensors.recipe import SensorRecipe
+from truestand.files.atomic import write_json_atomic
+from truestand.files.recipes.parts import read_part, read_part_simulation
+from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand
+from truestand.files.scans.write_scan import check_output, write_recording
+from truestand.sim import VirtualPart, paper_shaft, simulation_from, truth_record, virtual_part_from
+from truestand.sim import simulate as simulate_scan
+from truestand.sim.live.faults import Kind, fault_at
+from truestand.sim.live.stand import Place, VirtualStand, names_of, virtual_stand
+from truestand.station.recipe import read_devices, sensor_of
+
+FAULT_POLL_INTERVAL_S = 0.05
+
+ArtefactOption = Annotated[
+    Path | None, typer.Option("--artefact", metavar="SHAFT.toml", help="The shaft; default: the paper's.")
+]
+PartOption = Annotated[
+    Path | None, typer.Option("--part", metavar="PART.toml", help="What sits on the shaft: a gear or another part.")
+]
 
 
 def simulate(
@@ -15,12 +39,8 @@ def simulate(
         Path,
         typer.Option("--output", "-o", metavar="SCAN", help="By suffix: .csv (as sensors export) or .h5 (native)."),
     ],
-    artefact: Annotated[
-        Path | None, typer.Option("--artefact", metavar="SHAFT.toml", help="The shaft; default: the paper's.")
-    ] = None,
-    part: Annotated[
-        Path | None, typer.Option("--part", metavar="PART.toml", help="What sits on the shaft: a gear or another part.")
-    ] = None,
+    artefact: ArtefactOption = None,
+    part: PartOption = None,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
     ] = None,
@@ -35,29 +55,93 @@ def simulate(
 
     Example: truestand simulate stand.toml --artefact shaft.toml --part gear.toml -o gear.csv --truth truth.json
     """
-    from truestand.cli.talk import working
-    from truestand.files.atomic import write_json_atomic
-    from truestand.files.recipes.parts import read_part, read_part_simulation
-    from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand
-    from truestand.files.scans.write_scan import check_output, write_recording
-    from truestand.sim import paper_shaft, simulation_from, truth_record, virtual_part_from
-    from truestand.sim import simulate as scan_virtually
-
     described = read_stand(stand)
     simulation = simulation_from(read_simulation(stand))
     clamped = radians_or_none(clamped_at_deg, "--clamped-at-deg")
     if clamped is not None:
         simulation = replace(simulation, workpiece=replace(simulation.workpiece, clamped=clamped))
-    shaft = paper_shaft() if artefact is None else read_shaft(artefact)
-    mounted = None
-    if part is not None:
-        mounted = virtual_part_from(read_part(part), read_part_simulation(part), f"{part}: [simulation]")
+    shaft, mounted = _shaft(artefact), _virtual_part(part)
     check_output(output, force)
-    with working("Scanning on the virtual stand", quiet) as advance:
-        simulated = scan_virtually(described, simulation, shaft, seed, advance, mounted)
-    with working(f"Writing {output.name}", quiet):
+    with progress("Scanning on the virtual stand", quiet) as advance:
+        simulated = simulate_scan(described, simulation, shaft, seed, advance, mounted)
+    with progress(f"Writing {output.name}", quiet):
         write_recording(simulated.recording, output, described, force=force)
         if truth is not None:
             write_json_atomic(truth, truth_record(simulated.truth))
     if not quiet:
         typer.echo(output if truth is None else f"{output}\n{truth}")
+
+
+def serve_virtual_stand(
+    stand: Annotated[Path, typer.Argument(metavar="STAND.toml", help="The stand, with [devices] and [simulation].")],
+    artefact: ArtefactOption = None,
+    part: PartOption = None,
+    mounted: Annotated[
+        Literal["shaft", "part"] | None,
+        typer.Option(help="What is on the table at first; default: the part, where there is one."),
+    ] = None,
+    pace: Annotated[float, typer.Option(min=0.01, max=100.0, help="Times real time.")] = 1.0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            metavar="KIND@SECONDS",
+            help="Something goes wrong so many seconds after the start, e.g. lose-packets:0.02@5; none@9 ends all.",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write what is true of it.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+) -> None:
+    """Serve a virtual table and virtual sensors at the addresses of [devices], until Ctrl-C or SIGTERM.
+
+    Example: truestand stand simulate stand.toml --part gear.toml --pace 5
+    """
+    faults = sorted((fault_at(text) for text in fault or []), key=lambda one: one[2])
+    virtual = _virtual_stand(stand, artefact, part, pace, seed)
+    virtual.mount(part is not None if mounted is None else mounted == "part")
+    if truth is not None:
+        write_json_atomic(truth, truth_record(virtual.truth(part is not None)))
+    _serve(virtual, faults)
+
+
+def _shaft(recipe: Path | None) -> Artefact:
+    return paper_shaft() if recipe is None else read_shaft(recipe)
+
+
+def _virtual_part(recipe: Path | None) -> VirtualPart | None:
+    if recipe is None:
+        return None
+    return virtual_part_from(read_part(recipe), read_part_simulation(recipe), f"{recipe}: [simulation]")
+
+
+def _virtual_stand(stand: Path, artefact: Path | None, part: Path | None, pace: float, seed: int) -> VirtualStand:
+    described, recipes = read_devices(stand)
+    places = [_place(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
+    mounted, shaft = _virtual_part(part), _shaft(artefact)
+    simulation = simulation_from(read_simulation(stand))
+    return virtual_stand(described, simulation, shaft, recipes.table, places, mounted, pace, seed)
+
+
+def _place(recipe: SensorRecipe, sensor: Sensor) -> Place:
+    """Where the virtual sensor is."""
+    if recipe.driver != "scancontrol":
+        raise BadRecipe(f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only')
+    return Place(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
+
+
+def _serve(virtual: VirtualStand, faults: list[tuple[Kind, float | None, float]]) -> None:
+    """Serve until the process is asked to end, and begin each fault (kind, strength, s after the start) in time."""
+    with interrupted_by_signals():
+        try:
+            with virtual:
+                typer.echo(names_of(virtual.addresses()))
+                start = time.monotonic()
+                while True:
+                    while faults and faults[0][2] <= time.monotonic() - start:
+                        kind, strength, _ = faults.pop(0)
+                        virtual.begin(kind, strength)
+                    time.sleep(FAULT_POLL_INTERVAL_S)
+        except KeyboardInterrupt:
+            return

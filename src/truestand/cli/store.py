@@ -1,18 +1,66 @@
-"""``truestand store``: look at, correct, remark on and copy what is kept."""
+"""``truestand store`` and ``audit``, and how other commands add their results to a store."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.options import JsonOption, OperatorOption, QuietOption, StoreOption
+from truestand.cli.options import FAILS, JsonOption, OperatorOption, QuietOption, StoreOption
+from truestand.cli.terminal import hint, print_json, progress
+from truestand.core.errors import BadRecipe
+from truestand.files.recipes.recipes import read_store_folder
+from truestand.files.records.records import read_json
+from truestand.store import Store
 
-app = typer.Typer(help="What is kept: list, correct, remark on, back up.", no_args_is_help=True)
-Number = Annotated[int, typer.Argument(metavar="NUMBER", help="Of the entry.")]
+
+def open_store(store: Path | None) -> Store:
+    """The store of ``--store``, or that of the stand.toml in this folder.
+
+    Raises:
+        BadRecipe: neither names one.
+        BadStore: there is none.
+    """
+    return Store.open(_folder(store))
 
 
-@app.command("list")
-def listed(
+def _folder(store: Path | None) -> Path:
+    stand = Path("stand.toml")
+    folder = store or (read_store_folder(stand) if stand.is_file() else None)
+    if folder is None:
+        raise BadRecipe("found no --store and no stand.toml with [store] here; pass --store DIR")
+    return folder
+
+
+@dataclass(frozen=True, slots=True)
+class ResultKeeper:
+    """Adds results to a store, once their files are written; without a store nothing is kept."""
+
+    folder: Path | None
+    operator: str | None
+    quiet: bool
+
+    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
+        """Add a record with the files, by role, that it rests on, and print the entry's number."""
+        if self.folder is not None:
+            entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
+            hint(f"kept as entry {entry.number} in {self.folder}", self.quiet)
+
+
+def result_keeper(store: Path | None, stand: Path | None, operator: str | None, quiet: bool) -> ResultKeeper:
+    """For the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
+
+    Raises:
+        BadStore: a store that can't be written to.
+    """
+    folder = store or (None if stand is None else read_store_folder(stand))
+    if folder is not None:
+        Store.open(folder, create=True)
+    return ResultKeeper(folder, operator, quiet)
+
+
+def list_entries(
     store: StoreOption = None,
     last: Annotated[int, typer.Option(min=1, help="How many, the last ones.")] = 20,
     as_json: JsonOption = False,
@@ -21,10 +69,7 @@ def listed(
 
     Example: truestand store list --store results
     """
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import print_json
-
-    entries = opened(store).entries(last=last)
+    entries = open_store(store).entries(last=last)
     if as_json:
         print_json([{"number": e.number, "kind": e.kind, "time": e.time, "part": e.part, "serial": e.serial,
                      "order": e.order, "operator": e.operator, "status": e.status, "about": e.about, "text": e.text,
@@ -36,9 +81,8 @@ def listed(
         typer.echo(f"{e.number:6}  {e.time}  {e.kind:13}" + "  ".join(w for w in words if w))
 
 
-@app.command("correct")
 def correct(
-    number: Number,
+    number: Annotated[int, typer.Argument(metavar="NUMBER", help="Of the entry.")],
     reason: Annotated[str, typer.Option(help="Why; it is kept.")],
     record: Annotated[
         Path | None, typer.Option("--record", metavar="RECORD.json", help="What is right; left out: withdrawn.")
@@ -51,17 +95,13 @@ def correct(
 
     Example: truestand store correct 12 --record inspection.json --reason "wrong drawing" --store results
     """
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint
-    from truestand.files.records.records import read_json
-
-    kept = opened(store)
-    entry = kept.correct(number, None if record is None else read_json(record), reason=reason, operator=operator)
+    opened = open_store(store)
+    replacement = None if record is None else read_json(record)
+    entry = opened.correct(number, replacement, reason=reason, operator=operator)
     done = "withdrawn" if record is None else "corrected"
-    hint(f"truestand: entry {number} {done} by entry {entry.number}", quiet)
+    hint(f"entry {number} {done} by entry {entry.number}", quiet)
 
 
-@app.command("note")
 def note(
     text: Annotated[str, typer.Argument(help="The remark.")],
     about: Annotated[int | None, typer.Option(metavar="NUMBER", help="The entry it is about.")] = None,
@@ -73,13 +113,10 @@ def note(
 
     Example: truestand store note "sensor cleaned" --store results
     """
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint
-
-    hint(f"truestand: kept as entry {opened(store).note(text, about, operator=operator).number}", quiet)
+    entry = open_store(store).note(text, about, operator=operator)
+    hint(f"kept as entry {entry.number}", quiet)
 
 
-@app.command("backup")
 def backup(
     target: Annotated[Path, typer.Argument(metavar="DIR", help="An empty folder, or an earlier backup.")],
     store: StoreOption = None,
@@ -89,9 +126,41 @@ def backup(
 
     Example: truestand store backup /mnt/backup/results --store results
     """
-    from truestand.cli.keeping import opened
-    from truestand.cli.talk import hint, working
+    with progress("Copying", quiet):
+        count = open_store(store).backup(target)
+    hint(f"{count} entries in {target}", quiet)
 
-    with working("Copying", quiet):
-        count = opened(store).backup(target)
-    hint(f"truestand: {count} entries in {target}", quiet)
+
+def audit(
+    store: StoreOption = None,
+    noted: Annotated[
+        list[str] | None,
+        typer.Option(metavar="HASH", help="The hash of an entry, noted elsewhere earlier: it must be in the store."),
+    ] = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Check every hash of a results store: 0 sound, 1 with findings, 2 unreadable.
+
+    Example: truestand audit --store results
+    """
+    with progress("Auditing", quiet) as advance:
+        report = Store(_folder(store)).audit(tuple(noted or ()), advance)
+    if as_json:
+        print_json({
+            "sound": report.sound, "sealed": report.sealed, "entries": report.entries, "files": report.files,
+            "head": None if report.head is None else {"number": report.head[0], "hash": report.head[1]},
+            "findings": [{"what": f.what, "where": f.where, "detail": f.detail} for f in report.findings],
+        })  # fmt: skip
+    elif not quiet:
+        for f in report.findings:
+            typer.echo(f"{f.what:22}{f.where}" + (f": {f.detail}" if f.detail else ""))
+        verdict = "sound" if report.sound else f"findings: {len(report.findings)}"
+        typer.echo(f"{verdict}; {report.entries} entries, {report.files} files of evidence")
+        if report.head is not None:
+            typer.echo(f"last entry {report.head[0]}, hash {report.head[1]}")
+    if report.sound and not report.sealed:
+        hint("a write was interrupted: every entry and file was checked, the database's bytes between the "
+             "entries weren't; the next entry seals the store", quiet)  # fmt: skip
+    if not report.sound:
+        raise typer.Exit(FAILS)

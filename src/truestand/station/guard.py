@@ -12,7 +12,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 from truestand.core.errors import DeviceLost, TruestandError
@@ -24,20 +25,20 @@ from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
 
 READY, DONE = b"ready\n", b"done\n"
-STARTS_WITHIN = 20.0
-"""s for the guard to be ready; a Python with numpy on a loaded machine."""
-TRIES, PAUSE = 20, 0.25
-"""How often, and s between: a sensor keeps control for the dead process until its heartbeat is over."""
+START_TIMEOUT_S = 20.0
+"""For the guard to be ready; a Python with numpy on a loaded machine."""
+ATTEMPTS, RETRY_INTERVAL_S = 20, 0.25
+"""A sensor keeps control for the dead process until its heartbeat is over."""
 
 
 @contextmanager
 def guard(stand: Path) -> Iterator[Callable[[], None]]:
-    """Have a guard stand by while the block runs. It yields what hands over to the guard at the block's end.
+    """Have a guard stand by while the block runs. Yields a function that hands over to the guard at the block's end.
 
-    That is for who can't stop the stand: the guard goes on trying, without anyone waiting for it.
+    To be called where the stand can't be stopped: the guard goes on trying, and nobody waits for it.
 
     Raises:
-        DeviceLost: the guard isn't ready within ``STARTS_WITHIN``; it was ended.
+        DeviceLost: the guard isn't ready within ``START_TIMEOUT_S``; it was ended.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", "truestand.station.guard", str(stand)],
@@ -51,13 +52,13 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
     try:
         if _first_line(process) != READY:
             raise DeviceLost(
-                f"{stand}: found no guard within {STARTS_WITHIN:g} s, need one before anything moves; see the lines "
+                f"{stand}: found no guard within {START_TIMEOUT_S:g} s, need one before anything moves; see the lines "
                 "above, or end other programs"
             )
         yield handed_over.set
     finally:
         if not handed_over.is_set():
-            with suppress(OSError):  # a guard that died has nothing to be told
+            with suppress(OSError):  # a guard that died reads nothing
                 process.stdin.write(DONE)
         process.stdin.close()
         process.stdout.close()
@@ -68,25 +69,23 @@ def guard(stand: Path) -> Iterator[Callable[[], None]]:
 
 
 def _first_line(process: subprocess.Popen[bytes]) -> bytes:
-    """What a guard says first; empty where it says nothing within ``STARTS_WITHIN``: it is killed then."""
+    """The first line of a guard's output; empty where none comes within ``START_TIMEOUT_S``: it is killed then."""
     assert process.stdout is not None
-    said: list[bytes] = []
-    read_line = process.stdout.readline
-    reading = threading.Thread(target=lambda: said.append(read_line()), name="start of the guard", daemon=True)
-    reading.start()
+    timeout = threading.Timer(START_TIMEOUT_S, process.kill)  # the end of its output then ends the reading
+    timeout.start()
     try:
-        reading.join(STARTS_WITHIN)
+        return process.stdout.readline()
+    except BaseException:  # broken off by the operator
+        process.kill()
+        raise
     finally:
-        if reading.is_alive():  # late, or broken off by the operator; the end of its output ends the reading
-            process.kill()
-            reading.join()
-    return b"".join(said)
+        timeout.cancel()
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:
     """Wait for a guard's end, and end one that hangs."""
     try:
-        process.wait(STARTS_WITHIN)
+        process.wait(START_TIMEOUT_S)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
@@ -106,43 +105,32 @@ def main(arguments: list[str]) -> int:
 
 
 def stop_all(stand: Stand, devices: DevicesRecipe) -> int:
-    """Table and lasers off, each tried until it obeys; how many did not."""
-    jobs: list[Callable[[], None]] = [lambda: _halt(devices.table)]
-    jobs += [_darkener(stand, sensor) for sensor in devices.sensor]
-    with ThreadPoolExecutor(len(jobs)) as together:
-        results = [together.submit(_until_done, job) for job in jobs]
+    """Halt the table and switch the lasers off, each tried until it obeys; how many did not."""
+    commands = [partial(_halt, devices.table), *(partial(_switch_laser_off, stand, s) for s in devices.sensor)]
+    with ThreadPoolExecutor(len(commands)) as together:
+        results = [together.submit(_until_done, command) for command in commands]
     return sum(not result.result() for result in results)
 
 
-def _darkener(stand: Stand, sensor: SensorRecipe) -> Callable[[], None]:
-    return lambda: _darken(stand, sensor)
-
-
-def _until_done(job: Callable[[], None]) -> bool:
-    for _ in range(TRIES):
+def _until_done(command: Callable[[], None]) -> bool:
+    for _ in range(ATTEMPTS):
         try:
-            job()
+            command()
         except TruestandError:
-            time.sleep(PAUSE)
+            time.sleep(RETRY_INTERVAL_S)
         else:
             return True
     return False
 
 
 def _halt(recipe: TableRecipe) -> None:
-    table = open_table(recipe)
-    try:
+    with closing(open_table(recipe)) as table:
         table.drive.halt()
-    finally:
-        table.close()
 
 
-def _darken(stand: Stand, recipe: SensorRecipe) -> None:
-    sensor = open_sensor(recipe, sensor_of(stand, recipe.name))
-    try:
+def _switch_laser_off(stand: Stand, recipe: SensorRecipe) -> None:
+    with closing(open_sensor(recipe, sensor_of(stand, recipe.name))) as sensor:
         sensor.set_laser("off")
-    finally:
-        sensor.close()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""From a scan to a result, its record, its report and what proves them: the one way that commands, page and demo go.
+"""From a scan to a result, its record, its report and their evidence: commands, page and demo all call these jobs.
 
-Recipes are read first, then the scan is taken or read: a wrong recipe costs nobody a scan.
+Recipes are read first, then the scan is taken or read: a wrong recipe is found before a scan is taken.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,27 +9,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import Calibration, Method, ScanSummary
 from truestand.core.errors import BadRecipe
+from truestand.core.inspection import Inspection
+from truestand.core.scan import Scan
 from truestand.core.stand import Stand
+from truestand.core.surface import Surface, apply_calibration
 from truestand.core.units import UM_PER_MM
 from truestand.files.atomic import write_json_atomic
-from truestand.files.records.records import now
+from truestand.files.recipes.company import Company, read_company
+from truestand.files.recipes.recipes import read_shaft
+from truestand.files.records.records import calibration_record, now, read_calibration
 from truestand.files.scans.read import sha256_of
+from truestand.files.shapes.clouds import check_suffix, write_cloud
 
 if TYPE_CHECKING:
     from truestand.apply.verify import Verification
-    from truestand.core.artefact import Artefact
-    from truestand.core.calibration import Calibration, Method
-    from truestand.core.inspection import Inspection
-    from truestand.core.scan import Scan
-    from truestand.core.surface import Surface
-    from truestand.files.recipes.company import Company
 
 Result = TypeVar("Result")
-Doing = Callable[[Literal["evaluate", "report"]], AbstractContextManager[Any]]
+StepObserver = Callable[[Literal["evaluate", "report"]], AbstractContextManager[Any]]
 """Entered for the time of a step: a progress bar, or an event for the page."""
-TakeScans = Callable[[Stand | None], "tuple[Scan, ...]"]
-"""Reads the scans, or takes one; given is the calibration's stand, for a scan that doesn't say its own."""
+TakeScans = Callable[[Stand | None], tuple[Scan, ...]]
+"""Reads the scans, or takes one; given is the calibration's stand, for a scan that carries none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,7 @@ class Outputs:
 
     @property
     def paths(self) -> list[Path]:
-        """What is wanted."""
+        """The files that are wanted."""
         return [p for p in (self.record, self.cloud, self.report, self.table) if p is not None]
 
     def check(self) -> None:
@@ -79,12 +81,10 @@ class Outputs:
 
             check_report(self.report)
         if self.cloud is not None:
-            from truestand.files.shapes.clouds import check_suffix
-
             check_suffix(self.cloud)
 
     def evidence(self) -> dict[str, Path]:
-        """What was written and is kept beside the record, by role."""
+        """The files, by role, that are kept with the record."""
         return {role: path for role, path in (("report", self.report), ("cloud", self.cloud)) if path is not None}
 
 
@@ -103,9 +103,9 @@ class Outcome(Generic[Result]):
 
 
 def calibrate_job(
-    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
-    method: "Method" = "stand", clamped: tuple[float, ...] = (), truth: Mapping[str, Any] | None = None,
-) -> "Outcome[tuple[Calibration, Calibration | None]]":  # fmt: skip
+    inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
+    method: Method = "stand", clamped: tuple[float, ...] = (), truth: Mapping[str, Any] | None = None,
+) -> Outcome[tuple[Calibration, Calibration | None]]:  # fmt: skip
     """Calibrate by a scan of the artefact, or by several with the shaft ``clamped`` at these angles (rad).
 
     The result is the calibration and, where a report shows it, that of the published method. ``truth``: of a
@@ -115,19 +115,16 @@ def calibrate_job(
         BadRecipe, MissingExtra: before any scan is taken.
         NotEnoughData: as ``calibrate`` and ``calibrate_positions``.
     """
-    from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.records import calibration_record
-
     outputs.check()
     artefact, company = read_shaft(_needed(inputs.artefact, "the shaft's recipe (shaft.toml)")), _company(inputs)
     scans = take(None)
-    with doing("evaluate"):
-        found, published = _calibrated(scans, artefact, method, clamped, outputs.report is not None)
+    with during("evaluate"):
+        calibration, published = _calibrated(scans, artefact, method, clamped, outputs.report is not None)
         created = now()
-        calibration = replace(found, created=created)
+        calibration = replace(calibration, created=created)
         record = calibration_record(calibration, created)
         _write_record(outputs, record)
-    with doing("report"):
+    with during("report"):
         _write_cloud(outputs.cloud, scans[-1], calibration)
         if outputs.report is not None:
             from truestand.calibration.evidence import gather
@@ -140,9 +137,9 @@ def calibrate_job(
 
 
 def inspect_job(
-    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
+    inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     identity: Mapping[str, str] | None = None, start_stated: bool = False, truth: Mapping[str, Any] | None = None,
-) -> "Outcome[Inspection]":  # fmt: skip
+) -> Outcome[Inspection]:  # fmt: skip
     """Inspect a part by a scan of it on the calibrated stand.
 
     ``identity``: serial, order, operator, where they are others than the recipe's; ``start_stated``: the table angle of
@@ -153,32 +150,29 @@ def inspect_job(
         NotEnoughData, WrongDrawing: as ``inspect``.
     """
     from truestand.apply.transfer import transfer
-    from truestand.core.calibration import ScanSummary
-    from truestand.core.surface import apply_calibration
     from truestand.files.recipes.parts import read_identity, read_part
     from truestand.files.records.inspection_record import inspection_record
-    from truestand.files.records.records import read_calibration
     from truestand.parts.inspect import inspect
 
     outputs.check()
-    recipe, against = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
-    part, known, sha256 = read_part(recipe), read_calibration(against), sha256_of(against)
-    company = _company(inputs)
-    (scan,) = take(known.stand)
-    with doing("evaluate"):
-        tied = transfer(scan, known, start_stated)
-        surface, created = apply_calibration(tied.scan, tied.calibration), now()
-        own = {**read_identity(recipe), **(identity or {})}
-        inspection = replace(inspect(surface, part), created=created, identity=own)
-        record = inspection_record(inspection, tied.calibration, ScanSummary.of(scan), sha256, created)
+    recipe, record_path = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
+    part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
+    sha256 = sha256_of(record_path)
+    (scan,) = take(calibration.stand)
+    with during("evaluate"):
+        transferred = transfer(scan, calibration, start_stated)
+        surface, created = apply_calibration(transferred.scan, transferred.calibration), now()
+        identity = {**read_identity(recipe), **(identity or {})}
+        inspection = replace(inspect(surface, part), created=created, identity=identity)
+        record = inspection_record(inspection, transferred.calibration, ScanSummary.of(scan), sha256, created)
         _write_record(outputs, record)
-    with doing("report"):
+    with during("report"):
         _write_inspection(outputs, inspection, surface, company, truth)
     return Outcome(inspection, record, inputs.evidence() | outputs.evidence())
 
 
 def verify_job(
-    inputs: Inputs, outputs: Outputs, take: TakeScans, doing: Doing, *,
+    inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     limit: float | None = None, start_stated: bool = False,
 ) -> "Outcome[Verification]":  # fmt: skip
     """Hold a calibration against a new scan of the artefact; ``limit`` (mm) is the usual one where none is given.
@@ -188,32 +182,28 @@ def verify_job(
         NotEnoughData: as ``verify``.
     """
     from truestand.apply.verify import LIMIT, verify
-    from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.records import read_calibration
     from truestand.files.records.verification_record import verification_record
 
-    against = _needed(inputs.calibration, "a calibration")
-    known, sha256 = read_calibration(against), sha256_of(against)
-    artefact = known.artefact if inputs.artefact is None else read_shaft(inputs.artefact)
+    record_path = _needed(inputs.calibration, "a calibration")
+    calibration, sha256 = read_calibration(record_path), sha256_of(record_path)
+    artefact = calibration.artefact if inputs.artefact is None else read_shaft(inputs.artefact)
     if artefact is None:
-        raise BadRecipe(f"{against.name} carries no artefact; need the shaft's recipe (--artefact SHAFT.toml)")
-    (scan,) = take(known.stand)
-    with doing("evaluate"):
-        verification = verify(scan, known, artefact, LIMIT if limit is None else limit, start_stated)
+        raise BadRecipe(f"{record_path.name} carries no artefact; need the shaft's recipe (--artefact SHAFT.toml)")
+    (scan,) = take(calibration.stand)
+    with during("evaluate"):
+        verification = verify(scan, calibration, artefact, LIMIT if limit is None else limit, start_stated)
         record = verification_record(verification, now(), sha256)
         _write_record(outputs, record)
     return Outcome(verification, record, inputs.evidence())
 
 
-def _needed(path: Path | None, what: str) -> Path:
+def _needed(path: Path | None, name: str) -> Path:
     if path is None:
-        raise BadRecipe(f"found no {what}; a job of this kind needs it")
+        raise BadRecipe(f"found no {name}; a job of this kind needs it")
     return path
 
 
-def _company(inputs: Inputs) -> "Company | None":
-    from truestand.files.recipes.company import read_company
-
+def _company(inputs: Inputs) -> Company | None:
     return None if inputs.stand is None else read_company(inputs.stand)
 
 
@@ -223,37 +213,33 @@ def _write_record(outputs: Outputs, record: dict[str, Any]) -> None:
 
 
 def _calibrated(
-    scans: "tuple[Scan, ...]", artefact: "Artefact", method: "Method", clamped: tuple[float, ...], both: bool
-) -> "tuple[Calibration, Calibration | None]":
+    scans: tuple[Scan, ...], artefact: Artefact, method: Method, clamped: tuple[float, ...], both: bool
+) -> tuple[Calibration, Calibration | None]:
     """The calibration, and for a report that of the published method."""
     from truestand.calibration.calibrate import calibrate, calibrate_by_both
     from truestand.calibration.positions import calibrate_positions
 
     if len(scans) > 1:
-        found = calibrate_positions(scans, clamped, artefact)
-        return found, calibrate(scans[-1], artefact, "paper") if both else None
+        calibration = calibrate_positions(scans, clamped, artefact)
+        return calibration, calibrate(scans[-1], artefact, "paper") if both else None
     if both and method == "stand":
         return calibrate_by_both(scans[0], artefact)
-    found = calibrate(scans[0], artefact, method)
-    return found, found if both else None
+    calibration = calibrate(scans[0], artefact, method)
+    return calibration, calibration if both else None
 
 
-def _write_cloud(path: Path | None, scan: "Scan", calibration: "Calibration") -> None:
+def _write_cloud(path: Path | None, scan: Scan, calibration: Calibration) -> None:
     if path is not None:
-        from truestand.core.surface import apply_calibration
-        from truestand.files.shapes.clouds import write_cloud
-
         surface = apply_calibration(scan, calibration)
         write_cloud(path, surface.x, surface.y, surface.z)
 
 
 def _write_inspection(
-    outputs: Outputs, inspection: "Inspection", surface: "Surface", company: "Company | None",
+    outputs: Outputs, inspection: Inspection, surface: Surface, company: Company | None,
     truth: Mapping[str, Any] | None,
 ) -> None:  # fmt: skip
     """The cloud with its deviations, the characteristics, the report."""
     from truestand.files.records.characteristics_csv import write_characteristics
-    from truestand.files.shapes.clouds import write_cloud
 
     if outputs.cloud is not None:
         deviation = None if inspection.deviation is None else UM_PER_MM * inspection.deviation

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import degrees, radians
+from math import degrees, radians, tau
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -44,30 +44,25 @@ class DevicesRecipe(Recipe):
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
-    """One scan to be taken: rad, s."""
+class ScanSettings:
+    """How one scan is taken."""
 
     turns: float
     speed: float
     """rad/s of the table while it is scanned."""
     run_up: float
-    """rad turned before and a little after the scan counts."""
+    """rad turned before the scan counts; half of it after its end, so that slowing down lies outside of the scan."""
     most_lost: float
-    """Share of the profiles."""
-
-    @property
-    def run_out(self) -> float:
-        """rad turned after the end of the scan, so that slowing down lies outside of it."""
-        return self.run_up / 2
+    """Share of the profiles that may be lost in a scan that is called complete."""
 
     @property
     def travel(self) -> float:
         """rad from start to rest."""
-        return self.run_up + self.turns * radians(360.0) + self.run_out
+        return self.run_up + self.turns * tau + self.run_up / 2
 
     @property
-    def seconds(self) -> float:
-        """What the travel takes."""
+    def duration(self) -> float:
+        """s from start to rest."""
         return self.travel / self.speed
 
     def record(self) -> dict[str, float]:
@@ -80,9 +75,13 @@ class Order:
         }
 
 
-def order_from(record: Mapping[str, Any]) -> Order:
-    """The order that ``Order.record`` wrote."""
-    return Order(
+def settings_from(record: Mapping[str, Any]) -> ScanSettings:
+    """The settings that ``ScanSettings.record`` wrote.
+
+    Raises:
+        KeyError, TypeError, ValueError: another record.
+    """
+    return ScanSettings(
         float(record["turns"]), radians(record["speed_deg_per_s"]), radians(record["run_up_deg"]),
         float(record["most_lost_percent"]) / 100,
     )  # fmt: skip
@@ -116,15 +115,14 @@ def sensor_of(stand: Stand, name: str) -> Sensor:
     Raises:
         BadRecipe: there is none.
     """
-    found = next((s for s in stand.sensors if s.name == name), None)
-    if found is None:
-        known = ", ".join(s.name for s in stand.sensors)
-        raise BadRecipe(f"[[devices.sensor]] found name {name!r}, need one of the [[sensor]]s: {known}")
-    return found
+    sensors = {s.name: s for s in stand.sensors}
+    if name not in sensors:
+        raise BadRecipe(f"[[devices.sensor]] found name {name!r}, need one of the [[sensor]]s: {', '.join(sensors)}")
+    return sensors[name]
 
 
-def order_of(stand: Stand, acquire: AcquireRecipe, turns: float | None = None) -> Order:
-    """The scan that the recipe orders; ``turns`` overrides.
+def scan_settings(stand: Stand, acquire: AcquireRecipe, turns: float | None = None) -> ScanSettings:
+    """The settings that the recipe states; ``turns`` overrides.
 
     Raises:
         BadRecipe: the stand states no speed.
@@ -133,4 +131,4 @@ def order_of(stand: Stand, acquire: AcquireRecipe, turns: float | None = None) -
     if speed is None:
         raise BadRecipe("found no [table] speed_rad_per_s in stand.toml; the table needs it to turn")
     run_up = speed * 1.0 if acquire.run_up_deg is None else radians(acquire.run_up_deg)
-    return Order(acquire.turns if turns is None else turns, speed, run_up, acquire.most_lost_percent / 100)
+    return ScanSettings(acquire.turns if turns is None else turns, speed, run_up, acquire.most_lost_percent / 100)

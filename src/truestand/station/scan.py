@@ -1,6 +1,7 @@
-"""One scan from order to file: the stand's mark, the guard, the recording, the native files."""
+"""One scan from its settings to its files: the stand's lock, the guard, the recording, the native files."""
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,35 +12,35 @@ from truestand.files.records.records import now
 from truestand.files.scans.native import FORMAT
 from truestand.files.scans.read import sha256_of
 from truestand.files.scans.write_scan import write_recording
-from truestand.station.acquire import Live, SensorJob, acquire
-from truestand.station.convert import Converted, Log, LogSorter, convert
+from truestand.station.acquire import Live, acquire
+from truestand.station.convert import SensorScan, convert
 from truestand.station.guard import guard
-from truestand.station.latch import Latch, in_words
-from truestand.station.machine import Machine
-from truestand.station.recipe import DevicesRecipe, Order
+from truestand.station.log import Log, LogBuilder
+from truestand.station.recipe import DevicesRecipe, ScanSettings
 from truestand.station.stand import open_station
+from truestand.station.stand_lock import REMEDY, StandLock, failure_texts
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenScan:
     """One sensor's scan on the disk."""
 
     path: Path
-    scan: Converted
+    scan: SensorScan
     """Its recording is what reading the file would give."""
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """What came of an order."""
+class ScanOutcome:
+    """What came of taking a scan."""
 
-    written: tuple[Written, ...]
+    written: tuple[WrittenScan, ...]
     fault: str = ""
     """Why the stand stopped itself; empty where it didn't."""
     interrupted: bool = False
     """Whether the operator broke it off."""
-    left: tuple[str, ...] = ()
-    """What could not be stopped, in plain words: the guard goes on trying."""
+    not_stopped: tuple[str, ...] = ()
+    """What could not be stopped, and why: the guard goes on trying."""
 
     @property
     def complete(self) -> bool:
@@ -47,12 +48,7 @@ class Taken:
         return bool(self.written) and all(w.scan.complete for w in self.written)
 
 
-def log_path(output: Path) -> Path:
-    """The log of a scan that goes to ``output``."""
-    return output.with_suffix(".log")
-
-
-def output_of(output: Path, sensor: str, sensors: int) -> Path:
+def output_path(output: Path, sensor: str, sensors: int) -> Path:
     """Where a sensor's scan goes: with several sensors its name is added."""
     return output if sensors == 1 else output.with_name(f"{output.stem}-{sensor}{output.suffix}")
 
@@ -61,12 +57,12 @@ def take_scan(
     recipe: Path,
     stand: Stand,
     devices: DevicesRecipe,
-    order: Order,
+    settings: ScanSettings,
     output: Path,
     show: Callable[[Live], None] = lambda live: None,
     keep_log: bool = False,
-) -> Taken:
-    """Take the scan that ``order`` describes with the stand of ``recipe`` (stand.toml), into ``output`` (.h5).
+) -> ScanOutcome:
+    """Take a scan as ``settings`` say with the stand of ``recipe`` (stand.toml), into ``output`` (.h5).
 
     A fault while the stand moved is a result: what came is written, marked incomplete, and the stand stays in fault
     until it is reset. With several sensors, ``output`` gets their names.
@@ -78,36 +74,34 @@ def take_scan(
         BadRecipe: there is a log from before.
         KeyboardInterrupt: before anything was recorded.
     """
-    log = log_path(output)
+    log = output.with_suffix(".log")
     if log.exists():
         raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
-    latch, sorter = Latch(recipe), LogSorter(log)
-    try:
-        latch.use(now(), log.absolute())
-        taken = _record(recipe, stand, devices, order, sorter, show, latch)
-    finally:
-        latch.close()
-    assert sorter.log is not None
-    return replace(taken, written=_written(sorter.log, log, output, taken, keep_log))
+    builder = LogBuilder(log)
+    with closing(StandLock(recipe)) as lock:
+        lock.set_in_use(now(), log.absolute())
+        outcome = _record(recipe, stand, devices, settings, builder, show, lock)
+    assert builder.log is not None
+    return replace(outcome, written=_write(builder.log, log, output, outcome, keep_log))
 
 
-def _written(content: Log, log: Path, output: Path, taken: Taken, keep_log: bool) -> tuple[Written, ...]:
-    """The scans of a log that was just recorded; where nothing came, what ended it is told instead."""
+def _write(content: Log, log: Path, output: Path, outcome: ScanOutcome, keep_log: bool) -> tuple[WrittenScan, ...]:
+    """The scans of a log that was just recorded; where nothing came, what ended the recording is raised instead."""
     try:
         written = write_scans(convert(content), output, force=True)
     except NotEnoughData:
         if not keep_log:
             log.unlink()
-        if taken.interrupted:
+        if outcome.interrupted:
             raise KeyboardInterrupt from None
-        if not taken.fault:
+        if not outcome.fault:
             raise
-        raise Fault(f"{taken.fault}; the stand stays in fault: mend the cause, then `truestand stand reset`") from None
-    except OSError as wrong:
+        raise Fault(f"{outcome.fault}; the stand stays in fault: {REMEDY}") from None
+    except OSError as error:
         raise NoSpace(
-            f"{output}: can't be written ({wrong.strerror or wrong}); what was recorded is in {log}: free some "
+            f"{output}: can't be written ({error.strerror or error}); what was recorded is in {log}: free some "
             "space, then `truestand recover` it"
-        ) from wrong
+        ) from error
     if not keep_log:
         log.unlink()
     return written
@@ -117,44 +111,43 @@ def _record(
     recipe: Path,
     stand: Stand,
     devices: DevicesRecipe,
-    order: Order,
-    sorter: LogSorter,
+    settings: ScanSettings,
+    builder: LogBuilder,
     show: Callable[[Live], None],
-    latch: Latch,
-) -> Taken:
-    """Record, and say what ended it; an error before anything is in the log is passed on."""
-    left: dict[str, str] = {}
+    lock: StandLock,
+) -> ScanOutcome:
+    """Record, and return what ended it; an error before anything is in the log is passed on."""
+    not_stopped: dict[str, str] = {}
     try:
-        with guard(recipe) as hand_over, open_station(stand, devices, Machine()) as station:
-            jobs = {s.name: SensorJob(s.power, s.encoder, s.trigger == "encoder") for s in devices.sensor}
+        with guard(recipe) as hand_over, open_station(stand, devices) as station:
             try:
-                acquire(station, order, jobs, sorter.path, now(), show, sorter.add)
+                acquire(station, settings, devices.sensor, builder.path, now(), show, builder.add)
             finally:
-                left = station.left
-                if left:
+                not_stopped = station.not_stopped
+                if not_stopped:
                     hand_over()
     except KeyboardInterrupt:
-        if left:
-            latch.fault(now(), "it was interrupted by the operator", left)
-        if sorter.log is None:
+        if not_stopped:
+            lock.latch_fault(now(), "it was interrupted by the operator", not_stopped)
+        if builder.log is None:
             raise
-        return Taken((), interrupted=True, left=tuple(in_words(left)))
-    except Exception as wrong:
-        if isinstance(wrong, Fault) or left or sorter.path.exists():
-            latch.fault(now(), str(wrong), left)
-        if sorter.log is None or not isinstance(wrong, TruestandError | OSError):
+        return ScanOutcome((), interrupted=True, not_stopped=tuple(failure_texts(not_stopped)))
+    except Exception as error:
+        if isinstance(error, Fault) or not_stopped or builder.path.exists():
+            lock.latch_fault(now(), str(error), not_stopped)
+        if builder.log is None or not isinstance(error, TruestandError | OSError):
             raise
-        return Taken((), fault=str(wrong), left=tuple(in_words(left)))
-    return Taken(())
+        return ScanOutcome((), fault=str(error), not_stopped=tuple(failure_texts(not_stopped)))
+    return ScanOutcome(())
 
 
-def write_scans(scans: Iterable[Converted], output: Path, force: bool = False) -> tuple[Written, ...]:
-    """The scans of a log as native files; their recordings then say what reading the files would say."""
+def write_scans(scans: Iterable[SensorScan], output: Path, force: bool = False) -> tuple[WrittenScan, ...]:
+    """The scans of a log as native files; their recordings are then as if read from the files."""
     written = []
     for scan in scans:
-        path = output_of(output, scan.sensor, scan.sensors)
+        path = output_path(output, scan.sensor, scan.sensors)
         write_recording(scan.recording, path, scan.stand, force=force)
         stand = stand_from_recipe(stand_recipe(scan.stand))  # its um and degrees rounded as in the file
         recording = replace(scan.recording, format=FORMAT, sha256=sha256_of(path), stand=stand)
-        written.append(Written(path, replace(scan, recording=recording)))
+        written.append(WrittenScan(path, replace(scan, recording=recording)))
     return tuple(written)

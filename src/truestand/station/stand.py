@@ -1,12 +1,11 @@
-"""The devices of one stand, opened, behind the stand's state; and how all of it is stopped."""
+"""The devices of one stand, opened, behind the stand's interlocks; and how all of it is stopped."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import ceil, tau
-from types import TracebackType
-from typing import Self
 
 from truestand.core.errors import DeviceError, TruestandError
 from truestand.core.stand import Stand
@@ -14,38 +13,32 @@ from truestand.devices.axis import RotaryTable
 from truestand.devices.sensor import Laser, LineSensor
 from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.tables.opening import open_table
-from truestand.station.gates import GatedDrive, GatedSensor
-from truestand.station.latch import in_words
-from truestand.station.machine import TRANSITIONS, Event, Machine
+from truestand.station.interlock import InterlockedDrive, InterlockedSensor
 from truestand.station.recipe import DevicesRecipe, sensor_of
+from truestand.station.stand_lock import failure_texts
+from truestand.station.state_machine import TRANSITIONS, Event, StateMachine
 
-RETURN_SPEED = 0.5
+RETURN_SPEED_SHARE = 0.5
 """Share of the table's highest speed at which it goes back to its start."""
 
 
 @dataclass(slots=True)
 class Station:
-    """Table and sensors of a stand. Motion and lasers pass the gates of ``machine`` only."""
+    """Table and sensors of a stand. Every motion and every laser needs a state of ``machine`` that permits it."""
 
     stand: Stand
     table: RotaryTable
     sensors: Sequence[LineSensor]
-    machine: Machine = field(default_factory=Machine)
-    left: dict[str, str] = field(default_factory=dict)
-    """What could not be stopped when that was last tried, and why, in plain words; empty = all of it was."""
+    machine: StateMachine = field(default_factory=StateMachine)
+    not_stopped: dict[str, str] = field(default_factory=dict)
+    """Warning and reason of each device that did not obey the last ``make_safe``; empty = all did."""
 
     def __post_init__(self) -> None:
-        self.table = replace(self.table, drive=GatedDrive(self.table.drive, self.machine))
-        self.sensors = [GatedSensor(sensor, self.machine) for sensor in self.sensors]
+        self.table = replace(self.table, drive=InterlockedDrive(self.table.drive, self.machine))
+        self.sensors = [InterlockedSensor(sensor, self.machine) for sensor in self.sensors]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, wrong: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
-
-    def check(self) -> list[dict[str, str]]:
-        """Ask every device who it is; the table first.
+    def check(self) -> None:
+        """Ask every device for an answer; the table first.
 
         Raises:
             DeviceError: one that doesn't answer, or says that it is in a fault of its own.
@@ -54,96 +47,91 @@ class Station:
         state = self.table.state()
         if state.fault:
             raise DeviceError(f"{self.table.drive.name}: {state.fault}; mend the cause, then `truestand stand reset`")
-        told = [{"device": "table", "name": self.table.drive.name}]
-        told += [{"device": "sensor", "name": s.name, **s.identity()} for s in self.sensors]
+        for sensor in self.sensors:
+            sensor.identity()
         self.machine.fire(Event.PASSED)
-        return told
 
-    def home(self) -> float:
-        """Bring the table to the start of a scan: home, or a whole number of turns from it. rad, where it stands."""
+    def home(self) -> None:
+        """Bring the table to the start of a scan: home, or a whole number of turns from it.
+
+        Raises:
+            DeviceError: the table doesn't answer, home or arrive.
+        """
         self.machine.fire(Event.HOME)
         if not self.table.state().homed:
             self.table.home()
-        start = self._start()
-        self.table.move_to(start, RETURN_SPEED * self.table.limits.speed)
+        self.table.move_to(self._start(), RETURN_SPEED_SHARE * self.table.limits.speed)
         self.machine.fire(Event.HOMED)
-        return start
 
     def _start(self) -> float:
-        """The nearest whole turn onward from where the table is; a table with stops starts at 0."""
+        """The nearest whole turn (rad) onward from where the table is; a table with stops starts at 0."""
         if self.table.limits.highest < float("inf"):
             return 0.0
         return ceil(self.table.state().position / tau - 1e-4) * tau
 
-    def lasers(self, power_of: Callable[[str], Laser]) -> None:
-        """Switch every laser to the power of its sensor's recipe."""
+    def set_lasers(self, powers: Mapping[str, Laser]) -> None:
+        """Switch every laser to its power, by the sensor's name.
+
+        Raises:
+            Fault: a state that permits no laser.
+            DeviceError: one that can't be switched.
+        """
         for sensor in self.sensors:
-            sensor.set_laser(power_of(sensor.name))
+            sensor.set_laser(powers[sensor.name])
 
     def make_safe(self) -> list[str]:
-        """Halt the table and switch off all lasers, all at once; what could not be told to, in plain words."""
-        self.left = {"Laser may be ON, table may be turning": "stopping was broken off"}
-        jobs = {f"Laser may be ON: sensor {s.name}": _dark(s) for s in self.sensors}
-        jobs["Table may be turning"] = self.table.drive.halt
-        with ThreadPoolExecutor(len(jobs)) as together:
-            running = {what: together.submit(job) for what, job in jobs.items()}
-        failed = {what: job.exception() for what, job in running.items()}
-        for wrong in failed.values():
-            if wrong is not None and not isinstance(wrong, TruestandError):
-                raise wrong
-        self.left = {what: str(wrong) for what, wrong in failed.items() if wrong is not None}
-        return in_words(self.left)
-
-    def close(self) -> None:
-        """Leave all devices: lasers off, streams ended, connections closed. No motion is commanded."""
-        for sensor in self.sensors:
-            sensor.close()
-        self.table.close()
+        """Halt the table and switch off all lasers, all at once; a warning for each device that did not obey."""
+        self.not_stopped = {"Laser may be ON, table may be turning": "stopping was broken off"}
+        commands: dict[str, Callable[[], None]] = {
+            f"Laser may be ON: sensor {s.name}": partial(s.set_laser, "off") for s in self.sensors
+        }
+        commands["Table may be turning"] = self.table.drive.halt
+        with ThreadPoolExecutor(len(commands)) as together:
+            sent = {hazard: together.submit(command) for hazard, command in commands.items()}
+        errors = {hazard: command.exception() for hazard, command in sent.items()}
+        for error in errors.values():
+            if error is not None and not isinstance(error, TruestandError):
+                raise error
+        self.not_stopped = {hazard: str(error) for hazard, error in errors.items() if error is not None}
+        return failure_texts(self.not_stopped)
 
     @contextmanager
-    def guarded(self) -> Iterator[None]:
+    def stopped_on_error(self) -> Iterator[None]:
         """Whatever goes wrong inside, an interruption too, ends with the table halted and the lasers off.
 
         An error latches a fault with its reason; an interruption only stops.
         """
-        done = False
         try:
             yield
-            done = True
-        except TruestandError as wrong:
-            self.machine.fire(Event.FAIL, str(wrong))
+        except BaseException as error:
+            if isinstance(error, TruestandError):
+                self.machine.fire(Event.FAIL, str(error))
+            self._stop_now()
             raise
-        finally:
-            if not done:
-                self._stop_now()
 
     def _stop_now(self) -> None:
-        failed = self.make_safe()
-        if failed:
-            self.machine.fire(Event.FAIL, "; ".join(failed))
+        failures = self.make_safe()
+        if failures:
+            self.machine.fire(Event.FAIL, "; ".join(failures))
         elif (self.machine.state, Event.STOP) in TRANSITIONS:
             self.machine.fire(Event.STOP)
             self.machine.fire(Event.STOPPED)
 
 
-def _dark(sensor: LineSensor) -> Callable[[], None]:
-    return lambda: sensor.set_laser("off")
+@contextmanager
+def open_station(stand: Stand, devices: DevicesRecipe) -> Iterator[Station]:
+    """A station connected to all devices of a stand; to none where one fails.
 
-
-def open_station(stand: Stand, devices: DevicesRecipe, machine: Machine | None = None) -> Station:
-    """Connect to all devices of a stand; to none where one fails.
+    All are left afterwards: lasers off, streams ended, connections closed. No motion is commanded.
 
     Raises:
         DeviceLost: one doesn't answer.
     """
-    table = open_table(devices.table)
-    sensors: list[LineSensor] = []
-    try:
+    with ExitStack() as connections:
+        table = open_table(devices.table)
+        connections.callback(table.close)
+        sensors: list[LineSensor] = []
         for recipe in devices.sensor:
             sensors.append(open_sensor(recipe, sensor_of(stand, recipe.name)))
-    except BaseException:
-        for sensor in sensors:
-            sensor.close()
-        table.close()
-        raise
-    return Station(stand, table, sensors, machine or Machine())
+            connections.callback(sensors[-1].close)
+        yield Station(stand, table, sensors)

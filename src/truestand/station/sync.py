@@ -2,7 +2,7 @@
 
 The sensor's clock runs beside the host's. A frame arrives some time after its last exposure, never before: the line
 under all arrivals ties the clocks (offset, rate), and what remains is the transport's least delay. Where an encoder is
-wired, that delay shows as skew between what the encoder and the table say, and is reported.
+wired, that delay shows as skew between encoder and table, and is reported.
 """
 
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 WINDOWS = 12
-"""Pieces of a scan whose earliest arrival each tells the line of the clocks."""
-STEADY = 3.0
-"""A table counts as steady where it keeps a straight line within so many times the doubt of its own samples."""
-LEAST_ANGLE = 2e-5
-"""rad: resolution of a table's own position that is never called unsteady."""
+"""Pieces of a scan, the earliest arrival of each being a point of the line of the clocks."""
+STEADY_FACTOR = 3.0
+"""A table counts as steady where it keeps a straight line within so many times the half-width of its own samples."""
+TABLE_RESOLUTION = 2e-5
+"""rad: a table that rounds its own position to this is never called unsteady."""
 
 
 @dataclass(frozen=True, slots=True)
 class TableTrack:
-    """What the table said, as it was asked, on the host's clock."""
+    """The table's own answers, on the host's clock."""
 
     time: Array
     """(n,) s."""
     position: Array
     """(n,) rad."""
-    doubt: Array
-    """(n,) s of the time."""
+    half_width: Array
+    """(n,) s: half of the time between question and answer, within which the position was valid."""
     moving: NDArray[np.bool_]
 
 
@@ -46,7 +46,7 @@ class Skew:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockLine:
+class ClockFit:
     """The sensor's clock beside the host's: host = offset + rate device."""
 
     offset: float
@@ -56,16 +56,16 @@ class ClockLine:
     """s by which the earliest arrivals leave the line at most: clocks that don't run evenly, or frames held up."""
 
 
-def clock_line(device: Array, host: Array) -> ClockLine:
+def fit_clocks(device: Array, host: Array) -> ClockFit:
     """The line under all arrivals: s of the exposures, s of the frames' arrivals."""
     if device.size < 2 or np.ptp(device) == 0:
-        return ClockLine(float(host[0] - device[0]), 1.0, 0.0)
+        return ClockFit(float(host[0] - device[0]), 1.0, 0.0)
     pieces = np.array_split(np.arange(device.size), min(WINDOWS, max(device.size // 4, 1)))
     rough = (host[-1] - host[0]) / (device[-1] - device[0])
     earliest = np.array([p[np.argmin(host[p] - rough * device[p])] for p in pieces])
     slope = rough if earliest.size < 3 else float(np.polyfit(device[earliest] - device[0], host[earliest], 1)[0])
     under = host - slope * device
-    return ClockLine(float(under.min()), float(slope), float(np.ptp(under[earliest])))
+    return ClockFit(float(under.min()), float(slope), float(np.ptp(under[earliest])))
 
 
 def angle_by_encoder(counts: Counts, counts_per_turn: int, start: float) -> Array:
@@ -84,7 +84,7 @@ def angle_by_clock(moment: Array, track: TableTrack, within: tuple[float, float]
         line = np.polynomial.Polynomial.fit(time, position, 1)
         off = float(np.std(position - line(time)))
         speed = abs(float(line.deriv()(time[0])))
-        if off <= STEADY * max(float(np.median(track.doubt)) * speed, LEAST_ANGLE):
+        if off <= STEADY_FACTOR * max(float(np.median(track.half_width)) * speed, TABLE_RESOLUTION):
             inside = (moment >= time[0]) & (moment <= time[-1])
             between = np.interp(moment, track.time, track.position)
             return np.where(inside, line(moment), between), True

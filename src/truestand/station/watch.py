@@ -1,7 +1,7 @@
-"""What must be true while a scan is recorded; each look says in plain words what is not, or nothing.
+"""Watches: what must be true of sensor, table and encoder while a scan is recorded.
 
-Pure: times are passed in. The station turns the first complaint into a fault. Thresholds leave the half of the second
-that a fault may take for stopping.
+Each call returns the problem in plain words, or an empty text. Pure: times are passed in. The station turns the first
+problem into a fault. Thresholds leave the half of the second that a fault may take for stopping.
 """
 
 from collections import deque
@@ -13,19 +13,19 @@ import numpy as np
 from truestand.devices.sensor import Frame, Layout
 from truestand.files.scans.scancontrol import decode_stamps
 
-SILENCE = 0.5
-"""s without a frame."""
-FRESH = 0.15
-"""s after a frame within which its encoder count is compared with the table."""
-WINDOW = 0.5
-"""s over which table and encoder must get on."""
-SETTLING = 1.0
-"""s after the start of a motion in which the table may still be getting up to speed."""
-LEAST_PROGRESS = 0.1
-"""Share of the ordered speed below which the table counts as stalled."""
-ENCODER_SHARE = (0.5, 2.0)
-"""Encoder counts over what the table's own position says."""
-LEAST_LOST = 20
+SILENCE_S = 0.5
+"""Without a frame."""
+FRESH_S = 0.15
+"""After a frame, within which its encoder count is compared with the table."""
+WINDOW_S = 0.5
+"""Over which the progress of table and encoder is checked."""
+SETTLING_S = 1.0
+"""After the start of a motion, in which the table may still be getting up to speed."""
+STALLED_SHARE = 0.1
+"""Of the set speed, below which the table counts as stalled."""
+ENCODER_SHARES = (0.5, 2.0)
+"""Lowest and highest permitted ratio of the encoder's counts to what the table's own position gives."""
+PERMITTED_LOST = 20
 """Profiles that may be lost in any scan before their share counts."""
 
 
@@ -36,19 +36,19 @@ class SensorWatch:
     name: str
     layout: Layout
     began: float
-    """s; when the stream was started."""
+    """s at which the stream was started."""
     profiles: int = 0
     lost: int = 0
     encoder: int = 0
     """Counts since the first profile, unwrapped."""
     quiet_until: float = 0.0
-    """s; it may send nothing until then."""
+    """s until which it may send nothing."""
     _last_frame: Frame | None = None
     _counter: int | None = None
     _raw_encoder: int | None = None
 
     def see(self, frame: Frame) -> str:
-        """What is wrong with a frame; empty = nothing."""
+        """The problem of a frame; empty = none."""
         before, self._last_frame = self._last_frame, frame
         if len(frame.payload) != self.layout.frame_bytes:
             return (
@@ -57,8 +57,8 @@ class SensorWatch:
             )
         if self.layout.kind == "scancontrol":
             return self._see_stamps(frame)
-        gone = 0 if before is None else frame.number - before.number - 1
-        self.lost += (gone + bool(frame.missing)) * self.layout.profiles
+        skipped = 0 if before is None else frame.number - before.number - 1
+        self.lost += (skipped + bool(frame.missing)) * self.layout.profiles
         self.profiles += self.layout.profiles
         if before is not None and before.payload == frame.payload and any(frame.payload):
             return f"sensor {self.name} sends the same image again and again: it is frozen; switch it off and on"
@@ -94,21 +94,22 @@ class SensorWatch:
 
     def fresh(self, now: float) -> bool:
         """Whether a frame came just now (s)."""
-        return self._last_frame is not None and now - self._last_frame.received < FRESH
+        return self._last_frame is not None and now - self._last_frame.received < FRESH_S
 
     def overdue(self, now: float) -> str:
-        """What is wrong at ``now`` (s) with how long nothing came."""
+        """The problem where no frame came for too long before ``now`` (s)."""
         last = max(self.quiet_until, self.began if self._last_frame is None else self._last_frame.received)
-        if now - last > SILENCE:
+        if now - last > SILENCE_S:
             return f"sensor {self.name} has sent nothing for {now - last:.1f} s; check its cable, power and trigger"
         return ""
 
-    def wasteful(self, most_lost: float, ordered: int) -> str:
-        """Whether more profiles were lost than may be, of ``ordered``."""
-        if self.lost > max(LEAST_LOST, most_lost * ordered):
+    def too_lossy(self, most_lost: float, expected: int) -> str:
+        """The problem where more than the share ``most_lost`` of the ``expected`` profiles was lost."""
+        permitted = max(PERMITTED_LOST, most_lost * expected)
+        if self.lost > permitted:
             return (
-                f"sensor {self.name} lost {self.lost} profiles, at most {max(LEAST_LOST, int(most_lost * ordered))} "
-                "may be: check cable, switch and packet_size, or slow the sensor down"
+                f"sensor {self.name} lost {self.lost} profiles, at most {int(permitted)} may be: check cable, switch "
+                "and packet_size, or slow the sensor down"
             )
         return ""
 
@@ -124,18 +125,18 @@ class TableWatch:
     _seen: deque[tuple[float, float]] = field(default_factory=deque)
 
     def see(self, now: float, position: float, moving: bool) -> str:
-        """What is wrong with where the table is; empty = nothing."""
-        if position - self.target > max(self.tolerance, WINDOW * self.speed):
+        """The problem of a table at ``position`` (rad); empty = none."""
+        if position - self.target > max(self.tolerance, WINDOW_S * self.speed):
             return f"the table ran past the end of the scan, to {degrees(position):.2f} deg; check its controller"
-        if not moving and abs(position - self.target) > self.tolerance and now - self.began > WINDOW:
+        if not moving and abs(position - self.target) > self.tolerance and now - self.began > WINDOW_S:
             return f"the table stopped by itself at {degrees(position):.2f} deg, before the end of the scan"
         span = _span(self._seen, now, position)
-        if not moving or now - self.began < SETTLING or span is None:
+        if not moving or now - self.began < SETTLING_S or span is None:
             return ""
         seconds, angle = span
-        if angle < -LEAST_PROGRESS * self.speed * seconds:
+        if angle < -STALLED_SHARE * self.speed * seconds:
             return f"the table turns backwards at {degrees(position):.2f} deg; check its controller"
-        if abs(angle) < LEAST_PROGRESS * self.speed * seconds and not self.arrived(position, moving=False):
+        if abs(angle) < STALLED_SHARE * self.speed * seconds and not self.arrived(position, moving=False):
             return f"the table stands still at {degrees(position):.2f} deg though it was told to turn: it is blocked"
         return ""
 
@@ -146,7 +147,7 @@ class TableWatch:
 
 @dataclass(slots=True)
 class EncoderWatch:
-    """Whether a sensor's encoder counts what the table turns; asked only while both turn and send."""
+    """Compares a sensor's encoder with the table while the table turns and the sensor sends."""
 
     name: str
     counts_per_turn: int
@@ -155,24 +156,24 @@ class EncoderWatch:
     _seen: deque[tuple[float, tuple[float, int]]] = field(default_factory=deque)
 
     def see(self, now: float, position: float, counts: int, fresh: bool) -> str:
-        """What is wrong with the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
+        """The problem of the encoder at a table position (rad); ``fresh``: its counts are of this moment."""
         if not fresh:
             self._seen.clear()
             return ""
         self._seen.append((now, (position, counts)))
-        while self._seen and now - self._seen[0][0] > WINDOW:
+        while self._seen and now - self._seen[0][0] > WINDOW_S:
             self._seen.popleft()
-        if now - self.began < SETTLING + WINDOW or len(self._seen) < 2:
+        if now - self.began < SETTLING_S + WINDOW_S or len(self._seen) < 2:
             return ""
         first, last = self._seen[0][1], self._seen[-1][1]
         turned = last[0] - first[0]
-        if abs(turned) < 0.5 * WINDOW * self.speed:
+        if abs(turned) < 0.5 * WINDOW_S * self.speed:
             return ""
         expected = turned / tau * self.counts_per_turn
         share = (last[1] - first[1]) / expected
         if share < 0:
             return f"the encoder at sensor {self.name} counts against the table's sense; swap its tracks A and B"
-        if not ENCODER_SHARE[0] <= share <= ENCODER_SHARE[1]:
+        if not ENCODER_SHARES[0] <= share <= ENCODER_SHARES[1]:
             return (
                 f"the encoder at sensor {self.name} counted {100 * share:.0f} % of what the table turned in the last "
                 "half second: it is stuck, not wired, or counts_per_turn in stand.toml is wrong"
@@ -181,9 +182,9 @@ class EncoderWatch:
 
 
 def _span(seen: deque[tuple[float, float]], now: float, value: float) -> tuple[float, float] | None:
-    """Over the last ``WINDOW``: seconds, and by how much the value went on; None until there is most of one."""
+    """Over the last ``WINDOW_S``: seconds, and by how much the value went on; None until there is most of one."""
     seen.append((now, value))
-    while len(seen) > 2 and now - seen[1][0] >= WINDOW:
+    while len(seen) > 2 and now - seen[1][0] >= WINDOW_S:
         seen.popleft()
     seconds = now - seen[0][0]
-    return (seconds, value - seen[0][1]) if seconds >= 0.8 * WINDOW else None
+    return (seconds, value - seen[0][1]) if seconds >= 0.8 * WINDOW_S else None

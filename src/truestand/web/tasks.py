@@ -69,19 +69,19 @@ def check(folder: str, name: str) -> str | None:
 
 def devices(stand: str) -> list[dict[str, Any]]:
     """What table and sensors say; nothing moves."""
-    from truestand.station.examine import ask_all
+    from truestand.station.diagnostics import ask_devices
     from truestand.station.recipe import read_devices
 
     return [
         {"device": a.device, "name": a.name, "address": a.address, "answers": a.answers, "problem": a.problem or None,
-         "told": {key: str(value) for key, value in a.told.items() if value}}
-        for a in ask_all(*read_devices(stand))
+         "told": {key: str(value) for key, value in a.details.items() if value}}
+        for a in ask_devices(*read_devices(stand))
     ]  # fmt: skip
 
 
 def reset(stand: str) -> str:
     """Clear a latched fault; its reason."""
-    from truestand.station.examine import reset as clear
+    from truestand.station.diagnostics import reset_fault as clear
 
     return clear(Path(stand))
 

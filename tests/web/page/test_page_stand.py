@@ -8,7 +8,7 @@ import pytest
 
 import page_lab
 from page_lab import Client, served
-from truestand.station.latch import Latch
+from truestand.station.stand_lock import StandLock
 from truestand.store import Store
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
@@ -136,9 +136,9 @@ LIT = "Laser may be ON: sensor front"
 def test_a_laser_that_may_be_on_is_told_first_and_large(page, tab):
     with served(page) as port:
         watch_a_job(tab, port)
-        latch = Latch(page.settings.stand)
-        latch.fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
-        latch.close()
+        lock = StandLock(page.settings.stand)
+        lock.latch_fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
+        lock.close()
         tab.get_by_role("button", name="Stop").click()
         for path in ("#/job", "#/"):
             tab.goto(f"http://127.0.0.1:{port}/{path}")

@@ -15,7 +15,7 @@ from typing import Any
 
 from truestand.core.errors import TruestandError
 from truestand.files.scans.read import sha256_of
-from truestand.station.latch import latch_path, latched_fault
+from truestand.station.stand_lock import latched_fault, state_path
 from truestand.web.hub import Listener
 from truestand.web.machines.lines import Line, lines_of
 from truestand.web.models import CalibrationState, Entry
@@ -124,7 +124,7 @@ class Teller:
         """Whether the disk has changed, or may have."""
         now = asyncio.get_running_loop().time()
         settings = self.page.settings
-        seen = await asyncio.to_thread(_signature, settings.store, latch_path(settings.stand))
+        seen = await asyncio.to_thread(_signature, settings.store, state_path(settings.stand))
         new = seen != self._seen or now > self._again
         if new:
             self._seen, self._again = seen, now + AGAIN

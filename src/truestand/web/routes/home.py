@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.station.latch import latched_fault, not_stopped
+from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import CalibrationState, Home
 from truestand.web.page import Page, ThePage

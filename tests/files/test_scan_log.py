@@ -1,4 +1,4 @@
-"""The append log: every valid record comes back, damage is told, nothing invalid is taken for valid."""
+"""The append log: every valid record comes back, damage is reported, nothing invalid is taken for valid."""
 
 import os
 import threading
@@ -24,7 +24,7 @@ def log(tmp_path):
     return path
 
 
-def test_what_was_written_comes_back(log):
+def test_records_are_read_as_they_were_written(log):
     begin, *frames, end = read_log(log)
     assert begin.json() == {"hello": 1}
     assert end.json() == {"complete": True}
@@ -40,7 +40,7 @@ def test_a_log_is_never_overwritten(log):
 
 @given(st.data())
 @settings(max_examples=60, deadline=None)
-def test_cut_anywhere_all_whole_records_remain(tmp_path_factory, data):
+def test_a_log_cut_anywhere_keeps_all_whole_records(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("log") / "k1.log"
     ends = [len(MAGIC)]
     with LogWriter(path) as writer:
@@ -70,7 +70,7 @@ def test_a_flipped_bit_costs_its_record_and_no_other(tmp_path_factory, place, bi
     assert damages == [Damage(len(MAGIC) + (place - len(MAGIC)) // size * size, size)]
 
 
-def test_a_claim_of_four_gigabytes_is_refused_at_once(tmp_path):
+def test_a_record_that_claims_four_gigabytes_is_skipped_at_once(tmp_path):
     path = tmp_path / "k1.log"
     path.write_bytes(MAGIC + b"\xf5TSL" + bytes([2, 0, 0, 0]) + b"\xff" * 4 + bytes(20))
     began = time.process_time()
@@ -79,7 +79,7 @@ def test_a_claim_of_four_gigabytes_is_refused_at_once(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"\x89HDF\r\n\x1a\n" + bytes(100)])
-def test_what_is_no_log_is_said(tmp_path, content):
+def test_a_file_that_is_no_log_is_refused(tmp_path, content):
     path = tmp_path / "k1.log"
     path.write_bytes(content)
     with pytest.raises(UnreadableFile, match=r"no truestand scan log"):
@@ -87,7 +87,7 @@ def test_what_is_no_log_is_said(tmp_path, content):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full, the disk that is always full")  # noqa: PTH110
-def test_a_full_disk_is_told_with_what_to_do(tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_with_the_remedy(tmp_path, monkeypatch):
     writer = LogWriter(tmp_path / "k1.log")
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, writer._file)
@@ -98,7 +98,7 @@ def test_a_full_disk_is_told_with_what_to_do(tmp_path, monkeypatch):
     writer.close()
 
 
-def test_a_disk_that_failed_since_the_last_append_is_told_at_the_end(tmp_path, monkeypatch):
+def test_a_disk_failure_after_the_last_append_is_reported_on_closing(tmp_path, monkeypatch):
     """The system tells such a failure once: the next request to the disk goes well again."""
     failed = threading.Event()
 

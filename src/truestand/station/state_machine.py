@@ -1,12 +1,13 @@
-"""The states of the stand, as a table: what may happen next, and in which states anything may move or shine.
+"""The states of the stand, as a table: the transitions, and in which states a motion or a laser is permitted.
 
 A fault is latched: from FAULT only an explicit reset leads on. Not a safety function.
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
+from typing import Literal
 
 from truestand.core.errors import Fault
 
@@ -64,27 +65,28 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.FAULT, Event.RESET): State.IDLE,
 }
 
-MAY_MOVE = frozenset({State.HOMING, State.STARTING, State.RECORDING})
-"""States in which a motion may be begun; a halt is allowed in all."""
-MAY_SHINE = frozenset({State.WATCHING, State.STARTING, State.RECORDING})
-"""States in which a laser may be switched on; off is allowed in all."""
+Action = Literal["motion", "laser"]
+PERMITTED: dict[Action, frozenset[State]] = {
+    "motion": frozenset({State.HOMING, State.STARTING, State.RECORDING}),
+    "laser": frozenset({State.WATCHING, State.STARTING, State.RECORDING}),
+}
+"""States in which a motion may be begun, or a laser switched on; a halt and laser off are permitted in all."""
 
 
-class Machine:
+class StateMachine:
     """The stand's state; every change passes through here, from any thread."""
 
-    def __init__(self, on_change: Callable[[State, str], None] = lambda state, reason: None) -> None:
+    def __init__(self) -> None:
         self.state = State.IDLE
         self.reason = ""
         """Why the stand is in FAULT; the first reason stays."""
         self._lock = threading.RLock()
-        self._on_change = on_change
 
-    def fire(self, event: Event, reason: str = "") -> State:
-        """Take the step that ``event`` means here.
+    def fire(self, event: Event, reason: str = "") -> None:
+        """Change the state as ``event`` does in the present one.
 
         Raises:
-            Fault: no such step in this state; the stand stays where it is.
+            Fault: no such transition from the present state, which stays.
         """
         with self._lock:
             after = TRANSITIONS.get((self.state, event))
@@ -94,36 +96,21 @@ class Machine:
                 self.reason = reason
             elif event is Event.RESET:
                 self.reason = ""
-            changed, self.state = after is not self.state, after
-            if changed:
-                self._on_change(after, reason)
-            return after
+            self.state = after
 
     @contextmanager
-    def motion(self) -> Iterator[None]:
-        """Begin a motion inside: no change of state comes between this look at the state and the command.
+    def permit(self, action: Action) -> Iterator[None]:
+        """Begin a motion or switch a laser on inside: no change of state comes between this check and the command.
 
         Raises:
-            Fault: a state that allows no motion; with the reason.
+            Fault: not permitted in the present state; with the reason.
         """
         with self._lock:
-            if self.state not in MAY_MOVE:
-                raise Fault(self._refusal(f"no motion while the stand is {self.state.value}"))
+            if self.state not in PERMITTED[action]:
+                raise Fault(self._refusal(f"no {action} while the stand is {self.state.value}"))
             yield
 
-    @contextmanager
-    def light(self) -> Iterator[None]:
-        """Switch a laser on inside, as ``motion``.
-
-        Raises:
-            Fault: a state that allows no laser; with the reason.
-        """
-        with self._lock:
-            if self.state not in MAY_SHINE:
-                raise Fault(self._refusal(f"no laser while the stand is {self.state.value}"))
-            yield
-
-    def _refusal(self, what: str) -> str:
+    def _refusal(self, message: str) -> str:
         if self.state is State.FAULT:
-            return f"{what}: {self.reason}; mend the cause, then `truestand stand reset`"
-        return what
+            return f"{message}: {self.reason}; mend the cause, then `truestand stand reset`"
+        return message

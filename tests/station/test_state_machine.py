@@ -1,4 +1,4 @@
-"""The table of states: nothing moves or shines in FAULT, whatever is asked in whatever order."""
+"""The table of states: no motion and no laser in FAULT, by any sequence of commands."""
 
 from contextlib import suppress
 
@@ -14,11 +14,11 @@ from truestand.devices.axis import RotaryTable
 from truestand.devices.sensors import range_camera
 from truestand.devices.sensors.range_camera import RangeCamera
 from truestand.devices.sensors.recipe import SensorRecipe
-from truestand.station.machine import MAY_MOVE, MAY_SHINE, TRANSITIONS, Event, Machine, State
 from truestand.station.stand import Station
+from truestand.station.state_machine import PERMITTED, TRANSITIONS, Event, State, StateMachine
 
 
-def test_what_could_not_be_stopped_is_named_the_lasers_first():
+def test_devices_that_can_not_be_stopped_are_named_lasers_first():
     table = RotaryTable(MemoryDrive(gone=True), clock=lambda: 0.0, sleep=lambda s: None)
     station = Station(Stand(), table, [MemorySensor("back"), MemorySensor("front", gone=True)])
     assert station.make_safe() == [
@@ -38,13 +38,13 @@ def test_a_laser_that_its_sensor_can_not_switch_is_named(monkeypatch, laser, wor
     camera = RangeCamera(recipe, Sensor("front", 100.0, 8))
     station = Station(Stand(), RotaryTable(MemoryDrive()), [camera])
     station.machine.state = State.WATCHING
-    station.lasers(lambda name: recipe.power)
+    station.set_lasers({"front": recipe.power})
     assert "".join(station.make_safe()).startswith(words)
-    assert bool(station.left) == bool(words)
+    assert bool(station.not_stopped) == bool(words)
 
 
-class StandUnderAnyHand(RuleBasedStateMachine):
-    """Anyone asks for anything, devices come and go; the rules hold after every step."""
+class StandUnderAnySequence(RuleBasedStateMachine):
+    """Any event and command in any order, devices lost and back; the rules hold after every step."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -53,7 +53,7 @@ class StandUnderAnyHand(RuleBasedStateMachine):
         self.station = Station(Stand(), table, [self.sensor])
 
     @property
-    def machine(self) -> Machine:
+    def machine(self) -> StateMachine:
         return self.station.machine
 
     def attempt(self, what) -> None:
@@ -78,14 +78,14 @@ class StandUnderAnyHand(RuleBasedStateMachine):
 
     @rule(position=st.floats(-10, 10), speed=st.floats(0.1, 1.0))
     def move(self, position, speed) -> None:
-        allowed = self.machine.state in MAY_MOVE
+        allowed = self.machine.state in PERMITTED["motion"]
         begun = len(self.drive.begun)
         self.attempt(lambda: self.station.table.start_move(position, speed))
         assert allowed or len(self.drive.begun) == begun
 
     @rule(power=st.sampled_from(["off", "reduced", "full"]))
     def light(self, power) -> None:
-        allowed = self.machine.state in MAY_SHINE or power == "off"
+        allowed = self.machine.state in PERMITTED["laser"] or power == "off"
         before = self.sensor.laser
         self.attempt(lambda: self.station.sensors[0].set_laser(power))
         assert allowed or self.sensor.laser == before
@@ -95,7 +95,7 @@ class StandUnderAnyHand(RuleBasedStateMachine):
         """Something fails within a guarded stretch: halted and dark afterwards, or in fault."""
 
         def fail() -> None:
-            with self.station.guarded():
+            with self.station.stopped_on_error():
                 raise DeviceError("the test says so")
 
         self.attempt(fail)
@@ -116,12 +116,12 @@ class StandUnderAnyHand(RuleBasedStateMachine):
         assert (self.machine.state is State.FAULT) == bool(self.machine.reason)
 
 
-TestStandUnderAnyHand = StandUnderAnyHand.TestCase
-TestStandUnderAnyHand.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
+TestStandUnderAnySequence = StandUnderAnySequence.TestCase
+TestStandUnderAnySequence.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
 
 
 @pytest.mark.slow
-class TestFiftyThousandSteps(StandUnderAnyHand.TestCase):
+class TestFiftyThousandSteps(StandUnderAnySequence.TestCase):
     settings = settings(max_examples=200, stateful_step_count=250, deadline=None)
 
 
@@ -130,18 +130,18 @@ def test_only_a_reset_leads_out_of_fault():
     assert TRANSITIONS[State.FAULT, Event.FAIL] is State.FAULT
 
 
-def test_the_first_reason_stays():
-    machine = Machine()
+def test_the_first_reason_of_a_fault_is_kept():
+    machine = StateMachine()
     machine.fire(Event.FAIL, "cable")
     machine.fire(Event.FAIL, "everything else, then")
-    with pytest.raises(Fault, match=r"cable.*stand reset"), machine.motion():
+    with pytest.raises(Fault, match=r"cable.*stand reset"), machine.permit("motion"):
         pass
     machine.fire(Event.RESET)
     assert machine.state is State.IDLE
 
 
-def test_a_state_is_left_as_it_is_where_an_event_has_no_place():
-    machine = Machine()
+def test_an_event_without_a_transition_is_refused_and_the_state_kept():
+    machine = StateMachine()
     with pytest.raises(Fault, match="'start' is not possible while the stand is idle"):
         machine.fire(Event.START)
     assert machine.state is State.IDLE

@@ -1,18 +1,18 @@
-"""Devices behind the stand's state: nothing moves or shines unless it allows; off and halt always pass."""
+"""Interlocks: a motion or a laser needs a state of the stand that permits it; halt and laser off always pass."""
 
 from dataclasses import dataclass
 
 from truestand.devices.axis import Drive, DriveState
 from truestand.devices.sensor import Frame, Laser, Layout, LineSensor, StreamStatistics
-from truestand.station.machine import Machine
+from truestand.station.state_machine import StateMachine
 
 
 @dataclass(frozen=True, slots=True)
-class GatedDrive:
-    """A drive behind the stand's state."""
+class InterlockedDrive:
+    """A drive that begins a motion only where the stand's state permits it."""
 
     inner: Drive
-    machine: Machine
+    machine: StateMachine
 
     @property
     def name(self) -> str:
@@ -20,13 +20,21 @@ class GatedDrive:
         return self.inner.name
 
     def start_home(self) -> None:
-        """Raises: Fault where the state allows no motion. The others likewise."""
-        with self.machine.motion():
+        """Begin to home.
+
+        Raises:
+            Fault: a state that permits no motion.
+        """
+        with self.machine.permit("motion"):
             self.inner.start_home()
 
     def start_move(self, position: float, speed: float) -> None:
-        """Begin to move, where the state allows."""
-        with self.machine.motion():
+        """Begin to move to ``position`` (rad) at ``speed`` (rad/s).
+
+        Raises:
+            Fault: a state that permits no motion.
+        """
+        with self.machine.permit("motion"):
             self.inner.start_move(position, speed)
 
     def halt(self) -> None:
@@ -47,11 +55,11 @@ class GatedDrive:
 
 
 @dataclass(frozen=True, slots=True)
-class GatedSensor:
-    """A sensor behind the stand's state."""
+class InterlockedSensor:
+    """A sensor that switches its laser on only where the stand's state permits it."""
 
     inner: LineSensor
-    machine: Machine
+    machine: StateMachine
 
     @property
     def name(self) -> str:
@@ -59,19 +67,19 @@ class GatedSensor:
         return self.inner.name
 
     def set_laser(self, power: Laser) -> None:
-        """On only where the state allows; off always passes.
+        """Switch the laser; off always passes.
 
         Raises:
-            Fault: a state that allows no laser.
+            Fault: a state that permits no laser.
         """
         if power == "off":
             self.inner.set_laser(power)
             return
-        with self.machine.light():
+        with self.machine.permit("laser"):
             self.inner.set_laser(power)
 
     def identity(self) -> dict[str, str]:
-        """Always passes, as all that follows."""
+        """Always passes, as all below."""
         return self.inner.identity()
 
     def start(self) -> Layout:

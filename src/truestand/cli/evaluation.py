@@ -1,0 +1,69 @@
+"""What the commands that evaluate scans share: reading scans, and saying why a calibration is not trusted."""
+
+from dataclasses import dataclass
+from math import degrees
+from pathlib import Path
+
+import typer
+
+from truestand.apply.transfer import Transfer, transfer
+from truestand.cli.options import UNDECIDED, radians_or_none
+from truestand.cli.terminal import hint, progress
+from truestand.core.calibration import Calibration
+from truestand.core.scan import Scan, interpret
+from truestand.core.stand import Stand
+from truestand.files.recipes.recipes import read_stand
+from truestand.files.scans.read import read_recording
+from truestand.station.pipeline import TakeScans
+
+
+@dataclass(frozen=True, slots=True)
+class ScanReader:
+    """Reads scans as ``--stand`` and ``--start-angle-deg`` say."""
+
+    stand: Stand | None
+    start_angle: float | None
+    """rad; None: not stated."""
+    quiet: bool
+
+    @property
+    def start_stated(self) -> bool:
+        """Whether the user stated the table angle of the first profile."""
+        return self.start_angle is not None
+
+    def read(self, path: Path, calibrated: Stand | None = None) -> Scan:
+        """A scan on the stand of ``--stand``, otherwise on its own, otherwise on that of the calibration."""
+        with progress(f"Reading {path.name}", self.quiet):
+            recording = read_recording(path)
+            return interpret(recording, self.stand or recording.stand or calibrated, self.start_angle)
+
+    def when_asked(self, *paths: Path) -> TakeScans:
+        """Reads these scans when a job of the pipeline asks for them."""
+        return lambda calibrated: tuple(self.read(path, calibrated) for path in paths)
+
+    def transferred(self, path: Path, calibration: Calibration) -> Transfer:
+        """A scan of any part, and the calibration as it applies to it."""
+        return transfer(self.read(path, calibration.stand), calibration, self.start_stated)
+
+
+def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool) -> ScanReader:
+    """The reader, its recipe read before the work begins."""
+    described = None if stand is None else read_stand(stand)
+    return ScanReader(described, radians_or_none(start_angle_deg), quiet)
+
+
+def print_witness(transferred: Transfer, quiet: bool) -> None:
+    """Print what the shaft in view of a scan says of the zero of the table's angle."""
+    witness = transferred.witness
+    if witness is not None and transferred.calibration.angle_zero == "witness":
+        turn, U = degrees(witness.angle_shift), degrees(witness.angle_U)
+        surfaces = ", ".join(witness.surfaces)
+        hint(f"table angle tied by the shaft in view ({surfaces}): {turn:+.4f} deg, U = {U:.4f} deg", quiet)
+
+
+def end_if_untrusted(calibration: Calibration, quiet: bool) -> None:
+    """Print why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
+    for reason in calibration.reasons:
+        hint(f"untrusted: {reason}", quiet)
+    if calibration.reasons:
+        raise typer.Exit(UNDECIDED)
