@@ -3,13 +3,15 @@
 from dataclasses import replace
 from math import hypot
 
+import numpy as np
 import pytest
 
 from truestand.calibration import peers as ways
-from truestand.calibration.peers import Finding, peers
+from truestand.calibration.peers import MOST_POINTS, Finding, base_in_rotor, peers
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.scan import interpret
 from truestand.sim import Keyway, paper_shaft, paper_simulation, paper_stand, simulate
+from truth import scan_of, shaft, simulated
 
 
 def errors(**workpiece):
@@ -55,6 +57,16 @@ def test_a_keyway_hurts_who_does_not_expect_it(with_keyway):
     assert with_keyway["exact model", "truestand"] < 2e-4
     assert with_keyway["published method", "truestand"] > 0.1
     assert with_keyway["sine fit", "scipy"] > 0.1
+
+
+def test_the_base_of_a_single_turn_lies_on_its_cylinder_in_the_rotor():
+    """A thousand profiles, all of them used: form of 85 um, noise, and a plane angle known from the line alone."""
+    given = base_in_rotor(scan_of("tilted 5 mrad"), shaft())
+    ex, ey, tx, ty = shaft_parameters(Pose.from_matrix(simulated("tilted 5 mrad").truth.shaft_from_rotor))
+    x, y, z = given.points.T
+    assert np.abs(np.hypot(x - ex - tx * z, y - ey - ty * z) - shaft().base.radius).max() < 0.15
+    assert len(given.points) <= MOST_POINTS
+    assert np.unique(given.angle).size == 1000
 
 
 def test_a_peer_that_is_not_installed_says_so(clean, monkeypatch):
