@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.estimate import MOUNTING, PLANE, Noise, Prior, Solution, noise_of, precision_of, solve
-from truestand.calibration.model import Model
+from truestand.calibration.estimate import Noise, Solution, noise_of, solve
+from truestand.calibration.model import MOUNTING, PLANE, Model, Prior, precision_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

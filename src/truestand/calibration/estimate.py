@@ -1,19 +1,14 @@
 """Gauss-Newton on surface cells, held by what is known beforehand."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.model import DRIFT, SPEED, Model
-from truestand.calibration.segment import Segments
-from truestand.core.artefact import Artefact
-from truestand.core.assumptions import COAXIALITY_U, SMOOTH
-from truestand.core.frames import PLANE_OFFSET, PLANE_TILT, TILT_X, TILT_Y, UNKNOWNS
+from truestand.calibration.model import PLANE, Model, Prior, precision_of
+from truestand.core.frames import UNKNOWNS
 from truestand.core.robust import TUKEY, robust_sd, tukey_weights
-from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
 
@@ -33,82 +28,6 @@ Seven million readings average to 3 nm. At that scale directions that the scan h
 under a centred shaft) would be read from what nobody modelled: the edges of a keyway, half a micrometre of dirt. With
 this floor the priors decide there. What the scan does see is read with weights a thousand times the priors' own.
 """
-PLANE = (PLANE_OFFSET, PLANE_TILT)
-CONSIDERED_U = 1e-7
-"""mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
-
-MOUNTING = "mounting of the laser plane"
-COAXIALITY = "coaxiality of the steps"
-WEAK = "form and static profile"
-CLAMPING_U = 0.04
-"""rad, k = 2: no shaft runs more tilted than this."""
-DRIFT_U = 0.1
-"""mm over the scan, k = 2."""
-SPEED_U = 0.1
-"""Relative, k = 2, of a table without an encoder."""
-FIXED_U = 1e-10
-"""For what is no unknown in this scan."""
-STATIC_U = 0.1
-"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
-of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What is known of some unknowns before the scan: index, standard uncertainty, under one name in the budget.
-
-    Where ``considered``, the unknowns are held at zero in the fit and only their uncertainty is carried on (consider
-    analysis): for what seven million readings seem to tell about them comes from effects that nobody modelled.
-    """
-
-    name: str
-    index: tuple[int, ...]
-    u: float
-    considered: bool = False
-
-    @property
-    def precision(self) -> float:
-        """With which the fit holds the unknowns, 1/unit2."""
-        return 1.0 / (CONSIDERED_U if self.considered else self.u) ** 2
-
-
-def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
-    """The priors of stand, certificate and common sense, each under its name in the budget."""
-    sensor = scan.stand.sensor
-    free_speed = scan.angle_source in ("index", "time")
-    priors = [
-        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
-        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
-        Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
-        Prior("drift", (DRIFT,), DRIFT_U / 2),
-        Prior("table speed", (SPEED,), SPEED_U / 2 if free_speed else FIXED_U),
-    ]
-    for k, band in enumerate(segments.bands):
-        cylinder = artefact.cylinders[band.cylinder]
-        if k:
-            coaxiality = cylinder.coaxiality_U or COAXIALITY_U
-            start = model.axis_slice(k).start
-            slope = coaxiality / 2 / cylinder.length
-            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
-            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
-        own, forms = model.static_slice(k), model.form_slice(k)
-        low, high = model.static_spans[k]
-        for i, degree in enumerate(model.static_degrees(k), own.start):
-            # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
-            # the base may be wrong in the drawing.
-            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
-            priors.append(Prior(WEAK, (i,), u))
-        if forms.stop > forms.start:
-            priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
-    return tuple(priors)
-
-
-def precision_of(priors: Iterable[Prior], size: int) -> Array:
-    """Precision (size,) with which the priors hold each unknown, 1/unit2."""
-    precision = np.zeros(size)
-    for prior in priors:
-        precision[list(prior.index)] = prior.precision
-    return precision
 
 
 @dataclass(frozen=True, slots=True)

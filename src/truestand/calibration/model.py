@@ -8,16 +8,22 @@ Unknowns: the sensor's phi, radial position, laser-plane offset d and tilt alpha
 optionally the table speed; a linear drift; per further cylinder its axis against the base's (with the certificate's
 prior); per cylinder form harmonics 2..n and a free static profile. The static profile absorbs whatever does not turn
 with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
-(docs/theory.md, *What the data can tell*). The Jacobian is analytic.
+(docs/theory.md, *What the data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands
+at the end of this file.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from math import cos, sin
+from math import cos, hypot, sin
 
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from truestand.calibration.segment import Segments
+from truestand.calibration.start import RoughStand
+from truestand.core.artefact import Artefact
+from truestand.core.assumptions import COAXIALITY_U, SMOOTH
 from truestand.core.frames import (
     ECCENTRICITY,
     ECCENTRICITY_X,
@@ -33,6 +39,7 @@ from truestand.core.frames import (
     LaserPlane,
     facing,
 )
+from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -47,6 +54,28 @@ GEOMETRY = (
 )  # fmt: skip
 """The unknowns in the order of the parameter vector: the eight of ``core.frames`` first."""
 DRIFT, SPEED = UNKNOWNS, UNKNOWNS + 1
+PLANE = (PLANE_OFFSET, PLANE_TILT)
+CLEAN_ORDERS = 6
+"""Harmonics of form that are looked at in any case where the whole circumference is the shaft's."""
+STEEP_ENOUGH = 0.3
+"""cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
+
+MOUNTING = "mounting of the laser plane"
+COAXIALITY = "coaxiality of the steps"
+WEAK = "form and static profile"
+CLAMPING_U = 0.04
+"""rad, k = 2: no shaft runs more tilted than this."""
+DRIFT_U = 0.1
+"""mm over the scan, k = 2."""
+SPEED_U = 0.1
+"""Relative, k = 2, of a table without an encoder."""
+FIXED_U = 1e-10
+"""For what is no unknown in this scan."""
+STATIC_U = 0.1
+"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
+of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
+CONSIDERED_U = 1e-7
+"""mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,3 +307,116 @@ def _waves(psi: Array, orders: int) -> tuple[Array, Array]:
     turn = np.exp(1j * psi)
     powers = np.cumprod(np.broadcast_to(turn[:, None], (psi.size, max(orders, 1))), axis=1)[:, 1:]
     return powers.real, powers.imag
+
+
+def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
+    """The unknowns for what is seen of the artefact."""
+    cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
+    phi = segments.phi
+    over_range = abs(cos(phi)) > STEEP_ENOUGH
+    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
+    eccentricity = hypot(*start.eccentricity)
+    spans = []
+    for band, cylinder in zip(segments.bands, cylinders, strict=True):
+        ends = np.array([band.low, band.high])
+        if over_range:
+            ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
+            slack = eccentricity * abs(sin(phi)) + 0.1
+        else:
+            ends, slack = ends - segments.height, 0.1
+        spans.append((float(ends.min() - slack), float(ends.max() + slack)))
+    return Model(
+        radii=tuple(c.radius for c in cylinders),
+        middles=tuple((b.low + b.high) / 2 for b in segments.bands),
+        height=segments.height,
+        start_angle=float(scan.angle[0]),
+        orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
+        static_axis=axis,
+        static_spans=tuple(spans),
+        level=int(np.argmax([b.high - b.low for b in segments.bands])),
+    )
+
+
+def start_values(model: Model, segments: Segments, start: RoughStand) -> Array:
+    """The parameters (p,) mm and rad from which the fit starts."""
+    p = np.zeros(model.size)
+    p[PHI], p[RADIAL], p[SPEED] = segments.phi, start.radial, start.speed
+    p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
+    p[[TILT_X, TILT_Y]] = start.tilt
+    for k, wave in enumerate(start.waves):
+        form = p[model.form_slice(k)].reshape(2, -1)
+        # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
+        form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
+        p[model.form_slice(k)] = form.reshape(-1)
+    return p
+
+
+def carried(before: Model, after: Model, parameters: Array) -> Array:
+    """The parameters (p,) of a model with other form harmonics, all else as it was."""
+    p = np.zeros(after.size)
+    common = before.form_slice(0).start
+    p[:common] = parameters[:common]
+    for k in range(len(before.radii)):
+        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
+        n = min(old.shape[1], new.shape[1])
+        new[:, :n] = old[:, :n]
+        p[after.form_slice(k)] = new.reshape(-1)
+    return p
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of some unknowns before the scan: index, standard uncertainty, under one name in the budget.
+
+    Where ``considered``, the unknowns are held at zero in the fit and only their uncertainty is carried on (consider
+    analysis): for what seven million readings seem to tell about them comes from effects that nobody modelled.
+    """
+
+    name: str
+    index: tuple[int, ...]
+    u: float
+    considered: bool = False
+
+    @property
+    def precision(self) -> float:
+        """With which the fit holds the unknowns, 1/unit2."""
+        return 1.0 / (CONSIDERED_U if self.considered else self.u) ** 2
+
+
+def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
+    """The priors of stand, certificate and common sense, each under its name in the budget."""
+    sensor = scan.stand.sensor
+    free_speed = scan.angle_source in ("index", "time")
+    priors = [
+        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
+        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
+        Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
+        Prior("drift", (DRIFT,), DRIFT_U / 2),
+        Prior("table speed", (SPEED,), SPEED_U / 2 if free_speed else FIXED_U),
+    ]
+    for k, band in enumerate(segments.bands):
+        cylinder = artefact.cylinders[band.cylinder]
+        if k:
+            coaxiality = cylinder.coaxiality_U or COAXIALITY_U
+            start = model.axis_slice(k).start
+            slope = coaxiality / 2 / cylinder.length
+            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
+            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
+        own, forms = model.static_slice(k), model.form_slice(k)
+        low, high = model.static_spans[k]
+        for i, degree in enumerate(model.static_degrees(k), own.start):
+            # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
+            # the base may be wrong in the drawing.
+            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
+            priors.append(Prior(WEAK, (i,), u))
+        if forms.stop > forms.start:
+            priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
+    return tuple(priors)
+
+
+def precision_of(priors: Iterable[Prior], size: int) -> Array:
+    """Precision (size,) with which the priors hold each unknown, 1/unit2."""
+    precision = np.zeros(size)
+    for prior in priors:
+        precision[list(prior.index)] = prior.precision
+    return precision

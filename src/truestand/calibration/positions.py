@@ -12,8 +12,9 @@ from math import cos, degrees, hypot, pi, radians, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.calibration.estimate import COAXIALITY, MOUNTING, PLANE, precision_of, solve
+from truestand.calibration.estimate import solve
 from truestand.calibration.height import with_height
+from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, precision_of
 from truestand.calibration.refine import Refined, refine, refine_again
 from truestand.calibration.result import angle_zero, conclude
 from truestand.calibration.segment import segment

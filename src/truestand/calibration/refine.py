@@ -1,20 +1,30 @@
 """The exact fit: robust means over cells, Gauss-Newton, again with the noise now known."""
 
 from dataclasses import dataclass, replace
-from math import cos, hypot, sin
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
 from truestand.calibration.covariance import covariance, score_covariance
-from truestand.calibration.estimate import SETTLED, Prior, Solution, gauss_newton, precision_of, priors_for, solve
-from truestand.calibration.model import DRIFT, SPEED, Model
+from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, solve
+from truestand.calibration.model import (
+    DRIFT,
+    SPEED,
+    Model,
+    Prior,
+    carried,
+    model_for,
+    precision_of,
+    priors_for,
+    start_values,
+)
 from truestand.calibration.segment import Segments
 from truestand.calibration.start import WHOLE, Mask, RoughStand, repeats_within
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, PHI, RADIAL, TILT_X, TILT_Y, LaserPlane
+from truestand.core.frames import PHI, RADIAL, LaserPlane
 from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
 
@@ -31,8 +41,6 @@ FIRST_READINGS = 1_500_000
 FIRST_GROUPS_PER_TURN = 250
 FIRST_SETTLED = 1e-5
 """mm or rad: still enough to collect the cells once more."""
-CLEAN_ORDERS = 6
-"""Harmonics of form that are looked at in any case where the whole circumference is the shaft's."""
 MOST_ORDERS = 30
 SIGNIFICANT = 4.0
 """A harmonic counts from this many times the median amplitude (noise alone passes that once in 65,000: 2^-16)."""
@@ -41,8 +49,6 @@ LEAST_HARMONIC = 5e-5
 NOTHING_SHOWN = 25.0
 """Chi-square of two unknowns up to which they are as stated. Not the 11.8 of three standard deviations: over one turn u
 comes out 1.4 times too small (12 scans), and 11.8 frees them in one scan of twelve that has neither."""
-STEEP_ENOUGH = 0.3
-"""cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,9 +128,9 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
         NotEnoughData: the surfaces show in too few cells.
     """
     view = _View(scan, segments, artefact, start.outliers)
-    model = _layout(scan, segments, artefact, start)
+    model = model_for(scan, segments, artefact, start)
     few = view.thinned
-    first = _solve(few, model, _start(model, segments, start), FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _solve(few, model, start_values(model, segments, start), FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
     found = _refined(few, first) if first.solution.stuck else _refined(view, _narrowed(view, first))
     fit = _steady(found)
@@ -203,7 +209,7 @@ def _with_orders(view: _View, fit: _Pass, orders: int) -> _Pass:
     if orders == fit.model.orders:
         return fit
     model = replace(fit.model, orders=orders)
-    start = _carry(fit.model, model, fit.solution.parameters)
+    start = carried(fit.model, model, fit.solution.parameters)
     priors = priors_for(model, view.scan, view.segments, view.artefact)
     return replace(
         fit, model=model, solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED), priors=priors
@@ -214,60 +220,6 @@ def _sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
     """Which stretch of which cylinder each cell lies on, the same on every turn (n,)."""
     per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
     return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder
-
-
-def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
-    """The unknowns for what is seen of the artefact."""
-    cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
-    phi = segments.phi
-    over_range = abs(cos(phi)) > STEEP_ENOUGH
-    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
-    eccentricity = hypot(*start.eccentricity)
-    spans = []
-    for band, cylinder in zip(segments.bands, cylinders, strict=True):
-        ends = np.array([band.low, band.high])
-        if over_range:
-            ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
-            slack = eccentricity * abs(sin(phi)) + 0.1
-        else:
-            ends, slack = ends - segments.height, 0.1
-        spans.append((float(ends.min() - slack), float(ends.max() + slack)))
-    return Model(
-        radii=tuple(c.radius for c in cylinders),
-        middles=tuple((b.low + b.high) / 2 for b in segments.bands),
-        height=segments.height,
-        start_angle=float(scan.angle[0]),
-        orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
-        static_axis=axis,
-        static_spans=tuple(spans),
-        level=int(np.argmax([b.high - b.low for b in segments.bands])),
-    )
-
-
-def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
-    p = np.zeros(model.size)
-    p[PHI], p[RADIAL], p[SPEED] = segments.phi, start.radial, start.speed
-    p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
-    p[[TILT_X, TILT_Y]] = start.tilt
-    for k, wave in enumerate(start.waves):
-        form = p[model.form_slice(k)].reshape(2, -1)
-        # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
-        form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
-        p[model.form_slice(k)] = form.reshape(-1)
-    return p
-
-
-def _carry(before: Model, after: Model, parameters: Array) -> Array:
-    """The parameters in a layout with other form harmonics."""
-    p = np.zeros(after.size)
-    common = before.form_slice(0).start
-    p[:common] = parameters[:common]
-    for k in range(len(before.radii)):
-        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
-        n = min(old.shape[1], new.shape[1])
-        new[:, :n] = old[:, :n]
-        p[after.form_slice(k)] = new.reshape(-1)
-    return p
 
 
 def _orders(fit: _Pass, scan: Scan) -> int:
