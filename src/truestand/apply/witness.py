@@ -25,7 +25,7 @@ from truestand.core.frames import (
     shaft_parameters,
 )
 from truestand.core.harmonics import wrap
-from truestand.core.robust import TUKEY, robust_sd, tukey_weights
+from truestand.core.robust import tukey_fit
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
@@ -54,6 +54,8 @@ SECTORS = 72
 SETTLED = 1e-7
 """rad."""
 MOST_STEPS = 20
+LEAST_LIMIT = 1e-7
+"""mm: deviations below it are no outliers, however alike all others are."""
 K = 2.0
 BEARING_U = 2e-4
 """mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
@@ -232,20 +234,11 @@ def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array
 
 def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[Array, Array]:
     """Solution (3,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
-    solution = np.linalg.lstsq(design, samples, rcond=None)[0]
-    weights = np.ones(samples.size)
-    for _ in range(30):
-        off = samples - design @ solution
-        weights = tukey_weights(off / max(TUKEY * robust_sd(off), 1e-7))
-        better = np.linalg.lstsq(design * weights[:, None], samples * weights, rcond=None)[0]
-        done = np.abs(better - solution).max() < 1e-9
-        solution = better
-        if done:
-            break
+    solution, weights = tukey_fit(design, samples, LEAST_LIMIT)
     weighted = design * weights[:, None]
     inverse = np.linalg.pinv(weighted.T @ design)
     scores = clustered(weighted * (samples - design @ solution)[:, None], sectors)
-    return np.asarray(solution), np.asarray(inverse @ scores @ inverse.T)
+    return solution, np.asarray(inverse @ scores @ inverse.T)
 
 
 def _axis(calibration: Calibration, height: float) -> Array:

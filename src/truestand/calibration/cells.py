@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from truestand.calibration.model import Model, Readings
 from truestand.calibration.segment import Band
 from truestand.core.frames import PHI, RADIAL, LaserPlane
+from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 from truestand.core.scan import Scan
 
 Array = NDArray[np.float64]
@@ -118,23 +119,20 @@ def reduce(
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
-    mass = slack = 0.0
+    mass = slope = 0.0
     predicted = _predicted(scan, model, parameters, grid)
     trusted = _trusted(scan, model, parameters, grid, outliers)
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
-        with np.errstate(invalid="ignore"):
-            ratio = block.deviation * (1.0 / limit)
-        left = np.maximum(1.0 - ratio * ratio, 0.0)
-        left[~near] = 0.0
+        weight = tukey_weights(block.deviation * (1.0 / limit))
+        weight[~near] = 0.0
         if trusted is not None:
             own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
             near |= ~own & (np.abs(block.deviation) < OUTLIER_REACH)
-            left[~own] = 0.0
-        weight = left * left
+            weight[~own] = 0.0
         points += int(np.count_nonzero(near))
         kept += int(np.count_nonzero(weight))
-        mass, slack = mass + float(weight.sum()), slack + float(left.sum())
+        mass, slope = mass + float(weight.sum()), slope + float(tukey_slopes(weight).sum())
         span = block.cells
         size = span.stop - span.start
         deviation = np.where(near, block.deviation, 0.0)
@@ -144,7 +142,7 @@ def reduce(
         sums[2, span] += np.bincount(block.index, weighted * deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
-    correction = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
+    correction = m_estimator_correction(mass, slope)
     return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), correction)
 
 

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.estimate import Noise, Solution, noise_of, solve
+from truestand.calibration.estimate import Solution, noise_of, solve
 from truestand.calibration.model import MOUNTING, PLANE, Model, Prior, precision_of
+from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -46,14 +47,9 @@ def score_covariance(model: Model, cells: Cells, solution: Solution, sectors: In
     scores = _correlated(series, model.orders)
     if scores is None:
         scores = clustered(jacobian * (weights * residuals)[:, None], sectors)
-    return scores * _m_estimator(noise, residuals, cells.weight) ** 2 * cells.correction**2
-
-
-def _m_estimator(noise: Noise, residuals: Array, counts: Array) -> float:
-    """How much more the estimate scatters than its weights say: mean weight over mean slope of Tukey's score."""
-    left = np.maximum(1.0 - np.square(noise.ratio(residuals, counts)), 0.0)
-    weight, slope = float(counts @ (left * left)), float(counts @ (5.0 * left * left - 4.0 * left))
-    return weight / max(slope, 0.5 * weight)
+    robust = tukey_weights(noise.ratio(residuals, cells.weight))
+    correction = m_estimator_correction(float(cells.weight @ robust), float(cells.weight @ tukey_slopes(robust)))
+    return scores * correction**2 * cells.correction**2
 
 
 def clustered(scores: Array, sectors: Ints) -> Array:

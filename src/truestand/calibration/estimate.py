@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from truestand.calibration.cells import Cells
 from truestand.calibration.model import PLANE, Model, Prior, precision_of
 from truestand.core.frames import UNKNOWNS
-from truestand.core.robust import TUKEY, robust_sd, tukey_weights
+from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
 
 Array = NDArray[np.float64]
 
@@ -142,8 +142,7 @@ class Noise:
 
     def cost(self, residuals: Array, counts: Array, p: Array, precision: Array) -> float:
         """What Gauss-Newton makes small: Tukey's cost of the cells and the priors' squares."""
-        left = np.maximum(1.0 - np.square(self.ratio(residuals, counts)), 0.0)
-        return self.share * TUKEY**2 / 3.0 * float(np.sum(1.0 - left * left * left)) + float(precision @ (p * p))
+        return self.share * tukey_cost(self.ratio(residuals, counts)) + float(precision @ (p * p))
 
 
 def noise_of(residuals: Array, counts: Array) -> Noise:
