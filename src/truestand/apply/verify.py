@@ -5,13 +5,13 @@ from math import hypot, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.transfer import configuration_doubts, transfer, untied
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.checks import no_zero
 from truestand.calibration.positions import calibrate_on_axes
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import NotEnoughData
@@ -33,7 +33,6 @@ from truestand.core.frames import (
 )
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
 Verdict = Literal["holds", "does_not_hold", "undecided"]
 By = Literal["calibration", "witness"]
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from math import atan2, hypot, pi, sqrt, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.covariance import clustered
 from truestand.calibration.robust_wave import robust_wave
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Cylinder
 from truestand.core.assumptions import COAXIALITY_U
 from truestand.core.calibration import Calibration
@@ -28,9 +28,6 @@ from truestand.core.harmonics import wrap
 from truestand.core.robust import tukey_fit
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PROFILES = 2000
 REACH = 1.5
@@ -179,7 +176,7 @@ def _shaft_in_view(u: Array, v: Array, cylinder: Cylinder, reach: float) -> Mask
     return np.asarray(near & (shaft[index] & (np.count_nonzero(shaft) * BIN >= LEAST_HEIGHT)))
 
 
-def _shaft_bins(seen: NDArray[np.intp], own: NDArray[np.intp], mean: Array) -> Mask:
+def _shaft_bins(seen: Ints, own: Ints, mean: Array) -> Mask:
     """Which bins (n,) of height are the shaft's: enough readings, mostly its own, and no sleeve on it."""
     if not own.any():
         return np.zeros(own.size, dtype=np.bool_)
@@ -232,7 +229,7 @@ def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array
     return np.asarray(deviation)
 
 
-def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[Array, Array]:
+def _robust(design: Array, samples: Array, sectors: Ints) -> tuple[Array, Array]:
     """Solution (3,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
     solution, weights = tukey_fit(design, samples, LEAST_LIMIT)
     weighted = design * weights[:, None]

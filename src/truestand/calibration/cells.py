@@ -10,16 +10,13 @@ from dataclasses import dataclass
 from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.model import Model, Readings
 from truestand.calibration.segment import Band
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.frames import PHI, RADIAL, LaserPlane
 from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 BLOCK = 128
 """Profiles worked on at once: fits the processor's cache."""
@@ -103,7 +100,7 @@ def reduce(
     grid: Grid,
     limit: float,
     reach: float,
-    outliers: NDArray[np.bool_] | None = None,
+    outliers: Mask | None = None,
 ) -> Cells:
     """One robust pass over all readings.
 
@@ -146,9 +143,7 @@ def reduce(
     return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), correction)
 
 
-def _trusted(
-    scan: Scan, model: Model, p: Array, grid: Grid, outliers: NDArray[np.bool_] | None
-) -> NDArray[np.bool_] | None:
+def _trusted(scan: Scan, model: Model, p: Array, grid: Grid, outliers: Mask | None) -> Mask | None:
     """Whether profile i may be looked at in bin j, (N, bins + 1); None where everything may."""
     if outliers is None or not outliers.any():
         return None

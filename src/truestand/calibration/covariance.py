@@ -12,15 +12,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.estimate import Solution, noise_of, solve
 from truestand.calibration.model import MOUNTING, PLANE, Model, Prior, precision_of
+from truestand.core.arrays import Array, Ints
 from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 CORRELATIONS = np.concatenate([[0.0], 1.0 - np.geomspace(0.9, 0.005, 40)])
 """AR(1) coefficients between neighbouring sectors that are tried."""

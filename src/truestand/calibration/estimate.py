@@ -3,14 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.model import PLANE, Model, Prior, precision_of
+from truestand.core.arrays import Array
 from truestand.core.frames import UNKNOWNS
 from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 30
 MOST_HALVINGS_A_STEP, MOST_HALVINGS = 10, 30

@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 from math import hypot, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.outline import median_profile, sample
 from truestand.calibration.segment import EDGE_MARGIN
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibration import Calibration
 from truestand.core.frames import LaserPlane, sensor_parameters, shaft_from_rotor
 from truestand.core.harmonics import fit_harmonics
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
-
-Array = NDArray[np.float64]
 
 PROFILES = 1200
 RAW_COLUMNS = 320
@@ -43,7 +41,7 @@ class Projection:
 
     x: Array
     z: Array
-    cylinder: NDArray[np.intp]
+    cylinder: Ints
     """Index in ``names``; -1 = none of them."""
     names: tuple[str, ...]
     profile_x: Array
@@ -151,7 +149,7 @@ def _raw(scan: Scan) -> RawMap:
     return RawMap(scan.z[np.ix_(rows, columns)], scan.revolutions)
 
 
-def _on(surface: Surface, cylinder: Cylinder) -> NDArray[np.bool_]:
+def _on(surface: Surface, cylinder: Cylinder) -> Mask:
     margin = min(EDGE_MARGIN, 0.15 * cylinder.length)
     with np.errstate(invalid="ignore"):
         return np.asarray(
@@ -235,7 +233,7 @@ def _flat(
     )
 
 
-def _broadcast(turns: Array, on: NDArray[np.bool_]) -> Array:
+def _broadcast(turns: Array, on: Mask) -> Array:
     return np.asarray(np.broadcast_to(turns[:, None], on.shape)[on])
 
 

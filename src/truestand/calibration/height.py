@@ -4,9 +4,9 @@ from dataclasses import replace
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.refine import Refined
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -21,8 +21,6 @@ from truestand.core.frames import (
     shaft_from_rotor,
 )
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 SAMPLED_PROFILES = 1000
 FACE_REACH = 0.3

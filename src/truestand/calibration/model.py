@@ -18,10 +18,10 @@ from math import cos, hypot, sin
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from truestand.calibration.segment import Segments
 from truestand.calibration.start import RoughStand
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import COAXIALITY_U, SMOOTH
 from truestand.core.frames import (
@@ -40,9 +40,6 @@ from truestand.core.frames import (
     facing,
 )
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 LEAST_FACING = 0.1
 """Beyond 84 degrees a surface can't be seen."""

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane
 from truestand.core.robust import medians, robust_sd
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 NEIGHBOUR_SLOPE = 4.0
 """Steepest surface, range over x, that a neighbouring reading still supports (76 degrees against the line)."""
@@ -87,7 +85,7 @@ def sample(scan: Scan) -> Sample:
     return Sample(np.where(good, x, np.nan), np.where(good, z, np.nan))
 
 
-def supported(x: Array, z: Array) -> NDArray[np.bool_]:
+def supported(x: Array, z: Array) -> Mask:
     """Mask (N, M) of readings that a neighbour on the same profile supports.
 
     A surface continues from point to point; a spike or a ghost stands alone. Two of three random spikes next to each

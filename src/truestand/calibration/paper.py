@@ -10,20 +10,18 @@ from dataclasses import dataclass
 from math import atan, atan2, cos, hypot, pi, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.checks import no_zero
 from truestand.calibration.result import angle_zero
 from truestand.calibration.segment import Segments
 from truestand.calibration.start import LEAST_REVOLUTIONS, REACH
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, PaperFigures, Residuals, ScanSummary
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.harmonics import Bin, Harmonics, fit_harmonics, nearest_bin, wrap
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 
 def calibrate_paper(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:

@@ -11,18 +11,16 @@ from importlib.util import find_spec
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.paper import calibrate_paper
 from truestand.calibration.segment import segment
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import MissingExtra, TruestandError
 from truestand.core.frames import in_table, shaft_parameters
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 MOST_PROFILES, MOST_POINTS = 2_000, 20_000
 REACH = 4.0

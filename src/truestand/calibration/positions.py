@@ -10,7 +10,6 @@ from dataclasses import replace
 from math import cos, degrees, hypot, pi, radians, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.estimate import solve
 from truestand.calibration.height import with_height
@@ -19,13 +18,12 @@ from truestand.calibration.refine import Refined, refine, refine_again
 from truestand.calibration.result import angle_zero, conclude
 from truestand.calibration.segment import segment
 from truestand.calibration.start import rough_stand
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
 from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import RADIAL
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 SENSOR = 4
 """phi, radial position, laser-plane offset and tilt: the stand's, the same in every scan."""
@@ -249,7 +247,7 @@ def _turned(turn: float, lever: float) -> Array:
     return block
 
 
-def _places(fits: tuple[Refined, ...]) -> list[NDArray[np.intp]]:
+def _places(fits: tuple[Refined, ...]) -> list[Ints]:
     """Where each scan's unknowns stand among all of them: sensor and axes shared, the rest its own."""
     shared = np.arange(fits[-1].model.size)
     places = []
@@ -267,7 +265,7 @@ def _places(fits: tuple[Refined, ...]) -> list[NDArray[np.intp]]:
     return [*places, shared]
 
 
-def _spread(fit: Refined, last: Refined, place: NDArray[np.intp], turn: float, size: int) -> Array:
+def _spread(fit: Refined, last: Refined, place: Ints, turn: float, size: int) -> Array:
     """(own, all): this scan's unknowns from all; the steps' axes turn with the shaft and count at their own middles."""
     spread = np.zeros((fit.model.size, size))
     spread[np.arange(fit.model.size), place] = 1.0

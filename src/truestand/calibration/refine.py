@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
 from truestand.calibration.covariance import covariance, score_covariance
@@ -21,14 +20,13 @@ from truestand.calibration.model import (
     start_values,
 )
 from truestand.calibration.segment import Segments
-from truestand.calibration.start import WHOLE, Mask, RoughStand, repeats_within
+from truestand.calibration.start import WHOLE, RoughStand, repeats_within
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import PHI, RADIAL, LaserPlane
 from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 FIRST_LIMIT = 0.3
 """mm: what the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
@@ -216,7 +214,7 @@ def _with_orders(view: _View, fit: _Pass, orders: int) -> _Pass:
     )
 
 
-def _sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
+def _sectors(scan: Scan, grid: Grid, cells: Cells) -> Ints:
     """Which stretch of which cylinder each cell lies on, the same on every turn (n,)."""
     per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
     return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder

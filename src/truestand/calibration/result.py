@@ -4,12 +4,12 @@ from dataclasses import replace
 from math import degrees, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.checks import NEAR, checks_of, reasons_of
 from truestand.calibration.covariance import weigh
 from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import REACH, Refined
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import (
@@ -36,8 +36,6 @@ from truestand.core.frames import (
 from truestand.core.scan import Scan
 from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN, Input, budget_of
 from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
-
-Array = NDArray[np.float64]
 
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
 """mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""

@@ -10,11 +10,9 @@ from math import inf, sqrt
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.harmonics import Harmonics
-
-Array = NDArray[np.float64]
 
 KEPT = 0.55
 """Share of the samples that must agree."""
@@ -49,7 +47,7 @@ class Wave:
     series: Harmonics
     scatter: float
     """mm, robust standard deviation of the samples that agree."""
-    outliers: NDArray[np.bool_]
+    outliers: Mask
     """(n,) samples that are not the shaft's round surface."""
 
 
@@ -90,13 +88,13 @@ def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> W
     return Wave(series, scatter, outliers)
 
 
-def _outside(off: Array, scatter: float) -> NDArray[np.bool_]:
+def _outside(off: Array, scatter: float) -> Mask:
     return np.asarray(np.abs(off) > max(OUTSIDE * scatter, LEAST_OUTSIDE))
 
 
 def _reconciled(
-    angle: Array, trace: Array, found: tuple[int, Array, NDArray[np.bool_]], more: int, scatter: float
-) -> tuple[int, Array, NDArray[np.bool_]]:
+    angle: Array, trace: Array, found: tuple[int, Array, Mask], more: int, scatter: float
+) -> tuple[int, Array, Mask]:
     """The series with ``more`` harmonics, fitted to all but the outliers, if it explains most of them too.
 
     It does where they are form of a higher order; a flat, a keyway or dirt, which the fit doesn't see, stays.

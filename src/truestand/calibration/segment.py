@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from math import cos, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.outline import Sample, Silhouette, directions, sample, silhouette
+from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, facing
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.25
 """Share of the outline that the drawing must explain, below which the segmentation is not trusted."""
@@ -305,7 +303,7 @@ class _Drawing:
             score -= self.bin * AGAINST * self._missing(d, drawn, radial, height)
         return Match(phi, radial, height, score)
 
-    def _missing(self, d: Array, drawn: NDArray[np.bool_], radial: float, height: float) -> int:
+    def _missing(self, d: Array, drawn: Mask, radial: float, height: float) -> int:
         """Bins that the drawing promises between the lowest and the highest on it: not hidden, not there."""
         heights = self.v[drawn] + height
         on = heights[np.abs(d) < WIDTH]
@@ -325,7 +323,7 @@ def drawn_radius(heights: Array, artefact: Artefact) -> Array:
     return radius
 
 
-def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> NDArray[np.bool_]:
+def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> Mask:
     """Mask (n,) of points of the shaft that one of its cylinders hides from the sensor at (u, v) mm."""
     across, up = sensor
     mask = np.zeros(heights.size, dtype=np.bool_)

@@ -5,17 +5,14 @@ from dataclasses import dataclass
 from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.robust_wave import MOST_ORDERS, OUTSIDE, Wave, robust_wave
 from truestand.calibration.segment import Segments
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SAMPLED_PROFILES = 1000
 SEARCHED_PROFILES = 500
@@ -162,7 +159,7 @@ def _axis(segments: Segments, waves: tuple[Wave, ...]) -> tuple[tuple[float, flo
     return (float(ex0), float(ey0)), (float(tx), float(ty))
 
 
-def sector_of(angle: Array) -> NDArray[np.intp]:
+def sector_of(angle: Array) -> Ints:
     """Sector (n,) of table angles (n,) rad."""
     return np.asarray(np.floor(angle * (SECTORS / tau)).astype(np.intp) % SECTORS)
 

@@ -5,14 +5,13 @@ from math import atan2, hypot, inf
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
 from truestand.core.scan import AngleSource, Scan
 from truestand.core.stand import Stand
 
-Array = NDArray[np.float64]
 Method = Literal["stand", "paper"]
 AngleZero = Literal["index", "home", "witness", "unknown"]
 

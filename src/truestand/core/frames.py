@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
 
 PHI, RADIAL, PLANE_OFFSET, PLANE_TILT, ECCENTRICITY_X, ECCENTRICITY_Y, TILT_X, TILT_Y = range(8)
 """Where each unknown of the geometry stands in a parameter vector (mm and rad): what ``table_from_sensor`` and

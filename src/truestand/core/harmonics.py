@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from math import atan2, hypot, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Contribution
 
-Array = NDArray[np.float64]
 Flank = Literal["left", "right"]
 Status = Literal["measured", "partial", "not_measurable"]
 Verdict = Literal["conforms", "does_not_conform", "undecided"]

@@ -7,7 +7,7 @@ trimmed means of many cells at once.
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
 
 MAD_TO_SD = 1.4826
 """Standard deviation of normal noise over its median absolute deviation: 1 / Phi^-1(3/4)."""

@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 
-Array = NDArray[np.float64]
 AngleSource = Literal["index", "time", "angle", "encoder"]
 
 
@@ -88,11 +88,11 @@ class Scan:
         """Share of the readings that carry a point, 0..1."""
         return float(np.count_nonzero(np.isfinite(self.z)) / max(self.z.size, 1))
 
-    def spread(self, profiles: int) -> NDArray[np.intp]:
+    def spread(self, profiles: int) -> Ints:
         """Rows of at most so many ``profiles``, spread evenly over the scan, the first and the last among them."""
         return np.unique(np.linspace(0, self.profiles - 1, profiles).astype(np.intp))
 
-    def taken(self, rows: NDArray[np.intp] | slice) -> "Scan":
+    def taken(self, rows: Ints | slice) -> "Scan":
         """The scan of these rows alone, with x, z and angle only."""
         return replace(
             self, x=self.x[rows], z=self.z[rows], angle=self.angle[rows], time=None, counter=None, intensity=None

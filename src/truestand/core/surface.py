@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 BLOCK = 64
 """Profiles worked on at once: their points stay in the processor's cache."""

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 
-Array = NDArray[np.float64]
 Feature = Literal["line", "plane", "circle", "cylinder", "sphere"]
 Residuals = Callable[[Array], tuple[Array, Array]]
 """Parameters (m,) to residuals (n,) and their Jacobian (n, m)."""

@@ -10,15 +10,13 @@ from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.form.associate import Feature, Placed, associate, cylinder_at, upright
 from truestand.form.upr import transmission, upr_filter
 from truestand.form.zone import Distance, Kind, Zone, zone
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Reference = Literal["LSC", "MZC", "MIC", "MCC"]
 
 K = 2.0

@@ -7,13 +7,11 @@ them, which is what makes micrometres of form visible under five micrometres of 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 from truestand.core.robust import trimmed_means
 from truestand.core.surface import Surface
-
-Array = NDArray[np.float64]
 
 REACH = 0.5
 """mm: readings this near to the drawing's radius are the surface's."""

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
-
-Array = NDArray[np.float64]
 
 EVEN = 1e-6
 """Largest departure from even spacing, as a share of it, at which a profile counts as evenly spaced."""

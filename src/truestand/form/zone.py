@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import NotEnoughData
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Kind = Literal["MZC", "MCC", "MIC"]
 Distance = Callable[[Array, Ints], tuple[Array, Array]]
 """Parameters (m,) and which points: their distances (k,) mm from the axis and slopes (k, m)."""
@@ -43,7 +41,7 @@ class Zone:
     """mm: smallest."""
     contacts: Ints
     """Points that hold the axis."""
-    outside: NDArray[np.bool_]
+    outside: Mask
     """Which of them touch from the outer side."""
     forces: Array
     """Multipliers of the contacts: positive, their sum 1 on each side that counts."""
@@ -132,7 +130,7 @@ class _Problem:
         sharp = self._sharpened(q)
         return sharp if self.value(self.distance(sharp, self.working)[0]) <= self.value(d) + HELD * self.radius else q
 
-    def _contacts(self, q: Array) -> tuple[Ints, NDArray[np.bool_], Array]:
+    def _contacts(self, q: Array) -> tuple[Ints, Mask, Array]:
         """Which points hold the axis, on which side, with which force: the program's multipliers without a move."""
         d, slopes = self.distance(q, self.working)
         unit = max(float(np.ptp(d)), 1e-15 * self.radius)
@@ -158,7 +156,7 @@ class _Problem:
                 break
         return q
 
-    def _conditions(self, q: Array, contacts: Ints, outside: NDArray[np.bool_], forces: Array) -> tuple[Array, Array]:
+    def _conditions(self, q: Array, contacts: Ints, outside: Mask, forces: Array) -> tuple[Array, Array]:
         """The conditions' matrix and what is left of them: balance, sums of forces, contact.
 
         Unknowns: parameters (m), outer and inner radius (2), forces (k).

@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot, inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Contribution, Uncertainty
 from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, RADIAL, TILT, UNKNOWNS
-
-Array = NDArray[np.float64]
 
 K = 2.0
 TWO_SIGMA = 0.9545

@@ -6,8 +6,8 @@ points, part by part, is the calibration's line in its budget, correlations incl
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.frames import (
     ECCENTRICITY_X,
@@ -21,8 +21,6 @@ from truestand.core.frames import (
     shaft_parameters,
     table_from_sensor,
 )
-
-Array = NDArray[np.float64]
 
 STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
 """rad and mm: small against any curvature, large against rounding."""

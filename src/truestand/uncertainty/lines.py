@@ -3,13 +3,11 @@
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
 from truestand.core.stand import Sensor
-
-Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 DIAMETER = "diameter of the artefact"
