@@ -7,8 +7,6 @@ The decision rule is that of ISO 14253-1: both answers must be shown beyond a gu
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-import numpy as np
-
 from truestand.core.arrays import Array
 from truestand.core.calibration import Contribution
 
