@@ -20,18 +20,18 @@ from truestand.form.zone import Distance, Kind, Zone, zone
 Reference = Literal["LSC", "MZC", "MIC", "MCC"]
 
 K = 2.0
-ZONED: tuple[Feature, ...] = ("circle", "cylinder")
+ROUND_FEATURES: tuple[Feature, ...] = ("circle", "cylinder")
 NOISE_POINTS = 20_000
-"""Points whose nearest neighbours tell the noise."""
+"""Points whose nearest neighbours the noise is estimated from."""
 NEIGHBOURS_AMONG = 300_000
 
 
 @dataclass(frozen=True, slots=True)
 class ZoneCertificate:
-    """Why a zone is the best: its contacts hold the axis in balance."""
+    """The proof that a zone is optimal: forces at its contacts that hold the axis in balance."""
 
     contacts: tuple[int, ...]
-    """Points (row numbers, from 0) that hold the axis."""
+    """Row numbers, from 0, of the points that hold the axis."""
     outside: tuple[bool, ...]
     forces: tuple[float, ...]
     imbalance: float
@@ -55,9 +55,9 @@ class Form:
     n: int
     cutoff_upr: float | None
     noise: float
-    """Standard deviation of one point as its nearest neighbours tell, form between them included: at most that."""
+    """Upper estimate of one point's standard deviation: from differences of nearest neighbours, form between them included."""
     noise_floor: float
-    """What ``form`` would read from that noise alone."""
+    """Expected ``form`` of a perfect feature with that noise."""
     U: dict[str, float]
     """Expanded (k = 2), from the scatter of the points: point, radius and form in mm, direction in rad."""
     deviation: Array
@@ -66,7 +66,7 @@ class Form:
 
 
 def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cutoff_upr: float | None = None) -> Form:
-    """The ``feature`` of points (n, 3) mm by its reference, and the form that remains.
+    """The ``feature`` of points (n, 3) mm by its reference, and its form.
 
     ``cutoff_upr`` puts a circle's profile through the Gaussian filter first.
 
@@ -74,7 +74,7 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cuto
         BadRecipe: a reference or filter that the feature doesn't have.
         NotEnoughData: too few points, an open profile for a filter, points that don't hold the feature.
     """
-    if reference != "LSC" and feature not in ZONED:
+    if reference != "LSC" and feature not in ROUND_FEATURES:
         raise BadRecipe(f"a {feature} has the reference LSC only, got {reference}; use --feature circle or cylinder")
     if cutoff_upr is not None and feature != "circle":
         raise BadRecipe(f"the UPR filter is for closed circular profiles, got a {feature}; leave the filter out")
@@ -91,19 +91,19 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cuto
 
 @dataclass(frozen=True, slots=True)
 class PointNoise:
-    """Standard deviation of a point in mm, and of how many independent points."""
+    """Standard deviation of a point, mm, and number of independent points."""
 
     sd: float
     count: float
 
     @property
     def floor(self) -> float:
-        """Expected range of that many normal readings (Blom 1958): form out of nothing, mm."""
+        """Expected range of that many normal readings (Blom 1958), mm: form that noise alone makes."""
         n = self.count
         return 0.0 if n < 2 else 2.0 * self.sd * NormalDist().inv_cdf((n - 0.375) / (n + 0.25))
 
     def through(self, cutoff: float) -> "PointNoise":
-        """What the UPR filter leaves of it: the energy that passes, in twice as many waves as pass."""
+        """The noise after the UPR filter: the energy that passes, in twice as many waves as pass."""
         passed = 1.0 + 2.0 * float(np.square(transmission(np.arange(1, int(6 * cutoff) + 1), cutoff)).sum())
         return self if passed >= self.count else PointNoise(self.sd * sqrt(passed / self.count), passed)
 
@@ -170,9 +170,9 @@ def _by_zone(points: Array, fitted: FittedFeature, kind: Kind, noise: PointNoise
     local = (points - fitted.point) @ fitted.frame.T
     circle = fitted.feature == "circle"
     distance = _in_plane(local) if circle else _about_axis(local)
-    found = zone(distance, len(local), np.zeros(2 if circle else 4), kind)
-    radius = {"MZC": (found.outer + found.inner) / 2, "MCC": found.outer, "MIC": found.inner}[kind]
-    q = found.parameters
+    best = zone(distance, len(local), np.zeros(2 if circle else 4), kind)
+    radius = {"MZC": (best.outer + best.inner) / 2, "MCC": best.outer, "MIC": best.inner}[kind]
+    q = best.parameters
     direction, point = fitted.direction, fitted.point + np.array([q[0], q[1], 0.0]) @ fitted.frame
     if not circle:
         axis = np.array([q[2], q[3], 1.0]) @ fitted.frame
@@ -180,20 +180,20 @@ def _by_zone(points: Array, fitted: FittedFeature, kind: Kind, noise: PointNoise
         point = point + direction * float((points.mean(axis=0) - point) @ direction)
     deviation = distance(q, np.arange(len(local)))[0] - radius
     certificate = ZoneCertificate(
-        tuple(map(int, found.contacts)), tuple(map(bool, found.outside)), tuple(map(float, found.forces)),
-        found.imbalance, "global" if circle and kind == "MCC" else "local",
+        tuple(map(int, best.contacts)), tuple(map(bool, best.outside)), tuple(map(float, best.forces)),
+        best.imbalance, "global" if circle and kind == "MCC" else "local",
     )  # fmt: skip
     return Form(
         fitted.feature, kind, point, direction, radius, float(np.sqrt(np.mean(deviation**2))),
-        found.outer - found.inner, len(local), cutoff, noise.sd, noise.floor,
-        _zone_expanded(found, kind, noise.sd, circle), deviation, certificate,
+        best.outer - best.inner, len(local), cutoff, noise.sd, noise.floor,
+        _zone_expanded(best, kind, noise.sd, circle), deviation, certificate,
     )  # fmt: skip
 
 
-def _zone_expanded(found: Zone, kind: Kind, noise: float, circle: bool) -> dict[str, float]:
-    """From the noise of the contacts alone, as they hold the axis."""
-    response = found.sensitivity * (K * noise)
-    m = found.parameters.size
+def _zone_expanded(best: Zone, kind: Kind, noise: float, circle: bool) -> dict[str, float]:
+    """U (k = 2) by key from the noise of the contacts alone, as they hold the axis."""
+    response = best.sensitivity * (K * noise)
+    m = best.parameters.size
     # A one-sided reference holds one border; the other is where the farthest point happens to lie.
     outer = response[m] if kind != "MIC" else np.zeros(response.shape[1])
     inner = response[m + 1] if kind != "MCC" else np.zeros(response.shape[1])

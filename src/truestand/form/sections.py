@@ -13,7 +13,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.robust import trimmed_means
 from truestand.core.surface import Surface
 
-REACH = 0.5
+NEAR_MM = 0.5
 """mm: readings this near to the drawing's radius are the surface's."""
 LEAST_READINGS = 3
 CIRCLE_CELLS, CYLINDER_CELLS = (720, 1), (180, 20)
@@ -46,7 +46,7 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
         on = (surface.z >= low) & (surface.z < high)
     x, y, z = (part[on] for part in (surface.x, surface.y, surface.z))
     deviation = np.hypot(x, y) - radius
-    near = np.abs(deviation) < REACH
+    near = np.abs(deviation) < NEAR_MM
     x, y, z, deviation = x[near], y[near], z[near], deviation[near]
     column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * around).astype(np.intp) % around
     row = np.minimum(((z - low) / (high - low) * along).astype(np.intp), along - 1)
