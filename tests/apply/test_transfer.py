@@ -152,7 +152,7 @@ def test_roll_asks_what_transfer_asks():
     assert roll(scan, known).calibration.reasons == ()
     stand = replace(scan.stand, table=replace(scan.stand.table, direction="cw"))
     assert any("check [table] direction" in r for r in roll(replace(scan, stand=stand), known).calibration.reasons)
-    partial = replace(scan, doubts=("the scan is incomplete: 12 profiles lost; scan again",))
+    partial = replace(scan, reasons=("the scan is incomplete: 12 profiles lost; scan again",))
     assert "the scan is incomplete: 12 profiles lost; scan again" in roll(partial, known).calibration.reasons
     loose = part_scan("centred", "unknown")  # no direction in the band to tie it by
     assert any("counts from an unknown position" in r for r in roll(loose, calibrated("centred")).calibration.reasons)

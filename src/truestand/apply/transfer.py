@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestand.apply.witness import Witness, witness
-from truestand.calibration.checks import no_zero
-from truestand.calibration.result import angle_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.core.calibration import Calibration, Check
 from truestand.core.frames import in_table
 from truestand.core.scan import Scan
@@ -62,15 +61,15 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         return Transfer(scan, _doubted(calibration, (*doubts, *loose), scan))
     limit = MOST_ARC / _outside(scan, calibration)
     checks = _moved(found)
-    by_index = angle_zero(scan) == calibration.angle_zero == "index"
+    by_index = scan.angle_zero == calibration.angle_zero == "index"
     if by_index or found.angle_U > limit:  # the band only checks what ties the scan already
         doubts = (*doubts, *loose)
         checks = checks if loose or calibration.angle_zero == "unknown" else (*checks, _still_tied(found, limit))
     elif loose or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
         scan = replace(scan, angle=scan.angle + found.angle_shift)
-        told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
+        told = tuple(r for r in calibration.reasons if r not in angle_zero_reasons("unknown"))
         calibration = replace(calibration, angle_zero="witness", angle_U=found.angle_U, reasons=told)
-    failed = (f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok)
+    failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _doubted(calibration, (*doubts, *failed), scan), found, checks)
 
 
@@ -80,7 +79,7 @@ def _doubted(calibration: Calibration, doubts: tuple[str, ...], scan: Scan) -> C
 
 def configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
     """A scan that isn't whole, and settings of its stand that can't both be right."""
-    doubts = list(scan.doubts)
+    doubts = list(scan.reasons)
     if scan.stand.table.direction != calibration.stand.table.direction:
         doubts.append(
             f"the scan's table turns {scan.stand.table.direction}, the calibration's "
@@ -96,7 +95,7 @@ def untied(scan: Scan, calibration: Calibration, start_stated: bool = False) -> 
 
     A calibration whose own zero is unknown carries its reason already.
     """
-    own, its = angle_zero(scan), calibration.angle_zero
+    own, its = scan.angle_zero, calibration.angle_zero
     stated = start_stated and scan.angle_source in ("index", "time")
     if stated or own == its or its == "unknown":
         return ()

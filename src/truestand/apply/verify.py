@@ -9,10 +9,11 @@ import numpy as np
 from truestand.apply.transfer import configuration_doubts, transfer, untied
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import no_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.calibration.positions import calibrate_on_axes
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import (
@@ -38,7 +39,6 @@ By = Literal["calibration", "witness"]
 
 LIMIT = 0.01
 """mm: how far a calibrated point may have moved on the artefact."""
-K = 2.0
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
 PUBLISHED = "the old calibration is of the published method, which knows no laser plane or tilt"
@@ -90,7 +90,7 @@ def verify(
         aligned = transfer(scan, old)
         scan = aligned.scan
         if aligned.calibration.angle_zero != "witness":
-            before = (*before, *(untied(scan, old) or no_zero("unknown")))
+            before = (*before, *(untied(scan, old) or angle_zero_reasons("unknown")))
     new, doubts = _calibrated(scan, artefact, old)
     band = None if new is not None and _shows(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
@@ -108,7 +108,7 @@ def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calib
         new = calibrate_on_axes(scan, artefact, known) if known else calibrate(scan, artefact)
     except NotEnoughData as few:
         return None, (str(few),)
-    return new, tuple(r for r in new.reasons if r not in no_zero("unknown"))
+    return new, tuple(r for r in new.reasons if r not in angle_zero_reasons("unknown"))
 
 
 def _shows(new: Calibration) -> bool:

@@ -14,7 +14,7 @@ from truestand.calibration.covariance import clustered
 from truestand.calibration.robust_wave import robust_wave
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Cylinder
-from truestand.core.assumptions import COAXIALITY_U
+from truestand.core.assumptions import COAXIALITY_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.frames import (
     ECCENTRICITY_X,
@@ -53,7 +53,6 @@ SETTLED = 1e-7
 MOST_STEPS = 20
 LEAST_LIMIT = 1e-7
 """mm: deviations below it are no outliers, however alike all others are."""
-K = 2.0
 BEARING_U = 2e-4
 """mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
 
@@ -166,9 +165,8 @@ def _shaft_in_view(u: Array, v: Array, cylinder: Cylinder, reach: float) -> Mask
     low, high = cylinder.bottom + EDGE, cylinder.top - EDGE
     count = max(int((high - low) / BIN), 1)
     off = u - cylinder.radius
-    with np.errstate(invalid="ignore"):
-        inside = (v >= low) & (v < low + count * BIN)
-        near = inside & (np.abs(off) < reach)
+    inside = (v >= low) & (v < low + count * BIN)
+    near = inside & (np.abs(off) < reach)
     index = np.floor((np.where(inside, v, low) - low) / BIN).astype(np.intp).clip(0, count - 1)
     seen, own = np.bincount(index[inside], minlength=count), np.bincount(index[near], minlength=count)
     mean = np.bincount(index[near], off[near], count) / np.maximum(own, 1)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from truestand.calibration.height import with_height
 from truestand.calibration.paper import calibrate_paper
 from truestand.calibration.refine import refine
-from truestand.calibration.result import conclude
+from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import Segments, segment
 from truestand.calibration.start import rough_stand
 from truestand.core.artefact import Artefact
@@ -40,13 +40,13 @@ def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
     start = rough_stand(scan, segments, artefact)
     fit = refine(scan, segments, artefact, start)
     fit = with_height(scan, artefact, fit)
-    return _doubted(conclude(scan, artefact, fit), scan)
+    return _with_scan_reasons(calibration_of(scan, artefact, fit), scan)
 
 
 def _published(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
-    return _doubted(calibrate_paper(scan, artefact, segments), scan)
+    return _with_scan_reasons(calibrate_paper(scan, artefact, segments), scan)
 
 
-def _doubted(calibration: Calibration, scan: Scan) -> Calibration:
-    """A scan that isn't proven whole carries its doubts on."""
-    return replace(calibration, reasons=(*calibration.reasons, *scan.doubts)) if scan.doubts else calibration
+def _with_scan_reasons(calibration: Calibration, scan: Scan) -> Calibration:
+    """A calibration from a scan that is not proven complete is not to be trusted."""
+    return replace(calibration, reasons=(*calibration.reasons, *scan.reasons))

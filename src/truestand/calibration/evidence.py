@@ -151,12 +151,11 @@ def _raw(scan: Scan) -> RawMap:
 
 def _on(surface: Surface, cylinder: Cylinder) -> Mask:
     margin = min(EDGE_MARGIN, 0.15 * cylinder.length)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (np.abs(surface.radius - cylinder.radius) < REACH)
-            & (surface.z > cylinder.bottom + margin)
-            & (surface.z < cylinder.top - margin)
-        )
+    return np.asarray(
+        (np.abs(surface.radius - cylinder.radius) < REACH)
+        & (surface.z > cylinder.bottom + margin)
+        & (surface.z < cylinder.top - margin)
+    )
 
 
 def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tuple[Cylinder, ...]) -> Projection:

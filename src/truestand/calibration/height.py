@@ -74,9 +74,8 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     """
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
-    with np.errstate(invalid="ignore"):
-        above = height - artefact.shoulder
-        on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
+    above = height - artefact.shoulder
+    on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
     face, across = above[on], radius[on]
     if face.size < LEAST_POINTS:
         return np.empty(0)
@@ -104,8 +103,7 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     lower, upper = artefact.cylinders[:2]
     larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
     beyond = outwards * (height - artefact.shoulder)
-    with np.errstate(invalid="ignore"):
-        row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
+    row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
     readings = beyond[row, column]
     order = np.lexsort((readings, row))
     row, readings = row[order], readings[order]

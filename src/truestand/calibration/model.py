@@ -85,6 +85,16 @@ class Readings:
     time: Array
     cylinder: Ints
 
+    @classmethod
+    def of(cls, scan: Scan, rows: Ints, picked: tuple[Ints, Ints], cylinder: Ints) -> "Readings":
+        """Of a scan's profiles ``rows``: the readings ``picked`` by their place among these and their column."""
+        row, column = rows[picked[0]], picked[1]
+        return cls(scan.x[row, column], scan.z[row, column], scan.angle[row], scan.time_at(row), cylinder)
+
+    def taken(self, rows: "slice | Ints") -> "Readings":
+        """These readings alone."""
+        return Readings(self.x[rows], self.z[rows], self.angle[rows], self.time[rows], self.cylinder[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class Model:
@@ -164,7 +174,7 @@ class Model:
         out = np.empty(readings.x.size)
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
-            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, None)
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, None)
         return out
 
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
@@ -174,7 +184,7 @@ class Model:
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
             block = jacobian[rows]  # a view, or a copy where the cylinder's readings are scattered
-            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, block)
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, block)
             if block.base is not jacobian:
                 jacobian[rows] = block
         return out, jacobian
@@ -284,10 +294,6 @@ def _rows(r: Readings, cylinder: int) -> slice | Ints:
     return rows
 
 
-def _take(r: Readings, rows: slice | Ints) -> Readings:
-    return Readings(r.x[rows], r.z[rows], r.angle[rows], r.time[rows], r.cylinder[rows])
-
-
 def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     """The axis of cylinder ``k`` in R: offset at height 0 and slope."""
     ex, ey, tx, ty = p[ECCENTRICITY_X:UNKNOWNS]
@@ -324,13 +330,13 @@ def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughSt
         spans.append((float(ends.min() - slack), float(ends.max() + slack)))
     return Model(
         radii=tuple(c.radius for c in cylinders),
-        middles=tuple((b.low + b.high) / 2 for b in segments.bands),
+        middles=tuple(b.middle for b in segments.bands),
         height=segments.height,
         start_angle=float(scan.angle[0]),
         orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
         static_axis=axis,
         static_spans=tuple(spans),
-        level=int(np.argmax([b.high - b.low for b in segments.bands])),
+        level=segments.longest,
     )
 
 
@@ -383,13 +389,12 @@ class Prior:
 def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
     """The priors of stand, certificate and common sense, each under its name in the budget."""
     sensor = scan.stand.sensor
-    free_speed = scan.angle_source in ("index", "time")
     priors = [
         Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
         Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
         Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
         Prior("drift", (DRIFT,), DRIFT_U / 2),
-        Prior("table speed", (SPEED,), SPEED_U / 2 if free_speed else FIXED_U),
+        Prior("table speed", (SPEED,), SPEED_U / 2 if scan.free_speed else FIXED_U),
     ]
     for k, band in enumerate(segments.bands):
         cylinder = artefact.cylinders[band.cylinder]

@@ -94,8 +94,7 @@ def supported(x: Array, z: Array) -> Mask:
     dx = np.abs(np.diff(x, axis=1))
     dz = np.abs(np.diff(z, axis=1))
     pitch = float(np.nanmedian(dx)) if np.isfinite(dx).any() else 0.0
-    with np.errstate(invalid="ignore"):
-        close = dz <= NEIGHBOUR_SLOPE * (dx + pitch)
+    close = dz <= NEIGHBOUR_SLOPE * (dx + pitch)
     mask = np.zeros(z.shape, dtype=np.bool_)
     mask[:, :-1] |= close
     mask[:, 1:] |= close
@@ -152,10 +151,9 @@ def _chords(seen: Sample) -> Array:
     dx, dz = x[:, 2 * half :] - x[:, : -2 * half], z[:, 2 * half :] - z[:, : -2 * half]
     bend_x = x[:, half:-half] - (x[:, 2 * half :] + x[:, : -2 * half]) / 2
     bend_z = z[:, half:-half] - (z[:, 2 * half :] + z[:, : -2 * half]) / 2
-    with np.errstate(invalid="ignore"):
-        length = np.hypot(dx, dz)
-        beside = np.abs(bend_x * dz - bend_z * dx) / np.maximum(length, 1e-9)
-        straight = (beside < BENT) & (length < LONGEST * half * pitch)
+    length = np.hypot(dx, dz)
+    beside = np.abs(bend_x * dz - bend_z * dx) / np.maximum(length, 1e-9)
+    straight = (beside < BENT) & (length < LONGEST * half * pitch)
     return np.asarray(np.arctan2(dx[straight], dz[straight]) % pi)
 
 

@@ -11,8 +11,7 @@ from math import atan, atan2, cos, hypot, pi, sin
 
 import numpy as np
 
-from truestand.calibration.checks import no_zero
-from truestand.calibration.result import angle_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.calibration.segment import Segments
 from truestand.calibration.start import LEAST_REVOLUTIONS, REACH
 from truestand.core.arrays import Array
@@ -63,8 +62,7 @@ def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurf
     on = np.empty(scan.x.shape, dtype=np.bool_)
     for rows in _blocks(scan.profiles):
         u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
-        with np.errstate(invalid="ignore"):
-            on[rows] = (np.abs(u - artefact.base.radius) < reach) & (v > band.low) & (v < band.high)
+        on[rows] = (np.abs(u - artefact.base.radius) < reach) & (v > band.low) & (v < band.high)
     used = np.flatnonzero(on.any(axis=0))
     if not used.size:
         raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
@@ -213,7 +211,6 @@ def _record(
         phase_error_pi=wrap(-nearest.phase - fit_phase) / pi,
         arcsine_shift_pi=arcsine_shift(scan.angle, trace, wave, nearest) / pi,
     )
-    zero = angle_zero(scan)
     hidden = () if segments.shoulder_seen else ("height",)
     return Calibration(
         method="paper",
@@ -221,12 +218,12 @@ def _record(
         shaft_from_rotor=shaft_from_rotor(ex, ey, 0.0, 0.0),
         stand=scan.stand,
         angle_source=scan.angle_source,
-        angle_zero=zero,
+        angle_zero=scan.angle_zero,
         rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step),
         artefact=artefact,
         residuals=residuals,
         not_identifiable=("laser_plane_offset_mm", "laser_plane_tilt_deg", "tilt_mrad", "tilt_direction_deg", *hidden),
-        reasons=(*segments.reasons, *no_zero(zero)),
+        reasons=(*segments.reasons, *angle_zero_reasons(scan.angle_zero)),
         scan=ScanSummary.of(scan),
         paper=figures,
         valid_until=artefact.valid_until,

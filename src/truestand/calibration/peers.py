@@ -100,8 +100,7 @@ def base_in_rotor(scan: Scan, artefact: Artefact) -> Given:
     rows = slice(None, None, max(1, scan.profiles // MOST_PROFILES))
     x, z, angle = scan.x[rows].ravel(), scan.z[rows].ravel(), np.repeat(scan.angle[rows], scan.x.shape[1])
     u, v = in_table(pose, x, z)[0], segments.plane.to_uv(x, z)[1]
-    with np.errstate(invalid="ignore"):
-        on = np.flatnonzero((np.abs(u - artefact.base.radius) < REACH) & (v > band.low) & (v < band.high))
+    on = np.flatnonzero((np.abs(u - artefact.base.radius) < REACH) & (v > band.low) & (v < band.high))
     if on.size > MOST_POINTS:  # at random: every so many would pick the same columns of every profile
         on = np.sort(np.random.default_rng(1).choice(on, MOST_POINTS, replace=False))
     u, v, angle = u[on], v[on], angle[on]

@@ -15,11 +15,12 @@ from truestand.calibration.estimate import solve
 from truestand.calibration.height import with_height
 from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, precision_of
 from truestand.calibration.refine import Refined, refine, refine_again
-from truestand.calibration.result import angle_zero, conclude
+from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import segment
 from truestand.calibration.start import rough_stand
 from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
 from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import RADIAL
@@ -44,7 +45,6 @@ ROUNDS = 3
 """Fits with known axes until a scan has let go of what it bent to coaxial ones."""
 MOST_ROUNDS, SETTLED = 6, 2e-5
 """mm: axes that move no more stay."""
-K = 2.0
 
 
 def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], artefact: Artefact) -> Calibration:
@@ -62,13 +62,13 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
     _demand_same_cylinders(fits, artefact)
     fits, joint = told_apart(scans, fits, clamped, artefact)
     doubt = {CLAMPED: _angles_doubt(fits, joint, clamped)}
-    found = conclude(scans[-1], artefact, joint, _coaxiality_left(joint), doubt)
+    found = calibration_of(scans[-1], artefact, joint, _coaxiality_left(joint), doubt)
     form, bearing, inseparable, differ = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
     checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(differ))
-    reasons = [*found.reasons, *(d for scan in scans for d in scan.doubts), *_reasons_of_others(scans, fits, artefact)]
-    reasons += [f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok]
+    reasons = [*found.reasons, *(d for scan in scans for d in scan.reasons), *_reasons_of_others(scans, fits, artefact)]
+    reasons += [c.reason for c in checks if not c.ok]
     return replace(found, positions=positions, checks=(*found.checks, *checks), reasons=tuple(reasons))
 
 
@@ -93,7 +93,7 @@ def calibrate_on_axes(scan: Scan, artefact: Artefact, axes: tuple[StepAxis, ...]
     fit = replace(fit, model=replace(fit.model, axes=tuple(here)))
     for _ in range(ROUNDS):
         fit = refine_again(scan, artefact, fit)
-    return conclude(scan, artefact, fit)
+    return calibration_of(scan, artefact, fit)
 
 
 def _angles_doubt(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[float, ...]) -> Array:
@@ -109,7 +109,7 @@ def _angles_doubt(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[floa
 
 def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[str]:
     """What speaks against the scans before the last."""
-    singles = (conclude(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
+    singles = (calibration_of(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
     return [f"scan {i}: {reason}" for i, single in enumerate(singles, 1) for reason in single.reasons]
 
 
@@ -136,7 +136,7 @@ def _demand_one_stand(scans: tuple[Scan, ...]) -> None:
     sha256 = [s.sha256 for s in scans if s.sha256]
     if len(set(sha256)) < len(sha256):
         raise BadRecipe("found the same scan twice, need one scan for each clamping")
-    zeros = {angle_zero(s) for s in scans}
+    zeros = {s.angle_zero for s in scans}
     if len(zeros) > 1:
         raise BadRecipe(
             f"found scans whose table angles count from {' and '.join(sorted(zeros))}, need one zero for all: record "

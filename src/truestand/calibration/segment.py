@@ -59,6 +59,16 @@ class Band:
     low: float
     high: float
 
+    @property
+    def middle(self) -> float:
+        """mm: height halfway up."""
+        return (self.low + self.high) / 2
+
+    @property
+    def length(self) -> float:
+        """mm."""
+        return self.high - self.low
+
 
 @dataclass(frozen=True, slots=True)
 class Segments:
@@ -75,6 +85,11 @@ class Segments:
     """Probability 0..1 that this is the right explanation and not the next best one."""
     reasons: tuple[str, ...]
     """Why it is not to be trusted; empty where it is."""
+
+    @property
+    def longest(self) -> int:
+        """Which band is the longest."""
+        return int(np.argmax([b.length for b in self.bands]))
 
     @property
     def plane(self) -> LaserPlane:
@@ -190,8 +205,7 @@ def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefac
     u, above = u - outline.shift[:, None] + match.radial, v + match.height - artefact.shoulder
     inner, outer = sorted((artefact.cylinders[0].radius, artefact.cylinders[1].radius))
     margin = min(0.5, 0.2 * (outer - inner))
-    with np.errstate(invalid="ignore"):
-        face = above[(u > inner + margin) & (u < outer - margin) & (np.abs(above) < FACE_REACH)]
+    face = above[(u > inner + margin) & (u < outer - margin) & (np.abs(above) < FACE_REACH)]
     if face.size < FACE_POINTS * len(u):
         return match.height, False
     middle = float(np.median(face))
@@ -347,6 +361,5 @@ def on_cylinder(outline: Silhouette, match: Match, cylinder: Cylinder) -> tuple[
     """Height (n,) mm and deviation (n,) mm of the bins on one cylinder of the drawing."""
     v = outline.v + match.height
     d = outline.u + match.radial - cylinder.radius
-    with np.errstate(invalid="ignore"):
-        on = (np.abs(d) < WIDTH) & (v > cylinder.bottom) & (v < cylinder.top)
+    on = (np.abs(d) < WIDTH) & (v > cylinder.bottom) & (v < cylinder.top)
     return v[on], d[on]

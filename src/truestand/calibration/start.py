@@ -73,7 +73,7 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
             f"need one full revolution, got {scan.revolutions:.2f}; scan for longer (or check the table's speed)"
         )
     nominal, traces = band_traces(scan, segments, artefact)
-    speed = _find_speed(nominal, traces) if scan.angle_source in ("index", "time") else 0.0
+    speed = _find_speed(nominal, traces) if scan.free_speed else 0.0
     angle = nominal + speed * (nominal - scan.angle[0])
     orders = MOST_ORDERS if scan.revolutions >= WHOLE else 3
     waves = tuple(robust_wave(angle[np.isfinite(t)], t[np.isfinite(t)], orders) for t in traces)
@@ -81,8 +81,7 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
     off = np.stack([_samples_off(t, w) for t, w in zip(traces, waves, strict=True)])
     common = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0
     (ex, ey), tilt = _axis(segments, waves)
-    longest = int(np.argmax([b.high - b.low for b in segments.bands]))
-    radial = segments.radial - waves[longest].series.mean
+    radial = segments.radial - waves[segments.longest].series.mean
     traces = np.where(outliers[:, sector_of(angle)], np.nan, traces)
     series = tuple(w.series for w in waves)
     return RoughStand(radial, (ex, ey), tilt, speed, series, outliers, common, nominal, traces)
@@ -135,8 +134,7 @@ def band_traces(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Arr
     traces = np.full((len(segments.bands), rows.size), np.nan)
     for k, band in enumerate(segments.bands):
         off = u - artefact.cylinders[band.cylinder].radius
-        with np.errstate(invalid="ignore"):
-            on = (v > band.low) & (v < band.high) & (np.abs(off) < REACH)
+        on = (v > band.low) & (v < band.high) & (np.abs(off) < REACH)
         enough = np.count_nonzero(on, axis=1) >= LEAST_READINGS
         if np.count_nonzero(enough) < LEAST_PROFILES:
             raise NotEnoughData(
@@ -152,7 +150,7 @@ def _axis(segments: Segments, waves: tuple[Wave, ...]) -> tuple[tuple[float, flo
     # Seen along T's X the axis stands at e cos(beta + theta): cos -> ex, sin -> -ey.
     ex = np.array([float(w.series.cos[0]) for w in waves])
     ey = np.array([-float(w.series.sin[0]) for w in waves])
-    middle = np.array([(b.low + b.high) / 2 for b in segments.bands])
+    middle = np.array([b.middle for b in segments.bands])
     if middle.size == 1 or np.ptp(middle) < 1.0:
         return (float(np.median(ex)), float(np.median(ey))), (0.0, 0.0)
     (tx, ex0), (ty, ey0) = np.polyfit(middle, ex, 1), np.polyfit(middle, ey, 1)

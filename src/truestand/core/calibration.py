@@ -9,11 +9,11 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
-from truestand.core.scan import AngleSource, Scan
+from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
+from truestand.core.units import um
 
 Method = Literal["stand", "paper"]
-AngleZero = Literal["index", "home", "witness", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +71,23 @@ class StaticProfile:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A question that the scan answers about itself. ``value`` and ``limit`` carry the unit named in ``name``."""
+    """A test of a scan against a limit. ``value`` and ``limit`` carry the unit named in ``name``."""
 
     name: str
     value: float
     limit: float
     ok: bool
     advice: str
+
+    @classmethod
+    def at_most_um(cls, name: str, value: float, limit: float, advice: str) -> "Check":
+        """Passed where the size of ``value`` is at most ``limit``, both mm; the check states them in um."""
+        return cls(name, um(value), um(limit), abs(value) <= limit, advice)
+
+    @property
+    def reason(self) -> str:
+        """Why a calibration is not trusted where the check failed."""
+        return f"{self.name}: {self.value:.3g} (limit {self.limit:.3g}); {self.advice}"
 
 
 @dataclass(frozen=True, slots=True)

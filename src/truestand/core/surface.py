@@ -53,8 +53,7 @@ class Surface:
         One sample a profile: the mean of its points within ``width`` mm about ``height``. Where a profile shows
         several surfaces at that height (a chamfer, a flank) the mean is of all of them.
         """
-        with np.errstate(invalid="ignore"):
-            near = np.abs(self.z - height) <= width / 2
+        near = np.abs(self.z - height) <= width / 2
         count = near.sum(axis=1)
         rows = count > 0
         x = np.where(near[rows], self.x[rows], 0.0).sum(axis=1) / count[rows]
@@ -81,7 +80,7 @@ def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
 
 def table_angle(scan: Scan, calibration: Calibration) -> Array:
     """Table angle (N,) rad with the speed that the calibration found, where the scan has no angle of its own."""
-    if scan.angle_source in ("index", "time") and calibration.speed_factor != 1.0:
+    if scan.free_speed and calibration.speed_factor != 1.0:
         return np.asarray(scan.angle[0] + (scan.angle - scan.angle[0]) * calibration.speed_factor)
     return scan.angle
 

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from truestand.core.arrays import Array, Ints
+from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
 from truestand.form.associate import Feature, FittedFeature, associate, cylinder_at, upright
 from truestand.form.upr import transmission, upr_filter
@@ -19,7 +20,6 @@ from truestand.form.zone import Distance, Kind, Zone, zone
 
 Reference = Literal["LSC", "MZC", "MIC", "MCC"]
 
-K = 2.0
 ROUND_FEATURES: tuple[Feature, ...] = ("circle", "cylinder")
 NOISE_POINTS = 20_000
 """Points whose nearest neighbours the noise is estimated from."""
@@ -55,7 +55,7 @@ class Form:
     n: int
     cutoff_upr: float | None
     noise: float
-    """Upper estimate of one point's standard deviation: from differences of nearest neighbours, form between them included."""
+    """Standard deviation of one point at most: from differences of nearest neighbours, form between them included."""
     noise_floor: float
     """Expected ``form`` of a perfect feature with that noise."""
     U: dict[str, float]

@@ -42,8 +42,7 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
         NotEnoughData: fewer than a tenth of the cells hold readings.
     """
     around, along = cells
-    with np.errstate(invalid="ignore"):
-        on = (surface.z >= low) & (surface.z < high)
+    on = (surface.z >= low) & (surface.z < high)
     x, y, z = (part[on] for part in (surface.x, surface.y, surface.z))
     deviation = np.hypot(x, y) - radius
     near = np.abs(deviation) < NEAR_MM

@@ -11,10 +11,10 @@ from math import degrees, hypot, inf, sqrt
 import numpy as np
 
 from truestand.core.arrays import Array
+from truestand.core.assumptions import K
 from truestand.core.calibration import Contribution, Uncertainty
 from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, RADIAL, TILT, UNKNOWNS
 
-K = 2.0
 TWO_SIGMA = 0.9545
 DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
 HALF_TURN = 180.0

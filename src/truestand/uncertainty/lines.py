@@ -6,6 +6,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
+from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
 from truestand.core.stand import Sensor
 
@@ -15,7 +16,6 @@ TEMPERATURE = "temperature of the part (assumed)"
 BEARING = "table bearing (assumed)"
 ZERO = "zero of the table angle (assumed)"
 NOISE = "noise"
-K = 2.0
 
 
 def line(name: str, U: float, distribution: str = "normal") -> Contribution:
