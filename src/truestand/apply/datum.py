@@ -80,16 +80,15 @@ def datum_of(calibration: Calibration, name: DatumName, bore_clearance: float = 
     source = "measured by several clampings" if axis is not None else "taken for coaxial with the base"
     seat_name = SEAT if seat is None else seat.name
     at = UNSTATED_DISTANCE_MM / 2 if seat is None else seat.middle
-    offset = (0.0, 0.0) if axis is None else _at(axis, at)
+    x, y, slope_x, slope_y = (0.0, 0.0, 0.0, 0.0) if axis is None else axis.at(at)
     if name == "seat":
-        slope = (0.0, 0.0) if axis is None else (axis.slope_x, axis.slope_y)
         length = UNSTATED_DISTANCE_MM if seat is None else seat.length
         U_slope = U / length * (1.0 if axis is None else SLOPE_OF_OFFSET)
-        stands = (offset[0] - slope[0] * at, offset[1] - slope[1] * at, *slope)
+        stands = (x - slope_x * at, y - slope_y * at, slope_x, slope_y)
         return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat_name}, {source}")
     low = at - UNSTATED_DISTANCE_MM if base is None else base.middle
-    slope = (offset[0] / (at - low), offset[1] / (at - low))
-    stands = (-slope[0] * low, -slope[1] * low, *slope)
+    slope_x, slope_y = x / (at - low), y / (at - low)
+    stands = (-slope_x * low, -slope_y * low, slope_x, slope_y)
     # The common axis leaves the base's at its middle, so all that is open on the seat is a slope about there.
     hinge = Contribution(line.name, 0.0, 0.0, "normal", 1.0)
     remark = f"the common axis of base and {seat_name}, {source}"
@@ -143,8 +142,3 @@ def _coaxiality(seat: Cylinder | None, axis: StepAxis | None) -> tuple[float, st
         return axis.U, ""
     stated = None if seat is None else seat.coaxiality_U
     return (COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
-
-
-def _at(axis: StepAxis, height: float) -> tuple[float, float]:
-    lever = height - axis.height
-    return axis.x + axis.slope_x * lever, axis.y + axis.slope_y * lever

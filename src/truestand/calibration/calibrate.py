@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from truestand.calibration.height import with_height
 from truestand.calibration.paper import calibrate_paper
-from truestand.calibration.refine import refine
+from truestand.calibration.refine import Refined, refine
 from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import Segments, segment
 from truestand.calibration.start import rough_stand
@@ -36,11 +36,19 @@ def calibrate_by_both(scan: Scan, artefact: Artefact) -> tuple[Calibration, Cali
     return _exact(scan, artefact, segments), _published(scan, artefact, segments)
 
 
-def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+def fit_of(scan: Scan, artefact: Artefact, segments: Segments) -> Refined:
+    """The exact model fitted to all that the scan shows of the artefact, heights counted from its shoulder.
+
+    Raises:
+        NotEnoughData: as ``calibrate``.
+    """
     start = rough_stand(scan, segments, artefact)
     fit = refine(scan, segments, artefact, start)
-    fit = with_height(scan, artefact, fit)
-    return _with_scan_reasons(calibration_of(scan, artefact, fit), scan)
+    return with_height(scan, artefact, fit)
+
+
+def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+    return _with_scan_reasons(calibration_of(scan, artefact, fit_of(scan, artefact, segments)), scan)
 
 
 def _published(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:

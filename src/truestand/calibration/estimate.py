@@ -1,6 +1,6 @@
 """Gauss-Newton on surface cells, held by what is known beforehand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ SLACK = 1e-5
 """Cost, absolute and relative, that a step may add: near the end the linear model is as true as the cost."""
 SETTLED = 1e-7
 """mm or rad: a tenth of a nanometre is still."""
-STILL = 1e-4
+NEGLIGIBLE_STEP = 1e-4
 """A step this small against the unknown's own standard uncertainty changes nothing that anyone could see."""
 MODEL_U = 1e-4
 """mm: the model is no truer than this, however many readings there are.
@@ -41,9 +41,10 @@ class Solution:
     """(n,) mm, one a cell."""
     weights: Array
     """(n,) 1/mm2: how much each cell counts."""
-    steps: int
-    converged: bool
-    stuck: bool
+    noise: "Noise"
+    steps: int = 0
+    converged: bool = False
+    stuck: bool = False
     """Given up, because steps had to be halved again and again."""
 
 
@@ -62,38 +63,26 @@ def gauss_newton(
         steps += 1
         normal = at.information + np.diag(precision)
         change = -solve(normal, at.gradient + precision * at.parameters)
-        still = np.maximum(settled, STILL * _standard_uncertainty(normal)[:UNKNOWNS])
+        still = np.maximum(settled, NEGLIGIBLE_STEP * _standard_uncertainty(normal)[:UNKNOWNS])
         converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
-        if not converged:  # a step too small to matter is not worth another look at all cells
-            p, more = _bettering(model, cells, at, change, precision)
+        if not converged:  # a step too small to matter is not worth another pass over all cells
+            p, more = _improved(model, cells, at, change, precision)
             at = _linearised(model, cells, p)
             halvings += more
-    stuck = halvings >= MOST_HALVINGS
-    return Solution(at.parameters, at.gradient, at.information, at.residuals, at.weights, steps, converged, stuck)
+    return replace(at, steps=steps, converged=converged, stuck=halvings >= MOST_HALVINGS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Linearised:
-    """The data's cost about some parameters: its noise, and what ``Solution`` says of it."""
-
-    parameters: Array
-    residuals: Array
-    weights: Array
-    gradient: Array
-    information: Array
-    noise: "Noise"
-
-
-def _linearised(model: Model, cells: Cells, p: Array) -> _Linearised:
+def _linearised(model: Model, cells: Cells, p: Array) -> Solution:
+    """The data's cost about some parameters."""
     residuals, jacobian = model.linearised(p, cells.readings)
     noise = noise_of(residuals, cells.weight)
     weights = noise.weights(residuals, cells.weight)
     weighted = jacobian * weights[:, None]
-    return _Linearised(p, residuals, weights, weighted.T @ residuals, weighted.T @ jacobian, noise)
+    return Solution(p, weighted.T @ residuals, weighted.T @ jacobian, residuals, weights, noise)
 
 
-def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, precision: Array) -> tuple[Array, int]:
-    """The parameters after a step that betters the robust cost, and how often it was halved for that.
+def _improved(model: Model, cells: Cells, at: Solution, change: Array, precision: Array) -> tuple[Array, int]:
+    """The parameters after a step that lowers the robust cost, and how often it was halved for that.
 
     Under a nearly centred shaft the scan hardly sees the laser plane, and far along that direction the other unknowns
     follow in a curve (sag is quadratic). Where the straight step fails they are solved again for the new plane; where
@@ -101,18 +90,22 @@ def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, preci
     """
     p, noise = at.parameters, at.noise
     before = SLACK + (1.0 + SLACK) * noise.cost(at.residuals, cells.weight, p, precision)
+
+    def cost(tried: Array) -> float:
+        return noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision)
+
     for halvings in range(MOST_HALVINGS_A_STEP):
         tried = p + change
-        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+        if cost(tried) <= before:
             return tried, halvings
-        tried = _following(model, cells, tried, noise, precision)
-        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+        tried = _others_solved(model, cells, tried, noise, precision)
+        if cost(tried) <= before:
             return tried, halvings
         change = change / 2
     return p + change, MOST_HALVINGS_A_STEP
 
 
-def _following(model: Model, cells: Cells, p: Array, noise: "Noise", precision: Array) -> Array:
+def _others_solved(model: Model, cells: Cells, p: Array, noise: "Noise", precision: Array) -> Array:
     """One Gauss-Newton step of all unknowns but the laser plane's."""
     residuals, jacobian = model.linearised(p, cells.readings)
     weighted = jacobian * noise.weights(residuals, cells.weight)[:, None]

@@ -55,14 +55,11 @@ def calibration_of(
     ``coaxiality_U``: mm, of the steps' axes where more than the certificate is known of them.
     ``further``: covariance (p, p) of the unknowns from other sources, by name.
     """
-    posterior = weigh(
-        fit.solution, fit.score_covariance, fit.priors, plane_identifiable(scan, artefact, fit, coaxiality_U)
-    )
-    posterior = replace(posterior, parts=posterior.parts | (further or {}))
-    fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
-    p = posterior.parameters
+    identifiable = plane_identifiable(scan, artefact, fit, coaxiality_U)
+    p, parts = weigh(fit.solution, fit.score_covariance, fit.priors, identifiable)
+    fit = replace(fit, solution=replace(fit.solution, parameters=p))
+    geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in (parts | (further or {})).items()}
     static = static_profiles(artefact, fit)
-    geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in posterior.parts.items()}
     stated = {q.name: q.u for q in reversed(fit.priors)}
     budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
     residuals = residuals_of(scan, fit)
@@ -82,7 +79,7 @@ def calibration_of(
         static_profiles=static,
         uncertainty=budget,
         covariance_names=GEOMETRY[:UNKNOWNS],
-        covariance=posterior.covariance[:UNKNOWNS, :UNKNOWNS],
+        covariance=np.asarray(sum(geometry.values())),
         repeatability=geometry["noise"],
         not_identifiable=_not_identifiable(scan, fit, budget),
         checks=checks,

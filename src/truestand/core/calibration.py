@@ -150,10 +150,15 @@ class StepAxis:
     height: float
     U: float
 
+    def at(self, height: float) -> tuple[float, float, float, float]:
+        """x and y (mm) at a height (mm) in C, and the slopes."""
+        lever = height - self.height
+        return self.x + self.slope_x * lever, self.y + self.slope_y * lever, self.slope_x, self.slope_y
+
 
 @dataclass(frozen=True, slots=True)
 class Separated:
-    """A harmonic that several clampings told apart: amplitude cos(upr psi - phase), with U (k = 2) of the amplitude."""
+    """A harmonic that several clampings separated: amplitude cos(upr psi - phase), with U (k = 2) of the amplitude."""
 
     harmonic: Harmonic
     U: float
@@ -161,7 +166,7 @@ class Separated:
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """What several scans with the shaft clamped again at known angles tell apart."""
+    """What several scans separate whose shaft was clamped again at known angles."""
 
     clamped: tuple[float, ...]
     """rad, ccw from above, one a scan."""
@@ -171,9 +176,9 @@ class Positions:
     form: tuple[Separated, ...]
     """The shaft's own, in C of the last scan."""
     bearing: tuple[Separated, ...]
-    """The table's, as it would look as form (at psi = -theta); once per turn can't be told from eccentricity."""
+    """The table's, as it would look as form (at psi = -theta); once per turn can't be separated from eccentricity."""
     inseparable: tuple[int, ...]
-    """Harmonics that these angles can't tell apart: they stand in ``form``."""
+    """Harmonics that these angles can't separate: they stand in ``form``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +192,7 @@ class Calibration:
     angle_source: AngleSource
     angle_zero: AngleZero
     angle_U: float | None = None
-    """rad, k = 2: how well the zero of the angle is known where a witness band told it (``transfer``)."""
+    """rad, k = 2: how well the zero of the angle is known where a witness band gave it (``transfer``)."""
     speed_factor: float = 1.0
     """Estimated over stated table speed; 1 with an angle of the scan's own."""
     rad_per_profile: float | None = None

@@ -70,7 +70,7 @@ class Defect:
     second_score: float | None = None
     """IsolationForest, 0..1, where scikit-learn is installed."""
     U: float | None = None
-    """Of the depth (k = 2), where it is told."""
+    """Of the depth (k = 2), mm, where it is known."""
     verdict: Verdict | None = None
     """Of a tooth that is missing, broken or chipped, or may be; None: only listed."""
 

@@ -29,7 +29,7 @@ class Surface:
     y: Array
     z: Array
     scan: Scan | None = None
-    """The scan that was rolled up, and the calibration that did it: what an inspection takes its doubt from."""
+    """The scan that was rolled up, and the calibration that did it: what an inspection takes its uncertainty from."""
     calibration: Calibration | None = None
 
     @property
