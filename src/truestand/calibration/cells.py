@@ -51,7 +51,7 @@ class Grid:
         return np.concatenate([np.full(e.size - 1, k, dtype=np.intp) for k, e in enumerate(self.edges)])
 
     def lookup(self) -> tuple[Ints, float]:
-        """Bin index (B = none) over height in steps of ``LOOKUP_MM`` from the start returned, a guard cell at each end."""
+        """Bin (B = none) over height in steps of ``LOOKUP_MM`` from the returned start, a guard cell at each end."""
         low = min(e[0] for e in self.edges) - 2 * LOOKUP_MM
         high = max(e[-1] for e in self.edges) + 2 * LOOKUP_MM
         at = low + LOOKUP_MM * (np.arange(int((high - low) / LOOKUP_MM) + 2) + 0.5)

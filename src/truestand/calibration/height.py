@@ -18,17 +18,18 @@ from truestand.core.frames import (
     TILT_X,
     TILT_Y,
     UNKNOWNS,
+    in_rotor,
     shaft_from_rotor,
 )
 from truestand.core.scan import Scan
 
 SAMPLED_PROFILES = 1000
-FACE_REACH = 0.3
-"""mm: half-height of the slab in which the face's points lie once the model is known."""
-MOST_SLOPE = 0.03
-"""mm by which the inner and the outer half of a face may differ in height."""
-EDGE_REACH = 1.5
-"""mm: how far from its expected place the edge of a cylinder is looked for."""
+FACE_REACH_MM = 0.3
+"""Half-height of the slab in which the face's points lie once the model is known."""
+MOST_FACE_SLOPE_MM = 0.03
+"""By which the inner and the outer half of a face may differ in height."""
+EDGE_REACH_MM = 1.5
+"""How far from its expected place the edge of a cylinder is searched for."""
 LEAST_POINTS = 50
 
 
@@ -56,15 +57,9 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     rows = scan.spread(SAMPLED_PROFILES)
     u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
-    c, s = np.cos(angle), np.sin(angle)
-    beside, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
-    in_rotor = (c * u + s * beside, c * beside - s * u, level)
-    pose = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
-    a, b, h = (
-        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
-        for i in range(3)
-    )
-    return np.hypot(a, b), h
+    y, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
+    points = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(np.stack([*in_rotor(u, y, angle), level], axis=-1))
+    return np.hypot(points[..., 0], points[..., 1]), points[..., 2]
 
 
 def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
@@ -75,7 +70,7 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
     above = height - artefact.shoulder
-    on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
+    on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH_MM)
     face, across = above[on], radius[on]
     if face.size < LEAST_POINTS:
         return np.empty(0)
@@ -83,14 +78,14 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     if not inside.any():
         return np.empty(0)
     slope = float(np.median(face[~inside]) - np.median(face[inside]))
-    return face if abs(slope) < MOST_SLOPE else np.empty(0)
+    return face if abs(slope) < MOST_FACE_SLOPE_MM else np.empty(0)
 
 
 def _middle(heights: Array) -> float:
-    """The median of a slab of readings, with the slab moved to where it should be."""
+    """The median of a slab of readings, with the slab moved until it is centred on it."""
     middle = float(np.median(heights))
     for _ in range(5):
-        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH / 2]))
+        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH_MM / 2]))
     return middle
 
 
@@ -103,7 +98,7 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     lower, upper = artefact.cylinders[:2]
     larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
     beyond = outwards * (height - artefact.shoulder)
-    row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
+    row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH_MM) & (np.abs(beyond) < EDGE_REACH_MM))
     readings = beyond[row, column]
     order = np.lexsort((readings, row))
     row, readings = row[order], readings[order]

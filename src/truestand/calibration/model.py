@@ -13,7 +13,7 @@ at the end of this file.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import cos, hypot, sin
 
 import numpy as np
@@ -41,7 +41,7 @@ from truestand.core.frames import (
 )
 from truestand.core.scan import Scan
 
-LEAST_FACING = 0.1
+LEAST_COSINE = 0.1
 """Beyond 84 degrees a surface can't be seen."""
 STATIC_DEGREE = 7
 """Degree of the free static profile (Legendre); the sensor's smooth range error fits in it."""
@@ -114,28 +114,28 @@ class Model:
     """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
     static_spans: tuple[tuple[float, float], ...]
     """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
-    level: int = 0
+    longest: int = 0
     """The cylinder whose static profile has no slope, so that phi rests on it: the longest in view."""
     axes: tuple[tuple[float, float, float, float], ...] = ()
     """Offset x, y (mm) and slope x, y of the further cylinders' axes against the base's, as far as they are known; the
     unknowns count from there. Empty: coaxial."""
-    size: int = field(init=False, default=0)
 
-    def __post_init__(self) -> None:
-        further = 4 * (len(self.radii) - 1)
-        object.__setattr__(self, "size", len(GEOMETRY) + further + self._statics + self._forms)
+    @property
+    def size(self) -> int:
+        """Number of unknowns, p."""
+        return self._form_start + self._form_terms * len(self.radii)
 
     def static_degrees(self, cylinder: int) -> list[int]:
         """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
-        return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.level)]
+        return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.longest)]
 
     @property
-    def _statics(self) -> int:
-        return sum(len(self.static_degrees(k)) for k in range(len(self.radii)))
+    def _form_start(self) -> int:
+        return int(self.static_slice(len(self.radii)).start)
 
     @property
-    def _forms(self) -> int:
-        return 2 * max(self.orders - 1, 0) * len(self.radii)
+    def _form_terms(self) -> int:
+        return 2 * max(self.orders - 1, 0)
 
     def axis_slice(self, cylinder: int) -> slice:
         """Offset x, y (mm) and angle x, y (rad) of a further cylinder's axis against the base's."""
@@ -150,9 +150,8 @@ class Model:
 
     def form_slice(self, cylinder: int) -> slice:
         """Form: cos 2..orders, then sin 2..orders (mm)."""
-        each = 2 * max(self.orders - 1, 0)
-        start = self.size - self._forms + each * cylinder
-        return slice(start, start + each)
+        start = self._form_start + self._form_terms * cylinder
+        return slice(start, start + self._form_terms)
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
@@ -204,9 +203,9 @@ class Model:
         gradient = at.normal - lean * np.stack([-at.normal[1], at.normal[0], np.zeros_like(lean)])
         self._fill_geometry(jacobian, p, r, at, gradient)
         if k:
-            own = self.axis_slice(k).start
-            jacobian[:, own : own + 2] = jacobian[:, ECCENTRICITY]
-            jacobian[:, own + 2 : own + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
+            axis = self.axis_slice(k).start
+            jacobian[:, axis : axis + 2] = jacobian[:, ECCENTRICITY]
+            jacobian[:, axis + 2 : axis + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
         jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
         jacobian /= at.facing[:, None]
@@ -231,7 +230,7 @@ class Model:
         distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
         normal /= distance
         psi = np.arctan2(normal[1], normal[0])
-        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_FACING)
+        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
         return _ReadingGeometry(
             across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards
         )
@@ -336,7 +335,7 @@ def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughSt
         orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
         static_axis=axis,
         static_spans=tuple(spans),
-        level=segments.longest,
+        longest=segments.longest,
     )
 
 
@@ -404,9 +403,9 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             slope = coaxiality / 2 / cylinder.length
             priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
             priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
-        own, forms = model.static_slice(k), model.form_slice(k)
+        statics, forms = model.static_slice(k), model.form_slice(k)
         low, high = model.static_spans[k]
-        for i, degree in enumerate(model.static_degrees(k), own.start):
+        for i, degree in enumerate(model.static_degrees(k), statics.start):
             # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
             # the base may be wrong in the drawing.
             u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0

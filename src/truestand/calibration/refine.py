@@ -20,7 +20,7 @@ from truestand.calibration.model import (
     start_values,
 )
 from truestand.calibration.segment import Segments
-from truestand.calibration.start import WHOLE, RoughStand, repeats_within
+from truestand.calibration.start import WHOLE_TURN, RoughStand, repeats_within
 from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
@@ -200,7 +200,7 @@ def _with_orders(view: _View, fit: Refined, orders: int) -> Refined:
 
 def _orders(fit: Refined, scan: Scan) -> int:
     """Highest form harmonic that stands out of the residuals, if it is more than the majority of the traces needed."""
-    if scan.revolutions < WHOLE:
+    if scan.revolutions < WHOLE_TURN:
         return fit.model.orders
     residuals, readings = fit.solution.residuals, fit.cells.readings
     psi = fit.model.angle(fit.solution.parameters, readings.angle)

@@ -168,8 +168,8 @@ def in_table(pose: Pose, x: Array, z: Array) -> tuple[Array, Array]:
     return r[0, 0] * x + r[0, 2] * z + t[0], r[2, 0] * x + r[2, 2] * z + t[2]
 
 
-def in_rotor(x: Array, y: Array, angle: Array) -> tuple[Array, Array]:
-    """x and y in R of points x, y of T at table angles (rad), all of one shape: p_R = Rz(-angle) p_T."""
+def in_rotor(x: Array | float, y: Array | float, angle: Array) -> tuple[Array, Array]:
+    """x and y in R of points x, y of T at table angles (rad): p_R = Rz(-angle) p_T."""
     c, s = np.cos(angle), np.sin(angle)
     return c * x + s * y, c * y - s * x
 

@@ -89,7 +89,7 @@ def monte_carlo(
     """
     rng = np.random.default_rng(seed)
     whole = np.asarray(sum(parts.values()))
-    drawn = p + rng.standard_normal((trials, UNKNOWNS)) @ _root(whole).T
+    drawn = p + rng.standard_normal((trials, UNKNOWNS)) @ square_root(whole)[0].T
     values, best = _quantities(drawn), _quantities(p[None])
     off = {key: values[key] - best[key] for key in values}
     for i in inputs:
@@ -101,11 +101,13 @@ def monte_carlo(
     return {key: float(np.quantile(np.abs(o), TWO_SIGMA)) for key, o in off.items()}
 
 
-def _root(covariance: Array) -> Array:
-    """A square root (n, n) of a covariance whose unknowns have very different units."""
+def square_root(covariance: Array) -> tuple[Array, Array]:
+    """A square root (n, n) of a covariance whose unknowns have very different units, and the squared weight (n,) of
+    each of its columns once all unknowns have one unit, the largest last.
+    """
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), values
 
 
 def _quantities(p: Array) -> dict[str, Array]:
