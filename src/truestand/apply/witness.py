@@ -210,10 +210,7 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
 
 def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
     """Deviation (N, M) mm of the readings from the calibrated shaft, its form and the static profile included."""
-    deviation = surface.radius - band.cylinder.radius
-    for h in calibration.harmonics:
-        if h.surface == band.cylinder.name:
-            deviation = deviation - h.amplitude * np.cos(h.upr * surface.angle - h.phase)
+    deviation = surface.radius - band.cylinder.radius - calibration.form_of(band.cylinder.name, surface.angle)
     for s in calibration.static_profiles:
         if s.surface == band.cylinder.name:
             deviation = deviation - np.interp(surface.z, s.height, s.deviation)

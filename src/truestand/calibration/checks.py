@@ -7,7 +7,7 @@ import numpy as np
 from truestand.calibration.estimate import MOST_STEPS
 from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
-from truestand.calibration.segment import LEAST_SHARE, SURE, Segments
+from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
 from truestand.core.scan import AngleZero, Scan
@@ -50,10 +50,11 @@ def checks_of(
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("drawing explains the view, share", fit.segments.explained, LEAST_SHARE,
-              fit.segments.explained >= LEAST_SHARE,
+        Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
+              fit.segments.explained >= LEAST_EXPLAINED,
               "check the diameters and lengths in shaft.toml and what else is in view"),
-        Check("surfaces told apart, confidence", fit.segments.confidence, SURE, fit.segments.confidence >= SURE,
+        Check("surfaces told apart, confidence", fit.segments.confidence, LEAST_CONFIDENCE,
+              fit.segments.confidence >= LEAST_CONFIDENCE,
               "bring a step and an end of the shaft into view; check shaft.toml"),
         Check.at_most_um("residual, um rms", residuals.rms, MOST_RESIDUAL_MM,
                          "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),

@@ -58,8 +58,13 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
     y, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
-    points = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(np.stack([*in_rotor(u, y, angle), level], axis=-1))
-    return np.hypot(points[..., 0], points[..., 1]), points[..., 2]
+    rotor = (*in_rotor(u, y, angle), level)
+    pose = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
+    x, y, height = (
+        sum((pose.rotation[i, j] * rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
+        for i in range(3)
+    )
+    return np.hypot(x, y), height
 
 
 def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:

@@ -33,7 +33,7 @@ from truestand.core.frames import (
     table_from_sensor,
 )
 from truestand.core.scan import Scan
-from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN, Input, budget_of
+from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN_DEG, Input, budget_of
 from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
 
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
@@ -158,7 +158,7 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
         names.append("laser_plane_offset_mm")
     if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
         names.append("laser_plane_tilt_deg")
-    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN]
+    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN_DEG]
     if not fit.segments.shoulder_seen:
         names.append("height")
     return tuple(names)

@@ -8,7 +8,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
+from truestand.core.frames import ECCENTRICITY, ECCENTRICITY_Y, Pose, sensor_parameters, shaft_parameters
 from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
 from truestand.core.units import um
@@ -102,7 +102,7 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class ScanSummary:
-    """Which scan a calibration rests on."""
+    """The scan that a calibration was made from: its hash and size."""
 
     sha256: str
     profiles: int
@@ -131,7 +131,7 @@ class PaperFigures:
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """Where the shaft's axis may stand: half axes U (k = 2 along each) in mm, azimuth of the longer one in rad."""
+    """Uncertainty of a position: half axes U (k = 2 along each) in mm, azimuth of the longer one in rad."""
 
     major: float
     minor: float
@@ -223,7 +223,7 @@ class Calibration:
 
     @property
     def status(self) -> Literal["valid", "untrusted"]:
-        """Whether the calibration may carry a verdict."""
+        """Whether a verdict may rest on the calibration."""
         return "untrusted" if self.reasons else "valid"
 
     @property
@@ -259,25 +259,25 @@ class Calibration:
 
         The fit's covariance, with what else is in the budget added along the eccentricity and across it.
         """
-        if self.covariance.shape[0] < 6 or "eccentricity_um" not in self.uncertainty:
+        if self.covariance.shape[0] <= ECCENTRICITY_Y or "eccentricity_um" not in self.uncertainty:
             return None
         ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
         size = hypot(ex, ey)
         along = np.array([ex, ey]) / size if size > 0 else np.array([1.0, 0.0])
         across = np.array([-along[1], along[0]])
-        whole = self.covariance[4:6, 4:6].copy()
+        covariance = self.covariance[ECCENTRICITY, ECCENTRICITY].copy()
         # What the budget has beyond the fit (bearing, scale, linearity) is known along the vector; across it, the
         # bearing's part is in the direction's U, which is capped where there is no direction.
-        beyond = (self.uncertainty["eccentricity_um"].U / 2000.0) ** 2 - float(along @ whole @ along)
-        aside = float(np.sum([(c.U / 2 * size * np.pi / 180) ** 2 for c in self._aside()]))
-        whole += max(beyond, 0.0) * np.outer(along, along) + aside * np.outer(across, across)
-        values, vectors = np.linalg.eigh(whole)
+        beyond = (self.uncertainty["eccentricity_um"].U / 2000.0) ** 2 - float(along @ covariance @ along)
+        across_u2 = float(np.sum([(c.U / 2 * size * np.pi / 180) ** 2 for c in self._across_lines()]))
+        covariance += max(beyond, 0.0) * np.outer(along, along) + across_u2 * np.outer(across, across)
+        values, vectors = np.linalg.eigh(covariance)
         major = vectors[:, 1]
         return Ellipse(
             2 * float(np.sqrt(values[1])), 2 * float(np.sqrt(max(values[0], 0.0))), atan2(major[1], major[0])
         )
 
-    def _aside(self) -> list[Contribution]:
+    def _across_lines(self) -> list[Contribution]:
         """Lines of the direction's budget that the fit's covariance doesn't hold."""
         lines = self.uncertainty.get("eccentricity_direction_deg")
         return (
@@ -295,6 +295,14 @@ class Calibration:
         """Azimuth in R towards which the shaft leans going up, rad; None where it stands too straight to have one."""
         _, _, tx, ty = shaft_parameters(self.shaft_from_rotor)
         return self._known("tilt_direction_deg", atan2(ty, tx))
+
+    def form_of(self, surface: str, angle: Array) -> Array:
+        """Form (any shape) mm of a surface at polar angles (rad) in C, by its harmonics."""
+        form = np.zeros_like(angle)
+        for h in self.harmonics:
+            if h.surface == surface:
+                form += h.amplitude * np.cos(h.upr * angle - h.phase)
+        return form
 
     def _known(self, key: str, value: float) -> float | None:
         return None if key in self.not_identifiable or self.method == "paper" else value

@@ -181,7 +181,7 @@ def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple
 def profile_number(recording: Recording) -> Array:
     """Which profile since the start each one is (N,): by the sensor's counter where there is one, lost ones included.
 
-    A counter that starts again at a power of two (8 bits and more) goes on.
+    A counter that overflows at a power of two (8 bits and more) is continued.
     """
     if recording.counter is None:
         return np.arange(recording.x.shape[0], dtype=np.float64)

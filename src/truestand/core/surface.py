@@ -63,10 +63,10 @@ class Surface:
 
 
 def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
-    """The scan's points in C, by the calibration as it stands: ``transfer.roll`` asks first whether it may be applied.
+    """The scan's points in C, by the calibration as it is: ``transfer.roll`` checks first whether it may be applied.
 
     The calibration's own method decides: ``stand`` moves the axis (exact), ``paper`` subtracts the published
-    compensation wave from the radial coordinate (and leaves what that leaves).
+    compensation wave from the radial coordinate (docs/theory.md, *Reading the paper*, on what that leaves).
     """
     angle = table_angle(scan, calibration)
     chains = _published_chains if calibration.method == "paper" else _chains
