@@ -62,7 +62,7 @@ def by_index():
     return calibrate(scan_of("mirrored, from above, clockwise"), shaft())
 
 
-def test_the_same_stand_leaves_no_doubt(by_index):
+def test_a_scan_of_the_same_stand_gives_no_reasons(by_index):
     tied = transfer(scan_of("mirrored, from above, clockwise"), by_index)
     assert tied.calibration.reasons == ()
     assert tied.calibration.angle_zero == "index"
@@ -90,7 +90,7 @@ def test_the_shaft_in_view_ties_a_scan_that_starts_elsewhere(start, zero):
     assert tied.witness.surfaces == ("base",)
 
 
-def test_wild_and_lost_readings_do_not_matter():
+def test_outliers_and_lost_readings_do_not_change_the_tie():
     scan = part_scan("home", "unknown", acquisition={"start_angle": 1.0}, optics={"outliers": 0.2, "dropouts": 0.1})
     tied = transfer(scan, calibrated("home"))
     assert tied.calibration.status == "valid"

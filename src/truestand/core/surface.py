@@ -69,8 +69,8 @@ def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
     compensation wave from the radial coordinate (docs/theory.md, *Reading the paper*, on what that leaves).
     """
     angle = table_angle(scan, calibration)
-    chains = _published_chains if calibration.method == "paper" else _chains
-    out = _affine(scan, *chains(calibration.table_from_sensor, calibration.shaft_from_rotor, angle))
+    roll = _published if calibration.method == "paper" else _affine
+    out = roll(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
     out.flags.writeable = False
     return Surface(out[0], out[1], out[2], scan, calibration)
 
@@ -82,8 +82,9 @@ def table_angle(scan: Scan, calibration: Calibration) -> Array:
     return scan.angle
 
 
-def _affine(scan: Scan, gain_x: Array, gain_z: Array, shift: Array) -> Array:
-    """Points (3, N, M) mm of C from each profile's gains by x and by z, and its shift (N, 3)."""
+def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
+    """Points (3, N, M) mm of C by the rigid chain."""
+    gain_x, gain_z, shift = _chains(table_from_sensor, shaft_from_rotor, angle)
     out = np.empty((3, *scan.x.shape))
     buffer = np.empty((BLOCK, scan.x.shape[1]))
     for first in range(0, scan.profiles, BLOCK):
@@ -112,15 +113,21 @@ def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tu
     return gains[:, :, 0], gains[:, :, 2], shift
 
 
-def _published_chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tuple[Array, Array, Array]:
-    """The same for steps 5, 8 and 9 of the paper: radial less the compensation wave, then rolled up."""
+def _published(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
+    """The same by steps 5, 8 and 9 of the paper: radial less the compensation wave, then rolled up."""
     ex, ey, _, _ = shaft_parameters(shaft_from_rotor)
-    c, s = np.cos(angle), np.sin(angle)
     rotation, translation = table_from_sensor.rotation, table_from_sensor.translation
-    direction = np.column_stack([c, -s])  # of the radial coordinate in C
-    radial = translation[0] - (ex * c - ey * s)
-    gains = [np.column_stack([rotation[0, i] * direction, np.full(angle.size, rotation[2, i])]) for i in (0, 2)]
-    return gains[0], gains[1], np.column_stack([radial[:, None] * direction, np.full(angle.size, translation[2])])
+    c, s = np.cos(angle), np.sin(angle)
+    wave = ex * c - ey * s
+    out = np.empty((3, *scan.x.shape))
+    for first in range(0, scan.profiles, BLOCK):
+        rows = slice(first, min(first + BLOCK, scan.profiles))
+        x, z = scan.x[rows], scan.z[rows]
+        radial = rotation[0, 0] * x + rotation[0, 2] * z + (translation[0] - wave[rows])[:, None]
+        out[0, rows] = radial * c[rows, None]
+        out[1, rows] = -radial * s[rows, None]
+        out[2, rows] = rotation[2, 0] * x + rotation[2, 2] * z + translation[2]
+    return out
 
 
 def sensor_origins(calibration: Calibration, angle: Array) -> Array:
