@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from truestand.parts.inspect import inspect
 
 # Names are imported when first used, so that `truestand --help` doesn't wait for numpy.
-_HOME = {
+_MODULES = {
     "Artefact": "core.artefact",
     "Calibration": "core.calibration",
     "Certificate": "core.artefact",
@@ -111,9 +111,9 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _MODULES:
         raise AttributeError(f"module 'truestand' has no attribute {name!r}")
-    return getattr(import_module(f"truestand.{_HOME[name]}"), name)
+    return getattr(import_module(f"truestand.{_MODULES[name]}"), name)
 
 
 def __dir__() -> list[str]:

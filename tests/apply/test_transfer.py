@@ -62,7 +62,7 @@ def by_index():
     return calibrate(scan_of("mirrored, from above, clockwise"), shaft())
 
 
-def test_the_same_stand_leaves_no_doubt(by_index):
+def test_a_scan_of_the_same_stand_gives_no_reasons(by_index):
     tied = transfer(scan_of("mirrored, from above, clockwise"), by_index)
     assert tied.calibration.reasons == ()
     assert tied.calibration.angle_zero == "index"
@@ -90,7 +90,7 @@ def test_the_shaft_in_view_ties_a_scan_that_starts_elsewhere(start, zero):
     assert tied.witness.surfaces == ("base",)
 
 
-def test_wild_and_lost_readings_do_not_matter():
+def test_outliers_and_lost_readings_do_not_change_the_tie():
     scan = part_scan("home", "unknown", acquisition={"start_angle": 1.0}, optics={"outliers": 0.2, "dropouts": 0.1})
     tied = transfer(scan, calibrated("home"))
     assert tied.calibration.status == "valid"
@@ -152,7 +152,7 @@ def test_roll_asks_what_transfer_asks():
     assert roll(scan, known).calibration.reasons == ()
     stand = replace(scan.stand, table=replace(scan.stand.table, direction="cw"))
     assert any("check [table] direction" in r for r in roll(replace(scan, stand=stand), known).calibration.reasons)
-    partial = replace(scan, doubts=("the scan is incomplete: 12 profiles lost; scan again",))
+    partial = replace(scan, reasons=("the scan is incomplete: 12 profiles lost; scan again",))
     assert "the scan is incomplete: 12 profiles lost; scan again" in roll(partial, known).calibration.reasons
     loose = part_scan("centred", "unknown")  # no direction in the band to tie it by
     assert any("counts from an unknown position" in r for r in roll(loose, calibrated("centred")).calibration.reasons)

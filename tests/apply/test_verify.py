@@ -1,4 +1,4 @@
-"""Does an old calibration still hold: moved things are named, doubt is not hidden."""
+"""Whether an old calibration still holds: what moved is named, what is not known well enough is undecided."""
 
 from dataclasses import replace
 from functools import cache

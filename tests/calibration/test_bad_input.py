@@ -72,7 +72,7 @@ def test_right_all_the_same(name):
     assert off < limit
 
 
-DOUBTED = {
+UNTRUSTED = {
     "50 lost profiles, nothing to tell": {"dropped": 50, "columns": ()},
     "50 lost profiles of 2.75 turns": {"dropped": 50, "columns": (), "profiles": 5500},
     "10 lost profiles of 2.75 turns": {"dropped": 10, "columns": (), "profiles": 5500},
@@ -81,21 +81,21 @@ DOUBTED = {
 }
 
 
-@pytest.mark.parametrize("name", tried(list(DOUBTED)[::2], *list(DOUBTED)[1::2]))
-def test_a_table_angle_that_can_not_be_right_is_doubted(name):
-    found, _ = calibrated(stand(acquisition=DOUBTED[name]))
+@pytest.mark.parametrize("name", tried(list(UNTRUSTED)[::2], *list(UNTRUSTED)[1::2]))
+def test_a_table_angle_that_can_not_be_right_makes_the_calibration_untrusted(name):
+    found, _ = calibrated(stand(acquisition=UNTRUSTED[name]))
     assert found.status == "untrusted"
     assert any("record" in r and "angle" in r for r in found.reasons)
 
 
 @pytest.mark.parametrize("share", tried([0.5], 0.6))
-def test_more_wild_readings_than_shaft_are_doubted(share):
+def test_more_outliers_than_shaft_make_the_calibration_untrusted(share):
     found, _ = calibrated(stand(optics={"outliers": share}))
     assert found.status == "untrusted"
     assert any("readings rejected" in r for r in found.reasons)
 
 
-def test_more_than_half_from_a_reflection_is_refused_or_doubted():
+def test_more_than_half_from_a_reflection_is_refused_or_untrusted():
     try:
         assert calibrated(stand(optics={"reflection": 0.5}))[0].status == "untrusted"
     except NotEnoughData as refused:
@@ -125,7 +125,7 @@ def test_a_wave_is_found_beside_a_flat(share):
     assert np.count_nonzero(found.outliers & flat) > 0.9 * np.count_nonzero(flat)
 
 
-def test_form_of_many_waves_is_not_foreign():
+def test_form_of_many_waves_has_no_outliers():
     angle = np.linspace(0, 2 * pi, 1000, endpoint=False)
     trace = 0.9 * np.cos(angle) + sum(0.02 / n * np.cos(n * angle - n) for n in range(2, 9))
     found = robust_wave(angle, trace)

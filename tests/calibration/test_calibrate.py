@@ -6,7 +6,8 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from truestand.calibration.calibrate import calibrate
+from truestand.calibration.calibrate import calibrate, fit_of
+from truestand.calibration.segment import segment
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
@@ -34,6 +35,16 @@ def test_the_numbers_are_right(name):
     assert abs(1000 * found.tilt - true["shaft"]["tilt_mrad"]) < 0.06
     assert found.table_from_sensor.is_proper
     assert found.shaft_from_rotor.is_proper
+
+
+def test_each_step_brings_phi_nearer_to_the_truth():
+    """The walk *why is phi wrong?* of CONTRIBUTING.md: the first step that is wrong names its file."""
+    scan, true = scan_of("plane off and tilted"), truth_of("plane off and tilted")["sensor"]["phi_deg"]
+    segments = segment(scan, shaft())
+    fit = fit_of(scan, shaft(), segments)
+    assert abs(degrees(segments.plane.phi) - true) < 0.1
+    assert abs(degrees(fit.plane.phi) - true) < 0.002
+    assert abs(degrees(calibrated("plane off and tilted").phi) - true) < 0.002
 
 
 @pytest.mark.parametrize("name", ["paper", "plane off and tilted"])
@@ -99,7 +110,7 @@ def test_the_form_comes_out_with_it():
             assert np.angle(np.exp(1j * (found[surface, n].phase - 0.3 * n))) == pytest.approx(0, abs=1.5e-4 * n / 0.02)
 
 
-def test_a_centred_shaft_says_what_it_can_not_tell():
+def test_a_centred_shaft_names_what_is_not_identifiable():
     found = calibrated("centred")
     assert "laser_plane_offset_mm" in found.not_identifiable
     assert found.plane_offset is None
@@ -111,7 +122,7 @@ def test_a_centred_shaft_says_what_it_can_not_tell():
     assert found.uncertainty["eccentricity_direction_deg"].U == 180.0
 
 
-def test_a_sensor_less_linear_than_its_data_sheet_is_doubted_by_what_its_scan_shows():
+def test_a_sensor_less_linear_than_its_data_sheet_has_the_linearity_that_its_scan_shows():
     found, true = calibrated("sensor 25 um non-linear"), truth_of("sensor 25 um non-linear")
     phi = found.uncertainty["phi_deg"]
     assert phi.contributions[0].name == "linearity of the sensor"

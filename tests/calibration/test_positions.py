@@ -1,4 +1,4 @@
-"""Several clampings tell apart what one scan can't: laser plane and coaxiality, shaft and bearing."""
+"""Several clampings separate what one scan can't: laser plane and coaxiality, shaft and bearing."""
 
 from dataclasses import replace
 from functools import cache
@@ -67,7 +67,7 @@ def test_two_clampings_take_coaxiality_out_of_the_laser_plane():
     assert not both.not_identifiable
 
 
-def test_the_steps_axes_are_told():
+def test_the_axes_of_the_steps_are_estimated():
     (axis,) = found(0, 180).positions.axes
     # The simulator states the offset at the drawing's middle of the bearing, here it counts where it was seen.
     middle = sum(getattr(shaft().cylinders[1], end) for end in ("bottom", "top")) / 2
@@ -80,7 +80,7 @@ def test_the_pose_of_the_shaft_is_the_last_scans():
     assert found(0, 180).eccentricity == pytest.approx(0.85 + 0.0003 * 180, abs=2e-4)
 
 
-def test_form_and_bearing_come_apart():
+def test_form_and_bearing_are_separated():
     positions = found(0, 100).positions
     assert positions.inseparable == ()
     turn = radians(100)
@@ -93,7 +93,7 @@ def test_form_and_bearing_come_apart():
         assert abs(table.amplitude * np.exp(-1j * table.phase) - amplitude * np.exp(-1j * phase)) < 1e-4
 
 
-def test_half_a_turn_can_not_tell_even_harmonics():
+def test_half_a_turn_can_not_separate_even_harmonics():
     positions = found(0, 180).positions
     assert set(positions.inseparable) == {n for n in range(2, 40) if n % 2 == 0 and n <= max(positions.inseparable)}
     assert all(s.harmonic.upr % 2 for s in positions.bearing)
@@ -106,7 +106,7 @@ def test_a_sensor_that_moved_between_the_scans_is_not_trusted():
 
 
 @pytest.mark.parametrize("clamped", [(0.0,), (0.0, 0.05), (0.0, 2 * np.pi)])
-def test_angles_that_tell_nothing_are_refused(clamped):
+def test_angles_that_are_much_the_same_are_refused(clamped):
     with pytest.raises(BadRecipe, match="clamping angles"):
         calibrate_positions((scan(0), scan(180)), clamped, artefact())
 

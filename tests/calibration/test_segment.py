@@ -111,7 +111,7 @@ def test_a_shoulder_that_is_drawn_at_another_height_keeps_it():
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.01, 0.05, 0.2])
-def test_nothing_of_the_drawing_in_view_is_refused_or_doubted(bend):
+def test_nothing_of_the_drawing_in_view_is_refused_or_untrusted(bend):
     """A bowl, or a plate; no shaft."""
     x = np.tile(np.linspace(-10, 10, 160), (800, 1))
     view = Scan(x, 95 + bend * x**2, np.linspace(0, 6.28, 800), STANDS["paper"].stand(), "angle")
@@ -121,7 +121,7 @@ def test_nothing_of_the_drawing_in_view_is_refused_or_doubted(bend):
         assert "drawing" in str(refused)
 
 
-def test_a_drawing_of_another_shaft_is_doubted():
+def test_a_drawing_of_another_shaft_gives_reasons_or_fewer_bands():
     other = replace(shaft(), cylinders=(replace(shaft().base, diameter=20.0), shaft().cylinders[1]))
     found = segment(scan(Named({"phi": ABOVE}, acquisition=ANGLE)), other)
     assert found.reasons or len(found.bands) < 2
@@ -131,11 +131,11 @@ def test_isolated_readings_have_no_support():
     rng = np.random.default_rng(0)
     x = np.tile(np.linspace(-10, 10, 200), (50, 1))
     z = 95 + 0.3 * x + rng.normal(0, 0.01, x.shape)
-    wild = rng.random(x.shape) < 0.2
-    z[wild] = rng.uniform(70, 120, wild.sum())
+    spikes = rng.random(x.shape) < 0.2
+    z[spikes] = rng.uniform(70, 120, spikes.sum())
     good = supported(x, z)
-    far = wild & (np.abs(z - 95 - 0.3 * x) > 1.0)
-    assert good[~wild].mean() > 0.95
+    far = spikes & (np.abs(z - 95 - 0.3 * x) > 1.0)
+    assert good[~spikes].mean() > 0.95
     assert good[far].mean() < 0.1
 
 
@@ -154,7 +154,7 @@ def test_the_band_lies_on_the_cylinder():
 
 
 @pytest.mark.parametrize("seed", tried(range(4), *range(4, 12)))
-def test_random_shafts_are_right_or_said_to_be_doubtful(seed):
+def test_random_shafts_are_right_or_untrusted(seed):
     outcome = try_shaft(seed)
     assert outcome.status != "valid" or not outcome.wrong
 

@@ -112,7 +112,7 @@ def test_a_fault_while_recording_stops_the_stand(tmp_path, name):
     assert not taken.complete
     assert taken.fault in taken.written[0].scan.reasons
     scan = read_scan(taken.written[0].path)
-    assert scan.doubts and 0.1 < scan.revolutions < 0.9
+    assert scan.reasons and 0.1 < scan.revolutions < 0.9
     with pytest.raises(Fault, match="in fault since"):
         stand.take("b.h5")
     assert taken.fault in reset_latched_fault(stand.recipe)

@@ -88,7 +88,7 @@ def test_equal_readings_have_no_variation_and_one_value_no_category():
     assert gage_study(np.random.default_rng(3).normal(size=(3, 10, 3))).ndc == 1
 
 
-def test_rows_become_readings_and_an_unbalanced_study_is_told():
+def test_rows_become_readings_and_an_unbalanced_study_is_refused():
     rows = [(o, p, float(k)) for k in range(2) for p in ("1", "2") for o in ("Eva", "Jan")]
     readings, operators, parts = readings_of(rows)
     assert readings.shape == (2, 2, 2) and operators == ("Eva", "Jan") and parts == ("1", "2")

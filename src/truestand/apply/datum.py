@@ -10,7 +10,7 @@ from math import hypot, sqrt
 from typing import Literal
 
 from truestand.core.artefact import Cylinder
-from truestand.core.assumptions import COAXIALITY_U
+from truestand.core.assumptions import COAXIALITY_U, K
 from truestand.core.calibration import Calibration, Contribution, StepAxis
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor
@@ -21,8 +21,8 @@ COAXIALITY = "coaxiality of the datum"
 CLEARANCE = "bore clearance"
 SEAT = "seat"
 """A cylinder of that name is the seat; without one it is the first above the base."""
-UNSTATED_APART = 20.0
-"""mm between base and seat, and length of the seat, where the calibration carries no drawing."""
+UNSTATED_DISTANCE_MM = 20.0
+"""Between base and seat, and length of the seat, where the calibration carries no drawing."""
 SLOPE_OF_OFFSET = sqrt(12.0)
 """Over a length L, the slope of a line through evenly spread noise is known to sqrt(12) / L of what its middle is."""
 
@@ -47,21 +47,16 @@ class Datum:
 
     def lines(self, height: float) -> tuple[Contribution, ...]:
         """U (mm, k = 2) of the axis sideways at a height in C: ``contributions`` with what the slope adds there."""
-        lean = self.U_slope * abs(height - self.height)
-        kept = [c for c in self.contributions if c.name != self._coaxial]
-        own = next((c for c in self.contributions if c.name == self._coaxial), None)
-        U = hypot(lean, 0.0 if own is None else own.U)
+        coaxial = next((c for c in self.contributions if c.name.startswith(COAXIALITY)), None)
+        lines = [c for c in self.contributions if c is not coaxial]
+        U = hypot(self.U_slope * abs(height - self.height), 0.0 if coaxial is None else coaxial.U)
         if U > 0:
-            kept.append(Contribution(self._coaxial, U, U / 2, "normal", 1.0))
-        return tuple(sorted(kept, key=lambda c: -c.U))
+            lines.append(Contribution(COAXIALITY if coaxial is None else coaxial.name, U, U / K, "normal", 1.0))
+        return tuple(sorted(lines, key=lambda c: -c.U))
 
     def expanded(self, height: float) -> float:
         """U (mm, k = 2) of the axis sideways, in each direction, at a height in C."""
         return hypot(*(c.U for c in self.lines(height)))
-
-    @property
-    def _coaxial(self) -> str:
-        return next((c.name for c in self.contributions if c.name.startswith(COAXIALITY)), COAXIALITY)
 
 
 def datum_of(calibration: Calibration, name: DatumName, bore_clearance: float = 0.0) -> Datum:
@@ -81,23 +76,22 @@ def datum_of(calibration: Calibration, name: DatumName, bore_clearance: float = 
     base, seat = _cylinders(calibration)
     axis = _measured(calibration, seat)
     U, why = _coaxiality(seat, axis)
-    line = Contribution(f"{COAXIALITY}{why}", U, U / 2, "normal", 1.0)
-    told = "measured by several clampings" if axis is not None else "taken for coaxial with the base"
+    line = Contribution(f"{COAXIALITY}{why}", U, U / K, "normal", 1.0)
+    source = "measured by several clampings" if axis is not None else "taken for coaxial with the base"
     seat_name = SEAT if seat is None else seat.name
-    at = _middle(seat, UNSTATED_APART / 2)
-    offset = (0.0, 0.0) if axis is None else _at(axis, at)
+    at = UNSTATED_DISTANCE_MM / 2 if seat is None else seat.middle
+    x, y, slope_x, slope_y = (0.0, 0.0, 0.0, 0.0) if axis is None else axis.at(at)
     if name == "seat":
-        slope = (0.0, 0.0) if axis is None else (axis.slope_x, axis.slope_y)
-        length = UNSTATED_APART if seat is None else seat.length
+        length = UNSTATED_DISTANCE_MM if seat is None else seat.length
         U_slope = U / length * (1.0 if axis is None else SLOPE_OF_OFFSET)
-        stands = (offset[0] - slope[0] * at, offset[1] - slope[1] * at, *slope)
-        return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat_name}, {told}")
-    low = _middle(base, at - UNSTATED_APART)
-    slope = (offset[0] / (at - low), offset[1] / (at - low))
-    stands = (-slope[0] * low, -slope[1] * low, *slope)
+        stands = (x - slope_x * at, y - slope_y * at, slope_x, slope_y)
+        return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat_name}, {source}")
+    low = at - UNSTATED_DISTANCE_MM if base is None else base.middle
+    slope_x, slope_y = x / (at - low), y / (at - low)
+    stands = (-slope_x * low, -slope_y * low, slope_x, slope_y)
     # The common axis leaves the base's at its middle, so all that is open on the seat is a slope about there.
     hinge = Contribution(line.name, 0.0, 0.0, "normal", 1.0)
-    remark = f"the common axis of base and {seat_name}, {told}"
+    remark = f"the common axis of base and {seat_name}, {source}"
     return _datum(name, stands, hinge, U / (at - low), low, clearance, remark)
 
 
@@ -117,9 +111,9 @@ def _datum(
 
 
 def _clearance(bore_clearance: float) -> tuple[Contribution, ...]:
-    """Rectangular within half the clearance; U = 2 u."""
+    """Rectangular within half the clearance."""
     u = bore_clearance / 2 / sqrt(3.0)
-    return (Contribution(CLEARANCE, 2 * u, u, "rectangular", 1.0),) if u > 0 else ()
+    return (Contribution(CLEARANCE, K * u, u, "rectangular", 1.0),) if u > 0 else ()
 
 
 def _cylinders(calibration: Calibration) -> tuple[Cylinder | None, Cylinder | None]:
@@ -148,12 +142,3 @@ def _coaxiality(seat: Cylinder | None, axis: StepAxis | None) -> tuple[float, st
         return axis.U, ""
     stated = None if seat is None else seat.coaxiality_U
     return (COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
-
-
-def _middle(cylinder: Cylinder | None, unstated: float) -> float:
-    return unstated if cylinder is None else (cylinder.bottom + cylinder.top) / 2
-
-
-def _at(axis: StepAxis, height: float) -> tuple[float, float]:
-    lever = height - axis.height
-    return axis.x + axis.slope_x * lever, axis.y + axis.slope_y * lever

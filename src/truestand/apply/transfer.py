@@ -7,20 +7,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestand.apply.witness import Witness, witness
-from truestand.calibration.checks import no_zero
-from truestand.calibration.result import angle_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.core.calibration import Calibration, Check
 from truestand.core.frames import in_table
-from truestand.core.scan import Scan
+from truestand.core.scan import AngleZero, Scan
 from truestand.core.surface import Surface, apply_calibration
 
-MOST_MOVED = 0.01
-"""mm by which sensor or shaft may have moved since the calibration."""
-MOST_ARC = 0.02
-"""mm at the part's outside: how well the zero of the table's angle must be known."""
+MOST_MOVED_MM = 0.01
+"""By which sensor or shaft may have moved since the calibration."""
+MOST_ARC_MM = 0.02
+"""At the part's outside: how well the zero of the table's angle must be known."""
 SAMPLED_PROFILES = 200
-MOSTLY_INSIDE = 0.9
-"""Share of the readings within the radius that counts as the part's outside: wild readings lie beyond."""
+OUTSIDE_QUANTILE = 0.9
+"""Share of the readings within the radius that counts as the part's outside: outliers lie beyond."""
+ZERO_WORDS: dict[AngleZero, str] = {
+    "index": "an angle or encoder reading",
+    "home": "the table's home position",
+    "witness": "a witness band",
+    "unknown": "an unknown position",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +45,9 @@ def roll(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Su
     """The scan's points in C, its table angle tied to the calibration's.
 
     What speaks against applying the calibration to this scan (another direction of the table, a scan that isn't whole,
-    no tie of the angle, a sensor that moved) stands in the surface's calibration as reasons, so that nothing is decided
-    on it. ``start_stated``: the table angle of the scan's first profile was given (``start_angle`` of ``interpret``).
+    an angle that nothing ties, a sensor that moved) stands in the surface's calibration as reasons, so that nothing
+    is decided on it. ``start_stated``: the table angle of the scan's first profile was given (``start_angle`` of
+    ``interpret``).
     """
     if calibration.applied_to is scan:  # both come from ``transfer``
         return apply_calibration(scan, calibration)
@@ -50,92 +56,79 @@ def roll(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Su
 
 
 def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -> Transfer:
-    """Tie the scan's table angle to the calibration's, and ask the shaft in view whether anything moved.
+    """The scan with its table angle tied to the calibration's; the shaft in view is checked for moves.
 
     ``start_stated``: the table angle of the scan's first profile was given by the user. A scan that counts from an
     index keeps its angle; any other takes its zero from the witness band, where one shows.
     """
-    doubts = configuration_doubts(scan, calibration)
-    loose = untied(scan, calibration, start_stated)
-    found = witness(scan, calibration)
-    if found is None:
-        return Transfer(scan, _doubted(calibration, (*doubts, *loose), scan))
-    limit = MOST_ARC / _outside(scan, calibration)
-    checks = _moved(found)
-    by_index = angle_zero(scan) == calibration.angle_zero == "index"
-    if by_index or found.angle_U > limit:  # the band only checks what ties the scan already
-        doubts = (*doubts, *loose)
-        checks = checks if loose or calibration.angle_zero == "unknown" else (*checks, _still_tied(found, limit))
-    elif loose or calibration.angle_zero == "unknown" or abs(found.angle_shift) > found.angle_U:
-        scan = replace(scan, angle=scan.angle + found.angle_shift)
-        told = tuple(r for r in calibration.reasons if r not in no_zero("unknown"))
-        calibration = replace(calibration, angle_zero="witness", angle_U=found.angle_U, reasons=told)
-    failed = (f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok)
-    return Transfer(scan, _doubted(calibration, (*doubts, *failed), scan), found, checks)
+    reasons = configuration_reasons(scan, calibration)
+    untied = untied_reasons(scan, calibration, start_stated)
+    band = witness(scan, calibration)
+    if band is None:
+        return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
+    limit = MOST_ARC_MM / _outside(scan, calibration)
+    checks = _moved(band)
+    unknown = calibration.angle_zero == "unknown"
+    by_index = scan.angle_zero == calibration.angle_zero == "index"
+    if by_index or band.angle_U > limit:  # the band only checks what ties the scan already
+        reasons = (*reasons, *untied)
+        checks = checks if untied or unknown else (*checks, _still_tied(band, limit))
+    elif untied or unknown or abs(band.angle_shift) > band.angle_U:
+        scan = replace(scan, angle=scan.angle + band.angle_shift)
+        others = tuple(r for r in calibration.reasons if r not in angle_zero_reasons("unknown"))
+        calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
+    failed = (c.reason for c in checks if not c.ok)
+    return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)
 
 
-def _doubted(calibration: Calibration, doubts: tuple[str, ...], scan: Scan) -> Calibration:
-    return replace(calibration, reasons=(*calibration.reasons, *doubts), applied_to=scan)
+def _with_reasons(calibration: Calibration, reasons: tuple[str, ...], scan: Scan) -> Calibration:
+    return replace(calibration, reasons=(*calibration.reasons, *reasons), applied_to=scan)
 
 
-def configuration_doubts(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
-    """A scan that isn't whole, and settings of its stand that can't both be right."""
-    doubts = list(scan.doubts)
+def configuration_reasons(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
+    """Why nothing may be decided: a scan that is not complete, settings of its stand that can't both be right."""
+    reasons = list(scan.reasons)
     if scan.stand.table.direction != calibration.stand.table.direction:
-        doubts.append(
+        reasons.append(
             f"the scan's table turns {scan.stand.table.direction}, the calibration's "
             f"{calibration.stand.table.direction}: check [table] direction"
         )
     if scan.stand.sensor.mirrored != calibration.stand.sensor.mirrored:
-        doubts.append("the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored")
-    return tuple(doubts)
+        reasons.append("the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored")
+    return tuple(reasons)
 
 
-def untied(scan: Scan, calibration: Calibration, start_stated: bool = False) -> tuple[str, ...]:
+def untied_reasons(scan: Scan, calibration: Calibration, start_stated: bool = False) -> tuple[str, ...]:
     """The reason not to trust the scan's zero of the angle, where neither index, home nor the user gives it.
 
     A calibration whose own zero is unknown carries its reason already.
     """
-    own, its = angle_zero(scan), calibration.angle_zero
-    stated = start_stated and scan.angle_source in ("index", "time")
-    if stated or own == its or its == "unknown":
+    of_scan, of_calibration = scan.angle_zero, calibration.angle_zero
+    if (start_stated and scan.free_speed) or of_scan == of_calibration or of_calibration == "unknown":
         return ()
     return (
-        f"the scan's table angle counts from {_word(own)}, the calibration's from {_word(its)}, and too little of the "
-        "shaft is in view to tell them from each other: record the same angle in both, bring the shaft into view, or "
-        "pass --start-angle-deg",
+        f"the scan's table angle counts from {ZERO_WORDS[of_scan]}, the calibration's from "
+        f"{ZERO_WORDS[of_calibration]}, and too little of the shaft is in view to tell them from each other: record "
+        "the same angle in both, bring the shaft into view, or pass --start-angle-deg",
     )
 
 
-def _word(zero: str) -> str:
-    return {
-        "index": "an angle or encoder reading",
-        "home": "the table's home position",
-        "witness": "a witness band",
-        "unknown": "an unknown position",
-    }[zero]
-
-
-def _moved(w: Witness) -> tuple[Check, ...]:
+def _moved(band: Witness) -> tuple[Check, ...]:
     """Whether sensor and shaft stand where they stood, as far as the witness band tells."""
-    where = ", ".join(w.surfaces)
+    where = ", ".join(band.surfaces)
     return (
-        _change(f"sensor moved radially ({where}), um", w.radial,
-                "the sensor has moved or warmed up since the calibration: calibrate again"),
-        _change(f"shaft runs more or less eccentrically ({where}), um", w.eccentricity_size,
-                "the shaft was clamped again or has slipped since the calibration: calibrate again"),
+        Check.at_most_um(f"sensor moved radially ({where}), um", band.radial, MOST_MOVED_MM,
+                         "the sensor has moved or warmed up since the calibration: calibrate again"),
+        Check.at_most_um(f"shaft runs more or less eccentrically ({where}), um", band.eccentricity_size, MOST_MOVED_MM,
+                         "the shaft was clamped again or has slipped since the calibration: calibrate again"),
     )  # fmt: skip
 
 
-def _change(name: str, value: float, advice: str) -> Check:
-    return Check(name, 1000 * value, 1000 * MOST_MOVED, abs(value) <= MOST_MOVED, advice)
-
-
-def _still_tied(w: Witness, limit: float) -> Check:
+def _still_tied(band: Witness, limit: float) -> Check:
     """Whether index or home still tie the angle: the shaft's axis lies in the direction that the calibration found."""
-    allowed, ok = limit + w.angle_U, abs(w.angle_shift) <= limit + w.angle_U
+    allowed, ok = limit + band.angle_U, abs(band.angle_shift) <= limit + band.angle_U
     return Check(
-        "shaft turned against the table's zero, mrad", 1000 * w.angle_shift, 1000 * allowed, ok,
+        "shaft turned against the table's zero, mrad", 1000 * band.angle_shift, 1000 * allowed, ok,
         "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: home the table and "
         "scan again, or calibrate again",
     )  # fmt: skip
@@ -145,4 +138,4 @@ def _outside(scan: Scan, calibration: Calibration) -> float:
     """Radius (mm) of what the scan shows."""
     rows = scan.spread(SAMPLED_PROFILES)
     u, _ = in_table(calibration.table_from_sensor, scan.x[rows], scan.z[rows])
-    return max(float(np.nanquantile(np.abs(u), MOSTLY_INSIDE)), 1.0)
+    return max(float(np.nanquantile(np.abs(u), OUTSIDE_QUANTILE)), 1.0)

@@ -1,49 +1,47 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
+from operator import itemgetter
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.apply.transfer import configuration_doubts, transfer, untied
+from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import no_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.calibration.positions import calibrate_on_axes
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import (
-    ECCENTRICITY_X,
-    ECCENTRICITY_Y,
     PHI,
     PLANE_OFFSET,
     PLANE_TILT,
     RADIAL,
-    TILT_X,
-    TILT_Y,
     UNKNOWNS,
     LaserPlane,
+    axis_sensitivity,
     facing,
     in_table,
     sensor_parameters,
-    shaft_parameters,
 )
 from truestand.core.scan import Scan
+from truestand.uncertainty.influence import unknowns_of
 
-Array = NDArray[np.float64]
 Verdict = Literal["holds", "does_not_hold", "undecided"]
 By = Literal["calibration", "witness"]
 
 LIMIT = 0.01
-"""mm: how far a calibrated point may have moved on the artefact."""
-K = 2.0
+"""mm by which a calibrated point may have moved on the artefact."""
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
 PUBLISHED = "the old calibration is of the published method, which knows no laser plane or tilt"
-ORDER: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
+WORST_FIRST: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +73,7 @@ class Verification:
 def verify(
     scan: Scan, old: Calibration, artefact: Artefact, limit: float = LIMIT, start_stated: bool = False
 ) -> Verification:
-    """Hold an old calibration against a new scan of the artefact, or of a part beside which the shaft shows.
+    """Compare an old calibration with a new scan of the artefact, or of a part beside which the shaft shows.
 
     What both scans share (certificate, mounting prior) cancels: U is the repeatability of both. A change within
     ``limit`` by more than U holds, one beyond it by more than U does not, in between is undecided. A scan that can't be
@@ -85,53 +83,47 @@ def verify(
     Raises:
         NotEnoughData: the new scan can't be calibrated and shows no witness band.
     """
-    before = (*configuration_doubts(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
-    tied = not untied(scan, old, start_stated) and old.angle_zero != "unknown"
+    reasons = (*configuration_reasons(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
+    tied = not untied_reasons(scan, old, start_stated) and old.angle_zero != "unknown"
     if not tied:
         aligned = transfer(scan, old)
         scan = aligned.scan
         if aligned.calibration.angle_zero != "witness":
-            before = (*before, *(untied(scan, old) or no_zero("unknown")))
-    new, doubts = _calibrated(scan, artefact, old)
-    band = None if new is not None and _shows(new) else witness(scan, replace(old, artefact=artefact))
+            reasons = (*reasons, *(untied_reasons(scan, old) or angle_zero_reasons("unknown")))
+    new, untrusted = _calibrated(scan, artefact, old)
+    band = None if new is not None and _shows_artefact(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
-        return _judged(_changes_in_band(band, tied), limit, before, "witness", scan, new)
+        return _verification(_changes_in_band(band, tied, limit), reasons, "witness", scan, new)
     if new is None:
-        raise NotEnoughData(doubts[0])
-    before = (*(f"the new scan is untrusted: {d}" for d in doubts), *before)
-    return _judged(_changes(old, new, artefact), limit, before, "calibration", scan, new)
+        raise NotEnoughData(untrusted[0])
+    reasons = (*(f"the new scan is untrusted: {reason}" for reason in untrusted), *reasons)
+    return _verification(_changes(old, new, artefact, limit), reasons, "calibration", scan, new)
 
 
 def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calibration | None, tuple[str, ...]]:
-    """What the new scan says by itself, and why that is not to be trusted; its zero of the angle is judged before."""
+    """The new scan's own calibration, and why it is not to be trusted; its zero of the angle is judged before."""
     try:
-        known = old.positions.axes if old.positions is not None else ()
-        new = calibrate_on_axes(scan, artefact, known) if known else calibrate(scan, artefact)
-    except NotEnoughData as few:
-        return None, (str(few),)
-    return new, tuple(r for r in new.reasons if r not in no_zero("unknown"))
+        axes = old.positions.axes if old.positions is not None else ()
+        new = calibrate_on_axes(scan, artefact, axes) if axes else calibrate(scan, artefact)
+    except NotEnoughData as error:
+        return None, (str(error),)
+    return new, tuple(r for r in new.reasons if r not in angle_zero_reasons("unknown"))
 
 
-def _shows(new: Calibration) -> bool:
+def _shows_artefact(new: Calibration) -> bool:
     """Whether the scan showed the artefact by itself, and not a part with some shaft beside it."""
     return all(c.ok for c in new.checks if c.name.startswith(("surfaces told apart", "drawing explains")))
 
 
-def _judged(
-    changes: list[tuple[str, float, float, str]],
-    limit: float,
-    before: tuple[str, ...],
-    by: By,
-    scan: Scan,
-    new: Calibration | None,
+def _verification(
+    changes: list[Change], undecided: tuple[str, ...], by: By, scan: Scan, new: Calibration | None
 ) -> Verification:
-    """The worst of the changes; undecided where there are reasons ``before`` any of them."""
-    decided = tuple(_decided(*c, limit=limit) for c in changes)
-    worst: Verdict = next(v for v in ORDER if v in {c.verdict for c in decided})
-    reasons = tuple(_reason(c) for c in decided if c.verdict != "holds")
-    if before:
-        worst, reasons = "undecided", before
-    return Verification(worst, decided, reasons, new, ScanSummary.of(scan), by)
+    """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``."""
+    worst: Verdict = next(v for v in WORST_FIRST if v in {c.verdict for c in changes})
+    reasons = tuple(_reason(c) for c in changes if c.verdict != "holds")
+    if undecided:
+        worst, reasons = "undecided", undecided
+    return Verification(worst, tuple(changes), reasons, new, ScanSummary.of(scan), by)
 
 
 def _reason(c: Change) -> str:
@@ -141,17 +133,9 @@ def _reason(c: Change) -> str:
     return f"{c.name}: {c.advice}"
 
 
-def _changes_in_band(band: Witness, direction: bool) -> list[tuple[str, float, float, str]]:
-    """What the shaft in view beside a part says; the ``direction`` counts where it doesn't tie the scan itself."""
-    size = abs(band.eccentricity_size), band.eccentricity_U
-    shaft = (hypot(*band.eccentricity_change), band.change_U) if direction else size
-    return [
-        ("sensor, radially", abs(band.radial), band.radial_U, SENSOR_MOVED),
-        ("shaft on the table", *shaft, SHAFT_MOVED),
-    ]
-
-
-def _decided(name: str, value: float, U: float, advice: str, limit: float) -> Change:
+def _change(name: str, move: tuple[float, float], advice: str, limit: float) -> Change:
+    """The change by a move: its size and U, mm."""
+    value, U = move
     verdict: Verdict = "undecided"
     if value + U <= limit:
         verdict = "holds"
@@ -160,20 +144,33 @@ def _decided(name: str, value: float, U: float, advice: str, limit: float) -> Ch
     return Change(name, value, U, limit, verdict, advice)
 
 
-def _changes(old: Calibration, new: Calibration, artefact: Artefact) -> list[tuple[str, float, float, str]]:
-    """Name, distance (mm), U (mm) and advice of everything that could have moved."""
-    spread = _repeatability(old, new)
+def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Change]:
+    """What the shaft in view beside a part says; the ``direction`` counts where it doesn't tie the scan itself."""
+    size = abs(band.eccentricity_size), band.eccentricity_U
+    shaft = (hypot(*band.eccentricity_change), band.change_U) if direction else size
+    return [
+        _change("sensor, radially", (abs(band.radial), band.radial_U), SENSOR_MOVED, limit),
+        _change("shaft on the table", shaft, SHAFT_MOVED, limit),
+    ]
+
+
+def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: float) -> list[Change]:
+    """Everything that could have moved, each at the worst of the artefact's points in view."""
+    covariance = _repeatability(old, new)
     points = _seen_points(new, artefact)
-    found = []
-    radial = [_sensor_move(old, new, p, spread) for p in points]
-    worst = max(radial, key=lambda c: c[0])
-    found.append(("sensor, radially", *worst, SENSOR_MOVED))
-    sideways = max((_sideways_move(old, new, v, spread) for _, _, v in points), key=lambda c: c[0])
+    moved = unknowns_of(new)[0] - unknowns_of(old)[0]
+    radial = _worst(_radial_move(old, new, point, covariance) for point in points)
+    sideways = _worst(_move(_plane_sensitivity(v), moved, covariance) for _, _, v in points)
+    shaft = _worst(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
+    changes = [_change("sensor, radially", radial, SENSOR_MOVED, limit)]
     if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
-        found.append(("sensor, sideways", *sideways, "the laser plane has moved or tilted: calibrate again"))
-    shaft = max((_shaft_move(old, new, v, spread) for _, _, v in points), key=lambda c: c[0])
-    found.append(("shaft on the table", *shaft, SHAFT_MOVED))
-    return found
+        advice = "the laser plane has moved or tilted: calibrate again"
+        changes.append(_change("sensor, sideways", sideways, advice, limit))
+    return [*changes, _change("shaft on the table", shaft, SHAFT_MOVED, limit)]
+
+
+def _worst(moves: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    return max(moves, key=itemgetter(0))
 
 
 def _repeatability(old: Calibration, new: Calibration) -> Array:
@@ -194,32 +191,30 @@ def _seen_points(new: Calibration, artefact: Artefact) -> list[tuple[float, floa
     return points
 
 
-def _sensor_move(
-    old: Calibration, new: Calibration, point: tuple[float, float, float], spread: Array
+def _radial_move(
+    old: Calibration, new: Calibration, point: tuple[float, float, float], covariance: Array
 ) -> tuple[float, float]:
+    """By how much (mm) a reading's radial position differs between the calibrations, and its U."""
     x, z, v = point
     phi, _, height, _, _ = sensor_parameters(new.table_from_sensor)
-    gradient = np.zeros(UNKNOWNS)
-    gradient[PHI], gradient[RADIAL] = -facing(phi) * (v - height), 1.0
+    sensitivity = np.zeros((1, UNKNOWNS))
+    sensitivity[0, [PHI, RADIAL]] = -facing(phi) * (v - height), 1.0
     after, before = (in_table(c.table_from_sensor, np.array(x), np.array(z))[0] for c in (new, old))
-    return abs(float(after - before)), _expanded(gradient, spread)
+    return abs(float(after - before)), _expanded(sensitivity, covariance)
 
 
-def _sideways_move(old: Calibration, new: Calibration, v: float, spread: Array) -> tuple[float, float]:
-    before, after = (sensor_parameters(c.table_from_sensor) for c in (old, new))
-    gradient = np.zeros(UNKNOWNS)
-    gradient[PLANE_OFFSET], gradient[PLANE_TILT] = 1.0, v
-    return abs(after[4] - before[4] + v * (after[3] - before[3])), _expanded(gradient, spread)
+def _plane_sensitivity(v: float) -> Array:
+    """How the laser plane's offset at a height (mm) follows the unknowns: (1, 8)."""
+    sensitivity = np.zeros((1, UNKNOWNS))
+    sensitivity[0, [PLANE_OFFSET, PLANE_TILT]] = 1.0, v
+    return sensitivity
 
 
-def _shaft_move(old: Calibration, new: Calibration, v: float, spread: Array) -> tuple[float, float]:
-    before, after = (shaft_parameters(c.shaft_from_rotor) for c in (old, new))
-    dx, dy = (after[i] - before[i] + v * (after[i + 2] - before[i + 2]) for i in (0, 1))
-    unit = np.zeros((2, UNKNOWNS))
-    unit[0, ECCENTRICITY_X], unit[0, TILT_X], unit[1, ECCENTRICITY_Y], unit[1, TILT_Y] = 1.0, v, 1.0, v
-    both = unit @ spread @ unit.T
-    return hypot(dx, dy), K * sqrt(max(float(np.linalg.eigvalsh(both)[-1]), 0.0))
+def _move(sensitivity: Array, moved: Array, covariance: Array) -> tuple[float, float]:
+    """Distance (mm) by which a point moves that follows the unknowns by (n, 8), and its U."""
+    return float(np.linalg.norm(sensitivity @ moved)), _expanded(sensitivity, covariance)
 
 
-def _expanded(gradient: Array, spread: Array) -> float:
-    return K * sqrt(max(float(gradient @ spread @ gradient), 0.0))
+def _expanded(sensitivity: Array, covariance: Array) -> float:
+    """U (k = 2) in the direction in which it is largest."""
+    return K * sqrt(max(float(np.linalg.eigvalsh(sensitivity @ covariance @ sensitivity.T)[-1]), 0.0))

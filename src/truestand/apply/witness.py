@@ -9,53 +9,43 @@ from dataclasses import dataclass, replace
 from math import atan2, hypot, pi, sqrt, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.covariance import clustered
 from truestand.calibration.robust_wave import robust_wave
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Cylinder
-from truestand.core.assumptions import COAXIALITY_U
+from truestand.core.assumptions import COAXIALITY_U, K
 from truestand.core.calibration import Calibration
-from truestand.core.frames import (
-    ECCENTRICITY_X,
-    ECCENTRICITY_Y,
-    TILT_X,
-    TILT_Y,
-    in_table,
-    shaft_parameters,
-)
+from truestand.core.frames import axis_sensitivity, in_table, shaft_parameters
 from truestand.core.harmonics import wrap
-from truestand.core.robust import TUKEY, robust_sd, tukey_weights
+from truestand.core.robust import tukey_fit
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
-PROFILES = 2000
-REACH = 1.5
-"""mm by which the shaft may run more eccentrically than it did and still be looked for; a gear is farther out."""
-SLEEVE = 0.1
-"""mm by which a surface may differ from the one nearest to its drawing; beyond it, it was put on the shaft."""
-BIN = 0.25
-"""mm of height that is the shaft's or not."""
-EDGE = 0.5
-"""mm from a cylinder's ends that are not looked at: chamfers, fillets, burrs."""
-MOSTLY = 0.7
+SAMPLED_PROFILES = 2000
+REACH_MM = 1.5
+"""By which the shaft may run more eccentrically than it did and still be looked for; a gear is farther out."""
+SLEEVE_MM = 0.1
+"""By which a surface may differ from the one nearest to its drawing; beyond it, it was put on the shaft."""
+BIN_MM = 0.25
+"""Height of the bins that are the shaft's or not."""
+EDGE_MARGIN_MM = 0.5
+"""From a cylinder's ends, where chamfers, fillets and burrs are: not used."""
+LEAST_SHAFT_SHARE = 0.7
 """Share of a bin's readings that must be the shaft's."""
-OFTEN = 0.2
+LEAST_USUAL_SHARE = 0.2
 """Share of the usual number of readings that a bin must have."""
-LEAST_HEIGHT = 1.0
-"""mm of shaft that make a band."""
+LEAST_HEIGHT_MM = 1.0
+"""Of shaft in view that makes a band."""
 LEAST_READINGS = 3
 LEAST_REVOLUTIONS = 0.75
 LEAST_PROFILES = 50
 SECTORS = 72
-SETTLED = 1e-7
-"""rad."""
+SETTLED_RAD = 1e-7
 MOST_STEPS = 20
-K = 2.0
-BEARING_U = 2e-4
+LEAST_LIMIT_MM = 1e-7
+"""Deviations below it are no outliers, however alike all others are."""
+BEARING_CHANGE_U = 2e-4
 """mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
 
 
@@ -88,26 +78,26 @@ def witness(scan: Scan, calibration: Calibration) -> Witness | None:
     """
     if calibration.artefact is None or calibration.method == "paper" or scan.revolutions < LEAST_REVOLUTIONS:
         return None
-    few = scan.taken(scan.spread(PROFILES))
-    start = _first_look(few, calibration)
+    sampled = scan.taken(scan.spread(SAMPLED_PROFILES))
+    start = _shaft_bands(sampled, calibration)
     if start is None:
         return None
     shift, bands = start
-    fit = _fitted(few, calibration, shift, bands)
+    fit = _fitted(sampled, calibration, shift, bands)
     for _ in range(MOST_STEPS):
         turn = _turn(fit, calibration)
         shift += turn
-        fit = _fitted(few, calibration, shift, bands)
-        if abs(turn) < SETTLED:
+        fit = _fitted(sampled, calibration, shift, bands)
+        if abs(turn) < SETTLED_RAD:
             break
-    if abs(fit.move[0]) > REACH:
+    if abs(fit.move[0]) > REACH_MM:
         return None  # something else, taken for the shaft
-    return _told(fit, shift, calibration, bands)
+    return _witness_of(fit, shift, calibration, bands)
 
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """Readings (N, M) of one cylinder that are looked at."""
+    """Readings (N, M) of one cylinder that are used."""
 
     cylinder: Cylinder
     on: Mask
@@ -125,7 +115,7 @@ class _Fit:
     """mm: mean height of the readings."""
 
 
-def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
+def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
     """Which readings are the shaft's, and the zero of the table's angle by the direction of its first harmonic."""
     assert calibration.artefact is not None
     angle = table_angle(scan, calibration)
@@ -134,7 +124,7 @@ def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band
     bands, shifts, offsets = [], [], []
     for cylinder in calibration.artefact.cylinders:
         ends = [hypot(ex + tx * h, ey + ty * h) for h in (cylinder.bottom, cylinder.top)]
-        on = _shaft_in_view(u, v, cylinder, max(ends) + REACH)
+        on = _shaft_in_view(u, v, cylinder, max(ends) + REACH_MM)
         trace = _per_profile(u - cylinder.radius, on)
         seen = np.isfinite(trace)
         if np.count_nonzero(seen) < max(LEAST_PROFILES, 0.5 * seen.size):
@@ -154,38 +144,38 @@ def _first_look(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band
         offsets.append(wave.series.mean)
     if not bands:
         return None
-    own = np.abs(np.array(offsets) - min(offsets, key=abs)) < SLEEVE
-    bands, shifts = (
-        [b for b, o in zip(bands, own, strict=True) if o],
-        [s for s, o in zip(shifts, own, strict=True) if o],
-    )
-    return shifts[int(np.argmax([np.count_nonzero(b.on) for b in bands]))], bands
+    bare = [i for i, offset in enumerate(offsets) if abs(offset - min(offsets, key=abs)) < SLEEVE_MM]
+    largest = max(bare, key=lambda i: np.count_nonzero(bands[i].on))
+    return shifts[largest], [bands[i] for i in bare]
 
 
 def _shaft_in_view(u: Array, v: Array, cylinder: Cylinder, reach: float) -> Mask:
     """Readings (N, M) on the heights of a cylinder at which mostly nothing else is seen."""
-    low, high = cylinder.bottom + EDGE, cylinder.top - EDGE
-    count = max(int((high - low) / BIN), 1)
+    low, high = cylinder.bottom + EDGE_MARGIN_MM, cylinder.top - EDGE_MARGIN_MM
+    count = max(int((high - low) / BIN_MM), 1)
     off = u - cylinder.radius
-    with np.errstate(invalid="ignore"):
-        inside = (v >= low) & (v < low + count * BIN)
-        near = inside & (np.abs(off) < reach)
-    index = np.floor((np.where(inside, v, low) - low) / BIN).astype(np.intp).clip(0, count - 1)
-    seen, own = np.bincount(index[inside], minlength=count), np.bincount(index[near], minlength=count)
-    mean = np.bincount(index[near], off[near], count) / np.maximum(own, 1)
-    shaft = _shaft_bins(seen, own, mean)
-    return np.asarray(near & (shaft[index] & (np.count_nonzero(shaft) * BIN >= LEAST_HEIGHT)))
+    inside = (v >= low) & (v < low + count * BIN_MM)
+    near = inside & (np.abs(off) < reach)
+    index = np.floor((np.where(inside, v, low) - low) / BIN_MM).astype(np.intp).clip(0, count - 1)
+    seen, on_shaft = np.bincount(index[inside], minlength=count), np.bincount(index[near], minlength=count)
+    mean = np.bincount(index[near], off[near], count) / np.maximum(on_shaft, 1)
+    shaft = _shaft_bins(seen, on_shaft, mean)
+    return np.asarray(near & (shaft[index] & (np.count_nonzero(shaft) * BIN_MM >= LEAST_HEIGHT_MM)))
 
 
-def _shaft_bins(seen: NDArray[np.intp], own: NDArray[np.intp], mean: Array) -> Mask:
+def _shaft_bins(seen: Ints, on_shaft: Ints, mean: Array) -> Mask:
     """Which bins (n,) of height are the shaft's: enough readings, mostly its own, and no sleeve on it."""
-    if not own.any():
-        return np.zeros(own.size, dtype=np.bool_)
-    shaft = np.asarray((own > 0) & (own >= MOSTLY * seen) & (own > OFTEN * np.median(own[own > 0])))
+    if not on_shaft.any():
+        return np.zeros(on_shaft.size, dtype=np.bool_)
+    shaft = np.asarray(
+        (on_shaft > 0)
+        & (on_shaft >= LEAST_SHAFT_SHARE * seen)
+        & (on_shaft > LEAST_USUAL_SHARE * np.median(on_shaft[on_shaft > 0]))
+    )
     # Bins at the end of the view see the shaft only while it runs out towards them, and read it too large: few alike.
-    alike = (np.abs(mean[:, None] - mean) < SLEEVE / 2) @ np.where(shaft, own, 0)
-    nearest = min(mean[shaft & (alike >= OFTEN * alike[shaft].max(initial=0))], key=abs, default=0.0)
-    return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE))
+    alike = (np.abs(mean[:, None] - mean) < SLEEVE_MM / 2) @ np.where(shaft, on_shaft, 0)
+    nearest = min(mean[shaft & (alike >= LEAST_USUAL_SHARE * alike[shaft].max(initial=0))], key=abs, default=0.0)
+    return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE_MM))
 
 
 def _per_profile(values: Array, on: Mask) -> Array:
@@ -214,38 +204,26 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
     trace, psi, row = np.concatenate(traces), np.concatenate(azimuths), np.concatenate(rows)
     # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
     design = np.column_stack([np.cos(psi + angle[row]), -np.cos(psi), -np.sin(psi)])
-    move, covariance = _robust(design, -trace, np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS)
+    move, covariance = _robust_fit(design, -trace, np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS)
     return _Fit(move, covariance, float(np.mean(np.concatenate(heights))))
 
 
 def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
     """Deviation (N, M) mm of the readings from the calibrated shaft, its form and the static profile included."""
-    deviation = surface.radius - band.cylinder.radius
-    for h in calibration.harmonics:
-        if h.surface == band.cylinder.name:
-            deviation = deviation - h.amplitude * np.cos(h.upr * surface.angle - h.phase)
+    deviation = surface.radius - band.cylinder.radius - calibration.form_of(band.cylinder.name, surface.angle)
     for s in calibration.static_profiles:
         if s.surface == band.cylinder.name:
             deviation = deviation - np.interp(surface.z, s.height, s.deviation)
     return np.asarray(deviation)
 
 
-def _robust(design: Array, samples: Array, sectors: NDArray[np.intp]) -> tuple[Array, Array]:
+def _robust_fit(design: Array, samples: Array, sectors: Ints) -> tuple[Array, Array]:
     """Solution (3,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
-    solution = np.linalg.lstsq(design, samples, rcond=None)[0]
-    weights = np.ones(samples.size)
-    for _ in range(30):
-        off = samples - design @ solution
-        weights = tukey_weights(off / max(TUKEY * robust_sd(off), 1e-7))
-        better = np.linalg.lstsq(design * weights[:, None], samples * weights, rcond=None)[0]
-        done = np.abs(better - solution).max() < 1e-9
-        solution = better
-        if done:
-            break
+    solution, weights = tukey_fit(design, samples, LEAST_LIMIT_MM)
     weighted = design * weights[:, None]
     inverse = np.linalg.pinv(weighted.T @ design)
     scores = clustered(weighted * (samples - design @ solution)[:, None], sectors)
-    return np.asarray(solution), np.asarray(inverse @ scores @ inverse.T)
+    return solution, np.asarray(inverse @ scores @ inverse.T)
 
 
 def _axis(calibration: Calibration, height: float) -> Array:
@@ -260,7 +238,7 @@ def _turn(fit: _Fit, calibration: Calibration) -> float:
     return wrap(atan2(after[1], after[0]) - atan2(before[1], before[0]))
 
 
-def _told(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band]) -> Witness:
+def _witness_of(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band]) -> Witness:
     axis = _axis(calibration, fit.middle)
     size = max(hypot(*axis), 1e-9)
     along = axis / size
@@ -268,35 +246,34 @@ def _told(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band])
     more = float(along @ fit.move[1:])
     c, s = np.cos(shift), np.sin(shift)
     moved = np.array([[c, -s], [s, c]]) @ (axis + more * along) - axis
-    doubt = _doubt(fit, calibration, bands)
+    covariance = _move_covariance(fit, calibration, bands)
     return Witness(
         surfaces=tuple(b.cylinder.name for b in bands),
         height=float(sum(b.height for b in bands)),
         angle_shift=wrap(shift),
-        angle_U=min(K * sqrt(float(across @ doubt @ across)) / size, pi),
+        angle_U=min(K * sqrt(float(across @ covariance @ across)) / size, pi),
         radial=float(fit.move[0]),
         radial_U=K * sqrt(float(fit.covariance[0, 0])),
         eccentricity_change=(float(moved[0]), float(moved[1])),
         eccentricity_size=more,
-        eccentricity_U=K * sqrt(float(along @ doubt @ along)),
-        change_U=K * sqrt(float(np.linalg.eigvalsh(doubt)[-1])),
+        eccentricity_U=K * sqrt(float(along @ covariance @ along)),
+        change_U=K * sqrt(float(np.linalg.eigvalsh(covariance)[-1])),
     )
 
 
-def _doubt(fit: _Fit, calibration: Calibration, bands: list[_Band]) -> Array:
+def _move_covariance(fit: _Fit, calibration: Calibration, bands: list[_Band]) -> Array:
     """Covariance (2, 2) mm2 of the axis' move: the band's own, the calibration's noise, bearing and coaxiality.
 
     What both scans share (certificate, mounting) cancels.
     """
-    doubt = fit.covariance[1:, 1:] + (BEARING_U / K) ** 2 * np.eye(2)
-    if calibration.repeatability.size:
-        at = np.zeros((2, calibration.repeatability.shape[0]))
-        at[0, ECCENTRICITY_X], at[0, TILT_X], at[1, ECCENTRICITY_Y], at[1, TILT_Y] = 1.0, fit.middle, 1.0, fit.middle
-        doubt = doubt + at @ calibration.repeatability @ at.T
     assert calibration.artefact is not None
+    variance = (BEARING_CHANGE_U / K) ** 2
     total = sum(b.height for b in bands)
     for band in bands:
         if band.cylinder != calibration.artefact.base:
-            u = (band.cylinder.coaxiality_U or COAXIALITY_U) / K * band.height / total
-            doubt = doubt + u * u * np.eye(2)
-    return np.asarray(doubt)
+            variance += ((band.cylinder.coaxiality_U or COAXIALITY_U) / K * band.height / total) ** 2
+    covariance = fit.covariance[1:, 1:] + variance * np.eye(2)
+    if calibration.repeatability.size:
+        sensitivity = axis_sensitivity(fit.middle)
+        covariance = covariance + sensitivity @ calibration.repeatability @ sensitivity.T
+    return np.asarray(covariance)

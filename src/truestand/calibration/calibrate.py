@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from truestand.calibration.height import with_height
 from truestand.calibration.paper import calibrate_paper
-from truestand.calibration.refine import refine
-from truestand.calibration.result import conclude
+from truestand.calibration.refine import Refined, refine
+from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import Segments, segment
 from truestand.calibration.start import rough_stand
 from truestand.core.artefact import Artefact
@@ -36,17 +36,25 @@ def calibrate_by_both(scan: Scan, artefact: Artefact) -> tuple[Calibration, Cali
     return _exact(scan, artefact, segments), _published(scan, artefact, segments)
 
 
-def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+def fit_of(scan: Scan, artefact: Artefact, segments: Segments) -> Refined:
+    """The exact model fitted to all that the scan shows of the artefact, heights counted from its shoulder.
+
+    Raises:
+        NotEnoughData: as ``calibrate``.
+    """
     start = rough_stand(scan, segments, artefact)
     fit = refine(scan, segments, artefact, start)
-    fit = with_height(scan, artefact, fit)
-    return _doubted(conclude(scan, artefact, fit), scan)
+    return with_height(scan, artefact, fit)
+
+
+def _exact(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
+    return _with_scan_reasons(calibration_of(scan, artefact, fit_of(scan, artefact, segments)), scan)
 
 
 def _published(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
-    return _doubted(calibrate_paper(scan, artefact, segments), scan)
+    return _with_scan_reasons(calibrate_paper(scan, artefact, segments), scan)
 
 
-def _doubted(calibration: Calibration, scan: Scan) -> Calibration:
-    """A scan that isn't proven whole carries its doubts on."""
-    return replace(calibration, reasons=(*calibration.reasons, *scan.doubts)) if scan.doubts else calibration
+def _with_scan_reasons(calibration: Calibration, scan: Scan) -> Calibration:
+    """A calibration from a scan that is not proven complete is not to be trusted."""
+    return replace(calibration, reasons=(*calibration.reasons, *scan.reasons))

@@ -1,4 +1,4 @@
-"""Seven million readings to some ten thousand surface cells: robust means, with honest weights.
+"""From seven million readings to some ten thousand surface cells: robust means and their weights.
 
 A cell is a few neighbouring profiles times a short piece of height on one cylinder. Within it the model is linear to
 nanometres, so the means of x, z and angle carry all that the readings say. Readings far from the surface that the
@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.model import Model, Readings
 from truestand.calibration.segment import Band
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.frames import PHI, RADIAL, LaserPlane
+from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 BLOCK = 128
 """Profiles worked on at once: fits the processor's cache."""
@@ -26,10 +24,10 @@ GROUPS_PER_TURN = 500
 """Groups of profiles a turn; the trace bends by nanometres within one."""
 BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
-OUTLIER_REACH = 4.0
-"""mm: a keyway or a flat is as deep, and its readings count as rejected."""
-LOOKUP = 0.02
-"""mm: resolution at which heights are looked up for their bin."""
+OUTLIER_REACH_MM = 4.0
+"""A keyway or a flat is as deep, and its readings count as rejected."""
+LOOKUP_MM = 0.02
+"""Resolution at which heights are looked up for their bin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +51,10 @@ class Grid:
         return np.concatenate([np.full(e.size - 1, k, dtype=np.intp) for k, e in enumerate(self.edges)])
 
     def lookup(self) -> tuple[Ints, float]:
-        """Bin index (B = none) over height in steps of ``LOOKUP`` from the returned start, one guard cell each end."""
-        low = min(e[0] for e in self.edges) - 2 * LOOKUP
-        high = max(e[-1] for e in self.edges) + 2 * LOOKUP
-        at = low + LOOKUP * (np.arange(int((high - low) / LOOKUP) + 2) + 0.5)
+        """Bin (B = none) over height in steps of ``LOOKUP_MM`` from the returned start, a guard cell at each end."""
+        low = min(e[0] for e in self.edges) - 2 * LOOKUP_MM
+        high = max(e[-1] for e in self.edges) + 2 * LOOKUP_MM
+        at = low + LOOKUP_MM * (np.arange(int((high - low) / LOOKUP_MM) + 2) + 0.5)
         table = np.full(at.size, self.centres.size, dtype=np.intp)
         first = 0
         for e in self.edges:
@@ -67,7 +65,7 @@ class Grid:
         return table, low
 
 
-def make_grid(scan: Scan, bands: tuple[Band, ...], groups_per_turn: int = GROUPS_PER_TURN) -> Grid:
+def _grid(scan: Scan, bands: tuple[Band, ...], groups_per_turn: int) -> Grid:
     """A grid for the scan and the parts of the cylinders that are measured on."""
     per_turn = scan.profiles / max(scan.revolutions, 1e-9)
     group = max(1, round(per_turn / groups_per_turn))
@@ -86,55 +84,58 @@ class Cells:
     spread: Array
     """mm: weighted standard deviation of the readings in the cell about the prediction."""
     group: Ints
+    groups_per_turn: int
+    """After so many groups, a turn later, the same stretch of the surface comes again."""
     bin: Ints
+    """Which bin of height; each lies on one cylinder."""
     points: int
     """Readings on the artefact's surfaces: within ``reach`` of the predicted surface or rejected from it."""
     rejected: int
     """Of these, the ones with no weight."""
     correction: float
-    """Mean weight over mean slope of the readings' score: what rejecting outliers costs in scatter (M-estimation)."""
+    """Of the readings' score for their weights (``m_estimator_correction``)."""
 
 
-def reduce(
+def robust_cells(
     scan: Scan,
+    bands: tuple[Band, ...],
     model: Model,
     parameters: Array,
-    grid: Grid,
     limit: float,
     reach: float,
-    outliers: NDArray[np.bool_] | None = None,
+    outliers: Mask,
+    groups_per_turn: int = GROUPS_PER_TURN,
 ) -> Cells:
     """One robust pass over all readings.
 
     Args:
         scan: what the sensor saw.
+        bands: the parts of the cylinders that are measured on.
         model: the model with its layout.
         parameters: present estimate.
-        grid: the cells.
         limit: mm from the predicted surface at which a reading's weight becomes zero.
         reach: mm from the predicted surface within which a reading counts as one of the surface's at all.
         outliers: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
+        groups_per_turn: of neighbouring profiles.
     """
+    grid = _grid(scan, bands, groups_per_turn)
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
-    mass = slack = 0.0
+    mass = slope = 0.0
     predicted = _predicted(scan, model, parameters, grid)
     trusted = _trusted(scan, model, parameters, grid, outliers)
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
-        with np.errstate(invalid="ignore"):
-            ratio = block.deviation * (1.0 / limit)
-        left = np.maximum(1.0 - ratio * ratio, 0.0)
-        left[~near] = 0.0
+        weight = tukey_weights(block.deviation * (1.0 / limit))
+        weight[~near] = 0.0
         if trusted is not None:
-            own = trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
-            near |= ~own & (np.abs(block.deviation) < OUTLIER_REACH)
-            left[~own] = 0.0
-        weight = left * left
+            outlier = ~trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
+            near |= outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
+            weight[outlier] = 0.0
         points += int(np.count_nonzero(near))
         kept += int(np.count_nonzero(weight))
-        mass, slack = mass + float(weight.sum()), slack + float(left.sum())
+        mass, slope = mass + float(weight.sum()), slope + float(tukey_slopes(weight).sum())
         span = block.cells
         size = span.stop - span.start
         deviation = np.where(near, block.deviation, 0.0)
@@ -144,15 +145,13 @@ def reduce(
         sums[2, span] += np.bincount(block.index, weighted * deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
-    correction = mass / max(5.0 * mass - 4.0 * slack, 0.5 * mass, 1e-300)
+    correction = m_estimator_correction(mass, slope)
     return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), correction)
 
 
-def _trusted(
-    scan: Scan, model: Model, p: Array, grid: Grid, outliers: NDArray[np.bool_] | None
-) -> NDArray[np.bool_] | None:
-    """Whether profile i may be looked at in bin j, (N, bins + 1); None where everything may."""
-    if outliers is None or not outliers.any():
+def _trusted(scan: Scan, model: Model, p: Array, grid: Grid, outliers: Mask) -> Mask | None:
+    """Whether profile i is used in bin j, (N, bins + 1); None where everything is."""
+    if not outliers.any():
         return None
     sector = np.floor(model.angle(p, scan.angle) * (outliers.shape[1] / tau)).astype(np.intp) % outliers.shape[1]
     per_bin = np.vstack([outliers[grid.cylinder], np.zeros((1, outliers.shape[1]), dtype=np.bool_)])
@@ -199,14 +198,14 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
         x, z = scan.x[rows], scan.z[rows]
         v = x * vx + z * vz + height
         with np.errstate(invalid="ignore"):
-            step = np.clip((v - low) * (1.0 / LOOKUP), 0, table.size - 1)
+            step = np.clip((v - low) * (1.0 / LOOKUP_MM), 0, table.size - 1)
         step[np.isnan(step)] = 0
         bin_ = table[step.astype(np.intp)]
         pick = np.flatnonzero(bin_.reshape(-1) < bins)
         n = np.arange(rows.start, rows.stop)
         part = (n % grid.group) / grid.group
-        own = n // grid.group
-        surface = predicted[own] * (1 - part)[:, None] + predicted[own + 1] * part[:, None]
+        group = n // grid.group
+        surface = predicted[group] * (1 - part)[:, None] + predicted[group + 1] * part[:, None]
         row = pick // x.shape[1]
         chosen = bin_.reshape(-1)[pick]
         u = ux * x.reshape(-1)[pick] + uz * z.reshape(-1)[pick] + plane.radial
@@ -215,7 +214,7 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
             deviation,
             v.reshape(-1)[pick] - centres[chosen],
             n[row].astype(np.float64),
-            (own[row] - first) * (bins + 1) + chosen,
+            (group[row] - first) * (bins + 1) + chosen,
             slice(first * (bins + 1), last * (bins + 1)),
         )
 
@@ -223,8 +222,8 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
 def _sag(predicted: Array, group: int) -> Array:
     """By how much the mean of u over a group of profiles differs from u at their mean angle (groups, B), mm."""
     steps = np.diff(predicted, axis=0)
-    bend = np.gradient(steps, axis=0) if len(steps) > 1 else np.zeros_like(steps)
-    return np.asarray(bend * (1.0 - 1.0 / group**2) / 24.0)
+    curvature = np.gradient(steps, axis=0) if len(steps) > 1 else np.zeros_like(steps)
+    return np.asarray(curvature * (1.0 - 1.0 / group**2) / 24.0)
 
 
 def _means(
@@ -246,14 +245,14 @@ def _means(
     profile = np.clip(profile, 0, scan.profiles - 1)
     part = profile / grid.group - group
     surface = predicted[group, bin_] * (1 - part) + predicted[group + 1, bin_] * part
-    time = np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5])
     u = surface + deviation - _sag(predicted, grid.group)[group, bin_]
     plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), model.height)
     readings = Readings(
         *plane.from_uv(u, grid.centres[bin_] + offset),
         np.interp(profile, np.arange(scan.profiles), scan.angle),
-        time,
+        np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5]),
         grid.cylinder[bin_],
     )
     spread = np.sqrt(np.maximum(square - deviation * deviation, 0.0))
-    return Cells(readings, weight, spread, group, bin_, *counts, correction)
+    per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
+    return Cells(readings, weight, spread, group, per_turn, bin_, *counts, correction)

@@ -1,6 +1,5 @@
-"""Questions a scan answers about itself, in plain words, each with what to do."""
+"""Tests of a calibration by its own scan, in plain words, each with what to do when it fails."""
 
-from dataclasses import replace
 from math import hypot
 
 import numpy as np
@@ -8,98 +7,91 @@ import numpy as np
 from truestand.calibration.estimate import MOST_STEPS
 from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
-from truestand.calibration.segment import LEAST_SHARE, SURE
+from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
-from truestand.core.calibration import AngleZero, Calibration, Check, Residuals, StaticProfile, Uncertainty
-from truestand.core.scan import Scan
+from truestand.core.calibration import Check, Residuals, StaticProfile
+from truestand.core.scan import AngleZero, Scan
 
-PROFILES = 120
-"""Looked at for the share of outliers."""
-NEAR = 5.0
-"""mm from the surface within which a reading is held against the model."""
-OFTEN = 0.1
+SAMPLED_PROFILES = 120
+"""For the share of outliers."""
+NEAR_SURFACE_MM = 5.0
+"""Distance from the surface within which a reading is compared with the model."""
+LEAST_SHAFT_SHARE = 0.1
 """Share of a ray's readings that must be the shaft's for it to be one of the shaft's rays."""
-INSIDE = 0.1
-"""mm that the shaft's readings of a ray must keep from the ends of what is measured on."""
+INSIDE_MM = 0.1
+"""Distance that the shaft's readings of a ray must keep from the ends of what is measured on."""
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
 ENOUGH_SEEN = 0.2
-MOST_DRIFT = 0.01
-"""mm over the scan."""
-MOST_STEP = 0.02
-"""mm: difference of two steps from the drawing that is not called wrong, sensor and certificate apart."""
-MOST_OVERLAP = 0.001
-"""mm rms: a trace's stretch of 10 degrees repeats to a tenth of that."""
-MOST_TOGETHER = 0.02
+MOST_DRIFT_MM = 0.01
+"""Over the scan."""
+MOST_STEP_MM = 0.02
+"""Difference of two steps from the drawing that is not called wrong, sensor and certificate apart."""
+MOST_OVERLAP_MM = 0.001
+"""rms: a trace's stretch of 10 degrees repeats to a tenth of that."""
+MOST_COMMON_OUTLIERS = 0.02
 """Share of the profiles."""
-MOST_SHARED, ALIKE = 0.002, 0.25
-"""mm; and how far, against the common wave, the surfaces' waves may lie from it to be called the same."""
-MOST_RESIDUAL = 0.1
-"""mm rms: a laser triangulation sensor on a metal shaft does ten times better."""
+MOST_SHARED_MM, ALIKE = 0.002, 0.25
+"""Amplitude; and how far, as a share of the common wave, the surfaces' waves may lie from it to be called the same."""
+MOST_RESIDUAL_MM = 0.1
+"""rms: a laser triangulation sensor on a metal shaft does ten times better."""
 
 
 def checks_of(
-    scan: Scan,
-    artefact: Artefact,
-    fit: Refined,
-    residuals: Residuals,
-    static: tuple[StaticProfile, ...],
-    budget: dict[str, Uncertainty],
+    scan: Scan, artefact: Artefact, fit: Refined, residuals: Residuals, static: tuple[StaticProfile, ...]
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first."""
     share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
     drift = abs(float(fit.solution.parameters[DRIFT]))
-    found = [
+    return (
         Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
               "scan at least one full turn; a partial one can't tell form from eccentricity"),
         Check("readings rejected, share", share, MOST_REJECTED, share <= MOST_REJECTED,
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("drawing explains the view, share", fit.segments.explained, LEAST_SHARE,
-              fit.segments.explained >= LEAST_SHARE,
+        Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
+              fit.segments.explained >= LEAST_EXPLAINED,
               "check the diameters and lengths in shaft.toml and what else is in view"),
-        Check("surfaces told apart, confidence", fit.segments.confidence, SURE, fit.segments.confidence >= SURE,
+        Check("surfaces told apart, confidence", fit.segments.confidence, LEAST_CONFIDENCE,
+              fit.segments.confidence >= LEAST_CONFIDENCE,
               "bring a step and an end of the shaft into view; check shaft.toml"),
-        Check("residual, um rms", 1000 * residuals.rms, 1000 * MOST_RESIDUAL, residuals.rms <= MOST_RESIDUAL,
-              "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
+        Check.at_most_um("residual, um rms", residuals.rms, MOST_RESIDUAL_MM,
+                         "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
         Check("fit converged, steps", float(fit.solution.steps), float(MOST_STEPS), fit.solution.converged,
               "the exact model found no steady answer; check the drawing and the direction of the table"),
-        Check("drift over the scan, um", 1000 * drift, 1000 * MOST_DRIFT, drift <= MOST_DRIFT,
-              "let sensor and table warm up; check that nothing is loose"),
-    ]  # fmt: skip
-    found += _angle_checks(scan, fit)
-    found += _static_checks(scan, artefact, fit, static)
-    return tuple(found)
+        Check.at_most_um("drift over the scan, um", drift, MOST_DRIFT_MM,
+                         "let sensor and table warm up; check that nothing is loose"),
+        *_angle_checks(scan, fit),
+        *_static_checks(scan, artefact, fit, static),
+    )  # fmt: skip
 
 
 def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
     """What a wrong table angle, or a table whose bearing errs, does to all surfaces alike."""
-    found = []
-    own = "angle" if scan.angle_source in ("index", "time") else "bearing"
+    checks = []
+    source = "angle" if scan.free_speed else "bearing"
     if fit.overlap is not None:
-        found.append(
-            Check(f"repeated turns differ ({own}), um rms", 1000 * fit.overlap, 1000 * MOST_OVERLAP,
-                  fit.overlap <= MOST_OVERLAP,
-                  "the same surface reads otherwise on the next turn: lost profiles, uneven turning, slip or drift; "
-                  "record the table's angle and see that nothing is loose")
-        )  # fmt: skip
+        checks.append(Check.at_most_um(
+            f"repeated turns differ ({source}), um rms", fit.overlap, MOST_OVERLAP_MM,
+            "the same surface reads otherwise on the next turn: lost profiles, uneven turning, slip or drift; "
+            "record the table's angle and see that nothing is loose",
+        ))  # fmt: skip
     if len(fit.model.radii) < 2:
-        return found
-    if scan.angle_source in ("index", "time"):
-        found.append(
-            Check("all surfaces off their waves at once, share", fit.common_outliers, MOST_TOGETHER,
-                  fit.common_outliers <= MOST_TOGETHER,
-                  "profiles were lost or the table didn't turn steadily (a start-up ramp?): record its angle, or a "
-                  "counter, or start the scan later")
-        )  # fmt: skip
-    shared = shared_form(fit)
-    found.append(
-        Check(f"form shared by all surfaces ({own}), um", 1000 * shared, 1000 * MOST_SHARED, shared <= MOST_SHARED,
-              "the table's bearing, or an angle that is not what it seems (lost profiles, uneven turning), shows on "
-              "all surfaces alike: record the angle, or clamp the shaft at another angle to tell which it is")
-    )  # fmt: skip
-    return found
+        return checks
+    if scan.free_speed:
+        checks.append(Check(
+            "all surfaces off their waves at once, share", fit.common_outliers, MOST_COMMON_OUTLIERS,
+            fit.common_outliers <= MOST_COMMON_OUTLIERS,
+            "profiles were lost or the table didn't turn steadily (a start-up ramp?): record its angle, or a "
+            "counter, or start the scan later",
+        ))  # fmt: skip
+    checks.append(Check.at_most_um(
+        f"form shared by all surfaces ({source}), um", shared_form(fit), MOST_SHARED_MM,
+        "the table's bearing, or an angle that is not what it seems (lost profiles, uneven turning), shows on "
+        "all surfaces alike: record the angle, or clamp the shaft at another angle to tell which it is",
+    ))  # fmt: skip
+    return checks
 
 
 def shared_form(fit: Refined) -> float:
@@ -108,67 +100,56 @@ def shared_form(fit: Refined) -> float:
     waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
     if not waves.size:
         return 0.0
-    turning = waves[:, 0] + 1j * waves[:, 1]
-    common = turning.mean(axis=0)
-    alike = np.abs(turning - common).max(axis=0) < ALIKE * np.abs(common)
+    complex_waves = waves[:, 0] + 1j * waves[:, 1]
+    common = complex_waves.mean(axis=0)
+    alike = np.abs(complex_waves - common).max(axis=0) < ALIKE * np.abs(common)
     return float(np.abs(common[alike]).max(initial=0.0))
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:
     """Sensor linearity as the static profile shows it, and the step between the diameters against the drawing."""
-    sensor = scan.stand.sensor
-    stated = sensor.linearity
+    stated = scan.stand.sensor.linearity
     limit = 2 * stated
     shown = max(s.peak_to_valley for s in static)
     # A sensor that shows itself worse than stated may read two steps differently by all that it shows.
     linearity = stated if shown <= limit else max(stated, shown)
-    found = []
-    for profile in static:
-        shape = profile.peak_to_valley
-        found.append(
-            Check(
-                f"static shape on {profile.surface}, um peak to valley", 1000 * shape, 1000 * limit, shape <= limit,
-                "the sensor's range is not linear (or the step's line is not straight): the shape is shown in the "
-                "report and is not used as evidence; ask for the sensor's calibration if it matters",
-            )
-        )  # fmt: skip
+    checks = [
+        Check.at_most_um(
+            f"static shape on {profile.surface}, um peak to valley", profile.peak_to_valley, limit,
+            "the sensor's range is not linear (or the step's line is not straight): the shape is shown in the "
+            "report and is not used as evidence; ask for the sensor's calibration if it matters",
+        )
+        for profile in static
+    ]  # fmt: skip
     for profile, band in zip(static[1:], fit.segments.bands[1:], strict=True):
         cylinders = (artefact.base, artefact.cylinders[band.cylinder])
-        step = float(profile.deviation.mean())
-        known = 0.5 * hypot(*(c.diameter_U or 0.0 for c in cylinders))
-        allowed = MOST_STEP + known + linearity
-        found.append(
-            Check(
-                f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um",
-                1000 * step, 1000 * allowed,
-                abs(step) <= allowed, "check the diameters in shaft.toml against the certificate",
-            )
-        )  # fmt: skip
-    return found
+        certified = 0.5 * hypot(*(c.diameter_U or 0.0 for c in cylinders))
+        checks.append(Check.at_most_um(
+            f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um",
+            float(profile.deviation.mean()), MOST_STEP_MM + certified + linearity,
+            "check the diameters in shaft.toml against the certificate",
+        ))  # fmt: skip
+    return checks
 
 
 DECISIVE = (
     "readings rejected, share",
-    "drawing explains the view, share",
     "residual, um rms",
     "fit converged, steps",
     "step from",
     "all surfaces off",
     "repeated turns differ (angle)",
 )
-"""Checks whose failure makes a calibration untrusted; the others warn."""
+"""How the names of the checks start whose failure makes a calibration untrusted; the others warn."""
 
 
-def reasons_of(calibration: Calibration, fit: Refined) -> Calibration:
-    """The calibration with the reasons not to trust it, if any."""
-    reasons = list(fit.segments.reasons)
-    for check in calibration.checks:
-        if not check.ok and check.name.startswith(DECISIVE) and not check.name.startswith("drawing explains"):
-            reasons.append(f"{check.name}: {check.value:.3g} (limit {check.limit:.3g}); {check.advice}")
-    return replace(calibration, reasons=(*reasons, *no_zero(calibration.angle_zero)))
+def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZero) -> tuple[str, ...]:
+    """Why a calibration is not to be trusted; empty where it is."""
+    failed = (c.reason for c in checks if not c.ok and c.name.startswith(DECISIVE))
+    return (*segments.reasons, *failed, *angle_zero_reasons(angle_zero))
 
 
-def no_zero(angle_zero: AngleZero) -> tuple[str, ...]:
+def angle_zero_reasons(angle_zero: AngleZero) -> tuple[str, ...]:
     """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
     if angle_zero != "unknown":
         return ()
@@ -183,26 +164,25 @@ def outlier_share(scan: Scan, fit: Refined) -> float:
 
     Outliers lie anywhere, so they are not seen near the surface; but their rays are known.
     """
-    rows, p = scan.spread(PROFILES), fit.solution.parameters
+    rows = scan.spread(SAMPLED_PROFILES)
     x, z = scan.x[rows], scan.z[rows]
     u, v = fit.plane.to_uv(x, z)
-    time = rows / max(scan.profiles - 1, 1) - 0.5
+    rays = z.shape[1]
     seen = off = 0
     for k, band in enumerate(fit.segments.bands):
-        with np.errstate(invalid="ignore"):
-            near = (v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR)
+        near = (v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR_SURFACE_MM)
         row, column = np.nonzero(near)
         if not row.size:
             continue
-        which = np.full(row.size, k, dtype=np.intp)
-        readings = Readings(x[row, column], z[row, column], scan.angle[rows][row], time[row], which)
-        own = np.abs(fit.model.residuals(p, readings)) < fit.limit
+        readings = Readings.of(scan, rows, (row, column), np.full(row.size, k, dtype=np.intp))
+        on_shaft = np.abs(fit.model.residuals(fit.solution.parameters, readings)) < fit.limit
+        row, column = row[on_shaft], column[on_shaft]
         count = np.count_nonzero(np.isfinite(z), axis=0)
-        shaft = np.bincount(column[own], minlength=z.shape[1])
-        low, high = np.full(z.shape[1], np.inf), np.full(z.shape[1], -np.inf)
-        np.minimum.at(low, column[own], v[row, column][own])
-        np.maximum.at(high, column[own], v[row, column][own])
-        rays = (shaft > OFTEN * count) & (low > band.low + INSIDE) & (high < band.high - INSIDE)
-        seen += int(count[rays].sum())
-        off += int((count - shaft)[rays].sum())
+        shaft = np.bincount(column, minlength=rays)
+        low, high = np.full(rays, np.inf), np.full(rays, -np.inf)
+        np.minimum.at(low, column, v[row, column])
+        np.maximum.at(high, column, v[row, column])
+        used = (shaft > LEAST_SHAFT_SHARE * count) & (low > band.low + INSIDE_MM) & (high < band.high - INSIDE_MM)
+        seen += int(count[used].sum())
+        off += int((count - shaft)[used].sum())
     return off / seen if seen else 0.0

@@ -9,51 +9,40 @@ first-order autoregressive noise on a white floor (Whittle 1953).
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.estimate import MOUNTING, PLANE, Noise, Prior, Solution, noise_of, precision_of, solve
-from truestand.calibration.model import Model
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from truestand.calibration.estimate import Solution, solve
+from truestand.calibration.model import MOUNTING, PLANE, Model, Prior, precision_of
+from truestand.core.arrays import Array, Ints
+from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 
 CORRELATIONS = np.concatenate([[0.0], 1.0 - np.geomspace(0.9, 0.005, 40)])
 """AR(1) coefficients between neighbouring sectors that are tried."""
 FLOORS = np.array([0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98])
 """Shares of white noise that are tried."""
-SHOWN = 9.0
+LEAST_GAIN = 9.0
 """Twice the log-likelihood that correlation must gain: less comes up in white noise."""
 LEAST_SECTORS = 60
-TAKEN = 2
-"""Unknowns of each bin's slowest waves that the fit takes out: offset and slope over height."""
+FITTED_PER_WAVE = 2
+"""Unknowns of each of the slowest waves that the fit takes out: offset and slope over height."""
 MOUNTING_LEFT = 1e-2
 """Share of the mounting prior's precision that stays on, so that a plane that nobody sees has a number at all."""
 
 
-def score_covariance(model: Model, cells: Cells, solution: Solution, sectors: Ints) -> Array:
-    """Covariance (p, p) of the data's score at a solution.
-
-    ``sectors`` (n,) says which stretch of which cylinder each cell lies on, the same on every turn.
-    """
+def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
+    """Covariance (p, p) of the data's score at a solution."""
     residuals, jacobian = model.linearised(solution.parameters, cells.readings)
-    noise = noise_of(residuals, cells.weight)
-    weights = noise.weights(residuals, cells.weight)
-    series = _sector_series(residuals, jacobian, weights, sectors // len(model.radii), cells.bin)
-    scores = _correlated(series, model.orders)
+    sector = cells.group % cells.groups_per_turn
+    means, slopes = _sector_series(residuals, jacobian, solution.weights, sector, cells.bin)
+    scores = _correlated(means, slopes, model.orders)
     if scores is None:
-        scores = clustered(jacobian * (weights * residuals)[:, None], sectors)
-    return scores * _m_estimator(noise, residuals, cells.weight) ** 2 * cells.correction**2
-
-
-def _m_estimator(noise: Noise, residuals: Array, counts: Array) -> float:
-    """How much more the estimate scatters than its weights say: mean weight over mean slope of Tukey's score."""
-    left = np.maximum(1.0 - np.square(noise.ratio(residuals, counts)), 0.0)
-    weight, slope = float(counts @ (left * left)), float(counts @ (5.0 * left * left - 4.0 * left))
-    return weight / max(slope, 0.5 * weight)
+        surface = sector * len(model.radii) + cells.readings.cylinder
+        scores = clustered(jacobian * (solution.weights * residuals)[:, None], surface)
+    robust = tukey_weights(solution.noise.ratio(residuals, cells.weight))
+    correction = m_estimator_correction(float(cells.weight @ robust), float(cells.weight @ tukey_slopes(robust)))
+    return scores * correction**2 * cells.correction**2
 
 
 def clustered(scores: Array, sectors: Ints) -> Array:
@@ -67,18 +56,11 @@ def clustered(scores: Array, sectors: Ints) -> Array:
     return np.asarray(sums.T @ sums) * (n / max(n - p, 1) if n > 2 * p else 2.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _SectorSeries:
-    """Cells by sector (S) and by bin of height (B), all turns together, scaled to noise of one size."""
+def _sector_series(residuals: Array, jacobian: Array, weights: Array, sector: Ints, bins: Ints) -> tuple[Array, Array]:
+    """Residuals (S, B) and Jacobian (S, B, p) by sector and bin of height, all turns together, scaled to unit noise.
 
-    residuals: Array
-    """(S, B)."""
-    jacobian: Array
-    """(S, B, p)."""
-
-
-def _sector_series(residuals: Array, jacobian: Array, weights: Array, sector: Ints, bins: Ints) -> _SectorSeries:
-    """Cells (n,): residuals mm, jacobian (n, p), weights 1/mm2, their stretch of table angle and bin of height."""
+    Of cells (n,): residuals mm, jacobian (n, p), weights 1/mm2, their stretch of table angle and bin of height.
+    """
     shape = (int(sector.max()) + 1, int(bins.max()) + 1)
     cell = sector * shape[1] + bins
     order = np.argsort(cell, kind="stable")
@@ -90,26 +72,26 @@ def _sector_series(residuals: Array, jacobian: Array, weights: Array, sector: In
     seen = mass > 0
     flat, wide = np.zeros(shape[0] * shape[1]), np.zeros((shape[0] * shape[1], jacobian.shape[1]))
     flat[found[seen]], wide[found[seen]] = means[seen], slopes[seen]
-    return _SectorSeries(flat.reshape(shape), wide.reshape(*shape, -1))
+    return flat.reshape(shape), wide.reshape(*shape, -1)
 
 
-def _correlated(series: _SectorSeries, orders: int) -> Array | None:
+def _correlated(residuals: Array, jacobian: Array, orders: int) -> Array | None:
     """Covariance (p, p) of the score from noise that is correlated along the sectors; None where it is not.
 
     ``orders``: highest wave a turn that the fit takes for form.
     """
-    count, bins = series.residuals.shape
-    if count < LEAST_SECTORS or 2 * orders + 2 > count // 2 or bins < 2 * TAKEN:
+    count, bins = residuals.shape
+    if count < LEAST_SECTORS or 2 * orders + 2 > count // 2 or bins < 2 * FITTED_PER_WAVE:
         return None
-    waves = np.fft.rfft(series.residuals, axis=0)
-    seen = np.count_nonzero(series.residuals) / series.residuals.size
+    waves = np.fft.rfft(residuals, axis=0)
+    seen = np.count_nonzero(residuals) / residuals.size
     own = np.square(np.abs(waves)).mean(axis=1) / (count * seen)
     shared = np.square(np.abs(waves.sum(axis=1))) / (count * bins * seen)
     above = slice(orders + 1, -1)
     red_own, red_shared = _red(own[1:-1], count, 1, bins), _red(shared[above], count, orders + 1, 1)
     if red_own is None and red_shared is None:
         return None
-    own[: orders + 1] *= bins / (bins - TAKEN)
+    own[: orders + 1] *= bins / (bins - FITTED_PER_WAVE)
     own = _smoothed(own)
     common = np.zeros(own.size)
     if red_shared is not None:
@@ -118,7 +100,7 @@ def _correlated(series: _SectorSeries, orders: int) -> Array | None:
             common[:] = 0.0
     both = np.full(own.size, 2.0)
     both[0] = both[-1] = 1.0
-    slopes = np.fft.rfft(series.jacobian, axis=0)
+    slopes = np.fft.rfft(jacobian, axis=0)
     each = (slopes * np.sqrt(both * own / count)[:, None, None]).reshape(-1, slopes.shape[2])
     alike = slopes.sum(axis=1) * np.sqrt(both * common / count)[:, None]
     return np.asarray((each.conj().T @ each).real + (alike.conj().T @ alike).real)
@@ -134,7 +116,7 @@ def _red(power: Array, count: int, first: int, averaged: int) -> Array | None:
     scale = (power / inside).mean(axis=1)
     cost = 2.0 * averaged * (np.log(inside).sum(axis=1) + power.size * np.log(scale))
     best = int(np.argmin(cost))
-    return None if cost[0] - cost[best] < SHOWN else np.asarray(models[best] * scale[best])
+    return None if cost[0] - cost[best] < LEAST_GAIN else np.asarray(models[best] * scale[best])
 
 
 def _smoothed(power: Array) -> Array:
@@ -170,26 +152,17 @@ def _by_source(inverse: Array, scores: Array, priors: Iterable[Prior]) -> dict[s
     return parts
 
 
-@dataclass(frozen=True, slots=True)
-class Posterior:
-    """Parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole."""
+def weigh(
+    solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool = True
+) -> tuple[Array, dict[str, Array]]:
+    """Combine the scan's reading of the laser plane with its mounting prior: Kalman's update of two numbers.
 
-    parameters: Array
-    parts: dict[str, Array]
-
-    @property
-    def covariance(self) -> Array:
-        """The whole covariance."""
-        return np.asarray(sum(self.parts.values()))
-
-
-def weigh(solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_told: bool = True) -> Posterior:
-    """Combine what the shaft tells of the laser plane with its mounting prior: Kalman's update of two numbers.
+    The parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole.
 
     The fit reads offset d and tilt alpha from how the two steps' first harmonics differ, as if the steps were coaxial.
     What the certificate leaves open on coaxiality makes that reading uncertain, the more so the smaller the
     eccentricity. So the reading (d, alpha) is combined with the mounting prior, each with its covariance, and the other
-    unknowns follow. ``plane_told`` is False where the shaft can't tell the plane at all: then only the mounting counts.
+    unknowns follow. Where the plane is not identifiable, only the mounting counts.
 
     The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
     is taken off first, so that the prior counts once, against what the reading is really worth.
@@ -203,13 +176,12 @@ def weigh(solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_to
     parts = _by_source(solve(normal, np.eye(size)), scores, others)
     reading = np.asarray(sum(parts.values()))[np.ix_(PLANE, PLANE)]
     mounting = np.diag([next(q.u for q in mountings if i in q.index) ** 2 for i in PLANE])
-    gain = mounting @ np.linalg.inv(mounting + reading) if plane_told else np.zeros((2, 2))
+    gain = mounting @ np.linalg.inv(mounting + reading) if plane_identifiable else np.zeros((2, 2))
     move = _followers(normal) @ (gain - np.eye(2))
     transfer = np.eye(size)
     transfer[:, PLANE] += move
     weighed = {name: transfer @ part @ transfer.T for name, part in parts.items()}
-    weighed[MOUNTING] = move @ mounting @ move.T
-    return Posterior(transfer @ released, weighed)
+    return transfer @ released, weighed | {MOUNTING: move @ mounting @ move.T}
 
 
 def _followers(normal: Array) -> Array:

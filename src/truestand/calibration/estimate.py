@@ -1,21 +1,14 @@
 """Gauss-Newton on surface cells, held by what is known beforehand."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.model import DRIFT, SPEED, Model
-from truestand.calibration.segment import Segments
-from truestand.core.artefact import Artefact
-from truestand.core.assumptions import COAXIALITY_U, SMOOTH
-from truestand.core.frames import PLANE_OFFSET, PLANE_TILT, TILT_X, TILT_Y, UNKNOWNS
-from truestand.core.robust import TUKEY, robust_sd, tukey_weights
-from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
+from truestand.calibration.model import PLANE, Model, Prior, precision_of
+from truestand.core.arrays import Array
+from truestand.core.frames import UNKNOWNS
+from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
 
 MOST_STEPS = 30
 MOST_HALVINGS_A_STEP, MOST_HALVINGS = 10, 30
@@ -24,7 +17,7 @@ SLACK = 1e-5
 """Cost, absolute and relative, that a step may add: near the end the linear model is as true as the cost."""
 SETTLED = 1e-7
 """mm or rad: a tenth of a nanometre is still."""
-STILL = 1e-4
+NEGLIGIBLE_STEP = 1e-4
 """A step this small against the unknown's own standard uncertainty changes nothing that anyone could see."""
 MODEL_U = 1e-4
 """mm: the model is no truer than this, however many readings there are.
@@ -33,82 +26,6 @@ Seven million readings average to 3 nm. At that scale directions that the scan h
 under a centred shaft) would be read from what nobody modelled: the edges of a keyway, half a micrometre of dirt. With
 this floor the priors decide there. What the scan does see is read with weights a thousand times the priors' own.
 """
-PLANE = (PLANE_OFFSET, PLANE_TILT)
-CONSIDERED_U = 1e-7
-"""mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
-
-MOUNTING = "mounting of the laser plane"
-COAXIALITY = "coaxiality of the steps"
-WEAK = "form and static profile"
-CLAMPING_U = 0.04
-"""rad, k = 2: no shaft runs more tilted than this."""
-DRIFT_U = 0.1
-"""mm over the scan, k = 2."""
-SPEED_U = 0.1
-"""Relative, k = 2, of a table without an encoder."""
-FIXED_U = 1e-10
-"""For what is no unknown in this scan."""
-STATIC_U = 0.1
-"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
-of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What is known of some unknowns before the scan: index, standard uncertainty, under one name in the budget.
-
-    Where ``considered``, the unknowns are held at zero in the fit and only their uncertainty is carried on (consider
-    analysis): for what seven million readings seem to tell about them comes from effects that nobody modelled.
-    """
-
-    name: str
-    index: tuple[int, ...]
-    u: float
-    considered: bool = False
-
-    @property
-    def precision(self) -> float:
-        """With which the fit holds the unknowns, 1/unit2."""
-        return 1.0 / (CONSIDERED_U if self.considered else self.u) ** 2
-
-
-def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
-    """The priors of stand, certificate and common sense, each under its name in the budget."""
-    sensor = scan.stand.sensor
-    free_speed = scan.angle_source in ("index", "time")
-    priors = [
-        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
-        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
-        Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
-        Prior("drift", (DRIFT,), DRIFT_U / 2),
-        Prior("table speed", (SPEED,), SPEED_U / 2 if free_speed else FIXED_U),
-    ]
-    for k, band in enumerate(segments.bands):
-        cylinder = artefact.cylinders[band.cylinder]
-        if k:
-            coaxiality = cylinder.coaxiality_U or COAXIALITY_U
-            start = model.axis_slice(k).start
-            slope = coaxiality / 2 / cylinder.length
-            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
-            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
-        own, forms = model.static_slice(k), model.form_slice(k)
-        low, high = model.static_spans[k]
-        for i, degree in enumerate(model.static_degrees(k), own.start):
-            # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
-            # the base may be wrong in the drawing.
-            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
-            priors.append(Prior(WEAK, (i,), u))
-        if forms.stop > forms.start:
-            priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
-    return tuple(priors)
-
-
-def precision_of(priors: Iterable[Prior], size: int) -> Array:
-    """Precision (size,) with which the priors hold each unknown, 1/unit2."""
-    precision = np.zeros(size)
-    for prior in priors:
-        precision[list(prior.index)] = prior.precision
-    return precision
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +41,10 @@ class Solution:
     """(n,) mm, one a cell."""
     weights: Array
     """(n,) 1/mm2: how much each cell counts."""
-    steps: int
-    converged: bool
-    stuck: bool
+    noise: "Noise"
+    steps: int = 0
+    converged: bool = False
+    stuck: bool = False
     """Given up, because steps had to be halved again and again."""
 
 
@@ -145,38 +63,26 @@ def gauss_newton(
         steps += 1
         normal = at.information + np.diag(precision)
         change = -solve(normal, at.gradient + precision * at.parameters)
-        still = np.maximum(settled, STILL * _standard_uncertainty(normal)[:UNKNOWNS])
+        still = np.maximum(settled, NEGLIGIBLE_STEP * _standard_uncertainty(normal)[:UNKNOWNS])
         converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
-        if not converged:  # a step too small to matter is not worth another look at all cells
-            p, more = _bettering(model, cells, at, change, precision)
+        if not converged:  # a step too small to matter is not worth another pass over all cells
+            p, more = _improved(model, cells, at, change, precision)
             at = _linearised(model, cells, p)
             halvings += more
-    stuck = halvings >= MOST_HALVINGS
-    return Solution(at.parameters, at.gradient, at.information, at.residuals, at.weights, steps, converged, stuck)
+    return replace(at, steps=steps, converged=converged, stuck=halvings >= MOST_HALVINGS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Linearised:
-    """The data's cost about some parameters: its noise, and what ``Solution`` says of it."""
-
-    parameters: Array
-    residuals: Array
-    weights: Array
-    gradient: Array
-    information: Array
-    noise: "Noise"
-
-
-def _linearised(model: Model, cells: Cells, p: Array) -> _Linearised:
+def _linearised(model: Model, cells: Cells, p: Array) -> Solution:
+    """The data's cost about some parameters."""
     residuals, jacobian = model.linearised(p, cells.readings)
     noise = noise_of(residuals, cells.weight)
     weights = noise.weights(residuals, cells.weight)
     weighted = jacobian * weights[:, None]
-    return _Linearised(p, residuals, weights, weighted.T @ residuals, weighted.T @ jacobian, noise)
+    return Solution(p, weighted.T @ residuals, weighted.T @ jacobian, residuals, weights, noise)
 
 
-def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, precision: Array) -> tuple[Array, int]:
-    """The parameters after a step that betters the robust cost, and how often it was halved for that.
+def _improved(model: Model, cells: Cells, at: Solution, change: Array, precision: Array) -> tuple[Array, int]:
+    """The parameters after a step that lowers the robust cost, and how often it was halved for that.
 
     Under a nearly centred shaft the scan hardly sees the laser plane, and far along that direction the other unknowns
     follow in a curve (sag is quadratic). Where the straight step fails they are solved again for the new plane; where
@@ -184,18 +90,22 @@ def _bettering(model: Model, cells: Cells, at: _Linearised, change: Array, preci
     """
     p, noise = at.parameters, at.noise
     before = SLACK + (1.0 + SLACK) * noise.cost(at.residuals, cells.weight, p, precision)
+
+    def cost(tried: Array) -> float:
+        return noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision)
+
     for halvings in range(MOST_HALVINGS_A_STEP):
         tried = p + change
-        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+        if cost(tried) <= before:
             return tried, halvings
-        tried = _following(model, cells, tried, noise, precision)
-        if noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision) <= before:
+        tried = _others_solved(model, cells, tried, noise, precision)
+        if cost(tried) <= before:
             return tried, halvings
         change = change / 2
     return p + change, MOST_HALVINGS_A_STEP
 
 
-def _following(model: Model, cells: Cells, p: Array, noise: "Noise", precision: Array) -> Array:
+def _others_solved(model: Model, cells: Cells, p: Array, noise: "Noise", precision: Array) -> Array:
     """One Gauss-Newton step of all unknowns but the laser plane's."""
     residuals, jacobian = model.linearised(p, cells.readings)
     weighted = jacobian * noise.weights(residuals, cells.weight)[:, None]
@@ -223,8 +133,7 @@ class Noise:
 
     def cost(self, residuals: Array, counts: Array, p: Array, precision: Array) -> float:
         """What Gauss-Newton makes small: Tukey's cost of the cells and the priors' squares."""
-        left = np.maximum(1.0 - np.square(self.ratio(residuals, counts)), 0.0)
-        return self.share * TUKEY**2 / 3.0 * float(np.sum(1.0 - left * left * left)) + float(precision @ (p * p))
+        return self.share * tukey_cost(self.ratio(residuals, counts)) + float(precision @ (p * p))
 
 
 def noise_of(residuals: Array, counts: Array) -> Noise:

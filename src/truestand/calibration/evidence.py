@@ -1,17 +1,17 @@
-"""What a report shows of a calibration: small arrays, computed here so that the report only draws.
+"""What a report shows of a calibration: small arrays, computed here so that the report only draws them.
 
 Everything is made from evenly spread profiles of the scan and from the calibrations themselves, by the same ``roll``
 that users call: what is drawn is what they get.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, tau
+from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.outline import median_profile, sample
-from truestand.calibration.segment import EDGE_MARGIN
+from truestand.calibration.segment import EDGE_MARGIN_MM
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.calibration import Calibration
 from truestand.core.frames import LaserPlane, sensor_parameters, shaft_from_rotor
@@ -19,13 +19,11 @@ from truestand.core.harmonics import fit_harmonics
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
-Array = NDArray[np.float64]
-
-PROFILES = 1200
+SAMPLED_PROFILES = 1200
 RAW_COLUMNS = 320
 MAP_ANGLES, MAP_HEIGHTS = 360, 60
-REACH = 1.5
-"""mm: readings this near to a cylinder are drawn as its own."""
+NEAR_MM = 1.5
+"""Readings this near to a cylinder are drawn as its own."""
 HIGHEST_UPR = 12.0
 
 
@@ -43,7 +41,7 @@ class Projection:
 
     x: Array
     z: Array
-    cylinder: NDArray[np.intp]
+    cylinder: Ints
     """Index in ``names``; -1 = none of them."""
     names: tuple[str, ...]
     profile_x: Array
@@ -70,7 +68,7 @@ class Wave:
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Amplitude (mm) over frequency (per turn) of the base's radial signal, and the fit to hold against it."""
+    """Amplitude (mm) over frequency (per turn) of the base's radial signal, and the fit to compare with it."""
 
     frequency: Array
     amplitude: Array
@@ -123,8 +121,8 @@ class Evidence:
 
 
 def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Calibration | None = None) -> Evidence:
-    """The evidence of a calibration by the exact model, with the published method's beside it where given."""
-    part = scan.taken(scan.spread(PROFILES))
+    """The evidence of a calibration by the exact model, and of the published method where given."""
+    part = scan.taken(scan.spread(SAMPLED_PROFILES))
     uncentred = replace(calibration, shaft_from_rotor=shaft_from_rotor(0.0, 0.0, 0.0, 0.0), method="stand")
     surfaces = (
         apply_calibration(part, uncentred),
@@ -151,14 +149,13 @@ def _raw(scan: Scan) -> RawMap:
     return RawMap(scan.z[np.ix_(rows, columns)], scan.revolutions)
 
 
-def _on(surface: Surface, cylinder: Cylinder) -> NDArray[np.bool_]:
-    margin = min(EDGE_MARGIN, 0.15 * cylinder.length)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (np.abs(surface.radius - cylinder.radius) < REACH)
-            & (surface.z > cylinder.bottom + margin)
-            & (surface.z < cylinder.top - margin)
-        )
+def _on(surface: Surface, cylinder: Cylinder) -> Mask:
+    margin = min(EDGE_MARGIN_MM, 0.15 * cylinder.length)
+    return np.asarray(
+        (np.abs(surface.radius - cylinder.radius) < NEAR_MM)
+        & (surface.z > cylinder.bottom + margin)
+        & (surface.z < cylinder.top - margin)
+    )
 
 
 def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tuple[Cylinder, ...]) -> Projection:
@@ -187,9 +184,9 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
 
 
 def _signal(uncentred: Surface, angle: Array, turns: Array, cylinder: Cylinder, scan: Scan) -> tuple[Wave, Spectrum]:
-    on = np.where(_on(uncentred, cylinder), uncentred.radius, np.nan)
-    count = np.isfinite(on).sum(axis=1)
-    signal = np.where(count > 0, np.nansum(on, axis=1) / np.maximum(count, 1), np.nan) - cylinder.radius
+    radius = np.where(_on(uncentred, cylinder), uncentred.radius, np.nan)
+    count = np.isfinite(radius).sum(axis=1)
+    signal = np.where(count > 0, np.nansum(radius, axis=1) / np.maximum(count, 1), np.nan) - cylinder.radius
     good = np.isfinite(signal)
     fit = fit_harmonics(angle, signal, (1,))
     even = np.linspace(0.0, turns[-1], turns.size)
@@ -203,9 +200,8 @@ def _signal(uncentred: Surface, angle: Array, turns: Array, cylinder: Cylinder, 
     fourier = np.nanmean(signal) + np.abs(values[nearest]) * np.cos(
         tau * nearest / total * turns + np.angle(values[nearest])
     )
-    wave = Wave(turns, signal, fit(angle), fourier)
-    amplitude = hypot(float(fit.cos[0]), float(fit.sin[0]))
-    return wave, Spectrum(bins / total, np.abs(values), fine, dense, nearest, amplitude)
+    spectrum = Spectrum(bins / total, np.abs(values), fine, dense, nearest, fit.amplitude(1))
+    return Wave(turns, signal, fit(angle), fourier), spectrum
 
 
 def _flat(
@@ -213,15 +209,13 @@ def _flat(
 ) -> FlatMap:
     before, paper, stand = surfaces
     on = _on(stand, cylinder)
-    low, high = (float(f(stand.z[on])) for f in (np.min, np.max))
+    low, high = float(stand.z[on].min()), float(stand.z[on].max())
+    at = np.broadcast_to(turns[:, None], on.shape)[on]
     columns = max(1, round(MAP_ANGLES * min(float(turns[-1]), 5.0)))
-    own = [h for h in calibration.harmonics if h.surface == cylinder.name]
-    form = sum(
-        (h.amplitude * np.cos(h.upr * stand.angle - h.phase) for h in own), np.zeros(stand.x.shape)
-    )  # fmt: skip
+    form = calibration.form_of(cylinder.name, stand.angle)
 
     def mapped(deviation: Array) -> Array:
-        return _binned(deviation[on], stand.z[on], _broadcast(turns, on), (low, high), float(turns[-1]), columns)
+        return _binned(deviation[on], stand.z[on], at, (low, high), float(turns[-1]), columns)
 
     return FlatMap(
         cylinder.name,
@@ -233,10 +227,6 @@ def _flat(
         mapped(stand.radius - cylinder.radius),
         mapped(stand.radius - cylinder.radius - form),
     )
-
-
-def _broadcast(turns: Array, on: NDArray[np.bool_]) -> Array:
-    return np.asarray(np.broadcast_to(turns[:, None], on.shape)[on])
 
 
 def _binned(

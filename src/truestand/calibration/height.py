@@ -4,9 +4,9 @@ from dataclasses import replace
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.refine import Refined
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -18,19 +18,18 @@ from truestand.core.frames import (
     TILT_X,
     TILT_Y,
     UNKNOWNS,
+    in_rotor,
     shaft_from_rotor,
 )
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-
 SAMPLED_PROFILES = 1000
-FACE_REACH = 0.3
-"""mm: half-height of the slab in which the face's points lie once the model is known."""
-MOST_SLOPE = 0.03
-"""mm by which the inner and the outer half of a face may differ in height."""
-EDGE_REACH = 1.5
-"""mm: how far from its expected place the edge of a cylinder is looked for."""
+FACE_REACH_MM = 0.3
+"""Half-height of the slab in which the face's points lie once the model is known."""
+MOST_FACE_SLOPE_MM = 0.03
+"""By which the inner and the outer half of a face may differ in height."""
+EDGE_REACH_MM = 1.5
+"""How far from its expected place the edge of a cylinder is searched for."""
 LEAST_POINTS = 50
 
 
@@ -58,15 +57,14 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     rows = scan.spread(SAMPLED_PROFILES)
     u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
-    c, s = np.cos(angle), np.sin(angle)
-    beside, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
-    in_rotor = (c * u + s * beside, c * beside - s * u, level)
+    y, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
+    rotor = (*in_rotor(u, y, angle), level)
     pose = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
-    a, b, h = (
-        sum((pose.rotation[i, j] * in_rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
+    x, y, height = (
+        sum((pose.rotation[i, j] * rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
         for i in range(3)
     )
-    return np.hypot(a, b), h
+    return np.hypot(x, y), height
 
 
 def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
@@ -76,9 +74,8 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     """
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
-    with np.errstate(invalid="ignore"):
-        above = height - artefact.shoulder
-        on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH)
+    above = height - artefact.shoulder
+    on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH_MM)
     face, across = above[on], radius[on]
     if face.size < LEAST_POINTS:
         return np.empty(0)
@@ -86,14 +83,14 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     if not inside.any():
         return np.empty(0)
     slope = float(np.median(face[~inside]) - np.median(face[inside]))
-    return face if abs(slope) < MOST_SLOPE else np.empty(0)
+    return face if abs(slope) < MOST_FACE_SLOPE_MM else np.empty(0)
 
 
 def _middle(heights: Array) -> float:
-    """The median of a slab of readings, with the slab moved to where it should be."""
+    """The median of a slab of readings, with the slab moved until it is centred on it."""
     middle = float(np.median(heights))
     for _ in range(5):
-        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH / 2]))
+        middle = float(np.median(heights[np.abs(heights - middle) <= FACE_REACH_MM / 2]))
     return middle
 
 
@@ -106,8 +103,7 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     lower, upper = artefact.cylinders[:2]
     larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
     beyond = outwards * (height - artefact.shoulder)
-    with np.errstate(invalid="ignore"):
-        row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH) & (np.abs(beyond) < EDGE_REACH))
+    row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH_MM) & (np.abs(beyond) < EDGE_REACH_MM))
     readings = beyond[row, column]
     order = np.lexsort((readings, row))
     row, readings = row[order], readings[order]

@@ -8,16 +8,22 @@ Unknowns: the sensor's phi, radial position, laser-plane offset d and tilt alpha
 optionally the table speed; a linear drift; per further cylinder its axis against the base's (with the certificate's
 prior); per cylinder form harmonics 2..n and a free static profile. The static profile absorbs whatever does not turn
 with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
-(docs/theory.md, *What the data can tell*). The Jacobian is analytic.
+(docs/theory.md, *What the data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands
+at the end of this file.
 """
 
-from dataclasses import dataclass, field
-from math import cos, sin
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import cos, hypot, sin
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
+from truestand.calibration.segment import Segments
+from truestand.calibration.start import RoughStand
+from truestand.core.arrays import Array, Ints
+from truestand.core.artefact import Artefact
+from truestand.core.assumptions import COAXIALITY_U, SMOOTH
 from truestand.core.frames import (
     ECCENTRICITY,
     ECCENTRICITY_X,
@@ -33,11 +39,9 @@ from truestand.core.frames import (
     LaserPlane,
     facing,
 )
+from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-
-LEAST_FACING = 0.1
+LEAST_COSINE = 0.1
 """Beyond 84 degrees a surface can't be seen."""
 STATIC_DEGREE = 7
 """Degree of the free static profile (Legendre); the sensor's smooth range error fits in it."""
@@ -47,6 +51,28 @@ GEOMETRY = (
 )  # fmt: skip
 """The unknowns in the order of the parameter vector: the eight of ``core.frames`` first."""
 DRIFT, SPEED = UNKNOWNS, UNKNOWNS + 1
+PLANE = (PLANE_OFFSET, PLANE_TILT)
+CLEAN_ORDERS = 6
+"""Harmonics of form that are looked at in any case where the whole circumference is the shaft's."""
+STEEP_ENOUGH = 0.3
+"""cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
+
+MOUNTING = "mounting of the laser plane"
+COAXIALITY = "coaxiality of the steps"
+WEAK = "form and static profile"
+CLAMPING_U = 0.04
+"""rad, k = 2: no shaft runs more tilted than this."""
+DRIFT_U = 0.1
+"""mm over the scan, k = 2."""
+SPEED_U = 0.1
+"""Relative, k = 2, of a table without an encoder."""
+FIXED_U = 1e-10
+"""For what is no unknown in this scan."""
+STATIC_U = 0.1
+"""mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
+of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
+CONSIDERED_U = 1e-7
+"""mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +84,16 @@ class Readings:
     angle: Array
     time: Array
     cylinder: Ints
+
+    @classmethod
+    def of(cls, scan: Scan, rows: Ints, picked: tuple[Ints, Ints], cylinder: Ints) -> "Readings":
+        """Of a scan's profiles ``rows``: the readings ``picked`` by their place among these and their column."""
+        row, column = rows[picked[0]], picked[1]
+        return cls(scan.x[row, column], scan.z[row, column], scan.angle[row], scan.time_at(row), cylinder)
+
+    def taken(self, rows: "slice | Ints") -> "Readings":
+        """These readings alone."""
+        return Readings(self.x[rows], self.z[rows], self.angle[rows], self.time[rows], self.cylinder[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,28 +114,28 @@ class Model:
     """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
     static_spans: tuple[tuple[float, float], ...]
     """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
-    level: int = 0
+    longest: int = 0
     """The cylinder whose static profile has no slope, so that phi rests on it: the longest in view."""
     axes: tuple[tuple[float, float, float, float], ...] = ()
     """Offset x, y (mm) and slope x, y of the further cylinders' axes against the base's, as far as they are known; the
     unknowns count from there. Empty: coaxial."""
-    size: int = field(init=False, default=0)
 
-    def __post_init__(self) -> None:
-        further = 4 * (len(self.radii) - 1)
-        object.__setattr__(self, "size", len(GEOMETRY) + further + self._statics + self._forms)
+    @property
+    def size(self) -> int:
+        """Number of unknowns, p."""
+        return self._form_start + self._form_terms * len(self.radii)
 
     def static_degrees(self, cylinder: int) -> list[int]:
         """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
-        return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.level)]
+        return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.longest)]
 
     @property
-    def _statics(self) -> int:
-        return sum(len(self.static_degrees(k)) for k in range(len(self.radii)))
+    def _form_start(self) -> int:
+        return int(self.static_slice(len(self.radii)).start)
 
     @property
-    def _forms(self) -> int:
-        return 2 * max(self.orders - 1, 0) * len(self.radii)
+    def _form_terms(self) -> int:
+        return 2 * max(self.orders - 1, 0)
 
     def axis_slice(self, cylinder: int) -> slice:
         """Offset x, y (mm) and angle x, y (rad) of a further cylinder's axis against the base's."""
@@ -114,9 +150,8 @@ class Model:
 
     def form_slice(self, cylinder: int) -> slice:
         """Form: cos 2..orders, then sin 2..orders (mm)."""
-        each = 2 * max(self.orders - 1, 0)
-        start = self.size - self._forms + each * cylinder
-        return slice(start, start + each)
+        start = self._form_start + self._form_terms * cylinder
+        return slice(start, start + self._form_terms)
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
@@ -138,7 +173,7 @@ class Model:
         out = np.empty(readings.x.size)
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
-            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, None)
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, None)
         return out
 
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
@@ -148,7 +183,7 @@ class Model:
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
             block = jacobian[rows]  # a view, or a copy where the cylinder's readings are scattered
-            out[rows] = self._one_cylinder(parameters, _take(readings, rows), k, block)
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, block)
             if block.base is not jacobian:
                 jacobian[rows] = block
         return out, jacobian
@@ -168,9 +203,9 @@ class Model:
         gradient = at.normal - lean * np.stack([-at.normal[1], at.normal[0], np.zeros_like(lean)])
         self._fill_geometry(jacobian, p, r, at, gradient)
         if k:
-            own = self.axis_slice(k).start
-            jacobian[:, own : own + 2] = jacobian[:, ECCENTRICITY]
-            jacobian[:, own + 2 : own + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
+            axis = self.axis_slice(k).start
+            jacobian[:, axis : axis + 2] = jacobian[:, ECCENTRICITY]
+            jacobian[:, axis + 2 : axis + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
         jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
         jacobian /= at.facing[:, None]
@@ -195,7 +230,7 @@ class Model:
         distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
         normal /= distance
         psi = np.arctan2(normal[1], normal[0])
-        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_FACING)
+        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
         return _ReadingGeometry(
             across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards
         )
@@ -258,10 +293,6 @@ def _rows(r: Readings, cylinder: int) -> slice | Ints:
     return rows
 
 
-def _take(r: Readings, rows: slice | Ints) -> Readings:
-    return Readings(r.x[rows], r.z[rows], r.angle[rows], r.time[rows], r.cylinder[rows])
-
-
 def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     """The axis of cylinder ``k`` in R: offset at height 0 and slope."""
     ex, ey, tx, ty = p[ECCENTRICITY_X:UNKNOWNS]
@@ -278,3 +309,115 @@ def _waves(psi: Array, orders: int) -> tuple[Array, Array]:
     turn = np.exp(1j * psi)
     powers = np.cumprod(np.broadcast_to(turn[:, None], (psi.size, max(orders, 1))), axis=1)[:, 1:]
     return powers.real, powers.imag
+
+
+def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
+    """The unknowns for what is seen of the artefact."""
+    cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
+    phi = segments.phi
+    over_range = abs(cos(phi)) > STEEP_ENOUGH
+    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
+    eccentricity = hypot(*start.eccentricity)
+    spans = []
+    for band, cylinder in zip(segments.bands, cylinders, strict=True):
+        ends = np.array([band.low, band.high])
+        if over_range:
+            ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
+            slack = eccentricity * abs(sin(phi)) + 0.1
+        else:
+            ends, slack = ends - segments.height, 0.1
+        spans.append((float(ends.min() - slack), float(ends.max() + slack)))
+    return Model(
+        radii=tuple(c.radius for c in cylinders),
+        middles=tuple(b.middle for b in segments.bands),
+        height=segments.height,
+        start_angle=float(scan.angle[0]),
+        orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
+        static_axis=axis,
+        static_spans=tuple(spans),
+        longest=segments.longest,
+    )
+
+
+def start_values(model: Model, segments: Segments, start: RoughStand) -> Array:
+    """The parameters (p,) mm and rad from which the fit starts."""
+    p = np.zeros(model.size)
+    p[PHI], p[RADIAL], p[SPEED] = segments.phi, start.radial, start.speed
+    p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
+    p[[TILT_X, TILT_Y]] = start.tilt
+    for k, wave in enumerate(start.waves):
+        form = p[model.form_slice(k)].reshape(2, -1)
+        # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
+        form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
+        p[model.form_slice(k)] = form.reshape(-1)
+    return p
+
+
+def carried(before: Model, after: Model, parameters: Array) -> Array:
+    """The parameters (p,) of a model with other form harmonics, all else as it was."""
+    p = np.zeros(after.size)
+    common = before.form_slice(0).start
+    p[:common] = parameters[:common]
+    for k in range(len(before.radii)):
+        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
+        n = min(old.shape[1], new.shape[1])
+        new[:, :n] = old[:, :n]
+        p[after.form_slice(k)] = new.reshape(-1)
+    return p
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of some unknowns before the scan: index, standard uncertainty, under one name in the budget.
+
+    Where ``considered``, the unknowns are held at zero in the fit and only their uncertainty is carried on (consider
+    analysis): for what seven million readings seem to tell about them comes from effects that nobody modelled.
+    """
+
+    name: str
+    index: tuple[int, ...]
+    u: float
+    considered: bool = False
+
+    @property
+    def precision(self) -> float:
+        """With which the fit holds the unknowns, 1/unit2."""
+        return 1.0 / (CONSIDERED_U if self.considered else self.u) ** 2
+
+
+def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Prior, ...]:
+    """The priors of stand, certificate and common sense, each under its name in the budget."""
+    sensor = scan.stand.sensor
+    priors = [
+        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
+        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
+        Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
+        Prior("drift", (DRIFT,), DRIFT_U / 2),
+        Prior("table speed", (SPEED,), SPEED_U / 2 if scan.free_speed else FIXED_U),
+    ]
+    for k, band in enumerate(segments.bands):
+        cylinder = artefact.cylinders[band.cylinder]
+        if k:
+            coaxiality = cylinder.coaxiality_U or COAXIALITY_U
+            start = model.axis_slice(k).start
+            slope = coaxiality / 2 / cylinder.length
+            priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
+            priors.append(Prior(COAXIALITY, (start + 2, start + 3), slope, considered=True))
+        statics, forms = model.static_slice(k), model.form_slice(k)
+        low, high = model.static_spans[k]
+        for i, degree in enumerate(model.static_degrees(k), statics.start):
+            # A smooth error bends with degree n only by the nth power of the share of SMOOTH that is seen. A step to
+            # the base may be wrong in the drawing.
+            u = STATIC_U / 2 * min(1.0, (high - low) / SMOOTH) ** degree if degree else 1.0
+            priors.append(Prior(WEAK, (i,), u))
+        if forms.stop > forms.start:
+            priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
+    return tuple(priors)
+
+
+def precision_of(priors: Iterable[Prior], size: int) -> Array:
+    """Precision (size,) with which the priors hold each unknown, 1/unit2."""
+    precision = np.zeros(size)
+    for prior in priors:
+        precision[list(prior.index)] = prior.precision
+    return precision

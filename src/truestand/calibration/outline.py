@@ -5,50 +5,40 @@ across the direction that is tried for the axis until it lies on the others; wha
 sharp enough to be held against its drawing. Medians all the way: spikes, ghosts and dirt on less than half don't count.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane
 from truestand.core.robust import medians, robust_sd
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 NEIGHBOUR_SLOPE = 4.0
 """Steepest surface, range over x, that a neighbouring reading still supports (76 degrees against the line)."""
 SAMPLED_PROFILES = 400
 LEAST_POINTS = 12
 """Readings a profile must show on average."""
-LEAST_BIN, READING_BIN = 0.1, 0.75
-"""mm along the axis; share of what lies between two readings of a profile, where that is more: in narrower bins,
+LEAST_BIN_MM, READING_BIN = 0.1, 0.75
+"""Along the axis; share of what lies between two readings of a profile, where that is more: in narrower bins,
 readings of a sparse profile come and go with the wobble."""
 PASSES = 3
-STEADY = 0.1
-"""mm: median deviation within a bin above which it shows no one surface."""
-CHORD = 1.2
-"""mm: pieces of profile whose directions are looked at. 10 um of noise turn one by 0.7 degrees."""
-BENT = 0.06
-"""mm: how far a straight piece's middle may lie beside it."""
-LONGEST = 6.0
-"""A piece this many times as long as usual jumps over something."""
-DIRECTION_STEP, NEAR_DIRECTION = np.radians(0.5), np.radians(3.0)
+MOST_SPREAD_MM = 0.1
+"""Median deviation within a bin above which it shows no one surface."""
+CHORD_MM = 1.2
+"""Length of the pieces of profile whose directions are used. 10 um of noise turn one by 0.7 degrees."""
+MOST_SAGITTA_MM = 0.06
+"""How far the middle of a straight piece may lie beside its chord."""
+MOST_LENGTH_RATIO = 6.0
+"""A piece this many times as long as usual spans a gap."""
+DIRECTION_STEP_RAD, NEAR_DIRECTION_RAD = np.radians(0.5), np.radians(3.0)
 MOST_DIRECTIONS = 4
-LEAST_CROWD = 0.02
+LEAST_CROWD_SHARE = 0.02
 """Share of the pieces that a direction must have."""
-SEEN_OFTEN = 0.1
+LEAST_SEEN_SHARE = 0.1
 """Readings in a bin, per profile, below which it is not seen."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """Readings x, z (n, M) mm of profiles spread over whole turns; NaN = not seen, or no neighbour supports it."""
-
-    x: Array
-    z: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,42 +59,41 @@ class Silhouette:
         return robust_sd(self.shift - np.median(self.shift))
 
 
-def sample(scan: Scan) -> Sample:
-    """Profiles spread evenly over whole turns, without readings that no neighbour supports.
+def sample(scan: Scan) -> Scan:
+    """Profiles spread evenly over whole turns; x and z are NaN where no neighbour supports a reading.
 
     Raises:
         NotEnoughData: too few points.
     """
     whole = int(scan.profiles * max(int(scan.revolutions), 1) / max(scan.revolutions, 1.0))
     rows = np.unique(np.linspace(0, max(whole - 1, 0), SAMPLED_PROFILES).astype(np.intp))
-    x, z = scan.x[rows], scan.z[rows]
-    good = supported(x, z)
+    part = scan.taken(rows)
+    good = supported(part.x, part.z)
     if np.count_nonzero(good) < LEAST_POINTS * rows.size:
         raise NotEnoughData(
             f"found {np.count_nonzero(np.isfinite(scan.z))} points in {scan.profiles} profiles, need a visible "
             "surface; check exposure, range and that the laser was on"
         )
-    return Sample(np.where(good, x, np.nan), np.where(good, z, np.nan))
+    return replace(part, x=np.where(good, part.x, np.nan), z=np.where(good, part.z, np.nan))
 
 
-def supported(x: Array, z: Array) -> NDArray[np.bool_]:
+def supported(x: Array, z: Array) -> Mask:
     """Mask (N, M) of readings that a neighbour on the same profile supports.
 
     A surface continues from point to point; a spike or a ghost stands alone. Two of three random spikes next to each
-    other would pass: what is left is for the robust fit to reject.
+    other would pass: these are for the robust fit to reject.
     """
     dx = np.abs(np.diff(x, axis=1))
     dz = np.abs(np.diff(z, axis=1))
     pitch = float(np.nanmedian(dx)) if np.isfinite(dx).any() else 0.0
-    with np.errstate(invalid="ignore"):
-        close = dz <= NEIGHBOUR_SLOPE * (dx + pitch)
+    close = dz <= NEIGHBOUR_SLOPE * (dx + pitch)
     mask = np.zeros(z.shape, dtype=np.bool_)
     mask[:, :-1] |= close
     mask[:, 1:] |= close
     return mask
 
 
-def median_profile(seen: Sample) -> tuple[Array, Array]:
+def median_profile(seen: Scan) -> tuple[Array, Array]:
     """The typical profile, x and z (G,) mm.
 
     Readings are binned along x, not by column, because some exports leave points without data out.
@@ -125,39 +114,38 @@ def median_profile(seen: Sample) -> tuple[Array, Array]:
     return typical[0], typical[1]
 
 
-def directions(seen: Sample) -> list[float]:
+def directions(seen: Scan) -> list[float]:
     """Candidate directions of the axis (phi in 0..pi), the likeliest first: those of straight pieces of the profiles.
 
-    The pieces are chords of about ``CHORD`` mm whose middle reading lies on them; steps between surfaces can't turn
+    The pieces are chords of about ``CHORD_MM`` mm whose middle reading lies on them; steps between surfaces can't turn
     them.
     """
     chord = _chords(seen)
-    counts = np.bincount((chord / DIRECTION_STEP).astype(np.intp), minlength=round(pi / DIRECTION_STEP))
-    window = np.ones(2 * round(NEAR_DIRECTION / DIRECTION_STEP) + 1)
+    counts = np.bincount((chord / DIRECTION_STEP_RAD).astype(np.intp), minlength=round(pi / DIRECTION_STEP_RAD))
+    window = np.ones(2 * round(NEAR_DIRECTION_RAD / DIRECTION_STEP_RAD) + 1)
     half = window.size // 2
     crowd = np.convolve(np.concatenate([counts[-half:], counts, counts[:half]]), window, mode="valid")
     peaks: list[float] = []
     for i in np.argsort(crowd)[::-1]:
-        if len(peaks) == MOST_DIRECTIONS or crowd[i] < LEAST_CROWD * chord.size:
+        if len(peaks) == MOST_DIRECTIONS or crowd[i] < LEAST_CROWD_SHARE * chord.size:
             break
-        at = (i + 0.5) * DIRECTION_STEP
-        if all(abs((at - p + pi / 2) % pi - pi / 2) > 2 * NEAR_DIRECTION for p in peaks):
+        at = (i + 0.5) * DIRECTION_STEP_RAD
+        if all(abs((at - p + pi / 2) % pi - pi / 2) > 2 * NEAR_DIRECTION_RAD for p in peaks):
             peaks.append(_middle(chord, float(at)))
     return [p % pi for p in peaks]
 
 
-def _chords(seen: Sample) -> Array:
+def _chords(seen: Scan) -> Array:
     """Directions (n,) in 0..pi of straight pieces of all profiles."""
     pitch = float(np.nanmedian(np.hypot(np.diff(seen.x), np.diff(seen.z))))
-    half = max(3, min(round(CHORD / 2 / max(pitch, 1e-6)), seen.x.shape[1] // 4))
+    half = max(3, min(round(CHORD_MM / 2 / max(pitch, 1e-6)), seen.x.shape[1] // 4))
     x, z = seen.x, seen.z
     dx, dz = x[:, 2 * half :] - x[:, : -2 * half], z[:, 2 * half :] - z[:, : -2 * half]
-    bend_x = x[:, half:-half] - (x[:, 2 * half :] + x[:, : -2 * half]) / 2
-    bend_z = z[:, half:-half] - (z[:, 2 * half :] + z[:, : -2 * half]) / 2
-    with np.errstate(invalid="ignore"):
-        length = np.hypot(dx, dz)
-        beside = np.abs(bend_x * dz - bend_z * dx) / np.maximum(length, 1e-9)
-        straight = (beside < BENT) & (length < LONGEST * half * pitch)
+    sagitta_x = x[:, half:-half] - (x[:, 2 * half :] + x[:, : -2 * half]) / 2
+    sagitta_z = z[:, half:-half] - (z[:, 2 * half :] + z[:, : -2 * half]) / 2
+    length = np.hypot(dx, dz)
+    beside = np.abs(sagitta_x * dz - sagitta_z * dx) / np.maximum(length, 1e-9)
+    straight = (beside < MOST_SAGITTA_MM) & (length < MOST_LENGTH_RATIO * half * pitch)
     return np.asarray(np.arctan2(dx[straight], dz[straight]) % pi)
 
 
@@ -165,11 +153,11 @@ def _middle(chord: Array, peak: float) -> float:
     """The median direction about a peak, noise being the same to both sides."""
     for reach in (2.0, 1.5, 1.0, 1.0):  # a peak may be as wide as the window that found it
         off = (chord - peak + pi / 2) % pi - pi / 2
-        peak += float(np.median(off[np.abs(off) < reach * NEAR_DIRECTION]))
+        peak += float(np.median(off[np.abs(off) < reach * NEAR_DIRECTION_RAD]))
     return peak
 
 
-def silhouette(seen: Sample, phi: float) -> Silhouette:
+def silhouette(seen: Scan, phi: float) -> Silhouette:
     """The outline along ``phi``, the wobble taken out."""
     u, v = LaserPlane(phi).to_uv(seen.x, seen.z)
     on = np.isfinite(u)
@@ -181,16 +169,16 @@ def silhouette(seen: Sample, phi: float) -> Silhouette:
     row, _ = np.nonzero(on)
     cell, across = cell[on], u[on]
     shift = np.zeros(len(u))
-    centre, often = medians(cell, across, count)
+    centre, count_seen = medians(cell, across, count)
     for _ in range(PASSES):
-        steady = (often >= SEEN_OFTEN * len(u)) & np.isfinite(centre)
-        part = np.where(steady[cell], across - centre[cell], np.nan)
-        own, seen_in = medians(row[np.isfinite(part)], part[np.isfinite(part)], len(u))
-        own = np.where(seen_in >= LEAST_POINTS, own, 0.0)
-        shift = own - np.mean(own)
-        centre, often = medians(cell, across - shift[row], count)
+        usable = (count_seen >= LEAST_SEEN_SHARE * len(u)) & np.isfinite(centre)
+        part = np.where(usable[cell], across - centre[cell], np.nan)
+        offset, readings = medians(row[np.isfinite(part)], part[np.isfinite(part)], len(u))
+        offset = np.where(readings >= LEAST_POINTS, offset, 0.0)
+        shift = offset - np.mean(offset)
+        centre, count_seen = medians(cell, across - shift[row], count)
     spread, _ = medians(cell, np.abs(across - shift[row] - centre[cell]), count)
-    shown = (often >= SEEN_OFTEN * len(u)) & (spread < STEADY)
+    shown = (count_seen >= LEAST_SEEN_SHARE * len(u)) & (spread < MOST_SPREAD_MM)
     return Silhouette(phi, bin_, low + (np.arange(count) + 0.5) * bin_, np.where(shown, centre, np.nan), shift)
 
 
@@ -198,4 +186,4 @@ def _bin(v: Array) -> float:
     """mm along the axis for readings at ``v`` (n, M) mm."""
     apart = np.abs(np.diff(v, axis=1))
     known = apart[np.isfinite(apart)]
-    return max(LEAST_BIN, READING_BIN * float(np.median(known))) if known.size else LEAST_BIN
+    return max(LEAST_BIN_MM, READING_BIN * float(np.median(known))) if known.size else LEAST_BIN_MM

@@ -1,29 +1,26 @@
 """The published method, step by step: Klarák et al., Sensors 2022, 22, 5306 (method name ``paper``).
 
 Kept faithful, so that anyone can reproduce the paper and see the difference; each function names its equation. Where
-the print can't be meant (Eq. 4 is no rotation, Eq. 6 leaves out the radius) the text's evident meaning is followed and
-the printed form stands beside it. What the method leaves wrong is described in docs/theory.md, *Reading the paper*, and
-tested: the leakage that is its "0.26 pi", the second harmonic e^2/4R, the polar angles.
+the print can't be meant (Eq. 4 is no rotation, Eq. 6 leaves out the radius) the text's evident meaning is followed;
+``tests/calibration/test_paper.py`` shows the printed form. What the method leaves wrong is described in docs/theory.md,
+*Reading the paper*, and tested: the leakage that is its "0.26 pi", the second harmonic e^2/4R, the polar angles.
 """
 
 from dataclasses import dataclass
-from math import atan, atan2, cos, hypot, pi, sin
+from math import atan, atan2, hypot, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.checks import no_zero
-from truestand.calibration.result import angle_zero
+from truestand.calibration.checks import angle_zero_reasons
 from truestand.calibration.segment import Segments
-from truestand.calibration.start import LEAST_REVOLUTIONS, REACH
+from truestand.calibration.start import LEAST_REVOLUTIONS, MOST_ECCENTRICITY_MM
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, PaperFigures, Residuals, ScanSummary
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.harmonics import Bin, Harmonics, fit_harmonics, nearest_bin, wrap
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 
 def calibrate_paper(scan: Scan, artefact: Artefact, segments: Segments) -> Calibration:
@@ -34,13 +31,13 @@ def calibrate_paper(scan: Scan, artefact: Artefact, segments: Segments) -> Calib
     """
     base = base_surface(scan, artefact, segments)
     phi = axis_angle(base_line(base), segments.phi)
-    radial, _ = rotate(base, phi)
+    radial = radial_coordinate(base, phi)
     trace = radial_signal(radial)
     wave = compensation_wave(scan.angle, trace)
     nearest = nearest_bin(filled(trace), scan.revolutions)
-    left = compensate(radial, scan.angle, wave) - wave.mean
+    residuals = compensate(radial, scan.angle, wave) - wave.mean
     pose = _pose(artefact, segments, base, phi, wave.mean)
-    return _record(scan, artefact, segments, pose, wave, nearest, trace, left)
+    return _calibration(scan, artefact, segments, pose, wave, nearest, trace, residuals)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,24 +54,30 @@ def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurf
     """Step 2: the points on the base cylinder. The paper chose them by hand; the segmentation does it here."""
     if scan.revolutions < LEAST_REVOLUTIONS:
         raise NotEnoughData(f"need one full revolution, got {scan.revolutions:.2f}; scan for longer")
-    bands = [b for b in segments.bands if b.cylinder == 0]
-    if not bands:
-        raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
-    band = bands[0]
-    reach = REACH if len(artefact.cylinders) < 2 else min(REACH, 0.45 * _nearest_step(artefact))
+    band = next((b for b in segments.bands if b.cylinder == 0), None)
+    if band is None:
+        raise _base_not_seen(artefact)
+    reach = (
+        MOST_ECCENTRICITY_MM
+        if len(artefact.cylinders) < 2
+        else min(MOST_ECCENTRICITY_MM, 0.45 * _nearest_step(artefact))
+    )
     on = np.empty(scan.x.shape, dtype=np.bool_)
     for rows in _blocks(scan.profiles):
         u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
-        with np.errstate(invalid="ignore"):
-            on[rows] = (np.abs(u - artefact.base.radius) < reach) & (v > band.low) & (v < band.high)
+        on[rows] = (np.abs(u - artefact.base.radius) < reach) & (v > band.low) & (v < band.high)
     used = np.flatnonzero(on.any(axis=0))
     if not used.size:
-        raise NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
+        raise _base_not_seen(artefact)
     columns = slice(int(used[0]), int(used[-1]) + 1)
     part = on[:, columns]
     return BaseSurface(
         np.where(part, scan.x[:, columns], np.nan), np.where(part, scan.z[:, columns], np.nan), scan.angle, columns
     )
+
+
+def _base_not_seen(artefact: Artefact) -> NotEnoughData:
+    return NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
 
 
 def _nearest_step(artefact: Artefact) -> float:
@@ -116,27 +119,14 @@ def displacement(base: BaseSurface) -> tuple[float, float]:
     return float(base.x.flat[i]), float(base.z.flat[i])
 
 
-def printed_matrix(phi: float) -> Array:
-    """Eq. 4 as printed, reduced to the XZ plane: no rotation (determinant -cos 2 phi); not used."""
-    return np.array([[cos(phi), -sin(phi)], [sin(phi), -cos(phi)]])
-
-
-def rotation_matrix(phi: float) -> Array:
-    """Eq. 1 and 4 as they must be meant: a proper rotation of the XZ plane that brings the axis parallel to Z of C."""
-    plane = LaserPlane(phi)
-    return np.array([plane.across, plane.along])
-
-
-def rotate(base: BaseSurface, phi: float) -> tuple[Array, Array]:
-    """Step 5, Eq. 1, 4: radial and axial coordinates (N, W) mm, counted from the displacement of step 4."""
+def radial_coordinate(base: BaseSurface, phi: float) -> Array:
+    """Step 5, Eq. 1, 4: the radial coordinate (N, W) mm, counted from the displacement of step 4."""
     x0, z0 = displacement(base)
-    (a, b), (c, d) = rotation_matrix(phi)
-    radial, axial = np.empty_like(base.x), np.empty_like(base.x)
+    across_x, across_z = LaserPlane(phi).across
+    radial = np.empty_like(base.x)
     for rows in _blocks(base.x.shape[0]):
-        x, z = base.x[rows] - x0, base.z[rows] - z0
-        radial[rows] = a * x + b * z
-        axial[rows] = c * x + d * z
-    return radial, axial
+        radial[rows] = across_x * (base.x[rows] - x0) + across_z * (base.z[rows] - z0)
+    return radial
 
 
 def radial_signal(radial: Array) -> Array:
@@ -169,7 +159,7 @@ def arcsine_shift(angle: Array, trace: Array, wave: Harmonics, nearest: Bin) -> 
     """Step 7: the phase between the Fourier wave and the measured one by the mean difference of arcsines, rad.
 
     The arcsine alone folds at +-pi/2; a sample a quarter turn on tells the rising branch from the falling one, so that
-    like is compared with like. ``arcsine_shift_literal`` is the printed form.
+    like is compared with like.
     """
     turn = np.abs(angle - angle[0])
     amplitude = hypot(float(wave.cos[0]), float(wave.sin[0]))
@@ -181,20 +171,12 @@ def arcsine_shift(angle: Array, trace: Array, wave: Harmonics, nearest: Bin) -> 
     return float(np.angle(difference.mean()))
 
 
-def arcsine_shift_literal(angle: Array, trace: Array, wave: Harmonics, nearest: Bin) -> Array:
-    """Step 7 taken literally: differences (N,) rad of the two arcsines; NaN where the measured one is undefined."""
-    ratio = (trace - wave.mean) / nearest.amplitude
-    with np.errstate(invalid="ignore"):
-        measured = np.arcsin(ratio)
-    return np.asarray(np.arcsin(np.cos(np.abs(angle - angle[0]) - nearest.phase)) - measured)
-
-
 def compensate(radial: Array, angle: Array, wave: Harmonics) -> Array:
     """Step 8: the radial coordinate less the compensation wave (its mean stays), same shape."""
     return radial - (wave(angle) - wave.mean)[:, None]
 
 
-def _record(
+def _calibration(
     scan: Scan,
     artefact: Artefact,
     segments: Segments,
@@ -202,11 +184,11 @@ def _record(
     wave: Harmonics,
     nearest: Bin,
     trace: Array,
-    left: Array,
+    residuals: Array,
 ) -> Calibration:
     ex, ey = float(wave.cos[0]), -float(wave.sin[0])
-    deviation = np.abs(left[np.isfinite(left)])
-    residuals = Residuals(float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0)
+    deviation = np.abs(residuals[np.isfinite(residuals)])
+    summary = Residuals(float(np.sqrt(np.mean(deviation**2))), float(np.quantile(deviation, 0.9)), deviation.size, 0)
     fit_phase = wave_phase(wave, scan.angle)
     figures = PaperFigures(
         bin=nearest.index,
@@ -215,7 +197,6 @@ def _record(
         phase_error_pi=wrap(-nearest.phase - fit_phase) / pi,
         arcsine_shift_pi=arcsine_shift(scan.angle, trace, wave, nearest) / pi,
     )
-    zero = angle_zero(scan)
     hidden = () if segments.shoulder_seen else ("height",)
     return Calibration(
         method="paper",
@@ -223,12 +204,12 @@ def _record(
         shaft_from_rotor=shaft_from_rotor(ex, ey, 0.0, 0.0),
         stand=scan.stand,
         angle_source=scan.angle_source,
-        angle_zero=zero,
+        angle_zero=scan.angle_zero,
         rad_per_profile=None if scan.angle_source == "encoder" else abs(scan.step),
         artefact=artefact,
-        residuals=residuals,
+        residuals=summary,
         not_identifiable=("laser_plane_offset_mm", "laser_plane_tilt_deg", "tilt_mrad", "tilt_direction_deg", *hidden),
-        reasons=(*segments.reasons, *no_zero(zero)),
+        reasons=(*segments.reasons, *angle_zero_reasons(scan.angle_zero)),
         scan=ScanSummary.of(scan),
         paper=figures,
         valid_until=artefact.valid_until,
@@ -237,12 +218,11 @@ def _record(
 
 def _pose(artefact: Artefact, segments: Segments, base: BaseSurface, phi: float, mean: float) -> Pose:
     """The sensor's pose: the mean radial signal put at the base's radius (Eq. 6 with R added), height zero as found."""
-    (a, b), (c, d) = rotation_matrix(phi)
     x0, z0 = displacement(base)
-    radial = artefact.base.radius - mean - (a * x0 + b * z0)
+    u, v = LaserPlane(phi).to_uv(np.array(x0), np.array(z0))
     # The height of the segmentation belongs to its own angle; the displaced point is where both must agree.
-    at = float(segments.plane.to_uv(np.array(x0), np.array(z0))[1])
-    return table_from_sensor(phi, radial, at - (c * x0 + d * z0), 0.0, 0.0)
+    height = segments.plane.to_uv(np.array(x0), np.array(z0))[1] - v
+    return table_from_sensor(phi, artefact.base.radius - mean - float(u), float(height), 0.0, 0.0)
 
 
 def _blocks(profiles: int, size: int = 256) -> list[slice]:

@@ -1,6 +1,6 @@
-"""What anyone would do with the same scan: sine, circle and cylinder fits of well-kept libraries, beside our own.
+"""The same scan by sine, circle and cylinder fits of general libraries, to compare with truestand's own methods.
 
-The peers get for free what they can't do: our segmentation chooses the base surface, the published line gives its
+The peers are given what they can't do: the segmentation chooses the base surface, the published line gives its
 direction and the drawing its radius. They then see the base turned up into the rotor's frame, as if the laser plane ran
 through the rotation axis. Where it does and nothing is dirty they tie with the exact model; elsewhere they don't.
 """
@@ -11,43 +11,41 @@ from importlib.util import find_spec
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.paper import calibrate_paper
 from truestand.calibration.segment import segment
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import MissingExtra, TruestandError
 from truestand.core.frames import in_table, shaft_parameters
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-
 MOST_PROFILES, MOST_POINTS = 2_000, 20_000
-REACH = 4.0
-"""mm from the base's radius: its readings, eccentric as it runs."""
-NOISE = 0.1
-"""mm: the most noise and form that a consensus fit is told to expect."""
-SLAB = 0.5
-"""mm: half-height of the section that a circle is fitted to."""
+NEAR_MM = 4.0
+"""From the base's radius: its readings, eccentric as it runs."""
+MOST_NOISE_MM = 0.1
+"""Noise and form that a consensus fit expects at most."""
+SLAB_MM = 0.5
+"""Half-height of the section that a circle is fitted to."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one way says: where the shaft's axis stands in R at a height (mm), and what else it knows."""
+    """What one method finds: where the shaft's axis stands in R at a height (mm), and what else it knows."""
 
     axis: tuple[float, float]
     height: float
     rms: float
-    """mm: what it leaves on the points that it fitted."""
+    """mm: of the residuals on the points that it fitted."""
     phi: float | None = None
     tilt: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """One way to find the eccentricity, and the library that it takes."""
+    """One method to find the eccentricity, and the library that it takes."""
 
     name: str
     library: str
@@ -57,8 +55,8 @@ class Peer:
         """What it finds, or why it finds nothing."""
         try:
             return self.find()
-        except (TruestandError, RuntimeError, ValueError, ArithmeticError) as why:
-            return str(why)
+        except (TruestandError, RuntimeError, ValueError, ArithmeticError) as error:
+            return str(error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,15 +75,15 @@ class Given:
 
 
 def peers(scan: Scan, artefact: Artefact) -> tuple[Peer, ...]:
-    """Every way to find the shaft's eccentricity in a scan of it, our own two first.
+    """Every method to find the shaft's eccentricity in a scan of it, truestand's own two first.
 
     Raises:
         NotEnoughData: nothing that fits the drawing, or too little of it.
     """
     given = base_in_rotor(scan, artefact)
     return (
-        Peer("exact model", "truestand", lambda: _ours(calibrate(scan, artefact), 0.0)),
-        Peer("published method", "truestand", lambda: _ours(calibrate(scan, artefact, "paper"), given.middle)),
+        Peer("exact model", "truestand", lambda: _own(calibrate(scan, artefact), 0.0)),
+        Peer("published method", "truestand", lambda: _own(calibrate(scan, artefact, "paper"), given.middle)),
         Peer("sine fit", "scipy", lambda: _sine(given)),
         Peer("circle fit", "circle_fit", lambda: _circle(given)),
         Peer("circle fit", "engeom", lambda: _circle_engeom(given)),
@@ -102,19 +100,18 @@ def base_in_rotor(scan: Scan, artefact: Artefact) -> Given:
     rows = slice(None, None, max(1, scan.profiles // MOST_PROFILES))
     x, z, angle = scan.x[rows].ravel(), scan.z[rows].ravel(), np.repeat(scan.angle[rows], scan.x.shape[1])
     u, v = in_table(pose, x, z)[0], segments.plane.to_uv(x, z)[1]
-    with np.errstate(invalid="ignore"):
-        on = np.flatnonzero((np.abs(u - artefact.base.radius) < REACH) & (v > band.low) & (v < band.high))
+    on = np.flatnonzero((np.abs(u - artefact.base.radius) < NEAR_MM) & (v > band.low) & (v < band.high))
     if on.size > MOST_POINTS:  # at random: every so many would pick the same columns of every profile
         on = np.sort(np.random.default_rng(1).choice(on, MOST_POINTS, replace=False))
     u, v, angle = u[on], v[on], angle[on]
     return Given(np.column_stack([u * np.cos(angle), -u * np.sin(angle), v]), angle, u, v)
 
 
-def _ours(found: Calibration, height: float) -> Finding:
-    ex, ey, tx, ty = shaft_parameters(found.shaft_from_rotor)
-    rms = found.residuals.rms if found.residuals is not None else np.nan
-    tilt = None if found.method == "paper" else hypot(tx, ty)
-    return Finding((ex, ey), height, rms, found.phi, tilt)
+def _own(calibration: Calibration, height: float) -> Finding:
+    ex, ey, tx, ty = shaft_parameters(calibration.shaft_from_rotor)
+    rms = calibration.residuals.rms if calibration.residuals is not None else np.nan
+    tilt = None if calibration.method == "paper" else hypot(tx, ty)
+    return Finding((ex, ey), height, rms, calibration.phi, tilt)
 
 
 def _sine(given: Given) -> Finding:
@@ -126,14 +123,14 @@ def _sine(given: Given) -> Finding:
 
     start = (float(given.radius.mean()), 0.1, 0.1, 1.0)
     (mean, a, b, speed), _ = curve_fit(wave, given.angle, given.radius, start, maxfev=20_000)
-    left = given.radius - wave(given.angle, mean, a, b, speed)
+    residuals = given.radius - wave(given.angle, mean, a, b, speed)
     # Seen along T's X the axis stands at e cos(beta + theta): cos -> ex, sin -> -ey.
-    return Finding((float(a), -float(b)), given.middle, _rms(left))
+    return Finding((float(a), -float(b)), given.middle, _rms(residuals))
 
 
 def _section(given: Given) -> Array:
     """Points (n, 2) mm of the base's middle section."""
-    return given.points[np.abs(given.height - given.middle) < SLAB, :2]
+    return given.points[np.abs(given.height - given.middle) < SLAB_MM, :2]
 
 
 def _circle(given: Given) -> Finding:
@@ -142,7 +139,7 @@ def _circle(given: Given) -> Finding:
 
     points = _section(given)
     x, y, radius, _ = taubinSVD(points)
-    return Finding((float(x), float(y)), given.middle, _rms(np.hypot(points[:, 0] - x, points[:, 1] - y) - radius))
+    return _circle_finding(given, points, x, y, radius)
 
 
 def _circle_engeom(given: Given) -> Finding:
@@ -151,8 +148,12 @@ def _circle_engeom(given: Given) -> Finding:
 
     points = np.ascontiguousarray(_section(given))
     circle = Circle2.from_fit(points)
-    x, y = circle.center.x, circle.center.y
-    return Finding((x, y), given.middle, _rms(np.hypot(points[:, 0] - x, points[:, 1] - y) - circle.r))
+    return _circle_finding(given, points, circle.center.x, circle.center.y, circle.r)
+
+
+def _circle_finding(given: Given, points: Array, x: float, y: float, radius: float) -> Finding:
+    residuals = np.hypot(points[:, 0] - x, points[:, 1] - y) - radius
+    return Finding((float(x), float(y)), given.middle, _rms(residuals))
 
 
 def _cylinder(given: Given) -> Finding:
@@ -174,17 +175,17 @@ def _cylinder_engeom(given: Given) -> Finding:
     from engeom.geom3 import Cylinder3
 
     normals = given.points * [1.0, 1.0, 0.0]
-    found = Cylinder3.from_consensus(given.points, normals, NOISE, seed=1)
+    found = Cylinder3.from_consensus(given.points, normals, MOST_NOISE_MM, seed=1)
     centre = np.array([found.center.x, found.center.y, found.center.z])
-    way = np.array([found.direction.x, found.direction.y, found.direction.z])
-    slope = way[:2] / way[2]
+    direction = np.array([found.direction.x, found.direction.y, found.direction.z])
+    slope = direction[:2] / direction[2]
     axis = centre[:2] - slope * centre[2]
-    off = np.hypot(*(given.points[:, :2] - axis - given.height[:, None] * slope).T) - found.r
-    return Finding((float(axis[0]), float(axis[1])), 0.0, _rms(off), tilt=hypot(*slope))
+    residuals = np.hypot(*(given.points[:, :2] - axis - given.height[:, None] * slope).T) - found.r
+    return Finding((float(axis[0]), float(axis[1])), 0.0, _rms(residuals), tilt=hypot(*slope))
 
 
-def _rms(left: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(left))))
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(residuals))))
 
 
 def _demand(module: str, package: str) -> None:

@@ -1,51 +1,50 @@
-"""Several scans with the shaft clamped again at known angles: what one scan can't tell apart, comes apart.
+"""Several scans with the shaft clamped again at known angles separate what one scan can't.
 
-Whatever belongs to the shaft turns with it, what belongs to the stand stays. So the coaxiality of the steps comes apart
-from the laser plane's offset and tilt (with one scan it makes most of their U), and the table bearing's error from the
-form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift and static
-profile, all share the sensor's pose and the axes of the shaft's steps.
+Whatever belongs to the shaft turns with it, what belongs to the stand stays. So the coaxiality of the steps is
+separated from the laser plane's offset and tilt (with one scan it makes most of their U), and the table bearing's error
+from the form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift and
+static profile, all share the sensor's pose and the axes of the shaft's steps.
 """
 
 from dataclasses import replace
-from math import cos, degrees, hypot, pi, radians, sin, sqrt
+from math import cos, degrees, hypot, radians, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.estimate import COAXIALITY, MOUNTING, PLANE, precision_of, solve
-from truestand.calibration.height import with_height
-from truestand.calibration.refine import Refined, refine, refine_again
-from truestand.calibration.result import angle_zero, conclude
+from truestand.calibration.calibrate import fit_of
+from truestand.calibration.estimate import solve
+from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, precision_of
+from truestand.calibration.refine import Refined, refine_again
+from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import segment
-from truestand.calibration.start import rough_stand
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
 from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import RADIAL
+from truestand.core.harmonics import wrap
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-
-SENSOR = 4
+SENSOR_UNKNOWNS = 4
 """phi, radial position, laser-plane offset and tilt: the stand's, the same in every scan."""
-LEAST_TURN = 0.17
-"""rad (10 degrees) between two clampings, below which nothing comes apart."""
-APART = 0.2
-"""Singular value per scan from which a harmonic of the shaft can be told from the bearing's."""
-MOST_DIFFERENT = 0.005
-"""mm beyond U: a bearing that also tilts may show so much otherwise on another step."""
-MOST_MOVED = 0.01
-"""mm by which the sensor may have moved from one scan to the next."""
-SHARED = (MOUNTING, COAXIALITY)
+LEAST_TURN_RAD = 0.17
+"""Between two clampings, below which nothing can be separated: 10 degrees."""
+LEAST_SINGULAR_VALUE = 0.2
+"""Per scan, from which a harmonic of the shaft can be separated from the bearing's."""
+MOST_BEARING_DIFFERENCE_MM = 0.005
+"""Beyond U: a bearing that also tilts may show so much otherwise on another step."""
+MOST_MOVED_MM = 0.01
+"""By which the sensor may have moved from one scan to the next."""
+SHARED_PRIORS = (MOUNTING, COAXIALITY)
 """What is known beforehand of the unknowns that all scans share."""
 CLAMPED = "clamping angles (assumed)"
 CLAMPED_U = radians(0.5)
 """rad, k = 2: how well the shaft is clamped at a stated angle."""
-ROUNDS = 3
-"""Fits with known axes until a scan has let go of what it bent to coaxial ones."""
-MOST_ROUNDS, SETTLED = 6, 2e-5
-"""mm: axes that move no more stay."""
-K = 2.0
+REFITS = 3
+"""Fits with known axes until nothing is left of a fit to coaxial ones."""
+MOST_REFITS, SETTLED_MM = 6, 2e-5
+"""Axes that move by less have settled."""
 
 
 def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], artefact: Artefact) -> Calibration:
@@ -59,18 +58,22 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
     """
     _demand_turns(scans, clamped)
     _demand_one_stand(scans)
-    fits = tuple(_fit(scan, artefact) for scan in scans)
+    fits = tuple(fit_of(scan, artefact, segment(scan, artefact)) for scan in scans)
     _demand_same_cylinders(fits, artefact)
-    fits, joint = told_apart(scans, fits, clamped, artefact)
-    doubt = {CLAMPED: _angles_doubt(fits, joint, clamped)}
-    found = conclude(scans[-1], artefact, joint, _coaxiality_left(joint), doubt)
-    form, bearing, inseparable, differ = _form_and_bearing(fits, clamped, artefact)
+    fits, joint = fits_on_common_axes(scans, fits, clamped, artefact)
+    further = {CLAMPED: _clamping_covariance(fits, joint, clamped)}
+    calibration = calibration_of(scans[-1], artefact, joint, _largest_offset(joint), further)
+    form, bearing, inseparable, difference = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
-    checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(differ))
-    reasons = [*found.reasons, *(d for scan in scans for d in scan.doubts), *_reasons_of_others(scans, fits, artefact)]
-    reasons += [f"{c.name}: {c.value:.3g} (limit {c.limit:.3g}); {c.advice}" for c in checks if not c.ok]
-    return replace(found, positions=positions, checks=(*found.checks, *checks), reasons=tuple(reasons))
+    checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(difference))
+    reasons = (
+        *calibration.reasons,
+        *(reason for scan in scans for reason in scan.reasons),
+        *_reasons_of_others(scans, fits, artefact),
+        *(c.reason for c in checks if not c.ok),
+    )
+    return replace(calibration, positions=positions, checks=(*calibration.checks, *checks), reasons=reasons)
 
 
 def calibrate_on_axes(scan: Scan, artefact: Artefact, axes: tuple[StepAxis, ...]) -> Calibration:
@@ -80,43 +83,33 @@ def calibrate_on_axes(scan: Scan, artefact: Artefact, axes: tuple[StepAxis, ...]
         NotEnoughData: the scan can't be calibrated.
     """
     known = {a.surface: a for a in axes}
-    cylinders = tuple(
-        replace(c, coaxiality_U=known[c.name].U) if c.name in known else c for c in artefact.cylinders
-    )  # fmt: skip
+    cylinders = tuple(replace(c, coaxiality_U=known[c.name].U) if c.name in known else c for c in artefact.cylinders)
     artefact = replace(artefact, cylinders=cylinders)
-    fit = _fit(scan, artefact)
-    here = []
+    fit = fit_of(scan, artefact, segment(scan, artefact))
+    own_axes = []
     for k, band in list(enumerate(fit.segments.bands))[1:]:
-        a = known.get(cylinders[band.cylinder].name)
-        lever = 0.0 if a is None else fit.model.middles[k] - a.height
-        offset = (0.0, 0.0) if a is None else (a.x + a.slope_x * lever, a.y + a.slope_y * lever)
-        here.append((*offset, *((0.0, 0.0) if a is None else (a.slope_x, a.slope_y))))
-    fit = replace(fit, model=replace(fit.model, axes=tuple(here)))
-    for _ in range(ROUNDS):
+        axis = known.get(cylinders[band.cylinder].name)
+        own_axes.append((0.0, 0.0, 0.0, 0.0) if axis is None else axis.at(fit.model.middles[k]))
+    fit = replace(fit, model=replace(fit.model, axes=tuple(own_axes)))
+    for _ in range(REFITS):
         fit = refine_again(scan, artefact, fit)
-    return conclude(scan, artefact, fit)
+    return calibration_of(scan, artefact, fit)
 
 
-def _angles_doubt(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[float, ...]) -> Array:
+def _clamping_covariance(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[float, ...]) -> Array:
     """Covariance (p, p) of the unknowns from how well the clamping angles are known: by moving each."""
-    size = joint.solution.parameters.size
-    doubt = np.zeros((size, size))
+    covariance = np.zeros_like(joint.solution.information)
     for i in range(len(clamped) - 1):
         other = tuple(a + (CLAMPED_U / K if j == i else 0.0) for j, a in enumerate(clamped))
         moved = together(fits, other).solution.parameters - joint.solution.parameters
-        doubt += np.outer(moved, moved)
-    return doubt
+        covariance += np.outer(moved, moved)
+    return covariance
 
 
 def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[str]:
     """What speaks against the scans before the last."""
-    singles = (conclude(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
+    singles = (calibration_of(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
     return [f"scan {i}: {reason}" for i, single in enumerate(singles, 1) for reason in single.reasons]
-
-
-def _fit(scan: Scan, artefact: Artefact) -> Refined:
-    segments = segment(scan, artefact)
-    return with_height(scan, artefact, refine(scan, segments, artefact, rough_stand(scan, segments, artefact)))
 
 
 def _demand_turns(scans: tuple[Scan, ...], clamped: tuple[float, ...]) -> None:
@@ -124,11 +117,11 @@ def _demand_turns(scans: tuple[Scan, ...], clamped: tuple[float, ...]) -> None:
         raise BadRecipe(
             f"found {len(clamped)} clamping angles for {len(scans)} scans, need one each: --clamped-at-deg 0,180"
         )
-    apart = max(abs((a - b + pi) % (2 * pi) - pi) for a in clamped for b in clamped)
-    if apart < LEAST_TURN:
+    apart = max(abs(wrap(a - b)) for a in clamped for b in clamped)
+    if apart < LEAST_TURN_RAD:
         raise BadRecipe(
-            f"found clamping angles within {degrees(apart):.3g} deg, need at least {degrees(LEAST_TURN):.0f}: turn the "
-            "shaft in its clamping between the scans, best by 180 deg"
+            f"found clamping angles within {degrees(apart):.3g} deg, need at least {degrees(LEAST_TURN_RAD):.0f}: turn "
+            "the shaft in its clamping between the scans, best by 180 deg"
         )
 
 
@@ -137,7 +130,7 @@ def _demand_one_stand(scans: tuple[Scan, ...]) -> None:
     sha256 = [s.sha256 for s in scans if s.sha256]
     if len(set(sha256)) < len(sha256):
         raise BadRecipe("found the same scan twice, need one scan for each clamping")
-    zeros = {angle_zero(s) for s in scans}
+    zeros = {s.angle_zero for s in scans}
     if len(zeros) > 1:
         raise BadRecipe(
             f"found scans whose table angles count from {' and '.join(sorted(zeros))}, need one zero for all: record "
@@ -159,23 +152,23 @@ def _demand_same_cylinders(fits: tuple[Refined, ...], artefact: Artefact) -> Non
         )
 
 
-def told_apart(
+def fits_on_common_axes(
     scans: tuple[Scan, ...], fits: tuple[Refined, ...], clamped: tuple[float, ...], artefact: Artefact
 ) -> tuple[tuple[Refined, ...], Refined]:
     """The fits with the steps' axes where all scans together put them, and all of them as one.
 
-    A scan that takes the steps for coaxial bends everything else to it, and counts what doesn't bend as outliers: so
-    the axes that come out are given back to each scan until they stay.
+    A fit to coaxial steps puts their offsets into other unknowns, and takes what does not fit there for outliers: so
+    the axes that come out are given back to each scan until they settle.
     """
     joint = together(fits, clamped)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_REFITS):
         axes = _axes_of(joint)
         fits = tuple(
             refine_again(scan, artefact, _with_axes(fit, joint, axes, turn - clamped[-1]))
             for scan, fit, turn in zip(scans, fits, clamped, strict=True)
         )
         joint = together(fits, clamped)
-        if np.abs(_axes_of(joint) - axes)[:, :2].max(initial=0.0) < SETTLED:
+        if np.abs(_axes_of(joint) - axes)[:, :2].max(initial=0.0) < SETTLED_MM:
             break
     return fits, joint
 
@@ -189,14 +182,14 @@ def _axes_of(joint: Refined) -> Array:
 
 def _with_axes(fit: Refined, joint: Refined, axes: Array, turn: float) -> Refined:
     """The fit with its steps' axes known; they have turned with the shaft."""
-    here = tuple(
+    own_axes = tuple(
         tuple(_turned(turn, fit.model.middles[k] - joint.model.middles[k]) @ axes[k - 1])
         for k in range(1, len(fit.model.radii))
     )
     p = fit.solution.parameters.copy()
     for k in range(1, len(fit.model.radii)):
         p[fit.model.axis_slice(k)] = 0.0
-    return replace(fit, model=replace(fit.model, axes=here), solution=replace(fit.solution, parameters=p))
+    return replace(fit, model=replace(fit.model, axes=own_axes), solution=replace(fit.solution, parameters=p))
 
 
 def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
@@ -205,20 +198,20 @@ def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
     Its unknowns are the last scan's, then what the others have of their own.
     """
     last = fits[-1]
-    places = _places(fits)
-    size = max(int(p.max()) for p in places) + 1
+    indices = _indices(fits)
+    size = max(int(i.max()) for i in indices) + 1
     information, scores, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
-    shared = tuple(replace(q, considered=False) for q in last.priors if q.name in SHARED)
+    shared = tuple(replace(q, considered=False) for q in last.priors if q.name in SHARED_PRIORS)
     priors = list(shared)
-    for fit, place, turn in zip(fits, places, clamped, strict=True):
-        spread = _spread(fit, last, place, turn - clamped[-1], size)
+    for fit, index, turn in zip(fits, indices, clamped, strict=True):
+        transfer = _transfer(fit, last, index, turn - clamped[-1], size)
         data = fit.solution
-        information += spread.T @ data.information @ spread
-        scores += spread.T @ fit.score_covariance @ spread
-        known = _known(fit, last, turn - clamped[-1])
-        right += spread.T @ (data.information @ (data.parameters - known) - data.gradient)
-        own = (q for q in fit.priors if q.name not in SHARED)
-        priors += [replace(q, index=tuple(int(place[j]) for j in q.index)) for q in own]
+        information += transfer.T @ data.information @ transfer
+        scores += transfer.T @ fit.score_covariance @ transfer
+        difference = _axis_difference(fit, last, turn - clamped[-1])
+        right += transfer.T @ (data.information @ (data.parameters - difference) - data.gradient)
+        others = (q for q in fit.priors if q.name not in SHARED_PRIORS)
+        priors += [replace(q, index=tuple(int(index[j]) for j in q.index)) for q in others]
     stated = precision_of(shared, size)
     for k, axis in enumerate(last.model.axes, 1):  # the certificate says coaxial, the unknowns count from elsewhere
         at = last.model.axis_slice(k)
@@ -230,13 +223,13 @@ def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
     return replace(last, solution=solution, score_covariance=scores, priors=tuple(priors))
 
 
-def _known(fit: Refined, last: Refined, turn: float) -> Array:
-    """(own,): by how much the last scan's known axes, turned, differ from the ones that this fit started from."""
-    known = np.zeros(fit.model.size)
-    for k in range(1, len(last.model.axes) + 1):
+def _axis_difference(fit: Refined, last: Refined, turn: float) -> Array:
+    """(own,): by how much the last scan's known axes, turned, difference from the ones that this fit started from."""
+    difference = np.zeros(fit.model.size)
+    for k, axis in enumerate(last.model.axes, 1):
         lever = fit.model.middles[k] - last.model.middles[k]
-        known[fit.model.axis_slice(k)] = _turned(turn, lever) @ last.model.axes[k - 1] - fit.model.axes[k - 1]
-    return known
+        difference[fit.model.axis_slice(k)] = _turned(turn, lever) @ axis - fit.model.axes[k - 1]
+    return difference
 
 
 def _turned(turn: float, lever: float) -> Array:
@@ -248,95 +241,97 @@ def _turned(turn: float, lever: float) -> Array:
     return block
 
 
-def _places(fits: tuple[Refined, ...]) -> list[NDArray[np.intp]]:
+def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
     """Where each scan's unknowns stand among all of them: sensor and axes shared, the rest its own."""
-    shared = np.arange(fits[-1].model.size)
-    places = []
-    size = int(shared.size)
+    last = np.arange(fits[-1].model.size)
+    indices = []
+    size = int(last.size)
     for fit in fits[:-1]:
-        place = np.arange(size, size + fit.model.size)
-        place[:SENSOR] = shared[:SENSOR]
+        shared = np.zeros(fit.model.size, dtype=np.bool_)
+        shared[:SENSOR_UNKNOWNS] = True
+        index = np.zeros(fit.model.size, dtype=np.intp)
+        index[:SENSOR_UNKNOWNS] = last[:SENSOR_UNKNOWNS]
         for k in range(1, len(fit.model.radii)):
-            place[fit.model.axis_slice(k)] = shared[fits[-1].model.axis_slice(k)]
-        # Unknowns that nobody uses would make the normal matrix singular: close the gaps.
-        own = place >= size
-        place[own] = size + np.arange(np.count_nonzero(own))
-        size += int(np.count_nonzero(own))
-        places.append(place)
-    return [*places, shared]
+            shared[fit.model.axis_slice(k)] = True
+            index[fit.model.axis_slice(k)] = last[fits[-1].model.axis_slice(k)]
+        # Without gaps: unknowns that nobody uses would make the normal matrix singular.
+        index[~shared] = size + np.arange(np.count_nonzero(~shared))
+        size += int(np.count_nonzero(~shared))
+        indices.append(index)
+    return [*indices, last]
 
 
-def _spread(fit: Refined, last: Refined, place: NDArray[np.intp], turn: float, size: int) -> Array:
+def _transfer(fit: Refined, last: Refined, index: Ints, turn: float, size: int) -> Array:
     """(own, all): this scan's unknowns from all; the steps' axes turn with the shaft and count at their own middles."""
-    spread = np.zeros((fit.model.size, size))
-    spread[np.arange(fit.model.size), place] = 1.0
+    transfer = np.zeros((fit.model.size, size))
+    transfer[np.arange(fit.model.size), index] = 1.0
     for k in range(1, len(fit.model.radii)):
         lever = fit.model.middles[k] - last.model.middles[k]
-        spread[fit.model.axis_slice(k), last.model.axis_slice(k)] = _turned(turn, lever)
-    return spread
+        transfer[fit.model.axis_slice(k), last.model.axis_slice(k)] = _turned(turn, lever)
+    return transfer
 
 
 def _covariance(fit: Refined) -> Array:
     return np.asarray(sum(fit.covariance.values()))
 
 
-def _coaxiality_left(joint: Refined) -> float:
-    """What the scans leave open on the steps' sideways offset: U, mm."""
-    return max((_offset_doubt(joint, _covariance(joint), k) for k in range(1, len(joint.model.radii))), default=0.0)
+def _largest_offset(joint: Refined) -> float:
+    """Largest U (mm, k = 2) of a step's sideways offset."""
+    covariance = _covariance(joint)
+    return max((_offset_expanded(joint, covariance, k) for k in range(1, len(joint.model.radii))), default=0.0)
 
 
-def _offset_doubt(joint: Refined, whole: Array, k: int) -> float:
+def _offset_expanded(joint: Refined, covariance: Array, k: int) -> float:
     at = joint.model.axis_slice(k).start
-    return K * sqrt(max(float(np.linalg.eigvalsh(whole[at : at + 2, at : at + 2])[-1]), 0.0))
+    return K * sqrt(max(float(np.linalg.eigvalsh(covariance[at : at + 2, at : at + 2])[-1]), 0.0))
 
 
 def _step_axes(joint: Refined, artefact: Artefact) -> tuple[StepAxis, ...]:
     """Where the steps' axes stand against the base's, in C of the last scan."""
-    whole, axes = _covariance(joint), _axes_of(joint)
-    found = []
+    covariance, axes = _covariance(joint), _axes_of(joint)
+    step_axes = []
     for k, band in list(enumerate(joint.segments.bands))[1:]:
         x, y, slope_x, slope_y = map(float, axes[k - 1])
         name = artefact.cylinders[band.cylinder].name
-        U = hypot(_offset_doubt(joint, whole, k), CLAMPED_U * hypot(x, y))
-        found.append(StepAxis(name, x, y, slope_x, slope_y, joint.model.middles[k], U))
-    return tuple(found)
+        U = hypot(_offset_expanded(joint, covariance, k), CLAMPED_U * hypot(x, y))
+        step_axes.append(StepAxis(name, x, y, slope_x, slope_y, joint.model.middles[k], U))
+    return tuple(step_axes)
 
 
 def _form_and_bearing(
     fits: tuple[Refined, ...], clamped: tuple[float, ...], artefact: Artefact
 ) -> tuple[tuple[Separated, ...], tuple[Separated, ...], tuple[int, ...], float]:
-    """Harmonics of the shaft and of the table's bearing, and the ones that can't be told apart.
+    """Harmonics of the shaft, of the table's bearing, and the orders that these angles can't separate.
 
-    Last, by how much (mm) the surfaces' readings of the bearing differ beyond their U.
+    Last, by how much (mm) the surfaces' estimates of the bearing difference beyond their U.
 
     The shaft's turn by n times the clamping angle, the bearing's stay: two complex unknowns for as many complex
     readings as there are scans.
     """
     turns = np.array(clamped) - clamped[-1]
     orders = min(f.model.orders for f in fits)
-    form, bearing, inseparable, differ = [], [], [], 0.0
+    form, bearing, inseparable, difference = [], [], [], 0.0
     for n in range(2, orders + 1):
         design = np.column_stack([np.exp(-1j * n * turns), np.ones(turns.size)])
-        apart = float(np.linalg.svd(design, compute_uv=False)[-1]) > APART * sqrt(turns.size)
-        if not apart:
+        separable = float(np.linalg.svd(design, compute_uv=False)[-1]) > LEAST_SINGULAR_VALUE * sqrt(turns.size)
+        if not separable:
             inseparable.append(n)
             design = design[:, :1]
         inverse = np.linalg.pinv(design)
-        own, table = [], []
+        table = []
         for k, band in enumerate(fits[-1].segments.bands):
             waves, variance = zip(*(_wave(f, k, n) for f in fits), strict=True)
             values = inverse @ np.array(waves)
             U = K * np.sqrt(np.square(np.abs(inverse)) @ np.array(variance))
-            own.append(_separated(artefact.cylinders[band.cylinder].name, n, values[0], float(U[0])))
-            if apart:
+            form.append(_separated(artefact.cylinders[band.cylinder].name, n, values[0], float(U[0])))
+            if separable:
                 table.append((complex(values[1]), float(U[1])))
-        form += own
         if table:
             weights = np.array([1.0 / max(U, 1e-9) ** 2 for _, U in table])
             mean = complex(weights @ np.array([v for v, _ in table]) / weights.sum())
             bearing.append(_separated("table bearing", n, mean, 1.0 / sqrt(float(weights.sum()))))
-            differ = max(differ, *(abs(v - mean) - U for v, U in table))
-    return tuple(form), tuple(bearing), tuple(inseparable), differ
+            difference = max(difference, *(abs(v - mean) - U for v, U in table))
+    return tuple(form), tuple(bearing), tuple(inseparable), difference
 
 
 def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
@@ -344,8 +339,8 @@ def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
     start = fit.model.form_slice(k).start
     at = (start + n - 2, start + n - 2 + fit.model.orders - 1)
     a, b = fit.solution.parameters[list(at)]
-    whole = _covariance(fit)
-    return complex(a, -b), float(whole[at[0], at[0]] + whole[at[1], at[1]]) / 2
+    variances = np.diag(_covariance(fit))[list(at)]
+    return complex(a, -b), float(variances.sum()) / 2
 
 
 def _separated(surface: str, n: int, w: complex, U: float) -> Separated:
@@ -355,23 +350,22 @@ def _separated(surface: str, n: int, w: complex, U: float) -> Separated:
 def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
     """Whether every scan, now that it knows the steps' axes, reads the laser plane alike over what it sees."""
     ends = np.array([e for b in fits[-1].segments.bands for e in (b.low, b.high)])
-    look = np.column_stack([np.ones(ends.size), ends])
-    planes = np.array([look @ f.solution.parameters[list(PLANE)] for f in fits])
+    design = np.column_stack([np.ones(ends.size), ends])
+    planes = np.array([design @ f.solution.parameters[list(PLANE)] for f in fits])
     noise = [f.covariance["noise"][np.ix_(PLANE, PLANE)] for f in fits]
-    u = np.sqrt(np.einsum("ij,njk,ik->ni", look, np.array(noise), look).max())
-    spread = float(np.ptp(planes, axis=0).max())
-    limit = MOST_MOVED + 2 * K * float(u)
-    return Check(
-        "laser plane differs between the scans, um", 1000 * spread, 1000 * limit, spread <= limit,
+    u = np.sqrt(np.einsum("ij,njk,ik->ni", design, np.array(noise), design).max())
+    return Check.at_most_um(
+        "laser plane differs between the scans, um", float(np.ptp(planes, axis=0).max()),
+        MOST_MOVED_MM + 2 * K * float(u),
         "a clamping angle is not as stated (counter-clockwise from above?), or the sensor moved sideways or tilted "
         "between the scans: check --clamped-at-deg, scan all positions anew",
     )  # fmt: skip
 
 
-def _bearing_alike(differ: float) -> Check:
-    """Whether all surfaces tell the same error of the table's bearing."""
-    return Check(
-        "surfaces disagree on the table bearing, um", 1000 * differ, 1000 * MOST_DIFFERENT, differ <= MOST_DIFFERENT,
+def _bearing_alike(difference: float) -> Check:
+    """Whether all surfaces show the same error of the table's bearing."""
+    return Check.at_most_um(
+        "surfaces disagree on the table bearing, um", difference, MOST_BEARING_DIFFERENCE_MM,
         "form that doesn't turn with the stated angles shows as bearing error, on each surface another: check "
         "--clamped-at-deg",
     )  # fmt: skip
@@ -380,8 +374,7 @@ def _bearing_alike(differ: float) -> Check:
 def _sensor_stood_still(fits: tuple[Refined, ...]) -> Check:
     """Whether the sensor reads the shaft's radius alike in every scan."""
     radial = [float(f.solution.parameters[RADIAL]) for f in fits]
-    spread = max(radial) - min(radial)
-    return Check(
-        "sensor moved between the scans, um", 1000 * spread, 1000 * MOST_MOVED, spread <= MOST_MOVED,
+    return Check.at_most_um(
+        "sensor moved between the scans, um", max(radial) - min(radial), MOST_MOVED_MM,
         "the sensor moved or warmed up while the shaft was clamped again: scan all positions anew",
     )  # fmt: skip

@@ -1,48 +1,52 @@
 """The exact fit: robust means over cells, Gauss-Newton, again with the noise now known."""
 
-from dataclasses import dataclass, replace
-from math import cos, hypot, sin
+from dataclasses import dataclass, field, replace
+from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.cells import GROUPS_PER_TURN, Cells, Grid, make_grid, reduce
+from truestand.calibration.cells import GROUPS_PER_TURN, Cells, robust_cells
 from truestand.calibration.covariance import covariance, score_covariance
-from truestand.calibration.estimate import SETTLED, Prior, Solution, gauss_newton, precision_of, priors_for, solve
-from truestand.calibration.model import DRIFT, SPEED, Model
+from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, solve
+from truestand.calibration.model import (
+    DRIFT,
+    SPEED,
+    Model,
+    Prior,
+    carried,
+    model_for,
+    precision_of,
+    priors_for,
+    start_values,
+)
 from truestand.calibration.segment import Segments
-from truestand.calibration.start import WHOLE, Mask, RoughStand, repeats_within
+from truestand.calibration.start import WHOLE_TURN, RoughStand, repeats_within
+from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
-from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, PHI, RADIAL, TILT_X, TILT_Y, LaserPlane
+from truestand.core.frames import PHI, RADIAL, LaserPlane
 from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-
-FIRST_LIMIT = 0.3
-"""mm: what the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
-REACH = 1.0
-"""mm: readings within it of the predicted surface are the surface's, good or bad."""
-LEAST_LIMIT = 0.012
-"""mm: never reject what quantisation alone can do (three steps of 4 um)."""
+FIRST_LIMIT_MM = 0.3
+"""What the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
+REACH_MM = 1.0
+"""Readings within it of the predicted surface are the surface's, good or bad."""
+LEAST_LIMIT_MM = 0.012
+"""Never reject what quantisation alone can do (three steps of 4 um)."""
 FIRST_READINGS = 1_500_000
-"""The first look takes about as many: it finds where the surface is and how noisy."""
+"""The first fit takes about as many: it finds where the surface is and how noisy."""
 FIRST_GROUPS_PER_TURN = 250
 FIRST_SETTLED = 1e-5
 """mm or rad: still enough to collect the cells once more."""
-CLEAN_ORDERS = 6
-"""Harmonics of form that are looked at in any case where the whole circumference is the shaft's."""
 MOST_ORDERS = 30
 SIGNIFICANT = 4.0
 """A harmonic counts from this many times the median amplitude (noise alone passes that once in 65,000: 2^-16)."""
-LEAST_HARMONIC = 5e-5
-"""mm: smaller ones matter to nobody."""
-NOTHING_SHOWN = 25.0
+LEAST_HARMONIC_MM = 5e-5
+"""Smaller ones change no result that is reported."""
+MOST_CHI_SQUARE = 25.0
 """Chi-square of two unknowns up to which they are as stated. Not the 11.8 of three standard deviations: over one turn u
 comes out 1.4 times too small (12 scans), and 11.8 frees them in one scan of twelve that has neither."""
-STEEP_ENOUGH = 0.3
-"""cos(phi) from which range resolves the position along the shaft, so that the static profile may run over range."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,16 +55,15 @@ class Refined:
 
     model: Model
     segments: Segments
-    grid: Grid
     cells: Cells
     solution: Solution
-    score_covariance: Array
-    """(p, p): of the data's score, for the solution's covariance by source."""
     priors: tuple[Prior, ...]
     limit: float
     """mm from the surface beyond which a reading had no weight."""
     outliers: Mask
-    """(bands, SECTORS) stretches of each surface that are not the shaft's and were not looked at."""
+    """(bands, SECTORS) stretches of each surface that are not the shaft's and were not used."""
+    score_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(p, p): of the data's score, for the solution's covariance by source."""
     common_outliers: float = 0.0
     """Share of the profiles in which all surfaces left their waves at once."""
     overlap: float | None = None
@@ -88,7 +91,7 @@ class Refined:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What is fitted to, and which of its readings may be looked at."""
+    """What is fitted to, and which stretches of it are not used."""
 
     scan: Scan
     segments: Segments
@@ -97,67 +100,50 @@ class _View:
 
     @property
     def thinned(self) -> "_View":
-        """Every so many profiles of a long scan: enough for the first look."""
+        """Every n-th profile of a long scan: enough for the first fit."""
         return replace(self, scan=self.scan.taken(slice(None, None, max(1, self.scan.x.size // FIRST_READINGS))))
-
-
-@dataclass(frozen=True, slots=True)
-class _Pass:
-    """Cells about the surface that was predicted, and the model fitted to them."""
-
-    model: Model
-    grid: Grid
-    cells: Cells
-    solution: Solution
-    priors: tuple[Prior, ...]
-    limit: float
 
 
 def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
     """Fit the exact model to all trusted readings of all the artefact's cylinders.
 
-    Where the fit to a part of the readings gives up, all of them are not asked: the solution says so.
+    Where the fit to a part of the readings gives up, all of them are not tried: the solution says so.
 
     Raises:
         NotEnoughData: the surfaces show in too few cells.
     """
     view = _View(scan, segments, artefact, start.outliers)
-    model = _layout(scan, segments, artefact, start)
+    model = model_for(scan, segments, artefact, start)
     few = view.thinned
-    first = _solve(few, model, _start(model, segments, start), FIRST_LIMIT, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _fit(few, model, start_values(model, segments, start), FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
-    found = _refined(few, first) if first.solution.stuck else _refined(view, _narrowed(view, first))
-    fit = _steady(found)
+    fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
     return replace(fit, common_outliers=start.common_outliers, overlap=repeats_within(start, speed))
 
 
 def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
-    """The fit once more from where it is, all readings looked at anew: for a model of which more is known now.
+    """The fit once more from where it is, with all readings reduced anew: for a model of which more is known now.
 
     What was held as stated stays so.
     """
     view = _View(scan, fit.segments, artefact, fit.outliers)
-    again = _refined(view, _solve(view, fit.model, fit.solution.parameters, fit.limit, priors=fit.priors))
+    again = _with_covariance(_fit(view, fit.model, fit.solution.parameters, fit.limit, priors=fit.priors))
     return replace(again, common_outliers=fit.common_outliers, overlap=fit.overlap)
 
 
-def _narrowed(view: _View, first: _Pass) -> _Pass:
+def _narrowed(view: _View, first: Refined) -> Refined:
     """The fit to all readings, trusted as far as the noise goes that the fit before has shown."""
     limit = _noise_limit(first)
-    second = _solve(view, first.model, first.solution.parameters, limit)
+    second = _fit(view, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
     if tighter > 0.8 * limit or second.solution.stuck:
         return second
-    return _solve(view, second.model, second.solution.parameters, tighter)
+    return _fit(view, second.model, second.solution.parameters, tighter)
 
 
-def _refined(view: _View, last: _Pass) -> Refined:
-    """The last pass with the covariance of its score."""
-    scores = score_covariance(last.model, last.cells, last.solution, _sectors(view.scan, last.grid, last.cells))
-    return Refined(
-        last.model, view.segments, last.grid, last.cells, last.solution, scores, last.priors, last.limit, view.outliers
-    )
+def _with_covariance(fit: Refined) -> Refined:
+    return replace(fit, score_covariance=score_covariance(fit.model, fit.cells, fit.solution))
 
 
 def _steady(fit: Refined) -> Refined:
@@ -167,17 +153,17 @@ def _steady(fit: Refined) -> Refined:
     0.004, if the table does run as stated. From 5e-5 off its speed the scan shows it and they stay free.
     """
     both = [DRIFT, SPEED]
-    whole = np.asarray(sum(fit.covariance.values()))[np.ix_(both, both)]
-    found = fit.solution.parameters[both]
-    if found @ np.linalg.solve(whole, found) > NOTHING_SHOWN:
+    covariance = np.asarray(sum(fit.covariance.values()))[np.ix_(both, both)]
+    estimate = fit.solution.parameters[both]
+    if estimate @ np.linalg.solve(covariance, estimate) > MOST_CHI_SQUARE:
         return fit
-    u = dict(zip(both, np.sqrt(np.diag(whole)), strict=True))
+    u = dict(zip(both, np.sqrt(np.diag(covariance)), strict=True))
     return fit.held_by(
         tuple(replace(q, u=float(u[q.index[0]]), considered=True) if q.index[0] in u else q for q in fit.priors)
     )
 
 
-def _solve(
+def _fit(
     view: _View,
     model: Model,
     parameters: Array,
@@ -185,94 +171,36 @@ def _solve(
     settled: float = SETTLED,
     groups_per_turn: int = GROUPS_PER_TURN,
     priors: tuple[Prior, ...] | None = None,
-) -> _Pass:
-    """Cells about the surface that the parameters predict, and the model fitted to them."""
-    grid = make_grid(view.scan, view.segments.bands, groups_per_turn)
-    cells = reduce(view.scan, model, parameters, grid, limit, max(REACH, limit), view.outliers)
+) -> Refined:
+    """The model fitted to cells about the surface that the parameters predict."""
+    cells = robust_cells(
+        view.scan, view.segments.bands, model, parameters, limit, max(REACH_MM, limit), view.outliers, groups_per_turn
+    )
     if cells.weight.size < 2 * model.size:
         raise NotEnoughData(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
             "drawing, exposure and that nothing else turns in view"
         )
     priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
-    return _Pass(model, grid, cells, gauss_newton(model, cells, parameters, priors, settled), priors, limit)
+    solution = gauss_newton(model, cells, parameters, priors, settled)
+    return Refined(model, view.segments, cells, solution, priors, limit, view.outliers)
 
 
-def _with_orders(view: _View, fit: _Pass, orders: int) -> _Pass:
+def _with_orders(view: _View, fit: Refined, orders: int) -> Refined:
     """The model with form harmonics up to ``orders``, fitted to the same cells."""
     if orders == fit.model.orders:
         return fit
     model = replace(fit.model, orders=orders)
-    start = _carry(fit.model, model, fit.solution.parameters)
     priors = priors_for(model, view.scan, view.segments, view.artefact)
+    start = carried(fit.model, model, fit.solution.parameters)
     return replace(
-        fit, model=model, solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED), priors=priors
+        fit, model=model, priors=priors, solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED)
     )
 
 
-def _sectors(scan: Scan, grid: Grid, cells: Cells) -> NDArray[np.intp]:
-    """Which stretch of which cylinder each cell lies on, the same on every turn (n,)."""
-    per_turn = max(1, round(scan.profiles / max(scan.revolutions, 1e-9) / grid.group))
-    return (cells.group % per_turn) * len(grid.edges) + cells.readings.cylinder
-
-
-def _layout(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:
-    """The unknowns for what is seen of the artefact."""
-    cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
-    phi = segments.phi
-    over_range = abs(cos(phi)) > STEEP_ENOUGH
-    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
-    eccentricity = hypot(*start.eccentricity)
-    spans = []
-    for band, cylinder in zip(segments.bands, cylinders, strict=True):
-        ends = np.array([band.low, band.high])
-        if over_range:
-            ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
-            slack = eccentricity * abs(sin(phi)) + 0.1
-        else:
-            ends, slack = ends - segments.height, 0.1
-        spans.append((float(ends.min() - slack), float(ends.max() + slack)))
-    return Model(
-        radii=tuple(c.radius for c in cylinders),
-        middles=tuple((b.low + b.high) / 2 for b in segments.bands),
-        height=segments.height,
-        start_angle=float(scan.angle[0]),
-        orders=start.orders if start.outliers.any() else max(start.orders, CLEAN_ORDERS),
-        static_axis=axis,
-        static_spans=tuple(spans),
-        level=int(np.argmax([b.high - b.low for b in segments.bands])),
-    )
-
-
-def _start(model: Model, segments: Segments, start: RoughStand) -> Array:
-    p = np.zeros(model.size)
-    p[PHI], p[RADIAL], p[SPEED] = segments.phi, start.radial, start.speed
-    p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
-    p[[TILT_X, TILT_Y]] = start.tilt
-    for k, wave in enumerate(start.waves):
-        form = p[model.form_slice(k)].reshape(2, -1)
-        # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
-        form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
-        p[model.form_slice(k)] = form.reshape(-1)
-    return p
-
-
-def _carry(before: Model, after: Model, parameters: Array) -> Array:
-    """The parameters in a layout with other form harmonics."""
-    p = np.zeros(after.size)
-    common = before.form_slice(0).start
-    p[:common] = parameters[:common]
-    for k in range(len(before.radii)):
-        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
-        n = min(old.shape[1], new.shape[1])
-        new[:, :n] = old[:, :n]
-        p[after.form_slice(k)] = new.reshape(-1)
-    return p
-
-
-def _orders(fit: _Pass, scan: Scan) -> int:
+def _orders(fit: Refined, scan: Scan) -> int:
     """Highest form harmonic that stands out of the residuals, if it is more than the majority of the traces needed."""
-    if scan.revolutions < WHOLE:
+    if scan.revolutions < WHOLE_TURN:
         return fit.model.orders
     residuals, readings = fit.solution.residuals, fit.cells.readings
     psi = fit.model.angle(fit.solution.parameters, readings.angle)
@@ -283,14 +211,14 @@ def _orders(fit: _Pass, scan: Scan) -> int:
         waves = np.exp(1j * np.multiply.outer(candidates, psi[on]))
         weights = fit.solution.weights[on]
         amplitude = 2 * np.abs(waves @ (weights * residuals[on])) / max(weights.sum(), 1e-300)
-        strong = candidates[(amplitude > SIGNIFICANT * np.median(amplitude)) & (amplitude > LEAST_HARMONIC)]
+        strong = candidates[(amplitude > SIGNIFICANT * np.median(amplitude)) & (amplitude > LEAST_HARMONIC_MM)]
         highest = max(highest, int(strong.max(initial=0)))
     return highest
 
 
-def _noise_limit(fit: _Pass) -> float:
+def _noise_limit(fit: Refined) -> float:
     """Where Tukey's weight ends for the noise seen in the cells and between them."""
     within = float(np.median(fit.cells.spread))
     on = fit.solution.weights > 0
     between = robust_sd(fit.solution.residuals[on]) if on.any() else 0.0
-    return max(TUKEY * hypot(within, between), LEAST_LIMIT)
+    return max(TUKEY * hypot(within, between), LEAST_LIMIT_MM)

@@ -4,16 +4,15 @@ from dataclasses import replace
 from math import degrees, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.checks import NEAR, checks_of, reasons_of
+from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of
 from truestand.calibration.covariance import weigh
 from truestand.calibration.model import GEOMETRY, SPEED, Readings
-from truestand.calibration.refine import REACH, Refined
+from truestand.calibration.refine import Refined
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import (
-    AngleZero,
     Calibration,
     Harmonic,
     Residuals,
@@ -34,50 +33,45 @@ from truestand.core.frames import (
     table_from_sensor,
 )
 from truestand.core.scan import Scan
-from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN, Input, budget_of
+from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN_DEG, Input, budget_of
 from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
 
-Array = NDArray[np.float64]
-
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
-"""mm, k = 2: an edge may be broken by as much where its face is hidden; where it is seen."""
+"""mm, k = 2, of the shoulder: where its face is hidden, its edge may be broken by as much; where it is seen."""
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
 RESIDUAL_PROFILES = 300
 
 
-def conclude(
+def calibration_of(
     scan: Scan,
     artefact: Artefact,
     fit: Refined,
-    coaxiality: float | None = None,
+    coaxiality_U: float | None = None,
     further: dict[str, Array] | None = None,
 ) -> Calibration:
-    """The calibration record's content from the exact model's fit.
+    """The calibration that follows from the exact model's fit: estimate, uncertainties, checks.
 
-    ``coaxiality``: what is left open on the steps' axes (mm, k = 2) where more than the certificate is known of them.
+    ``coaxiality_U``: mm, of the steps' axes where more than the certificate is known of them.
     ``further``: covariance (p, p) of the unknowns from other sources, by name.
     """
-    told = plane_told(scan, artefact, fit, coaxiality)
-    posterior = weigh(fit.solution, fit.score_covariance, fit.priors, told)
-    posterior = replace(posterior, parts=posterior.parts | (further or {}))
-    fit = replace(fit, solution=replace(fit.solution, parameters=posterior.parameters))
-    p, parts = posterior.parameters, posterior.parts
+    identifiable = plane_identifiable(scan, artefact, fit, coaxiality_U)
+    p, parts = weigh(fit.solution, fit.score_covariance, fit.priors, identifiable)
+    fit = replace(fit, solution=replace(fit.solution, parameters=p))
+    geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in (parts | (further or {})).items()}
     static = static_profiles(artefact, fit)
-    own = slice(0, UNKNOWNS)
-    geometry = {name: part[own, own] for name, part in parts.items()}
     stated = {q.name: q.u for q in reversed(fit.priors)}
-    budget = budget_of(p[own], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
-    free_speed = scan.angle_source in ("index", "time")
+    budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
     residuals = residuals_of(scan, fit)
-    calibration = Calibration(
+    checks = checks_of(scan, artefact, fit, residuals, static)
+    return Calibration(
         method="stand",
         table_from_sensor=table_from_sensor(p[PHI], p[RADIAL], fit.model.height, p[PLANE_TILT], p[PLANE_OFFSET]),
         shaft_from_rotor=shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS]),
         stand=scan.stand,
         angle_source=scan.angle_source,
-        angle_zero=angle_zero(scan),
-        speed_factor=1.0 + float(p[SPEED]) if free_speed else 1.0,
+        angle_zero=scan.angle_zero,
+        speed_factor=1.0 + float(p[SPEED]) if scan.free_speed else 1.0,
         rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[SPEED])),
         artefact=artefact,
         residuals=residuals,
@@ -85,35 +79,28 @@ def conclude(
         static_profiles=static,
         uncertainty=budget,
         covariance_names=GEOMETRY[:UNKNOWNS],
-        covariance=posterior.covariance[own, own],
-        repeatability=parts["noise"][own, own],
+        covariance=np.asarray(sum(geometry.values())),
+        repeatability=geometry["noise"],
         not_identifiable=_not_identifiable(scan, fit, budget),
-        checks=checks_of(scan, artefact, fit, residuals, static, budget),
+        checks=checks,
+        reasons=reasons_of(fit.segments, checks, scan.angle_zero),
         scan=ScanSummary.of(scan),
         valid_until=artefact.valid_until,
     )
-    return reasons_of(calibration, fit)
 
 
-def plane_told(scan: Scan, artefact: Artefact, fit: Refined, coaxiality: float | None = None) -> bool:
-    """Whether the shaft can tell the laser plane: two diameters, and an eccentricity that outweighs their coaxiality.
+def plane_identifiable(scan: Scan, artefact: Artefact, fit: Refined, coaxiality_U: float | None = None) -> bool:
+    """Whether the scan can tell the laser plane: two diameters, and an eccentricity that outweighs their coaxiality.
 
     u(d) = u(c) / (e |1/R2 - 1/R1|), against the mounting's own u (docs/theory.md, *What the data can tell*). What else
     seems to tell d under a centred shaft comes from waves of form beyond the ones that are fitted.
     """
     cylinders = [artefact.cylinders[b.cylinder] for b in fit.segments.bands]
     curvature = max(abs(1 / c.radius - 1 / cylinders[0].radius) for c in cylinders)
-    if coaxiality is None:
-        coaxiality = max((c.coaxiality_U or COAXIALITY_U for c in cylinders[1:]), default=0.0)
+    if coaxiality_U is None:
+        coaxiality_U = max((c.coaxiality_U or COAXIALITY_U for c in cylinders[1:]), default=0.0)
     eccentricity = float(hypot(*fit.solution.parameters[ECCENTRICITY]))
-    return len(cylinders) > 1 and coaxiality < eccentricity * curvature * scan.stand.sensor.plane_offset_U
-
-
-def angle_zero(scan: Scan) -> AngleZero:
-    """What ties this scan's table angle to another scan's."""
-    if scan.angle_source in ("angle", "encoder"):
-        return "index"
-    return "home" if scan.stand.table.start == "home" else "unknown"
+    return len(cylinders) > 1 and coaxiality_U < eccentricity * curvature * scan.stand.sensor.plane_offset_U
 
 
 def _step(scan: Scan) -> float:
@@ -123,15 +110,15 @@ def _step(scan: Scan) -> float:
 
 def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:
     """Form harmonics of every cylinder in use."""
-    found = []
+    harmonics = []
     for k, band in enumerate(fit.segments.bands):
         a, b = fit.solution.parameters[fit.model.form_slice(k)].reshape(2, -1)
         name = artefact.cylinders[band.cylinder].name
-        found += [
+        harmonics += [
             Harmonic(name, n, float(hypot(c, s)), float(np.arctan2(s, c)))
             for n, c, s in zip(range(2, fit.model.orders + 1), a, b, strict=True)
         ]
-    return tuple(found)
+    return tuple(harmonics)
 
 
 def static_profiles(artefact: Artefact, fit: Refined) -> tuple[StaticProfile, ...]:
@@ -148,30 +135,19 @@ def static_profiles(artefact: Artefact, fit: Refined) -> tuple[StaticProfile, ..
 
 def residuals_of(scan: Scan, fit: Refined) -> Residuals:
     """rms and 90 % quantile of the trusted readings of evenly spread profiles; counts of all."""
-    deviation, _ = sampled_residuals(scan, fit)
-    trusted = np.abs(deviation[np.abs(deviation) < fit.limit])
+    rows = scan.spread(RESIDUAL_PROFILES)
+    u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
+    which = np.full(u.shape, -1, dtype=np.intp)
+    for k, band in enumerate(fit.segments.bands):
+        near = np.abs(u - fit.model.radii[k]) < NEAR_SURFACE_MM
+        which[(v > band.low) & (v < band.high) & near] = k
+    row, column = np.nonzero(which >= 0)
+    readings = Readings.of(scan, rows, (row, column), which[row, column])
+    size = np.abs(fit.model.residuals(fit.solution.parameters, readings))
+    trusted = size[size < fit.limit]
     rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else 0.0
     p90 = float(np.quantile(trusted, 0.9)) if trusted.size else 0.0
     return Residuals(rms, p90, fit.cells.points, fit.cells.rejected)
-
-
-def sampled_residuals(scan: Scan, fit: Refined, profiles: int = RESIDUAL_PROFILES) -> tuple[Array, Readings]:
-    """Residuals (n,) mm after everything fitted, and the readings, of evenly spread profiles."""
-    rows = scan.spread(profiles)
-    x, z = scan.x[rows], scan.z[rows]
-    u, v = fit.plane.to_uv(x, z)
-    which = np.full(x.shape, -1, dtype=np.intp)
-    for k, band in enumerate(fit.segments.bands):
-        which[(v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR)] = k
-    row, point = np.nonzero(which >= 0)
-    time = rows / max(scan.profiles - 1, 1) - 0.5
-    readings = Readings(x[row, point], z[row, point], scan.angle[rows][row], time[row], which[row, point])
-    residuals = fit.model.residuals(fit.solution.parameters, readings)
-    near = np.abs(residuals) < max(REACH, fit.limit)
-    kept = np.flatnonzero(near)
-    return residuals[near], Readings(
-        readings.x[kept], readings.z[kept], readings.angle[kept], readings.time[kept], readings.cylinder[kept]
-    )
 
 
 def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) -> tuple[str, ...]:
@@ -182,7 +158,7 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
         names.append("laser_plane_offset_mm")
     if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
         names.append("laser_plane_tilt_deg")
-    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN]
+    names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN_DEG]
     if not fit.segments.shoulder_seen:
         names.append("height")
     return tuple(names)
@@ -197,12 +173,12 @@ def _noise_dof(fit: Refined) -> float:
 def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> tuple[Input, ...]:
     """What certificate, data sheet and stand leave open and one scan can't see."""
     sensor, p = scan.stand.sensor, fit.solution.parameters
-    eccentricity, lean = 1000.0 * hypot(*p[ECCENTRICITY]), hypot(*p[TILT])
-    band = max(fit.segments.bands, key=lambda b: b.high - b.low)
+    eccentricity, tilt = 1000.0 * hypot(*p[ECCENTRICITY]), hypot(*p[TILT])
+    band = fit.segments.bands[fit.segments.longest]
     base = artefact.cylinders[fit.segments.bands[0].cylinder]
     # Off by U at either end of the visible line, independently; that slope turns the line and stretches the wave.
-    slope = sqrt(2.0) / (band.high - band.low)
-    lever = abs((band.low + band.high) / 2 - fit.model.height)  # from the sensor's origin, about which phi turns
+    slope = sqrt(2.0) / band.length
+    lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
     bearing = {"eccentricity_um": 1000.0}
@@ -216,7 +192,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
         Input(scale_name(sensor), scale / 2, "normal",
               {"eccentricity_um": eccentricity}),
         Input("height zero: the shoulder", height / 2, "rectangular",
-              {"eccentricity_um": 1000.0 * lean, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
+              {"eccentricity_um": 1000.0 * tilt, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
         Input("temperature of the artefact (assumed)", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),
         Input("table bearing, once per turn (assumed)", BEARING_U / 2, "normal", bearing),

@@ -10,36 +10,37 @@ from math import inf, sqrt
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.harmonics import Harmonics
 
-Array = NDArray[np.float64]
-
-KEPT = 0.55
+AGREEING_SHARE = 0.55
 """Share of the samples that must agree."""
 SUBSETS = 150
 FINALISTS = 8
-CONCENTRATIONS = 12
+CONCENTRATION_STEPS = 12
 MOST_ORDERS = 8
 SEARCHED_ORDERS = 4
 """Up to this order random subsets are clean often enough (0.7^9 = 4 %); higher ones start from the order below."""
-WORTH = 1.3
-"""A lower order is as good where its scatter is at most this many times that of the highest."""
-GOOD_ENOUGH = 0.0003
-"""mm of scatter below which no further harmonic is asked for here."""
-MOST_FORM = 0.5
-"""mm: no shaft has a harmonic of form that large; a series that bends itself to an arc does."""
-MOST_LEFT = 0.4
+MOST_SCATTER_RATIO = 1.3
+"""Of a lower order's scatter to the smallest one, up to which the lower order is as good."""
+GOOD_SCATTER_MM = 0.0003
+"""Scatter below which no further harmonic is fitted here."""
+MOST_FORM_MM = 0.5
+"""No shaft has a harmonic of form that large; a series that bends itself to an arc does."""
+MOST_REMAINING = 0.4
 """Share of the outliers that may remain outliers when a further harmonic explains the others."""
-LEAST_SCATTER = 0.002
-"""mm: what waves of a higher order than is looked at leave in any case."""
-FEW = 0.01
+LEAST_SCATTER_MM = 0.002
+"""What waves of a higher order than is fitted leave in any case."""
+MOST_OFF_SHARE = 0.01
 """Share of the samples that may be off the fit to all of them, for that to be the shaft."""
-OUTSIDE = 6.0
-"""Robust standard deviations from which a sample is not the shaft's."""
-LEAST_OUTSIDE = 0.015
-"""mm: never call smaller deviations outliers."""
+OUTLIER_SD = 6.0
+"""Robust standard deviations beyond which a sample is not the shaft's."""
+LEAST_OUTLIER_MM = 0.015
+"""Smaller deviations are never outliers."""
+_AGREE_WITHIN = NormalDist().inv_cdf((1 + AGREEING_SHARE) / 2)
+CONSISTENCY = 1.0 / sqrt(1.0 - 2.0 * _AGREE_WITHIN * NormalDist().pdf(_AGREE_WITHIN) / AGREEING_SHARE)
+"""Standard deviation of normal noise over the rms of the samples that agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,7 @@ class Wave:
     series: Harmonics
     scatter: float
     """mm, robust standard deviation of the samples that agree."""
-    outliers: NDArray[np.bool_]
+    outliers: Mask
     """(n,) samples that are not the shaft's round surface."""
 
 
@@ -60,43 +61,43 @@ def robust_wave(angle: Array, trace: Array, most_orders: int = MOST_ORDERS) -> W
     solution = np.zeros(1)
     for order in range(1, most_orders + 1):
         design = _design(angle, order)
-        if design.shape[1] > KEPT * trace.size / 3:
+        if design.shape[1] > AGREEING_SHARE * trace.size / 3:
             break
         start = np.append(solution, [0.0, 0.0]) if order > 1 else None
         tried, scatter = _trimmed(design, trace, start, rng if order <= SEARCHED_ORDERS else None)
-        too_large = np.abs(tried[3:]).max(initial=0.0) > MOST_FORM
+        too_large = np.abs(tried[3:]).max(initial=0.0) > MOST_FORM_MM
         solution = np.append(solution, [0.0, 0.0]) if too_large else tried
         fits.append((solution, inf if too_large else scatter))
-        if scatter < GOOD_ENOUGH:
+        if scatter < GOOD_SCATTER_MM:
             break
-    enough = max(GOOD_ENOUGH, WORTH * min(s for _, s in fits))
+    enough = max(GOOD_SCATTER_MM, MOST_SCATTER_RATIO * min(s for _, s in fits))
     order, (solution, scatter) = next((i + 1, f) for i, f in enumerate(fits) if f[1] <= enough)
-    outliers = _outside(trace - _design(angle, order) @ solution, scatter)
+    outliers = _outliers(trace - _design(angle, order) @ solution, scatter)
     if outliers.any():
         design = _design(angle, order)
         whole = _fit(design, trace)
         # Trimmed, a series may bend itself to an arc; where all samples agree as well, there are no outliers.
-        beyond = np.abs(trace - design @ whole) > OUTSIDE * max(scatter, LEAST_SCATTER)
-        if beyond.mean() < FEW:
+        beyond = np.abs(trace - design @ whole) > OUTLIER_SD * max(scatter, LEAST_SCATTER_MM)
+        if beyond.mean() < MOST_OFF_SHARE:
             solution, outliers = whole, beyond
     for more, (other, spread) in enumerate(fits[order:], order + 1):
         # A series too large for form can follow an arc of 55 %; the shaft's explains the whole circumference.
-        left = _outside(trace - _design(angle, more) @ other, spread)
-        if left.sum() < MOST_LEFT * outliers.sum():
-            order, solution, scatter, outliers = more, other, spread, left
+        remaining = _outliers(trace - _design(angle, more) @ other, spread)
+        if remaining.sum() < MOST_REMAINING * outliers.sum():
+            order, solution, scatter, outliers = more, other, spread, remaining
     for more in range(order + 1, most_orders + 1):
         order, solution, outliers = _reconciled(angle, trace, (order, solution, outliers), more, scatter)
     series = Harmonics(tuple(range(1, order + 1)), float(solution[0]), solution[1::2].copy(), solution[2::2].copy())
     return Wave(series, scatter, outliers)
 
 
-def _outside(off: Array, scatter: float) -> NDArray[np.bool_]:
-    return np.asarray(np.abs(off) > max(OUTSIDE * scatter, LEAST_OUTSIDE))
+def _outliers(off: Array, scatter: float) -> Mask:
+    return np.asarray(np.abs(off) > max(OUTLIER_SD * scatter, LEAST_OUTLIER_MM))
 
 
 def _reconciled(
-    angle: Array, trace: Array, found: tuple[int, Array, NDArray[np.bool_]], more: int, scatter: float
-) -> tuple[int, Array, NDArray[np.bool_]]:
+    angle: Array, trace: Array, found: tuple[int, Array, Mask], more: int, scatter: float
+) -> tuple[int, Array, Mask]:
     """The series with ``more`` harmonics, fitted to all but the outliers, if it explains most of them too.
 
     It does where they are form of a higher order; a flat, a keyway or dirt, which the fit doesn't see, stays.
@@ -108,8 +109,8 @@ def _reconciled(
     if design.shape[1] > np.count_nonzero(~outliers) / 3:
         return found
     solution = _fit(design[~outliers], trace[~outliers])
-    left = _outside(trace - design @ solution, scatter)
-    return (more, solution, left) if left.sum() < MOST_LEFT * outliers.sum() else found
+    remaining = _outliers(trace - design @ solution, scatter)
+    return (more, solution, remaining) if remaining.sum() < MOST_REMAINING * outliers.sum() else found
 
 
 def _design(angle: Array, order: int) -> Array:
@@ -123,7 +124,7 @@ def _design(angle: Array, order: int) -> Array:
 def _trimmed(design: Array, trace: Array, start: Array | None, rng: np.random.Generator | None) -> tuple[Array, float]:
     """Least trimmed squares: parameters and the robust standard deviation."""
     n, p = design.shape
-    kept = int(KEPT * n)
+    kept = int(AGREEING_SHARE * n)
     starts = [] if start is None else [start]
     if rng is not None:
         picks = rng.integers(0, n, (SUBSETS, p + 1))
@@ -131,9 +132,9 @@ def _trimmed(design: Array, trace: Array, start: Array | None, rng: np.random.Ge
     rough = [_concentrated(design, trace, s, kept, 2) for s in starts]
     rough.sort(key=lambda f: f[1])
     best = min(
-        (_concentrated(design, trace, s, kept, CONCENTRATIONS) for s, _ in rough[:FINALISTS]), key=lambda f: f[1]
+        (_concentrated(design, trace, s, kept, CONCENTRATION_STEPS) for s, _ in rough[:FINALISTS]), key=lambda f: f[1]
     )
-    return best[0], sqrt(best[1] / kept) * _CONSISTENT
+    return best[0], sqrt(best[1] / kept) * CONSISTENCY
 
 
 def _fit(design: Array, trace: Array) -> Array:
@@ -153,13 +154,3 @@ def _concentrated(design: Array, trace: Array, solution: Array, kept: int, steps
         solution = better
     squares = np.square(trace - design @ solution)
     return solution, float(np.partition(squares, kept - 1)[:kept].sum())
-
-
-def _consistency() -> float:
-    """What makes the trimmed rms the standard deviation of normal noise."""
-    normal = NormalDist()
-    q = normal.inv_cdf((1 + KEPT) / 2)
-    return 1.0 / sqrt(1.0 - 2.0 * q * normal.pdf(q) / KEPT)
-
-
-_CONSISTENT = _consistency()

@@ -1,7 +1,7 @@
 """From raw profiles to "which cylinder of the artefact": the automatic choice of the base surface.
 
 The paper chooses its base surface by hand and names the automatic choice as its open limitation. Here the outline that
-the scan shows along every likely direction of the axis is held against the drawing (steps, order, lengths, what hides
+the scan shows along every likely direction of the axis is compared with the drawing (steps, order, lengths, what hides
 what), both ways up. Every explanation is scored bin by bin in nats: a bin on the drawn surface speaks for it, a bin
 beside it or one that is promised, not hidden and not there speaks against it, what lies beyond the drawing says
 nothing. The explanation with the most evidence wins; the margin over the best one that differs is the confidence.
@@ -11,45 +11,44 @@ from dataclasses import dataclass, replace
 from math import cos, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.outline import Sample, Silhouette, directions, sample, silhouette
+from truestand.calibration.outline import Silhouette, directions, sample, silhouette
+from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, facing
+from truestand.core.harmonics import wrap
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-
-LEAST_SHARE = 0.25
+LEAST_EXPLAINED = 0.25
 """Share of the outline that the drawing must explain, below which the segmentation is not trusted."""
-SURE = 0.99
-"""Confidence below which another explanation is as good."""
-EDGE_MARGIN = 0.75
-"""mm: kept away from a cylinder's ends, where chamfers, fillets and ghosts live (less on short cylinders)."""
-MOVES, STILL = 0.05, 0.3
-"""mm of wobble that no noise makes; share of it below which another outline counts as standing still."""
-SHARPENED = 4
-"""Times the direction is sharpened at most."""
-FACE_REACH = 2.0
-"""mm from the matched height within which the shoulder face is looked for."""
-FACE_POINTS = 1.0
-"""Readings on the face, per profile, that show it."""
-FAN = 0.2
-"""rad: the outermost rays of a fan look by as much to either side."""
-LEAST_BAND = 0.3
-"""mm of one cylinder that must be seen between its margins to measure on it."""
-WIDTH = 0.25
-"""mm from the drawn surface within which a bin lies on it (form, linearity, the feet of chamfers)."""
-FOR, AGAINST = 5.0, 3.0
-"""Nats: ln(20 mm of range / 2 sqrt(pi) 0.06 mm) for a bin on the surface, -ln(0.05) for an outlier; once a millimetre,
+LEAST_CONFIDENCE = 0.99
+"""Below which another explanation is as good."""
+EDGE_MARGIN_MM = 0.75
+"""From a cylinder's ends, where chamfers, fillets and ghosts lie; less on short cylinders."""
+LEAST_WOBBLE_MM, STILL_SHARE = 0.05, 0.3
+"""Wobble that no noise makes; share of it below which another outline counts as standing still."""
+MOST_REFINEMENTS = 4
+"""Of the direction."""
+FACE_REACH_MM = 2.0
+"""From the matched height, within which the shoulder face is searched for."""
+LEAST_FACE_READINGS = 1.0
+"""On the face, per profile, that show it."""
+FAN_RAD = 0.2
+"""Half the opening angle of the fan of rays."""
+LEAST_BAND_MM = 0.3
+"""Of one cylinder that must be seen between its margins to measure on it."""
+SURFACE_WIDTH_MM = 0.25
+"""From the drawn surface, within which a bin lies on it (form, linearity, the feet of chamfers)."""
+NATS_FOR, NATS_AGAINST = 5.0, 3.0
+"""ln(20 mm of range / 2 sqrt(pi) 0.06 mm) for a bin on the surface, -ln(0.05) for an outlier; once a millimetre,
 for what lies nearer shares its cause (a chamfer, a ghost)."""
-SAME_LINE = 0.15
-"""mm: neighbouring bins nearer than this across are of one run."""
+MOST_RUN_STEP_MM = 0.15
+"""Neighbouring bins nearer than this across are of one run."""
 LEAST_RUN = 5
 MOST_RUNS = 14
-SAME_HEIGHT, SAME_RADIAL, SAME_DIRECTION = 1.0, 0.3, 0.03
-"""mm, mm, rad within which two explanations are one."""
+SAME_HEIGHT_MM, SAME_RADIAL_MM, SAME_DIRECTION_RAD = 1.0, 0.3, 0.03
+"""Within which two explanations are one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +59,16 @@ class Band:
     """Index in the artefact's drawing."""
     low: float
     high: float
+
+    @property
+    def middle(self) -> float:
+        """mm: height halfway up."""
+        return (self.low + self.high) / 2
+
+    @property
+    def length(self) -> float:
+        """mm."""
+        return self.high - self.low
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +86,11 @@ class Segments:
     """Probability 0..1 that this is the right explanation and not the next best one."""
     reasons: tuple[str, ...]
     """Why it is not to be trusted; empty where it is."""
+
+    @property
+    def longest(self) -> int:
+        """Which band is the longest."""
+        return int(np.argmax([b.length for b in self.bands]))
 
     @property
     def plane(self) -> LaserPlane:
@@ -101,40 +115,39 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
         NotEnoughData: no points, or nothing that fits the drawing.
     """
     seen = sample(scan)
-    outlines = _turning([silhouette(seen, phi) for phi in directions(seen)])
-    found = [m for outline in outlines for m in explanations(outline, artefact)]
-    best, margin = best_and_margin(found) if found else (None, 0.0)
+    outlines = _moving([silhouette(seen, phi) for phi in directions(seen)])
+    candidates = [m for outline in outlines for m in explanations(outline, artefact)]
+    best, margin = best_and_margin(candidates) if candidates else (None, 0.0)
     if best is None or best.score <= 0:
-        raise _nothing(artefact)
-    outline, match = _sharpened(seen, best, artefact)
+        raise _no_fit(artefact)
+    outline, match = _refined(seen, best, artefact)
     bands = _bands(outline, match, artefact)
     if not bands:
-        raise _nothing(artefact)
+        raise _no_fit(artefact)
     height, shoulder_seen = _shoulder(seen, outline, match, artefact)
     explained = _explained(outline, match, artefact)
-    sure = confidence(margin)
-    doubts = _doubts(best, found, bands, artefact, explained, sure)
-    return Segments(match.phi, match.radial, height, bands, shoulder_seen, explained, sure, doubts)
+    reasons = _reasons(best, candidates, bands, artefact, explained, confidence(margin))
+    return Segments(match.phi, match.radial, height, bands, shoulder_seen, explained, confidence(margin), reasons)
 
 
-def _turning(outlines: list[Silhouette]) -> list[Silhouette]:
+def _moving(outlines: list[Silhouette]) -> list[Silhouette]:
     """The outlines that move: where one does, another that stands still is a reflection, or a face seen edge on."""
     most = max((o.wobble for o in outlines), default=0.0)
-    return [o for o in outlines if most < MOVES or o.wobble > STILL * most]
+    return [o for o in outlines if most < LEAST_WOBBLE_MM or o.wobble > STILL_SHARE * most]
 
 
-def _nothing(artefact: Artefact) -> NotEnoughData:
+def _no_fit(artefact: Artefact) -> NotEnoughData:
     return NotEnoughData(
         f"found no surface that fits the drawing of {artefact.name!r}; check the artefact's diameters and that the "
         "sensor sees the shaft"
     )
 
 
-def _sharpened(seen: Sample, match: Match, artefact: Artefact) -> tuple[Silhouette, Match]:
-    """The direction again, from the slope of all matched bins together, and the outline along it."""
+def _refined(seen: Scan, match: Match, artefact: Artefact) -> tuple[Silhouette, Match]:
+    """The direction from the slope of all matched bins together, and the outline along it."""
     outline = silhouette(seen, match.phi)
-    for _ in range(SHARPENED):
-        match = matched_again(outline, match.height, artefact) or match
+    for _ in range(MOST_REFINEMENTS):
+        match = match_near(outline, match.height, artefact) or match
         parts = [on_cylinder(outline, match, c) for c in artefact.cylinders]
         parts = [(v, d) for v, d in parts if v.size > 3]
         if not parts:
@@ -148,7 +161,7 @@ def _sharpened(seen: Sample, match: Match, artefact: Artefact) -> tuple[Silhouet
         outline = turned
         if abs(turn) < 1e-5:
             break
-    return outline, matched_again(outline, match.height, artefact) or match
+    return outline, match_near(outline, match.height, artefact) or match
 
 
 def _slope(parts: list[tuple[Array, Array]]) -> float:
@@ -168,12 +181,12 @@ def _bands(outline: Silhouette, match: Match, artefact: Artefact) -> tuple[Band,
     bands = []
     for k, c in enumerate(artefact.cylinders):
         v, _ = on_cylinder(outline, match, c)
-        if v.size < LEAST_BAND / outline.bin:
+        if v.size < LEAST_BAND_MM / outline.bin:
             continue
-        margin = min(EDGE_MARGIN, 0.15 * c.length)
+        margin = min(EDGE_MARGIN_MM, 0.15 * c.length)
         low = max(c.bottom + margin, float(np.quantile(v, 0.01)))
         high = min(c.top - margin, float(np.quantile(v, 0.99)))
-        if high - low > LEAST_BAND:
+        if high - low > LEAST_BAND_MM:
             bands.append(Band(k, low, high))
     return tuple(bands)
 
@@ -184,7 +197,7 @@ def _explained(outline: Silhouette, match: Match, artefact: Artefact) -> float:
     return on / max(int(np.count_nonzero(np.isfinite(outline.u))), 1)
 
 
-def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefact) -> tuple[float, bool]:
+def _shoulder(seen: Scan, outline: Silhouette, match: Match, artefact: Artefact) -> tuple[float, bool]:
     """The height from the shoulder face where the readings show it; (height, seen)."""
     if len(artefact.cylinders) < 2 or not _faces_sensor(artefact, match.phi):
         return match.height, False
@@ -192,9 +205,8 @@ def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefac
     u, above = u - outline.shift[:, None] + match.radial, v + match.height - artefact.shoulder
     inner, outer = sorted((artefact.cylinders[0].radius, artefact.cylinders[1].radius))
     margin = min(0.5, 0.2 * (outer - inner))
-    with np.errstate(invalid="ignore"):
-        face = above[(u > inner + margin) & (u < outer - margin) & (np.abs(above) < FACE_REACH)]
-    if face.size < FACE_POINTS * len(u):
+    face = above[(u > inner + margin) & (u < outer - margin) & (np.abs(above) < FACE_REACH_MM)]
+    if face.size < LEAST_FACE_READINGS * len(u):
         return match.height, False
     middle = float(np.median(face))
     flat = np.abs(face - middle) < 0.15
@@ -204,34 +216,35 @@ def _shoulder(seen: Sample, outline: Silhouette, match: Match, artefact: Artefac
 
 
 def _faces_sensor(artefact: Artefact, phi: float) -> bool:
-    """Whether the shoulder's face looks to the side from which the sensor does (the fan's own angle allowed for)."""
+    """Whether the shoulder's face is turned to the sensor, the fan's own angle allowed for."""
     lower, upper = artefact.cylinders[:2]
     above = -cos(phi)
-    return above > -FAN if lower.radius > upper.radius else above < FAN
+    return above > -FAN_RAD if lower.radius > upper.radius else above < FAN_RAD
 
 
-def _doubts(
-    best: Match, found: list[Match], bands: tuple[Band, ...], artefact: Artefact, explained: float, sure: float
+def _reasons(
+    best: Match, candidates: list[Match], bands: tuple[Band, ...], artefact: Artefact, explained: float, sure: float
 ) -> tuple[str, ...]:
-    doubts = []
-    upside_down = max((m.score for m in found if cos(m.phi - best.phi) < 0), default=0.0)
-    if confidence(best.score - upside_down) < SURE:
-        doubts.append(
+    reasons = []
+    upside_down = max((m.score for m in candidates if cos(m.phi - best.phi) < 0), default=0.0)
+    if confidence(best.score - upside_down) < LEAST_CONFIDENCE:
+        reasons.append(
             "the drawing fits what is seen both ways up, so the axis may point either way; bring a step into view"
         )
-    elif sure < SURE:
-        doubts.append(
-            f"another place on the drawing explains the view almost as well (confidence {sure:.2f}, need {SURE}): "
-            "bring more of the shaft into view"
+    elif sure < LEAST_CONFIDENCE:
+        reasons.append(
+            "another place on the drawing explains the view almost as well (confidence "
+            f"{sure:.2f}, need {LEAST_CONFIDENCE}): bring more of the shaft into view"
         )
-    if explained < LEAST_SHARE:
-        doubts.append(
-            f"the drawing explains {explained:.0%} of what the sensor sees, need {LEAST_SHARE:.0%}: check shaft.toml"
+    if explained < LEAST_EXPLAINED:
+        reasons.append(
+            f"the drawing explains {explained:.0%} of what the sensor sees, need {LEAST_EXPLAINED:.0%}: "
+            "check shaft.toml"
         )
     if len(artefact.cylinders) > 1 and len(bands) == 1:
         name = artefact.cylinders[bands[0].cylinder].name
-        doubts.append(f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove")
-    return tuple(doubts)
+        reasons.append(f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove")
+    return tuple(reasons)
 
 
 def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
@@ -240,17 +253,17 @@ def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
     v, u = outline.v[seen], outline.u[seen]
     if v.size < LEAST_RUN:
         return []
-    found = []
+    matches = []
     for phi, along, across in ((outline.phi, v, u), (outline.phi - pi, -v[::-1], u[::-1])):
         drawn = _Drawing(artefact, outline.bin, along, across)
-        found += [m for h in drawn.heights() if (m := drawn.explained(phi, h)) is not None]
-    return found
+        matches += [m for h in drawn.heights() if (m := drawn.explained(phi, h)) is not None]
+    return matches
 
 
-def best_and_margin(found: list[Match]) -> tuple[Match, float]:
+def best_and_margin(candidates: list[Match]) -> tuple[Match, float]:
     """The best explanation and by how many nats it is better than the best one that differs."""
-    best = max(found, key=lambda m: m.score)
-    rivals = [m.score for m in found if not _same(m, best)]
+    best = max(candidates, key=lambda m: m.score)
+    rivals = [m.score for m in candidates if not _same(m, best)]
     return best, best.score - max(rivals, default=0.0)
 
 
@@ -260,14 +273,14 @@ def confidence(margin: float) -> float:
 
 
 def _same(a: Match, b: Match) -> bool:
-    turned = abs((a.phi - b.phi + pi) % (2 * pi) - pi)
-    near = abs(a.height - b.height) < SAME_HEIGHT and abs(a.radial - b.radial) < SAME_RADIAL
-    return turned < SAME_DIRECTION and near
+    turned = abs(wrap(a.phi - b.phi))
+    near = abs(a.height - b.height) < SAME_HEIGHT_MM and abs(a.radial - b.radial) < SAME_RADIAL_MM
+    return turned < SAME_DIRECTION_RAD and near
 
 
 @dataclass(frozen=True, slots=True)
 class _Drawing:
-    """The drawing beside a silhouette's bins ``v``, ``u`` (n,) mm."""
+    """The drawing and a silhouette's bins ``v``, ``u`` (n,) mm to compare with it."""
 
     artefact: Artefact
     bin: float
@@ -276,7 +289,7 @@ class _Drawing:
 
     def heights(self) -> Array:
         """Shifts (mm) of v that put an end of a run of bins at the like end of a cylinder."""
-        breaks = np.flatnonzero((np.abs(np.diff(self.u)) > SAME_LINE) | (np.diff(self.v) > 3.5 * self.bin))
+        breaks = np.flatnonzero((np.abs(np.diff(self.u)) > MOST_RUN_STEP_MM) | (np.diff(self.v) > 3.5 * self.bin))
         runs = zip(np.append(0, breaks + 1), np.append(breaks, self.v.size - 1), strict=True)
         longest = sorted((r for r in runs if r[1] - r[0] >= LEAST_RUN), key=lambda r: r[0] - r[1])[:MOST_RUNS]
         shifts = [
@@ -295,20 +308,22 @@ class _Drawing:
         if np.count_nonzero(drawn) < LEAST_RUN:
             return None
         off = radius[drawn] - self.u[drawn]
-        cells = np.floor((off - off.min()) / WIDTH).astype(np.intp)
+        cells = np.floor((off - off.min()) / SURFACE_WIDTH_MM).astype(np.intp)
         crowd = np.convolve(np.bincount(cells), np.ones(2))
-        middle = off.min() + WIDTH * float(np.argmax(crowd))
-        radial = float(np.median(off[np.abs(off - middle) <= WIDTH]))
+        middle = off.min() + SURFACE_WIDTH_MM * float(np.argmax(crowd))
+        radial = float(np.median(off[np.abs(off - middle) <= SURFACE_WIDTH_MM]))
         d = off - radial
-        score = self.bin * float(np.where(np.abs(d) < WIDTH, FOR * (1.0 - (d / WIDTH) ** 2), -AGAINST).sum())
+        score = self.bin * float(
+            np.where(np.abs(d) < SURFACE_WIDTH_MM, NATS_FOR * (1.0 - (d / SURFACE_WIDTH_MM) ** 2), -NATS_AGAINST).sum()
+        )
         if score > 0:
-            score -= self.bin * AGAINST * self._missing(d, drawn, radial, height)
+            score -= self.bin * NATS_AGAINST * self._missing(d, drawn, radial, height)
         return Match(phi, radial, height, score)
 
-    def _missing(self, d: Array, drawn: NDArray[np.bool_], radial: float, height: float) -> int:
+    def _missing(self, d: Array, drawn: Mask, radial: float, height: float) -> int:
         """Bins that the drawing promises between the lowest and the highest on it: not hidden, not there."""
         heights = self.v[drawn] + height
-        on = heights[np.abs(d) < WIDTH]
+        on = heights[np.abs(d) < SURFACE_WIDTH_MM]
         promised = np.arange(on.min() + self.bin, on.max(), self.bin)
         radius = drawn_radius(promised, self.artefact)
         after = np.minimum(np.searchsorted(heights, promised), heights.size - 1)
@@ -325,7 +340,7 @@ def drawn_radius(heights: Array, artefact: Artefact) -> Array:
     return radius
 
 
-def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> NDArray[np.bool_]:
+def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact: Artefact) -> Mask:
     """Mask (n,) of points of the shaft that one of its cylinders hides from the sensor at (u, v) mm."""
     across, up = sensor
     mask = np.zeros(heights.size, dtype=np.bool_)
@@ -333,11 +348,11 @@ def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact:
     for c in artefact.cylinders:
         ends = np.sort(np.clip((np.array([[c.bottom], [c.top]]) - up) / rise, 0.0, 1.0), axis=0)
         lowest = across + np.where(radius < across, ends[1], ends[0]) * (radius - across)
-        mask |= (ends[1] - ends[0] > 1e-9) & (lowest < c.radius - WIDTH)
+        mask |= (ends[1] - ends[0] > 1e-9) & (lowest < c.radius - SURFACE_WIDTH_MM)
     return mask
 
 
-def matched_again(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
+def match_near(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
     """The best explanation of a silhouette near a known height, the same way up."""
     seen = np.isfinite(outline.u)
     drawn = _Drawing(artefact, outline.bin, outline.v[seen], outline.u[seen])
@@ -349,6 +364,5 @@ def on_cylinder(outline: Silhouette, match: Match, cylinder: Cylinder) -> tuple[
     """Height (n,) mm and deviation (n,) mm of the bins on one cylinder of the drawing."""
     v = outline.v + match.height
     d = outline.u + match.radial - cylinder.radius
-    with np.errstate(invalid="ignore"):
-        on = (np.abs(d) < WIDTH) & (v > cylinder.bottom) & (v < cylinder.top)
+    on = (np.abs(d) < SURFACE_WIDTH_MM) & (v > cylinder.bottom) & (v < cylinder.top)
     return v[on], d[on]

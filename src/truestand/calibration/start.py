@@ -1,40 +1,37 @@
-"""A start for the exact model from the segmentation: eccentricity, tilt, form and table speed from the profiles' own
-medians, and which stretches of each surface are not the shaft's."""
+"""Start values of the exact model: eccentricity, tilt, form and table speed from the medians of the profiles, and which
+stretches of each surface are not the shaft's."""
 
 from dataclasses import dataclass
 from math import tau
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.calibration.robust_wave import MOST_ORDERS, OUTSIDE, Wave, robust_wave
+from truestand.calibration.robust_wave import MOST_ORDERS, OUTLIER_SD, Wave, robust_wave
 from truestand.calibration.segment import Segments
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
 from truestand.core.scan import Scan
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 SAMPLED_PROFILES = 1000
-SEARCHED_PROFILES = 500
-"""Of these, the ones that a hundred speeds are tried on."""
-REACH = 4.0
-"""mm: most eccentric shaft that is looked for."""
-SPEED_SEARCH = 0.08
+SPEED_PROFILES = 500
+"""Of these, the ones on which a hundred table speeds are tried."""
+MOST_ECCENTRICITY_MM = 4.0
+"""Most eccentric shaft that is searched for."""
+SPEED_RANGE = 0.08
 """Relative: how wrong a stated table speed may be and still be found."""
-SPEED_SHOWN = 0.9
-"""A speed is another one where the traces repeat at least so much better with it."""
-REPEATS = 1.05
-"""Turns from which form repeats, so that it may be told from a wrong speed."""
+MOST_COST_RATIO = 0.9
+"""Cost at another table speed over that at the stated one, below which it is taken."""
+LEAST_REPEATED_TURNS = 1.05
+"""From which form repeats, so that it can be separated from a wrong speed."""
 LEAST_REVOLUTIONS = 0.5
-WHOLE = 0.95
-"""Turns below which only two harmonics of form can be told from eccentricity."""
+WHOLE_TURN = 0.95
+"""Turns below which only two harmonics of form can be separated from eccentricity."""
 SECTORS = 360
 """Stretches of the circumference that are trusted or not."""
-OVERLAP = 10
-"""Sectors that are compared between turns at once."""
+OVERLAP_SECTORS = 10
+"""That are compared between turns together."""
 LEAST_READINGS = 5
 LEAST_PROFILES = 20
 
@@ -53,9 +50,9 @@ class RoughStand:
     outliers: Mask
     """(bands, SECTORS): stretches of table angle in which a band doesn't show the shaft's round surface."""
     common_outliers: float
-    """Share of the profiles in which every band is off its wave: dirt seldom is, a wrong table angle is."""
+    """Share of the profiles in which every band is off its wave: seldom by dirt, always by a wrong table angle."""
     angle: Array
-    """(n,) rad: nominal table angle of the profiles that were looked at."""
+    """(n,) rad: nominal table angle of the sampled profiles."""
     traces: Array
     """(bands, n) mm: their deviations, NaN where they are outliers."""
 
@@ -75,17 +72,18 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
         raise NotEnoughData(
             f"need one full revolution, got {scan.revolutions:.2f}; scan for longer (or check the table's speed)"
         )
-    nominal, traces = band_traces(scan, segments, artefact)
-    speed = _find_speed(nominal, traces) if scan.angle_source in ("index", "time") else 0.0
+    nominal, traces = _band_traces(scan, segments, artefact)
+    speed = _find_speed(nominal, traces) if scan.free_speed else 0.0
     angle = nominal + speed * (nominal - scan.angle[0])
-    orders = MOST_ORDERS if scan.revolutions >= WHOLE else 3
-    waves = tuple(robust_wave(angle[np.isfinite(t)], t[np.isfinite(t)], orders) for t in traces)
-    outliers = np.stack([_outlier_sectors(angle[np.isfinite(t)], w) for t, w in zip(traces, waves, strict=True)])
-    off = np.stack([_samples_off(t, w) for t, w in zip(traces, waves, strict=True)])
+    orders = MOST_ORDERS if scan.revolutions >= WHOLE_TURN else 3
+    seen = np.isfinite(traces)
+    waves = tuple(robust_wave(angle[on], trace[on], orders) for on, trace in zip(seen, traces, strict=True))
+    outliers = np.stack([_outlier_sectors(angle[on], wave) for on, wave in zip(seen, waves, strict=True)])
+    off = np.zeros_like(seen)
+    off[seen] = np.concatenate([wave.outliers for wave in waves])
     common = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0
     (ex, ey), tilt = _axis(segments, waves)
-    longest = int(np.argmax([b.high - b.low for b in segments.bands]))
-    radial = segments.radial - waves[longest].series.mean
+    radial = segments.radial - waves[segments.longest].series.mean
     traces = np.where(outliers[:, sector_of(angle)], np.nan, traces)
     series = tuple(w.series for w in waves)
     return RoughStand(radial, (ex, ey), tilt, speed, series, outliers, common, nominal, traces)
@@ -94,52 +92,40 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
 def repeats_within(start: RoughStand, speed: float) -> float | None:
     """How far repeated turns differ, mm rms, with the table's speed now known; None without a second turn.
 
-    Stretches of ``OVERLAP`` sectors are compared with the same stretch on the other turns, linear drift apart.
+    Stretches of ``OVERLAP_SECTORS`` are compared with the same stretch on the other turns, linear drift apart.
     """
     angle, traces = start.angle + speed * (start.angle - start.angle[0]), start.traces
-    stretch = sector_of(angle) // OVERLAP
+    count = SECTORS // OVERLAP_SECTORS
     turn = np.floor(np.abs(angle - angle[0]) / tau).astype(np.intp)
-    count = SECTORS // OVERLAP
-    found = []
+    cell = turn * count + sector_of(angle) // OVERLAP_SECTORS
+    size = (int(turn.max()) + 1) * count
+    differences = [np.zeros(0)]
     for trace, wave in zip(traces, start.waves, strict=True):
         seen = np.isfinite(trace)
         if np.count_nonzero(seen) < LEAST_PROFILES:
             continue
         off = trace[seen] - fit_harmonics(angle[seen], trace[seen], wave.orders)(angle[seen])
         time = np.linspace(-0.5, 0.5, trace.size)[seen]
-        near = np.abs(off) <= OUTSIDE * np.median(np.abs(off))
-        fit = np.polyfit(time[near], off[near], 1)
-        cell = turn[seen] * count + stretch[seen]
-        size = (int(turn.max()) + 1) * count
-        many = np.bincount(cell, minlength=size).reshape(-1, count)
-        sums = np.bincount(cell, off - np.polyval(fit, time), size).reshape(-1, count)
+        near = np.abs(off) <= OUTLIER_SD * np.median(np.abs(off))
+        drift = np.polyfit(time[near], off[near], 1)
+        many = np.bincount(cell[seen], minlength=size).reshape(-1, count)
+        sums = np.bincount(cell[seen], off - np.polyval(drift, time), size).reshape(-1, count)
         means = np.where(many >= 3, sums / np.maximum(many, 1), np.nan)
-        shared = np.count_nonzero(np.isfinite(means), axis=0) > 1
-        if shared.any():
-            both = means[:, shared]
-            found.append(np.ravel(both - np.nanmean(both, axis=0)))
-    if not found:
-        return None
-    away = np.concatenate(found)
-    return float(np.sqrt(np.nanmean(np.square(away))))
+        shared = means[:, np.count_nonzero(np.isfinite(means), axis=0) > 1]
+        if shared.size:
+            differences.append(np.ravel(shared - np.nanmean(shared, axis=0)))
+    together = np.concatenate(differences)
+    return float(np.sqrt(np.nanmean(np.square(together)))) if together.size else None
 
 
-def _samples_off(trace: Array, wave: Wave) -> Mask:
-    """Which profiles (n,) of a trace are off its wave."""
-    off = np.zeros(trace.size, dtype=np.bool_)
-    off[np.isfinite(trace)] = wave.outliers
-    return off
-
-
-def band_traces(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Array, Array]:
+def _band_traces(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Array, Array]:
     """Table angle (n,) rad of profiles spread over the scan and the median deviation (bands, n) mm of each surface."""
     rows = scan.spread(SAMPLED_PROFILES)
     u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
     traces = np.full((len(segments.bands), rows.size), np.nan)
     for k, band in enumerate(segments.bands):
         off = u - artefact.cylinders[band.cylinder].radius
-        with np.errstate(invalid="ignore"):
-            on = (v > band.low) & (v < band.high) & (np.abs(off) < REACH)
+        on = (v > band.low) & (v < band.high) & (np.abs(off) < MOST_ECCENTRICITY_MM)
         enough = np.count_nonzero(on, axis=1) >= LEAST_READINGS
         if np.count_nonzero(enough) < LEAST_PROFILES:
             raise NotEnoughData(
@@ -155,14 +141,14 @@ def _axis(segments: Segments, waves: tuple[Wave, ...]) -> tuple[tuple[float, flo
     # Seen along T's X the axis stands at e cos(beta + theta): cos -> ex, sin -> -ey.
     ex = np.array([float(w.series.cos[0]) for w in waves])
     ey = np.array([-float(w.series.sin[0]) for w in waves])
-    middle = np.array([(b.low + b.high) / 2 for b in segments.bands])
+    middle = np.array([b.middle for b in segments.bands])
     if middle.size == 1 or np.ptp(middle) < 1.0:
         return (float(np.median(ex)), float(np.median(ey))), (0.0, 0.0)
     (tx, ex0), (ty, ey0) = np.polyfit(middle, ex, 1), np.polyfit(middle, ey, 1)
     return (float(ex0), float(ey0)), (float(tx), float(ty))
 
 
-def sector_of(angle: Array) -> NDArray[np.intp]:
+def sector_of(angle: Array) -> Ints:
     """Sector (n,) of table angles (n,) rad."""
     return np.asarray(np.floor(angle * (SECTORS / tau)).astype(np.intp) % SECTORS)
 
@@ -178,8 +164,8 @@ def _outlier_sectors(angle: Array, wave: Wave) -> Mask:
 
 def _find_speed(angle: Array, traces: Array) -> float:
     """Relative error of the stated speed: the one at which the traces repeat best; 0 if none is better."""
-    few = slice(None, None, -(-angle.size // SEARCHED_PROFILES))
-    angle, traces = angle[few], traces[:, few]
+    every = -(-angle.size // SPEED_PROFILES)
+    angle, traces = angle[::every], traces[:, ::every]
     seen = np.isfinite(traces).any(axis=0)  # whole profiles may be lost
     angle, trace = angle[seen], np.nanmedian(traces[:, seen], axis=0)
 
@@ -189,11 +175,11 @@ def _find_speed(angle: Array, traces: Array) -> float:
         return float(np.abs(trace - wave(turned)).mean())
 
     turns = float(np.ptp(angle)) / tau
-    orders = (1, 2, 3, 4, 5, 6) if turns > REPEATS else (1, 2)
+    orders = (1, 2, 3, 4, 5, 6) if turns > LEAST_REPEATED_TURNS else (1, 2)
     nominal = cost(0.0)
-    best, width, costs = 0.0, SPEED_SEARCH, [nominal]
+    best, width, costs = 0.0, SPEED_RANGE, [nominal]
     for _ in range(3):
         tried = best + np.linspace(-width, width, 33)
         costs = [cost(float(k)) for k in tried]
         best, width = float(tried[int(np.argmin(costs))]), width / 16
-    return best if min(costs) < SPEED_SHOWN * nominal else 0.0
+    return best if min(costs) < MOST_COST_RATIO * nominal else 0.0

@@ -28,6 +28,11 @@ class Cylinder:
         """mm."""
         return self.top - self.bottom
 
+    @property
+    def middle(self) -> float:
+        """mm: height halfway up."""
+        return (self.bottom + self.top) / 2
+
 
 @dataclass(frozen=True, slots=True)
 class Certificate:

@@ -3,6 +3,8 @@
 All U are expanded with k = 2.
 """
 
+K = 2.0
+"""Coverage factor of every expanded uncertainty, U = K u (GUM 6.2)."""
 COAXIALITY_U = 0.002
 """mm: sideways offset of a ground shaft's steps."""
 SCALE_U = 1e-4

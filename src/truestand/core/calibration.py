@@ -5,16 +5,15 @@ from math import atan2, hypot, inf
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
-from truestand.core.scan import AngleSource, Scan
+from truestand.core.frames import ECCENTRICITY, ECCENTRICITY_Y, Pose, sensor_parameters, shaft_parameters
+from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
+from truestand.core.units import um
 
-Array = NDArray[np.float64]
 Method = Literal["stand", "paper"]
-AngleZero = Literal["index", "home", "witness", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +71,23 @@ class StaticProfile:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A question that the scan answers about itself. ``value`` and ``limit`` carry the unit named in ``name``."""
+    """A test of a scan against a limit. ``value`` and ``limit`` carry the unit named in ``name``."""
 
     name: str
     value: float
     limit: float
     ok: bool
     advice: str
+
+    @classmethod
+    def at_most_um(cls, name: str, value: float, limit: float, advice: str) -> "Check":
+        """Passed where the size of ``value`` is at most ``limit``, both mm; the check states them in um."""
+        return cls(name, um(value), um(limit), abs(value) <= limit, advice)
+
+    @property
+    def reason(self) -> str:
+        """Why a calibration is not trusted where the check failed."""
+        return f"{self.name}: {self.value:.3g} (limit {self.limit:.3g}); {self.advice}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +102,7 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class ScanSummary:
-    """Which scan a calibration rests on."""
+    """The scan that a calibration was made from: its hash and size."""
 
     sha256: str
     profiles: int
@@ -122,7 +131,7 @@ class PaperFigures:
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """Where the shaft's axis may stand: half axes U (k = 2 along each) in mm, azimuth of the longer one in rad."""
+    """Uncertainty of a position: half axes U (k = 2 along each) in mm, azimuth of the longer one in rad."""
 
     major: float
     minor: float
@@ -141,10 +150,15 @@ class StepAxis:
     height: float
     U: float
 
+    def at(self, height: float) -> tuple[float, float, float, float]:
+        """x and y (mm) at a height (mm) in C, and the slopes."""
+        lever = height - self.height
+        return self.x + self.slope_x * lever, self.y + self.slope_y * lever, self.slope_x, self.slope_y
+
 
 @dataclass(frozen=True, slots=True)
 class Separated:
-    """A harmonic that several clampings told apart: amplitude cos(upr psi - phase), with U (k = 2) of the amplitude."""
+    """A harmonic that several clampings separated: amplitude cos(upr psi - phase), with U (k = 2) of the amplitude."""
 
     harmonic: Harmonic
     U: float
@@ -152,7 +166,7 @@ class Separated:
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """What several scans with the shaft clamped again at known angles tell apart."""
+    """What several scans separate whose shaft was clamped again at known angles."""
 
     clamped: tuple[float, ...]
     """rad, ccw from above, one a scan."""
@@ -162,9 +176,9 @@ class Positions:
     form: tuple[Separated, ...]
     """The shaft's own, in C of the last scan."""
     bearing: tuple[Separated, ...]
-    """The table's, as it would look as form (at psi = -theta); once per turn can't be told from eccentricity."""
+    """The table's, as it would look as form (at psi = -theta); once per turn can't be separated from eccentricity."""
     inseparable: tuple[int, ...]
-    """Harmonics that these angles can't tell apart: they stand in ``form``."""
+    """Harmonics that these angles can't separate: they stand in ``form``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +192,7 @@ class Calibration:
     angle_source: AngleSource
     angle_zero: AngleZero
     angle_U: float | None = None
-    """rad, k = 2: how well the zero of the angle is known where a witness band told it (``transfer``)."""
+    """rad, k = 2: how well the zero of the angle is known where a witness band gave it (``transfer``)."""
     speed_factor: float = 1.0
     """Estimated over stated table speed; 1 with an angle of the scan's own."""
     rad_per_profile: float | None = None
@@ -209,7 +223,7 @@ class Calibration:
 
     @property
     def status(self) -> Literal["valid", "untrusted"]:
-        """Whether the calibration may carry a verdict."""
+        """Whether a verdict may rest on the calibration."""
         return "untrusted" if self.reasons else "valid"
 
     @property
@@ -245,25 +259,25 @@ class Calibration:
 
         The fit's covariance, with what else is in the budget added along the eccentricity and across it.
         """
-        if self.covariance.shape[0] < 6 or "eccentricity_um" not in self.uncertainty:
+        if self.covariance.shape[0] <= ECCENTRICITY_Y or "eccentricity_um" not in self.uncertainty:
             return None
         ex, ey, _, _ = shaft_parameters(self.shaft_from_rotor)
         size = hypot(ex, ey)
         along = np.array([ex, ey]) / size if size > 0 else np.array([1.0, 0.0])
         across = np.array([-along[1], along[0]])
-        whole = self.covariance[4:6, 4:6].copy()
+        covariance = self.covariance[ECCENTRICITY, ECCENTRICITY].copy()
         # What the budget has beyond the fit (bearing, scale, linearity) is known along the vector; across it, the
         # bearing's part is in the direction's U, which is capped where there is no direction.
-        beyond = (self.uncertainty["eccentricity_um"].U / 2000.0) ** 2 - float(along @ whole @ along)
-        aside = float(np.sum([(c.U / 2 * size * np.pi / 180) ** 2 for c in self._aside()]))
-        whole += max(beyond, 0.0) * np.outer(along, along) + aside * np.outer(across, across)
-        values, vectors = np.linalg.eigh(whole)
+        beyond = (self.uncertainty["eccentricity_um"].U / 2000.0) ** 2 - float(along @ covariance @ along)
+        across_u2 = float(np.sum([(c.U / 2 * size * np.pi / 180) ** 2 for c in self._across_lines()]))
+        covariance += max(beyond, 0.0) * np.outer(along, along) + across_u2 * np.outer(across, across)
+        values, vectors = np.linalg.eigh(covariance)
         major = vectors[:, 1]
         return Ellipse(
             2 * float(np.sqrt(values[1])), 2 * float(np.sqrt(max(values[0], 0.0))), atan2(major[1], major[0])
         )
 
-    def _aside(self) -> list[Contribution]:
+    def _across_lines(self) -> list[Contribution]:
         """Lines of the direction's budget that the fit's covariance doesn't hold."""
         lines = self.uncertainty.get("eccentricity_direction_deg")
         return (
@@ -281,6 +295,14 @@ class Calibration:
         """Azimuth in R towards which the shaft leans going up, rad; None where it stands too straight to have one."""
         _, _, tx, ty = shaft_parameters(self.shaft_from_rotor)
         return self._known("tilt_direction_deg", atan2(ty, tx))
+
+    def form_of(self, surface: str, angle: Array) -> Array:
+        """Form (any shape) mm of a surface at polar angles (rad) in C, by its harmonics."""
+        form = np.zeros_like(angle)
+        for h in self.harmonics:
+            if h.surface == surface:
+                form += h.amplitude * np.cos(h.upr * angle - h.phase)
+        return form
 
     def _known(self, key: str, value: float) -> float | None:
         return None if key in self.not_identifiable or self.method == "paper" else value

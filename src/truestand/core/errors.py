@@ -1,7 +1,7 @@
 """The one tree of errors. Each message says what was found, what was needed and what to do.
 
-They are caught once, at the door (``cli/main.py``), printed as one line, and end the command with exit code 2.
-Doubt is no error: a number that can't be trusted is a result that says so.
+They are caught once (``cli/main.py``), printed as one line, and end the command with exit code 2. A number that
+can't be trusted is no error: it is a result that says so.
 """
 
 
@@ -10,7 +10,7 @@ class TruestandError(Exception):
 
 
 class UnreadableFile(TruestandError):
-    """A file that is missing, empty, truncated, binary, foreign or ambiguous."""
+    """A file that is missing, empty, truncated, binary, of another format or ambiguous."""
 
 
 class BadRecipe(TruestandError):
@@ -18,7 +18,7 @@ class BadRecipe(TruestandError):
 
 
 class NotEnoughData(TruestandError):
-    """A scan that can't carry the question: too few turns, too few points, nothing of the artefact seen."""
+    """A scan that can't answer the question: too few turns, too few points, nothing of the artefact seen."""
 
 
 class MissingExtra(TruestandError):

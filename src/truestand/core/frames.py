@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from math import atan2, cos, hypot, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
 
 PHI, RADIAL, PLANE_OFFSET, PLANE_TILT, ECCENTRICITY_X, ECCENTRICITY_Y, TILT_X, TILT_Y = range(8)
 """Where each unknown of the geometry stands in a parameter vector (mm and rad): what ``table_from_sensor`` and
@@ -149,6 +148,13 @@ def shaft_parameters(pose: Pose) -> tuple[float, float, float, float]:
     return float(origin[0] - tx * origin[2]), float(origin[1] - ty * origin[2]), float(tx), float(ty)
 
 
+def axis_sensitivity(height: float) -> Array:
+    """How the place (x, y) of the shaft's axis at a height (mm) follows the unknowns: (2, 8)."""
+    rows = np.zeros((2, UNKNOWNS))
+    rows[:, ECCENTRICITY], rows[:, TILT] = np.eye(2), height * np.eye(2)
+    return rows
+
+
 def _smallest_rotation_to(axis: Array) -> Array:
     """The rotation (3, 3) about a horizontal line that takes Z to the unit vector ``axis`` (Rodrigues)."""
     x, y, z = axis
@@ -160,6 +166,12 @@ def in_table(pose: Pose, x: Array, z: Array) -> tuple[Array, Array]:
     """T's X (towards the sensor) and Z (up), mm, of readings x, z by a ``table_from_sensor``."""
     r, t = pose.rotation, pose.translation
     return r[0, 0] * x + r[0, 2] * z + t[0], r[2, 0] * x + r[2, 2] * z + t[2]
+
+
+def in_rotor(x: Array | float, y: Array | float, angle: Array) -> tuple[Array, Array]:
+    """x and y in R of points x, y of T at table angles (rad): p_R = Rz(-angle) p_T."""
+    c, s = np.cos(angle), np.sin(angle)
+    return c * x + s * y, c * y - s * x
 
 
 def rotor_from_table(angle: float) -> Pose:

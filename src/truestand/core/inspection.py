@@ -7,12 +7,9 @@ The decision rule is that of ISO 14253-1: both answers must be shown beyond a gu
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from truestand.core.arrays import Array
 from truestand.core.calibration import Contribution
 
-Array = NDArray[np.float64]
 Flank = Literal["left", "right"]
 Status = Literal["measured", "partial", "not_measurable"]
 Verdict = Literal["conforms", "does_not_conform", "undecided"]
@@ -73,7 +70,7 @@ class Defect:
     second_score: float | None = None
     """IsolationForest, 0..1, where scikit-learn is installed."""
     U: float | None = None
-    """Of the depth (k = 2), where it is told."""
+    """Of the depth (k = 2), mm, where it is known."""
     verdict: Verdict | None = None
     """Of a tooth that is missing, broken or chipped, or may be; None: only listed."""
 

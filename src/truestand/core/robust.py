@@ -1,14 +1,24 @@
-"""Robust statistics: the standard deviation from the median of deviations, Tukey's biweight, medians of many cells."""
+"""Robust statistics, and the one rule by which a reading is an outlier: Tukey's biweight.
+
+Weights, cost, slope and correction belong together: all fits take them from here. Below them stand the medians and
+trimmed means of many cells at once.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
 
 MAD_TO_SD = 1.4826
 """Standard deviation of normal noise over its median absolute deviation: 1 / Phi^-1(3/4)."""
 TUKEY = 4.685
 """Tukey's constant: standard deviations at which a weight becomes zero; 95 % efficient for normal noise."""
+TRIMMED_SD = 4.0
+"""Robust standard deviations from a cell's mean beyond which a value is left out of it."""
+TRIMMING_PASSES = 4
+MOST_FIT_STEPS = 30
+FIT_SETTLED = 1e-9
+"""Change of a solution, in its own unit, below which it is settled."""
 
 
 def robust_sd(deviations: Array) -> float:
@@ -20,8 +30,44 @@ def robust_sd(deviations: Array) -> float:
 
 
 def tukey_weights(ratio: Array) -> Array:
-    """Tukey's biweight (any shape) of deviations over the limit at which the weight is zero."""
+    """Tukey's biweight (any shape) of deviations over the limit at which the weight is zero (Beaton and Tukey 1974)."""
     return np.square(np.maximum(1.0 - np.square(ratio), 0.0))
+
+
+def tukey_slopes(weights: Array) -> Array:
+    """By how much the score, weight times deviation, follows the deviation (any shape), from the weights."""
+    return np.asarray(5.0 * weights - 4.0 * np.sqrt(weights))
+
+
+def tukey_cost(ratio: Array) -> float:
+    """Sum of the cost that the weights minimise, in squared standard deviations of the noise."""
+    remaining = np.maximum(1.0 - np.square(ratio), 0.0)
+    return TUKEY**2 / 3.0 * float(np.sum(1.0 - remaining * remaining * remaining))
+
+
+def m_estimator_correction(weight: float, slope: float) -> float:
+    """How much more an estimate scatters than its weights say, at most 2: their sum over the sum of the score's slopes.
+
+    Source: Huber 1981, section 6.6.
+    """
+    return weight / max(slope, 0.5 * weight, 1e-300)
+
+
+def tukey_fit(design: Array, samples: Array, least_limit: float) -> tuple[Array, Array]:
+    """Least squares of samples (n,) by Tukey's weights: the solution (m,) for a design (n, m), and the weights (n,).
+
+    ``least_limit`` (the samples' unit): deviations below it are never outliers.
+    """
+    solution = np.linalg.lstsq(design, samples, rcond=None)[0]
+    weights = np.ones(samples.size)
+    for _ in range(MOST_FIT_STEPS):
+        deviations = samples - design @ solution
+        weights = tukey_weights(deviations / max(TUKEY * robust_sd(deviations), least_limit))
+        before = solution
+        solution = np.linalg.lstsq(design * weights[:, None], samples * weights, rcond=None)[0]
+        if np.abs(solution - before).max() < FIT_SETTLED:
+            break
+    return np.asarray(solution), weights
 
 
 def medians(
@@ -41,3 +87,16 @@ def medians(
     low, high = first[some] + (count[some] - 1) // 2, first[some] + count[some] // 2
     found[some] = ((key[low] + key[high]) / 2 - np.flatnonzero(some) - 0.5) * width
     return found, count
+
+
+def trimmed_means(cell: NDArray[np.integer], values: Array, cells: int) -> tuple[Array, Array]:
+    """Mean (cells,) of the values (n,) in each cell without outliers, 0 where there is none, and how many they are."""
+    trusted = np.ones(values.size, dtype=np.bool_)
+    count, means = np.zeros(cells), np.zeros(cells)
+    for _ in range(TRIMMING_PASSES):
+        count = np.bincount(cell[trusted], minlength=cells).astype(np.float64)
+        means = np.bincount(cell[trusted], values[trusted], cells) / np.maximum(count, 1.0)
+        off = np.abs(values - means[cell])
+        limit = TRIMMED_SD * robust_sd(off) if off.size else 0.0
+        trusted = off < limit + 1e-9
+    return means, count

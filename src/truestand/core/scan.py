@@ -11,11 +11,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 
-Array = NDArray[np.float64]
 AngleSource = Literal["index", "time", "angle", "encoder"]
+AngleZero = Literal["index", "home", "witness", "unknown"]
+"""What ties a table angle to that of another scan: an index, the home position, a witness band, nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +65,8 @@ class Scan:
     time: Array | None = None
     counter: NDArray[np.int64] | None = None
     intensity: Array | None = None
-    doubts: tuple[str, ...] = ()
-    """Why it isn't proven to be whole; empty where it is, or where nobody says."""
+    reasons: tuple[str, ...] = ()
+    """Why it is not proven complete; empty where it is, or where the recording does not say."""
 
     @property
     def profiles(self) -> int:
@@ -88,11 +90,27 @@ class Scan:
         """Share of the readings that carry a point, 0..1."""
         return float(np.count_nonzero(np.isfinite(self.z)) / max(self.z.size, 1))
 
-    def spread(self, profiles: int) -> NDArray[np.intp]:
+    @property
+    def angle_zero(self) -> AngleZero:
+        """What ties this scan's table angle to another scan's."""
+        if self.angle_source in ("angle", "encoder"):
+            return "index"
+        return "home" if self.stand.table.start == "home" else "unknown"
+
+    @property
+    def free_speed(self) -> bool:
+        """Whether the table angle rests on the stated speed, so that the calibration estimates it."""
+        return self.angle_source in ("index", "time")
+
+    def time_at(self, rows: Ints) -> Array:
+        """Time (n,) of profiles, as the share -0.5..0.5 of the scan."""
+        return np.asarray(rows / max(self.profiles - 1, 1) - 0.5)
+
+    def spread(self, profiles: int) -> Ints:
         """Rows of at most so many ``profiles``, spread evenly over the scan, the first and the last among them."""
         return np.unique(np.linspace(0, self.profiles - 1, profiles).astype(np.intp))
 
-    def taken(self, rows: NDArray[np.intp] | slice) -> "Scan":
+    def taken(self, rows: Ints | slice) -> "Scan":
         """The scan of these rows alone, with x, z and angle only."""
         return replace(
             self, x=self.x[rows], z=self.z[rows], angle=self.angle[rows], time=None, counter=None, intensity=None
@@ -115,15 +133,15 @@ def interpret(recording: Recording, stand: Stand | None = None, start_angle: flo
     z = _within_range(recording.z, stand.sensor.range)
     return Scan(
         x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity,
-        _doubts(recording),
+        _incomplete_reasons(recording),
     )  # fmt: skip
 
 
-def _doubts(recording: Recording) -> tuple[str, ...]:
+def _incomplete_reasons(recording: Recording) -> tuple[str, ...]:
     if recording.acquisition is None or recording.acquisition.get("complete") is True:
         return ()
-    told = recording.acquisition.get("reasons") or ["nothing proves it whole"]
-    return tuple(f"the scan is incomplete: {reason}; scan again" for reason in told)
+    reasons = recording.acquisition.get("reasons") or ["nothing proves it whole"]
+    return tuple(f"the scan is incomplete: {reason}; scan again" for reason in reasons)
 
 
 def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:
@@ -163,7 +181,7 @@ def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple
 def profile_number(recording: Recording) -> Array:
     """Which profile since the start each one is (N,): by the sensor's counter where there is one, lost ones included.
 
-    A counter that starts again at a power of two (8 bits and more) goes on.
+    A counter that overflows at a power of two (8 bits and more) is continued.
     """
     if recording.counter is None:
         return np.arange(recording.x.shape[0], dtype=np.float64)

@@ -8,16 +8,13 @@ For one profile it is affine in (x, z), so a whole scan costs six multiplication
 """
 
 from dataclasses import dataclass
-from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
-from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.frames import Pose, in_rotor, shaft_parameters
 from truestand.core.scan import Scan
-
-Array = NDArray[np.float64]
 
 BLOCK = 64
 """Profiles worked on at once: their points stay in the processor's cache."""
@@ -31,7 +28,7 @@ class Surface:
     y: Array
     z: Array
     scan: Scan | None = None
-    """The scan that was rolled up, and the calibration that did it: what an inspection takes its doubt from."""
+    """The scan that was rolled up, and the calibration that did it: what an inspection takes its uncertainty from."""
     calibration: Calibration | None = None
 
     @property
@@ -55,8 +52,7 @@ class Surface:
         One sample a profile: the mean of its points within ``width`` mm about ``height``. Where a profile shows
         several surfaces at that height (a chamfer, a flank) the mean is of all of them.
         """
-        with np.errstate(invalid="ignore"):
-            near = np.abs(self.z - height) <= width / 2
+        near = np.abs(self.z - height) <= width / 2
         count = near.sum(axis=1)
         rows = count > 0
         x = np.where(near[rows], self.x[rows], 0.0).sum(axis=1) / count[rows]
@@ -67,35 +63,34 @@ class Surface:
 
 
 def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
-    """The scan's points in C, by the calibration as it stands: ``transfer.roll`` asks first whether it may be applied.
+    """The scan's points in C, by the calibration as it is: ``transfer.roll`` checks first whether it may be applied.
 
     The calibration's own method decides: ``stand`` moves the axis (exact), ``paper`` subtracts the published
-    compensation wave from the radial coordinate (and leaves what that leaves).
+    compensation wave from the radial coordinate (docs/theory.md, *Reading the paper*, on what that leaves).
     """
     angle = table_angle(scan, calibration)
-    if calibration.method == "paper":
-        out = _published(scan, calibration, angle)
-    else:
-        out = _affine(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
+    roll = _published if calibration.method == "paper" else _affine
+    out = roll(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
     out.flags.writeable = False
     return Surface(out[0], out[1], out[2], scan, calibration)
 
 
 def table_angle(scan: Scan, calibration: Calibration) -> Array:
     """Table angle (N,) rad with the speed that the calibration found, where the scan has no angle of its own."""
-    if scan.angle_source in ("index", "time") and calibration.speed_factor != 1.0:
+    if scan.free_speed and calibration.speed_factor != 1.0:
         return np.asarray(scan.angle[0] + (scan.angle - scan.angle[0]) * calibration.speed_factor)
     return scan.angle
 
 
 def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
+    """Points (3, N, M) mm of C by the rigid chain."""
     gain_x, gain_z, shift = _chains(table_from_sensor, shaft_from_rotor, angle)
     out = np.empty((3, *scan.x.shape))
-    room = np.empty((BLOCK, scan.x.shape[1]))
+    buffer = np.empty((BLOCK, scan.x.shape[1]))
     for first in range(0, scan.profiles, BLOCK):
         rows = slice(first, min(first + BLOCK, scan.profiles))
         x, z = scan.x[rows], scan.z[rows]
-        part = room[: x.shape[0]]
+        part = buffer[: x.shape[0]]
         for i in range(3):
             target = out[i, rows]
             np.multiply(x, gain_x[rows, i, None], out=target)
@@ -118,28 +113,27 @@ def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tu
     return gains[:, :, 0], gains[:, :, 2], shift
 
 
-def _published(scan: Scan, calibration: Calibration, angle: Array) -> Array:
-    """Steps 5, 8 and 9 of the paper on any scan: radial less the compensation wave, then rolled up."""
-    ex, ey, _, _ = shaft_parameters(calibration.shaft_from_rotor)
-    pose = calibration.table_from_sensor
+def _published(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
+    """The same by steps 5, 8 and 9 of the paper: radial less the compensation wave, then rolled up."""
+    ex, ey, _, _ = shaft_parameters(shaft_from_rotor)
+    rotation, translation = table_from_sensor.rotation, table_from_sensor.translation
     c, s = np.cos(angle), np.sin(angle)
-    wave = ex * c - ey * s if hypot(ex, ey) > 0 else np.zeros_like(angle)
+    wave = ex * c - ey * s
     out = np.empty((3, *scan.x.shape))
     for first in range(0, scan.profiles, BLOCK):
         rows = slice(first, min(first + BLOCK, scan.profiles))
         x, z = scan.x[rows], scan.z[rows]
-        radial = pose.rotation[0, 0] * x + pose.rotation[0, 2] * z + (pose.translation[0] - wave[rows])[:, None]
+        radial = rotation[0, 0] * x + rotation[0, 2] * z + (translation[0] - wave[rows])[:, None]
         out[0, rows] = radial * c[rows, None]
         out[1, rows] = -radial * s[rows, None]
-        out[2, rows] = pose.rotation[2, 0] * x + pose.rotation[2, 2] * z + pose.translation[2]
+        out[2, rows] = rotation[2, 0] * x + rotation[2, 2] * z + translation[2]
     return out
 
 
 def sensor_origins(calibration: Calibration, angle: Array) -> Array:
     """Origins (N, 3) mm in C of the sensor's rays at table angles (N,) rad."""
     x, y, z = calibration.table_from_sensor.translation
-    c, s = np.cos(angle), np.sin(angle)
-    return calibration.shaft_from_rotor(np.stack([c * x + s * y, c * y - s * x, np.full_like(c, z)], axis=-1))
+    return calibration.shaft_from_rotor(np.stack([*in_rotor(x, y, angle), np.full_like(angle, z)], axis=-1))
 
 
 def seen_at(calibration: Calibration, points: Array) -> Array:
@@ -148,19 +142,18 @@ def seen_at(calibration: Calibration, points: Array) -> Array:
     The plane is y = d + z tan(alpha) in T, and its x axis points from the rotation axis to the sensor.
     """
     pose = calibration.table_from_sensor
-    across = pose.rotation[:, 1]  # the laser plane's normal in T, which is square to T's X
+    normal = pose.rotation[:, 1]  # of the laser plane in T, square to T's X
     rotor = calibration.shaft_from_rotor.inverse(points)
-    offset = float(across @ pose.translation)
+    offset = float(normal @ pose.translation)
     radius = np.hypot(rotor[:, 0], rotor[:, 1])
     with np.errstate(invalid="ignore", divide="ignore"):
-        ahead = np.arcsin((offset - across[2] * rotor[:, 2]) / (across[1] * radius))
-    return np.asarray(ahead - np.arctan2(rotor[:, 1], rotor[:, 0]))
+        lead = np.arcsin((offset - normal[2] * rotor[:, 2]) / (normal[1] * radius))
+    return np.asarray(lead - np.arctan2(rotor[:, 1], rotor[:, 0]))
 
 
 def readings_of(calibration: Calibration, points: Array, angle: Array) -> tuple[Array, Array]:
     """x and z (n,) mm that the sensor reads of points (n, 3) mm of C at table angles (n,) rad."""
     rotor = calibration.shaft_from_rotor.inverse(points)
-    c, s = np.cos(angle), np.sin(angle)
-    table = np.stack([c * rotor[:, 0] - s * rotor[:, 1], s * rotor[:, 0] + c * rotor[:, 1], rotor[:, 2]], axis=-1)
+    table = np.stack([*in_rotor(rotor[:, 0], rotor[:, 1], -angle), rotor[:, 2]], axis=-1)
     sensor = calibration.table_from_sensor.inverse(table)
     return np.asarray(sensor[:, 0]), np.asarray(sensor[:, 2])

@@ -7,19 +7,14 @@ them, which is what makes micrometres of form visible under five micrometres of 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
-from truestand.core.robust import robust_sd
+from truestand.core.robust import trimmed_means
 from truestand.core.surface import Surface
 
-Array = NDArray[np.float64]
-
-REACH = 0.5
+NEAR_MM = 0.5
 """mm: readings this near to the drawing's radius are the surface's."""
-TRUSTED = 4.0
-"""Robust standard deviations from a cell's mean beyond which a reading is left out of it."""
-PASSES = 4
 LEAST_READINGS = 3
 CIRCLE_CELLS, CYLINDER_CELLS = (720, 1), (180, 20)
 """Cells around and along."""
@@ -47,15 +42,14 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
         NotEnoughData: fewer than a tenth of the cells hold readings.
     """
     around, along = cells
-    with np.errstate(invalid="ignore"):
-        on = (surface.z >= low) & (surface.z < high)
+    on = (surface.z >= low) & (surface.z < high)
     x, y, z = (part[on] for part in (surface.x, surface.y, surface.z))
     deviation = np.hypot(x, y) - radius
-    near = np.abs(deviation) < REACH
+    near = np.abs(deviation) < NEAR_MM
     x, y, z, deviation = x[near], y[near], z[near], deviation[near]
     column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * around).astype(np.intp) % around
     row = np.minimum(((z - low) / (high - low) * along).astype(np.intp), along - 1)
-    count, means = _cell_means(row * around + column, deviation, around * along)
+    means, count = trimmed_means(row * around + column, deviation, around * along)
     full = count >= LEAST_READINGS
     if np.count_nonzero(full) < 0.1 * full.size:
         raise NotEnoughData(
@@ -67,16 +61,3 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
     psi, level = np.tile(angle, along)[full], np.repeat(height, around)[full]
     rho = radius + means[full]
     return Section(np.column_stack([rho * np.cos(psi), rho * np.sin(psi), level]))
-
-
-def _cell_means(cell: NDArray[np.intp], deviation: Array, size: int) -> tuple[Array, Array]:
-    """Readings trusted (size,) and their mean (size,) mm."""
-    trusted = np.ones(deviation.size, dtype=np.bool_)
-    count, means = np.zeros(size), np.zeros(size)
-    for _ in range(PASSES):
-        count = np.bincount(cell[trusted], minlength=size).astype(np.float64)
-        means = np.bincount(cell[trusted], deviation[trusted], size) / np.maximum(count, 1.0)
-        off = np.abs(deviation - means[cell])
-        scatter = robust_sd(off) if off.size else 0.0
-        trusted = off < TRUSTED * scatter + 1e-9
-    return count, means

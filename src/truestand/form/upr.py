@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 
-Array = NDArray[np.float64]
-
-EVEN = 1e-6
+EVEN_SPACING = 1e-6
 """Largest departure from even spacing, as a share of it, at which a profile counts as evenly spaced."""
 NEGLIGIBLE = 4
 """From this many cut-offs on nothing passes: 2^-16."""
@@ -36,7 +35,7 @@ def upr_filter(angle: Array, deviation: Array, cutoff: float) -> Array:
     order = np.argsort(angle)
     sorted_, n = np.asarray(angle)[order], len(angle)
     gaps = np.diff(np.append(sorted_, sorted_[0] + tau))
-    if np.abs(gaps - tau / n).max() <= EVEN * tau / n:
+    if np.abs(gaps - tau / n).max() <= EVEN_SPACING * tau / n:
         passed = _even(deviation[order], cutoff)
     else:
         highest = max(1, min(int(NEGLIGIBLE * cutoff), n // 4))

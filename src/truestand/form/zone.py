@@ -12,29 +12,27 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import NotEnoughData
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 Kind = Literal["MZC", "MCC", "MIC"]
 Distance = Callable[[Array, Ints], tuple[Array, Array]]
 """Parameters (m,) and which points: their distances (k,) mm from the axis and slopes (k, m)."""
 
-MOST_ROUNDS = 60
+MOST_WORKING_SETS = 60
 MOST_PROGRAMS = 200
-ADDED = 24
-"""Violated points taken in at once."""
-HELD = 1e-13
-"""Relative to the radius: a point out of the zone by less is on its border."""
-REACH = 0.5
+POINTS_ADDED = 24
+"""Violated points that join the working points at once, on each side."""
+BORDER_TOLERANCE = 1e-13
+"""Relative to the radius: a point by less than this out of the zone lies on its border."""
+MOST_MOVE = 0.5
 """Share of the radius by which the axis may move from the least-squares one: further, the points don't hold it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """The best axis and what holds it there."""
+    """The optimal axis and the contacts that prove it."""
 
     parameters: Array
     outer: float
@@ -43,12 +41,12 @@ class Zone:
     """mm: smallest."""
     contacts: Ints
     """Points that hold the axis."""
-    outside: NDArray[np.bool_]
+    outside: Mask
     """Which of them touch from the outer side."""
     forces: Array
     """Multipliers of the contacts: positive, their sum 1 on each side that counts."""
     imbalance: float
-    """What is left of the balance: 0 at an optimum."""
+    """Largest component of the unbalanced force: 0 at an optimum."""
     sensitivity: Array
     """(m + 2, contacts): how parameters, outer and inner radius follow the noise of the contacts."""
 
@@ -64,11 +62,11 @@ def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
     radius = float(d.mean())
     working = _extremes(d, count)
     q = start.copy()
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MOST_WORKING_SETS):
         problem = _Problem(distance, working, kind, radius, start)
         q = problem.solve(q)
         d, _ = distance(q, everything)
-        missed = _violators(d, working, kind, HELD * radius)
+        missed = _violators(d, working, kind, BORDER_TOLERANCE * radius)
         if not missed.size:
             break
         working = np.union1d(working, missed)
@@ -89,16 +87,16 @@ def _violators(d: Array, working: Ints, kind: Kind, tolerance: float) -> Ints:
     worst: list[Ints] = []
     if kind != "MIC":
         out = np.flatnonzero(d > high + tolerance)
-        worst.append(out[np.argsort(d[out])[::-1][:ADDED]])
+        worst.append(out[np.argsort(d[out])[::-1][:POINTS_ADDED]])
     if kind != "MCC":
         out = np.flatnonzero(d < low - tolerance)
-        worst.append(out[np.argsort(d[out])[:ADDED]])
+        worst.append(out[np.argsort(d[out])[:POINTS_ADDED]])
     return np.concatenate(worst)
 
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """The problem on the working points."""
+    """The optimisation over the working points."""
 
     distance: Distance
     working: Ints
@@ -106,38 +104,45 @@ class _Problem:
     radius: float
     start: Array
 
-    def value(self, d: Array) -> float:
-        """What is made small."""
+    def objective(self, d: Array) -> float:
+        """The objective."""
         outer, inner = float(d.max()), float(d.min())
         return {"MZC": outer - inner, "MCC": outer, "MIC": -inner}[self.kind]
 
     def solve(self, q: Array) -> Array:
         """Successive linear programs within a region of trust, then Newton's method on the contacts."""
         d, slopes = self.distance(q, self.working)
-        unit = max(float(np.ptp(d)), 1e-15 * self.radius)
-        size = np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+        unit, size = self._scales(d, slopes)
         trust = 1.0
         for _ in range(MOST_PROGRAMS):
-            move, foreseen, _ = _program((d - self.radius) / unit, slopes / size, self.kind, trust)
+            move, predicted, _ = _linear_program((d - self.radius) / unit, slopes / size, self.kind, trust)
             tried = q + move * unit / size
-            if np.abs((tried - self.start) * size).max() > REACH * self.radius:
+            if np.abs((tried - self.start) * size).max() > MOST_MOVE * self.radius:
                 raise NotEnoughData(f"the points don't hold a {self.kind} feature; measure more of the circumference")
             d_new, slopes_new = self.distance(tried, self.working)
-            gained = (self.value(d) - self.value(d_new)) / unit
+            gained = (self.objective(d) - self.objective(d_new)) / unit
             if gained > 0:
                 q, d, slopes = tried, d_new, slopes_new
-            trust = trust * 2.0 if gained > 0.5 * foreseen else trust * 0.25
-            if foreseen < 1e-9 or trust < 1e-12:
+            trust = trust * 2.0 if gained > 0.5 * predicted else trust * 0.25
+            if predicted < 1e-9 or trust < 1e-12:
                 break
         sharp = self._sharpened(q)
-        return sharp if self.value(self.distance(sharp, self.working)[0]) <= self.value(d) + HELD * self.radius else q
+        return (
+            sharp
+            if self.objective(self.distance(sharp, self.working)[0])
+            <= self.objective(d) + BORDER_TOLERANCE * self.radius
+            else q
+        )
 
-    def _contacts(self, q: Array) -> tuple[Ints, NDArray[np.bool_], Array]:
+    def _scales(self, d: Array, slopes: Array) -> tuple[float, Array]:
+        """The unit (mm) of the distances, and of each parameter's effect, in which the programs are well scaled."""
+        return max(float(np.ptp(d)), 1e-15 * self.radius), np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+
+    def _contacts(self, q: Array) -> tuple[Ints, Mask, Array]:
         """Which points hold the axis, on which side, with which force: the program's multipliers without a move."""
         d, slopes = self.distance(q, self.working)
-        unit = max(float(np.ptp(d)), 1e-15 * self.radius)
-        size = np.maximum(np.abs(slopes).max(axis=0), 1e-12)
-        _, _, forces = _program((d - self.radius) / unit, slopes / size, self.kind, 1e-4)
+        unit, size = self._scales(d, slopes)
+        _, _, forces = _linear_program((d - self.radius) / unit, slopes / size, self.kind, 1e-4)
         n = self.working.size
         both = np.concatenate([self.working, self.working])
         outside = np.arange(2 * n) < n
@@ -158,17 +163,17 @@ class _Problem:
                 break
         return q
 
-    def _conditions(self, q: Array, contacts: Ints, outside: NDArray[np.bool_], forces: Array) -> tuple[Array, Array]:
-        """The conditions' matrix and what is left of them: balance, sums of forces, contact.
+    def _conditions(self, q: Array, contacts: Ints, outside: Mask, forces: Array) -> tuple[Array, Array]:
+        """The conditions' matrix and their residuals: balance, sums of forces, contact.
 
         Unknowns: parameters (m), outer and inner radius (2), forces (k).
         """
         m, k = q.size, contacts.size
         sign = np.where(outside, 1.0, -1.0)
         d, slopes = self.distance(q, contacts)
-        pull = sign * forces
+        signed_forces = sign * forces
         matrix = np.zeros((m + 2 + k, m + 2 + k))
-        matrix[:m, :m] = self._curvature(q, contacts, pull)
+        matrix[:m, :m] = self._curvature(q, contacts, signed_forces)
         matrix[:m, m + 2 :] = (sign[:, None] * slopes).T
         matrix[m, m + 2 :], matrix[m + 1, m + 2 :] = outside, ~outside
         matrix[m + 2 :, :m] = slopes
@@ -176,16 +181,16 @@ class _Problem:
         outer = float(d[outside].mean()) if outside.any() else 0.0
         inner = float(d[~outside].mean()) if not outside.all() else 0.0
         sums = [float(forces[outside].sum()) - outside.any(), float(forces[~outside].sum()) - (not outside.all())]
-        right = np.concatenate([slopes.T @ pull, sums, d - np.where(outside, outer, inner)])
+        right = np.concatenate([slopes.T @ signed_forces, sums, d - np.where(outside, outer, inner)])
         return matrix, right
 
-    def _curvature(self, q: Array, contacts: Ints, pull: Array) -> Array:
+    def _curvature(self, q: Array, contacts: Ints, signed_forces: Array) -> Array:
         """Second derivative (m, m) of the contacts' balance, by differences of the slopes."""
         curvature = np.empty((q.size, q.size))
         for j in range(q.size):
             h = np.zeros(q.size)
             h[j] = 1e-6 * max(self.radius, 1.0)
-            after, before = (self.distance(q + sign * h, contacts)[1].T @ pull for sign in (1.0, -1.0))
+            after, before = (self.distance(q + sign * h, contacts)[1].T @ signed_forces for sign in (1.0, -1.0))
             curvature[:, j] = (after - before) / (2 * h[j])
         return (curvature + curvature.T) / 2
 
@@ -201,27 +206,24 @@ class _Problem:
         return Zone(q, outer, inner, contacts, outside, forces, imbalance, np.asarray(response, dtype=np.float64))
 
 
-def _program(d: Array, slopes: Array, kind: Kind, trust: float) -> tuple[Array, float, Array]:
-    """The linear program about the present axis: best move (m,), gain foreseen, forces (2n,) outer then inner."""
+def _linear_program(d: Array, slopes: Array, kind: Kind, trust: float) -> tuple[Array, float, Array]:
+    """The linear program about the present axis: best move (m,), predicted gain, forces (2n,) outer then inner."""
     from scipy.optimize import linprog
 
     n, m = slopes.shape
     outer_counts, inner_counts = kind != "MIC", kind != "MCC"
     cost = np.concatenate([np.zeros(m), [1.0 * outer_counts, -1.0 * inner_counts]])
-    one, none = np.ones((n, 1)), np.zeros((n, 1))
-    above, below = np.hstack([slopes, -one, none]), np.hstack([-slopes, none, one])
-    parts = [above] * outer_counts + [below] * inner_counts
-    limits = [-d] * outer_counts + [d] * inner_counts
-    free = (None, None)
-    sides = [free if counts else (0.0, 0.0) for counts in (outer_counts, inner_counts)]
-    found = linprog(
-        cost, np.vstack(parts), np.concatenate(limits), bounds=[(-trust, trust)] * m + sides, method="highs",
+    one, zero = np.ones((n, 1)), np.zeros((n, 1))
+    rows = {"MZC": slice(0, 2 * n), "MCC": slice(0, n), "MIC": slice(n, 2 * n)}[kind]
+    matrix = np.vstack([np.hstack([slopes, -one, zero]), np.hstack([-slopes, zero, one])])[rows]
+    radii = [(None, None) if counts else (0.0, 0.0) for counts in (outer_counts, inner_counts)]
+    optimum = linprog(
+        cost, matrix, np.concatenate([-d, d])[rows], bounds=[(-trust, trust)] * m + radii, method="highs",
         options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
     )  # fmt: skip
-    now = (d.max() if outer_counts else 0.0) - (d.min() if inner_counts else 0.0)
-    if found.x is None:
-        return np.zeros(m), 0.0, np.zeros(2 * n)
-    forces = -np.asarray(found.ineqlin.marginals)
-    whole = np.zeros(2 * n)
-    whole[slice(0, None) if outer_counts and inner_counts else slice(0, n) if outer_counts else slice(n, None)] = forces
-    return np.asarray(found.x[:m]), float(now - found.fun), whole
+    present = (d.max() if outer_counts else 0.0) - (d.min() if inner_counts else 0.0)
+    forces = np.zeros(2 * n)
+    if optimum.x is None:
+        return np.zeros(m), 0.0, forces
+    forces[rows] = -np.asarray(optimum.ineqlin.marginals)
+    return np.asarray(optimum.x[:m]), float(present - optimum.fun), forces

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 
-Array = NDArray[np.float64]
 SIGNIFICANT = 0.05
 """AIAG MSA 4th ed., table A 3: an interaction whose F isn't significant at this level joins the repeatability."""
 CATEGORIES = 1.41

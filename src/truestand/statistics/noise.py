@@ -9,9 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
+
 Statistics = Callable[[Array], Array]
 """Values (..., n) to statistics (k,), each zero or more and growing with noise."""
 

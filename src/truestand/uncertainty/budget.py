@@ -9,21 +9,19 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot, inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
+from truestand.core.assumptions import K
 from truestand.core.calibration import Contribution, Uncertainty
 from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, RADIAL, TILT, UNKNOWNS
 
-Array = NDArray[np.float64]
-
-K = 2.0
-TWO_SIGMA = 0.9545
+COVERAGE_PROBABILITY = 0.9545
 DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
-HALF_TURN = 180.0
-"""deg; nothing known of a direction is any within half a turn to either side, and no U can be more."""
+HALF_TURN_DEG = 180.0
+"""U of a direction of which nothing is known; no U can be more."""
 TRIALS = 20_000
-AGREE = 0.05
-"""Share of U by which Monte Carlo may differ; beyond it (a magnitude near zero isn't normal) Monte Carlo stands."""
+MOST_DISAGREEMENT = 0.05
+"""Share of U by which Monte Carlo may differ; beyond it (a magnitude near zero isn't normal) its value is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +49,15 @@ def budget_of(
         stated: standard uncertainty of the inputs behind the other parts, by name, where they are one number.
     """
     simulated = monte_carlo(p, parts, inputs)
-    found = {}
+    budget = {}
     for key, gradient in sensitivities(p).items():
         lines = [_from_fit(name, part, gradient, noise_dof, stated) for name, part in parts.items()]
         lines += [_from_input(i, key) for i in inputs if key in i.follows]
         U = float(np.sqrt(sum(line.U**2 for line in lines)))
         lines.sort(key=lambda line: -line.U)
-        stands = simulated[key] if abs(simulated[key] - U) > AGREE * U and key not in DIRECTIONS else U
-        found[key] = Uncertainty(stands, K, tuple(lines), simulated[key])
-    return found | {key: replace(found[key], U=min(found[key].U, HALF_TURN)) for key in DIRECTIONS}
+        reported = simulated[key] if abs(simulated[key] - U) > MOST_DISAGREEMENT * U and key not in DIRECTIONS else U
+        budget[key] = Uncertainty(reported, K, tuple(lines), simulated[key])
+    return budget | {key: replace(budget[key], U=min(budget[key].U, HALF_TURN_DEG)) for key in DIRECTIONS}
 
 
 def sensitivities(p: Array) -> dict[str, Array]:
@@ -91,7 +89,7 @@ def monte_carlo(
     """
     rng = np.random.default_rng(seed)
     whole = np.asarray(sum(parts.values()))
-    drawn = p + rng.standard_normal((trials, UNKNOWNS)) @ _root(whole).T
+    drawn = p + rng.standard_normal((trials, UNKNOWNS)) @ square_root(whole)[0].T
     values, best = _quantities(drawn), _quantities(p[None])
     off = {key: values[key] - best[key] for key in values}
     for i in inputs:
@@ -99,15 +97,17 @@ def monte_carlo(
         for key, sensitivity in i.follows.items():
             off[key] = off[key] + i.u * sensitivity * noise
     for key in DIRECTIONS:
-        off[key] = (off[key] + HALF_TURN) % (2 * HALF_TURN) - HALF_TURN
-    return {key: float(np.quantile(np.abs(o), TWO_SIGMA)) for key, o in off.items()}
+        off[key] = (off[key] + HALF_TURN_DEG) % (2 * HALF_TURN_DEG) - HALF_TURN_DEG
+    return {key: float(np.quantile(np.abs(o), COVERAGE_PROBABILITY)) for key, o in off.items()}
 
 
-def _root(covariance: Array) -> Array:
-    """A square root (n, n) of a covariance whose unknowns have very different units."""
+def square_root(covariance: Array) -> tuple[Array, Array]:
+    """A square root (n, n) of a covariance whose unknowns have very different units, and the squared weight (n,) of
+    each of its columns once all unknowns have one unit, the largest last.
+    """
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)), values
 
 
 def _quantities(p: Array) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""How a calibration's doubt reaches the points of a part: its unknowns moved one by one through the rigid chain.
+"""How a calibration's uncertainty reaches the points of a part: its unknowns moved one by one through the rigid chain.
 
 A reading's point in C follows the eight unknowns of the stand's geometry; their covariance, split into independent
 parts of one standard deviation each, moves all points of a part at once. What an inspection then reads off the moved
@@ -6,8 +6,8 @@ points, part by part, is the calibration's line in its budget, correlations incl
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.frames import (
     ECCENTRICITY_X,
@@ -16,13 +16,13 @@ from truestand.core.frames import (
     PLANE_TILT,
     RADIAL,
     UNKNOWNS,
+    in_rotor,
     sensor_parameters,
     shaft_from_rotor,
     shaft_parameters,
     table_from_sensor,
 )
-
-Array = NDArray[np.float64]
+from truestand.uncertainty.budget import square_root
 
 STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
 """rad and mm: small against any curvature, large against rounding."""
@@ -34,11 +34,10 @@ def points_of(parameters: Array, height: float, x: Array, z: Array, angle: Array
     ``height`` (mm) places the sensor's origin along the laser plane, which is a convention and no unknown.
     """
     p = parameters
-    own = table_from_sensor(p[PHI], p[RADIAL], height, p[PLANE_TILT], p[PLANE_OFFSET])
-    table = np.stack([x, np.zeros_like(x), z], axis=-1) @ own.rotation.T + own.translation
-    c, s = np.cos(angle), np.sin(angle)
-    turned = np.stack([c * table[:, 0] + s * table[:, 1], c * table[:, 1] - s * table[:, 0], table[:, 2]], axis=-1)
-    return shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(turned)
+    pose = table_from_sensor(p[PHI], p[RADIAL], height, p[PLANE_TILT], p[PLANE_OFFSET])
+    table = pose(np.stack([x, np.zeros_like(x), z], axis=-1))
+    rotor = np.stack([*in_rotor(table[:, 0], table[:, 1], angle), table[:, 2]], axis=-1)
+    return shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(rotor)
 
 
 def unknowns_of(calibration: Calibration) -> tuple[Array, float]:
@@ -67,14 +66,12 @@ def independent_parts(calibration: Calibration) -> Array | None:
     covariance = calibration.covariance
     if covariance.shape != (UNKNOWNS, UNKNOWNS):
         return None
-    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    parts = (scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))).T
-    return np.asarray(parts[values > 1e-12 * values[-1]])
+    root, values = square_root(covariance)
+    return np.asarray(root.T[values > 1e-12 * values[-1]])
 
 
 def moves(calibration: Calibration, x: Array, z: Array, angle: Array, normal: Array) -> Array | None:
-    """By how much each independent part of the doubt lifts n readings along their ``normal`` (n, 3): (k, n) mm.
+    """By how much each independent part of the covariance lifts n readings along their ``normal`` (n, 3): (k, n) mm.
 
     None where the calibration's record carries no covariance.
     """

@@ -3,13 +3,12 @@
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
+from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
 from truestand.core.stand import Sensor
-
-Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 DIAMETER = "diameter of the artefact"
@@ -17,7 +16,6 @@ TEMPERATURE = "temperature of the part (assumed)"
 BEARING = "table bearing (assumed)"
 ZERO = "zero of the table angle (assumed)"
 NOISE = "noise"
-K = 2.0
 
 
 def line(name: str, U: float, distribution: str = "normal") -> Contribution:
@@ -26,25 +24,25 @@ def line(name: str, U: float, distribution: str = "normal") -> Contribution:
 
 
 def together(lines: list[Contribution]) -> tuple[tuple[Contribution, ...], float]:
-    """The lines that count, largest first, and U (k = 2) of them all."""
+    """The lines with U above zero, largest first, and U (k = 2) of them all."""
     counting = tuple(sorted((c for c in lines if c.U > 0), key=lambda c: -c.U))
     return counting, sqrt(sum(c.U**2 for c in counting))
 
 
 def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
-    """The sensor's linearity U (mm, k = 2): its data sheet's word or what is assumed, unless this scan shows worse."""
+    """The sensor's linearity U (mm, k = 2): as its data sheet states or as assumed, unless this scan shows worse."""
     return max([sensor.linearity, *(s.peak_to_valley / 2 for s in static)])
 
 
 def linearity_name(sensor: Sensor) -> str:
-    """Of the budget's line."""
+    """Name of the budget's line."""
     return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
 
 
 def linearity_between(calibration: Calibration, distance: float) -> float:
     """By how much (mm, k = 2) the sensor may read two surfaces differently that lie ``distance`` mm apart in range.
 
-    The calibration has taken up what it errs at the shaft's own surface. Its error bends smoothly: over SMOOTH mm by
+    The calibration has taken up the error at the shaft's own surface. The error is smooth: over SMOOTH mm it changes by
     all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it.
     """
     U = linearity_of(calibration.stand.sensor, calibration.static_profiles)
@@ -52,12 +50,12 @@ def linearity_between(calibration: Calibration, distance: float) -> float:
 
 
 def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
-    """The line of that name."""
+    """From the sensor's linearity between surfaces ``distance`` mm apart in range, ``factor`` times."""
     return line(linearity_name(calibration.stand.sensor), factor * linearity_between(calibration, distance))
 
 
 def scale_name(sensor: Sensor) -> str:
-    """Of the budget's line."""
+    """Name of the budget's line."""
     return "scale of the sensor" + (" (assumed)" if sensor.scale_U is None else "")
 
 
@@ -89,7 +87,7 @@ def artefact_line(calibration: Calibration, factor: float) -> Contribution:
 
 
 def base_radius(calibration: Calibration) -> float:
-    """Radius (mm) at which the sensor's radial position was told; 0 where the record has no drawing."""
+    """Radius (mm) at which the sensor's radial position was found; 0 where the record has no drawing."""
     return 0.0 if calibration.artefact is None else calibration.artefact.base.radius
 
 
