@@ -112,7 +112,7 @@ def _shaft(path: Path) -> None:
 
 
 def _calibration(path: Path) -> None:
-    from truestand.files.records.records import calibration_record, read_calibration
+    from truestand.files.records.calibration_record import calibration_record, read_calibration
 
     calibration = read_calibration(path)
     assert np.isfinite(calibration.table_from_sensor.matrix).all()
@@ -295,7 +295,7 @@ def main() -> None:
     except ImportError:
         sys.exit("the fuzzer needs atheris, which is not installed; install it with: pip install atheris")
     with atheris.instrument_imports(include=["truestand", "tomllib", "json"]):
-        import truestand.files.records.records
+        import truestand.files.records.calibration_record
         import truestand.files.scans.read
         import truestand.files.shapes.points  # noqa: F401
     kind = sys.argv.pop(1)

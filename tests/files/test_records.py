@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from truestand.calibration.calibrate import calibrate
 from truestand.core.errors import UnreadableFile
 from truestand.core.surface import apply_calibration
-from truestand.files.records.records import calibration_record, read_calibration, write_calibration
+from truestand.files.records.calibration_record import calibration_record, read_calibration, write_calibration
 from truestand.files.records.schemas import schema_text
 from truth import scan_of, shaft
 

@@ -17,7 +17,7 @@ from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Certificate
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.recipes.laboratory import read_laboratory
-from truestand.files.records.records import calibration_record
+from truestand.files.records.calibration_record import calibration_record
 from truestand.files.records.xml_schema import read_schema, violations
 from truestand.report.certificate import certificate, lacking, refusals
 from truestand.report.certificate_issue import Issue

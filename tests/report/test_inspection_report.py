@@ -19,8 +19,8 @@ from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import SectionEvidence, TurnedEvidence
+from truestand.report.gear_traces import _names_beneath
 from truestand.report.inspection import inspection_report
-from truestand.report.trace_charts import _names_beneath
 
 DENT = Defect(5, "left", 8.0, 15.0, 0.0547, 1.19, "dent", 42.0, 0.998)
 GONE = Defect(12, None, None, 15.0, 4.5, 19.6, "missing tooth", 300.0)

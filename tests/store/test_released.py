@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from truestand.core.errors import BadStore
-from truestand.files.records.records import read_calibration
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.schemas import schema_text
 from truestand.store import Store, database
 

@@ -36,7 +36,7 @@ def certificate(
     from truestand.files.atomic import write_bytes_atomic
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.files.records.xml_schema import read_schema, violations
     from truestand.report.certificate import certificate as made_of
     from truestand.report.certificate import lacking, refusals

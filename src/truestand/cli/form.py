@@ -98,8 +98,8 @@ def form(
     from truestand.cli.talk import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_json_atomic
+    from truestand.files.records.calibration_record import now
     from truestand.files.records.form_record import form_record
-    from truestand.files.records.records import now
     from truestand.files.scans.read import sha256_of
     from truestand.files.shapes.points import read_points
     from truestand.form.form import evaluate
@@ -141,7 +141,7 @@ def _transferred(
     """The scan, and the calibration as it applies to it."""
     from truestand.cli.reading import scan_reader
     from truestand.core.errors import BadRecipe
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
 
     if feature not in (FeatureName.CIRCLE, FeatureName.CYLINDER):
         raise BadRecipe(f"a {feature.value} can't be taken from a scan of the artefact; use circle or cylinder")

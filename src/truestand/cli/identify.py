@@ -37,7 +37,7 @@ def identify(
     from truestand.core.surface import apply_calibration
     from truestand.files.atomic import write_text_atomic
     from truestand.files.recipes.parts import seen_recipe
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.gear.match import identify as tell
     from truestand.gear.match import toothed_heights
 

@@ -26,7 +26,7 @@ def roll(
     from truestand.cli.reading import scan_reader
     from truestand.cli.talk import working
     from truestand.core.surface import apply_calibration
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.files.shapes.clouds import check_suffix, write_cloud
 
     check_suffix(output)

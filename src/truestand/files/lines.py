@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from truestand.core.errors import UnreadableFile
-from truestand.files.cells import PIECE
+from truestand.files.number_text import PIECE
 from truestand.files.text import refuse_nul
 
 CHUNK = 1 << 20

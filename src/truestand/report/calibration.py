@@ -8,7 +8,8 @@ from truestand.calibration.evidence import Evidence
 from truestand.core.calibration import Calibration
 from truestand.core.units import um
 from truestand.files.recipes.company import Company
-from truestand.report import figures, tables
+from truestand.report import calibration_figures as figures
+from truestand.report import calibration_tables as tables
 from truestand.report.numbers import number
 from truestand.report.page import K_NOTE, framed, head, page, stamp, unseen
 from truestand.report.quantities import Quantity, quantities

@@ -8,8 +8,8 @@ from datetime import date
 from typing import Any
 
 from truestand.core.errors import BadRecipe, UnreadableFile
+from truestand.report.certificate_administration import administrative_data
 from truestand.report.certificate_issue import Issue, Record
-from truestand.report.certificate_parties import administrative_data
 from truestand.report.certificate_results import measurement_results
 from truestand.report.dcc_xml import SCHEMA, VERSION, XSI, node, printed
 from truestand.report.quantities import quantities

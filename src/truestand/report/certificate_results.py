@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from truestand.report.certificate_administration import software
 from truestand.report.certificate_issue import Issue
-from truestand.report.certificate_parties import software
 from truestand.report.dcc_xml import (
     Node,
     digits,

@@ -14,8 +14,8 @@ from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, styled
+from truestand.report.notation import drawn_symbol, value_text
 from truestand.report.numbers import number
-from truestand.report.words import drawn_symbol, value_text
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from truestand.core.inspection import Inspection
 from truestand.gear.evidence import GearEvidence
-from truestand.report import gear_figures, gear_maps, gear_tables, trace_charts
+from truestand.report import gear_figures, gear_maps, gear_tables, gear_traces
 from truestand.report.page import framed
 from truestand.report.true_values import Key
 
@@ -61,8 +61,8 @@ def _charts(inspection: Inspection) -> str:
         "deviation. To the right: material in excess. In brackets beneath: limits."
     )
     return (
-        "<h2>Profile</h2>" + framed(trace_charts.profile_chart(inspection), f"Root at the bottom, tip above. {how}")
-        + "<h2>Helix</h2>" + framed(trace_charts.helix_chart(inspection), f"Lower end of the face at the bottom. {how}")
+        "<h2>Profile</h2>" + framed(gear_traces.profile_chart(inspection), f"Root at the bottom, tip above. {how}")
+        + "<h2>Helix</h2>" + framed(gear_traces.helix_chart(inspection), f"Lower end of the face at the bottom. {how}")
     )  # fmt: skip
 
 

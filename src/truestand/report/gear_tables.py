@@ -18,9 +18,9 @@ from truestand.report.inspection_tables import (
     table,
     whole,
 )
+from truestand.report.notation import limit_text, symbol, u_text, value_text, verdict_text
 from truestand.report.numbers import number
 from truestand.report.true_values import Key
-from truestand.report.words import limit_text, symbol, u_text, value_text, verdict_text
 
 FLANKS: tuple[Flank, ...] = ("left", "right")
 GROUPS = (

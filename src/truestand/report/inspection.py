@@ -14,10 +14,10 @@ from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
 from truestand.report.gear_page import gear_facts, gear_parts
 from truestand.report.inspection_tables import budgets, decisive, settings, unmeasured
+from truestand.report.notation import VERDICTS, limit_text
 from truestand.report.numbers import number
 from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
-from truestand.report.words import VERDICTS, limit_text
 
 TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
 MEANT: dict[Verdict, str] = {

@@ -4,10 +4,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.report.numbers import number, places
-from truestand.report.page import unseen
-from truestand.report.true_values import Key, true_value
-from truestand.report.words import (
+from truestand.report.notation import (
     decimals,
     limit_text,
     line_name,
@@ -21,6 +18,9 @@ from truestand.report.words import (
     value_text,
     verdict_text,
 )
+from truestand.report.numbers import number, places
+from truestand.report.page import unseen
+from truestand.report.true_values import Key, true_value
 
 NONE = "\N{EN DASH}"
 U_HEAD = "<i>U</i><small>k = 2</small>"

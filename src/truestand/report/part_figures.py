@@ -16,7 +16,7 @@ from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import SectionEvidence, TurnedEvidence
 from truestand.report.drawing import DIVERGING, EXACT, GREY, INK, PALE, figure, image, robust, styled
 from truestand.report.gear_figures import WIDTH, line_of
-from truestand.report.words import value_text
+from truestand.report.notation import value_text
 
 Array = NDArray[np.float64]
 

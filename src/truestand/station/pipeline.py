@@ -13,7 +13,7 @@ from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 from truestand.core.units import UM_PER_MM
 from truestand.files.atomic import write_json_atomic
-from truestand.files.records.records import now
+from truestand.files.records.calibration_record import now
 from truestand.files.scans.read import sha256_of
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def calibrate_job(
         NotEnoughData: as ``calibrate`` and ``calibrate_positions``.
     """
     from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.records import calibration_record
+    from truestand.files.records.calibration_record import calibration_record
 
     outputs.check()
     artefact, company = read_shaft(_needed(inputs.artefact, "the shaft's recipe (shaft.toml)")), _company(inputs)
@@ -156,8 +156,8 @@ def inspect_job(
     from truestand.core.calibration import ScanSummary
     from truestand.core.surface import apply_calibration
     from truestand.files.recipes.parts import read_identity, read_part
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.files.records.inspection_record import inspection_record
-    from truestand.files.records.records import read_calibration
     from truestand.parts.inspect import inspect
 
     outputs.check()
@@ -189,7 +189,7 @@ def verify_job(
     """
     from truestand.apply.verify import LIMIT, verify
     from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.files.records.verification_record import verification_record
 
     against = _needed(inputs.calibration, "a calibration")

@@ -101,7 +101,7 @@ def certificate(record: str, laboratory: str) -> str:
     from truestand.core.errors import BadRecipe
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
-    from truestand.files.records.records import read_calibration
+    from truestand.files.records.calibration_record import read_calibration
     from truestand.report.certificate import certificate as made_of
     from truestand.report.certificate import refusals
     from truestand.report.certificate_issue import Issue

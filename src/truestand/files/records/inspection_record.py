@@ -7,7 +7,7 @@ from truestand._version import __version__
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
-from truestand.files.records.records import scan_record, without_nan
+from truestand.files.records.calibration_record import scan_record, without_nan
 from truestand.gear.figures import NEVER_NEGATIVE
 
 Record = dict[str, Any]

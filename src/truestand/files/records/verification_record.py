@@ -4,7 +4,7 @@ from typing import Any
 
 from truestand._version import __version__
 from truestand.apply.verify import Verification
-from truestand.files.records.records import scan_record, without_nan
+from truestand.files.records.calibration_record import scan_record, without_nan
 
 Record = dict[str, Any]
 

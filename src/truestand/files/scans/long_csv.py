@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.cells import pieces_of, read_cells
 from truestand.files.lines import BYTE_ORDER_MARK
+from truestand.files.number_text import pieces_of, read_cells
 from truestand.files.text import (
     LENGTHS,
     Dialect,

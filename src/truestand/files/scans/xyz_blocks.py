@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.cells import Cells, read_cells
 from truestand.files.lines import BYTE_ORDER_MARK, Lines
+from truestand.files.number_text import Cells, read_cells
 from truestand.files.text import (
     ENOUGH_CELLS,
     Dialect,

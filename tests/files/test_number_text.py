@@ -8,8 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from truestand.core.errors import UnreadableFile
-from truestand.files import cells
-from truestand.files.cells import pieces_of, read_cells
+from truestand.files import number_text
+from truestand.files.number_text import pieces_of, read_cells
 from truestand.files.text import Dialect
 
 POINT, COMMA = Dialect(b";", b"."), Dialect(b";", b",")
@@ -75,7 +75,7 @@ def test_the_other_decimal_mark_is_refused_with_its_line():
 
 @pytest.mark.parametrize("size", [1, 7, 40, 1000])
 def test_lines_are_counted_across_pieces(monkeypatch, size):
-    monkeypatch.setattr(cells, "PIECE", size)
+    monkeypatch.setattr(number_text, "PIECE", size)
     rows = ["1;2;3", ";;", "", "4;5;", "-6.25", "   ", ";7"] * 5
     found = read("\n".join(rows).encode())
     assert found.per_line.tolist() == [3, 3, 0, 3, 1, 0, 2] * 5

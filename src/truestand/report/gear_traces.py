@@ -16,8 +16,8 @@ from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.drawing import GREY, INK, PALE, figure, styled
 from truestand.report.gear_figures import BAD, BAND, FLANKS, WIDTH, limit_of, spread
+from truestand.report.notation import drawn_symbol, limit_text
 from truestand.report.numbers import number
-from truestand.report.words import drawn_symbol, limit_text
 
 Array = NDArray[np.float64]
 
