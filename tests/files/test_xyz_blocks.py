@@ -235,14 +235,14 @@ def test_any_table_reads_as_a_slow_reader_reads_it(tmp_path_factory, table, piec
     path = tmp_path_factory.mktemp("slow") / "scan.csv"
     path.write_bytes(table[0].encode())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truestand.files.lines.PIECE", piece)
+        patch.setattr("truestand.files.scans.xyz_blocks.BLOCK_BYTES", piece)
         recording = read_recording(path)
     x, z = read_slowly(*table)
     assert np.array_equal(recording.x, x, equal_nan=True)
     assert np.array_equal(recording.z, z, equal_nan=True)
 
 
-def test_gaps_uneven_lines_and_decimal_commas_are_not_read_cell_by_cell(tmp_path, monkeypatch):
+def test_gaps_uneven_lines_and_decimal_commas_are_not_read_field_by_field(tmp_path, monkeypatch):
     """That took most of the time with files as sensors write them."""
     monkeypatch.setattr("truestand.files.number_text._other_numbers", None)
     path = tmp_path / "uneven.csv"

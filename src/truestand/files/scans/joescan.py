@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.scans.columns import counts, matrix, running
+from truestand.files.scans.columns import drop_constant, encoder_counts, stack_profiles
 
 FORMAT = "joescan raw"
 MAGIC = struct.pack("<i", 0x010203)
@@ -144,14 +144,14 @@ def _recording(profiles: list[_Profile], name: str, sha256: str) -> Recording:
         raise UnreadableFile(f"{name}: found profiles with and without an encoder, need one kind; {ADVICE}")
     encoder = np.array([p.encoders[0] for p in profiles], dtype=np.int64) if profiles[0].encoders else None
     return Recording(
-        matrix([_mm(p.points["x"]) for p in profiles], name),
-        matrix([_mm(p.points["z"]) for p in profiles], name),
+        stack_profiles([_mm(p.points["x"]) for p in profiles], name),
+        stack_profiles([_mm(p.points["z"]) for p in profiles], name),
         FORMAT,
         sha256,
         time=np.array([p.nanoseconds for p in profiles], dtype=np.float64) / 1e9,
-        encoder=None if encoder is None else counts(encoder, "an encoder count", name),
-        counter=running(np.array([p.sequence for p in profiles], dtype=np.int64)),
-        intensity=matrix([p.points["brightness"].astype(np.float64) for p in profiles], name),
+        encoder=encoder_counts(encoder, name),
+        counter=drop_constant(np.array([p.sequence for p in profiles], dtype=np.int64)),
+        intensity=stack_profiles([p.points["brightness"].astype(np.float64) for p in profiles], name),
     )
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.core.scan import Recording, Scan, interpret, table_angle
 from truestand.core.stand import Stand
-from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.scans.gocator import gocator_recordings, is_gocator
 from truestand.files.scans.joescan import GZIP, is_joescan, joescan_recordings
 from truestand.files.scans.long_csv import is_long_csv, read_long_csv
@@ -20,9 +19,9 @@ from truestand.files.scans.native import is_native, read_native
 from truestand.files.scans.scancontrol_raw import RawLayout, points_of, read_scancontrol_raw
 from truestand.files.scans.sick_json import is_sick_json, read_sick_json
 from truestand.files.scans.xyz_blocks import is_xyz_blocks, read_xyz_blocks
-from truestand.files.text import check_text
+from truestand.files.text import BYTE_ORDER_MARK, check_text
 
-HEAD = 65_536
+HEAD_BYTES = 65_536
 Recordings = Mapping[str, Callable[[], Recording]]
 """What a file holds, by name, each to be read when called for; the name is empty where a format holds but one."""
 
@@ -66,7 +65,7 @@ def recordings(path: Path | str, layout: RawLayout | None = None) -> Recordings:
         if layout is not None:
             return {"": partial(read_scancontrol_raw, path, layout)}
         with path.open("rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
         return _by_content(path, head)
     except OSError as wrong:
         raise _unopened(path, wrong) from wrong

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.scans.columns import running
+from truestand.files.scans.columns import drop_constant
 from truestand.files.scans.scancontrol import (
     COUNTER_MODULUS,
     FEWEST_POINTS,
@@ -62,7 +62,7 @@ def read_scancontrol_raw(path: Path, layout: RawLayout) -> Recording:
         raise UnreadableFile(f"{path.name}: {wrong}") from wrong
     stamps = found.stamps
     _refuse_other_points(data, stamps, layout.points, path.name)
-    encoder = running(unwrap_encoder(stamps.encoder))
+    encoder = drop_constant(unwrap_encoder(stamps.encoder))
     opened = unwrap_time(stamps.opened)
     return Recording(
         found.x,

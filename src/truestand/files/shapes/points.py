@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.text import (
-    ENOUGH_CELLS,
-    LENGTHS,
+    BYTE_ORDER_MARK,
+    ENOUGH_FIELDS,
+    MM_PER_UNIT,
     Dialect,
     check_text,
     column_names,
     dialect_of,
     names_profiles,
-    normal,
-    number,
+    normalized,
+    number_in,
     refuse_cut_number,
     refuse_infinite,
     refuse_nul,
@@ -274,7 +274,7 @@ def _places(names: list[str], wanted: list[str], unit: str | None, file: str) ->
         raise UnreadableFile(
             f"{file}: found --unit {unit} and the columns {_shown(chosen)}, need the same; leave --unit out"
         )
-    return [(i, LENGTHS[own or unit or "mm"]) for i, own in zip(indices, units, strict=True)]
+    return [(i, MM_PER_UNIT[own or unit or "mm"]) for i, own in zip(indices, units, strict=True)]
 
 
 def _index(names: list[str], wanted: str, file: str) -> int:
@@ -291,7 +291,7 @@ def _index(names: list[str], wanted: str, file: str) -> int:
 def _split_unit(name: str) -> tuple[str, str | None]:
     """A name without its unit of length, and the unit; None where it has none that is known."""
     stem, _, unit = name.rpartition("_")
-    return (stem, unit) if stem and unit in LENGTHS else (name, None)
+    return (stem, unit) if stem and unit in MM_PER_UNIT else (name, None)
 
 
 def _shown(names: list[str]) -> str:
@@ -310,7 +310,7 @@ def _is_heading(row: bytes) -> bool:
     if not row or _is_comment(row):
         return True
     cells = [cell for cell in re.split(rb"[\s;,]+", row) if cell]
-    mostly_numbers = 2 * sum(number(cell) is not None for cell in cells) > len(cells)
+    mostly_numbers = 2 * sum(number_in(cell) is not None for cell in cells) > len(cells)
     return _WORDS.search(row) is not None and not mostly_numbers
 
 
@@ -320,7 +320,7 @@ def _whole_last_number(rows: list[bytes], separator: bytes, name: str, line: int
     Raises:
         UnreadableFile: with the last line.
     """
-    cells = [row.rstrip(separator + b" ").rsplit(separator, 1)[-1] for row in rows[-2 * ENOUGH_CELLS :]]
+    cells = [row.rstrip(separator + b" ").rsplit(separator, 1)[-1] for row in rows[-2 * ENOUGH_FIELDS :]]
     refuse_cut_number([cell.replace(b",", b".") for cell in cells], name, line)
 
 
@@ -332,7 +332,7 @@ def _numbers(rows: list[bytes], dialect: Dialect, name: str, first_line: int) ->
     """
     text = b"\n".join(rows)
     check_text(b"\n" * (first_line - 1) + text, name)
-    text = normal(text, dialect, name, first_line)
+    text = normalized(text, dialect, name, first_line)
     plain = [row.rstrip(b", ") for row in text.split(b"\n")]
     wide = plain[0].count(b",")
     for i, row in enumerate(plain):
