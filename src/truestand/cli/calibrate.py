@@ -65,7 +65,7 @@ def calibrate(
     from truestand.cli.keeping import keeping
     from truestand.cli.reading import scan_reader
     from truestand.cli.talk import print_json, print_table, steps
-    from truestand.files.records.calibration_record import read_json
+    from truestand.files.records.record import read_json
     from truestand.station.pipeline import Inputs, Outputs, calibrate_job
 
     clamped = _clamped(scans, clamped_at_deg, method)

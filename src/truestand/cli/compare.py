@@ -42,8 +42,8 @@ def compare(
     from truestand.cli.talk import print_json, print_table, working
     from truestand.files.atomic import write_json_atomic
     from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.calibration_record import now, read_json
     from truestand.files.records.comparison_record import axis_of, comparison_record, comparison_row
+    from truestand.files.records.record import now, read_json
 
     shaft, reader = read_shaft(artefact), scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else axis_of(read_json(truth), truth)

@@ -154,7 +154,8 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
     """Scan the shaft, calibrate by both methods, write all of it: ours, the published method's, the truth."""
     from truestand.cli.talk import steps
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.records.calibration_record import read_json, write_calibration
+    from truestand.files.records.calibration_record import write_calibration
+    from truestand.files.records.record import read_json
     from truestand.station.pipeline import Inputs, Outputs, calibrate_job
 
     out = bench.out
@@ -175,7 +176,7 @@ def _calibrate(bench: Bench) -> tuple["Calibration", "Calibration", dict[str, An
 def _inspect(bench: Bench) -> tuple["Inspection", dict[str, Any]]:
     """Scan the gear of gear.toml with its errors, inspect it, write all of it."""
     from truestand.cli.talk import steps
-    from truestand.files.records.calibration_record import read_json
+    from truestand.files.records.record import read_json
     from truestand.station.pipeline import Inputs, Outputs, inspect_job
 
     out = bench.out

@@ -98,8 +98,8 @@ def form(
     from truestand.cli.talk import print_json, working
     from truestand.core.errors import BadRecipe
     from truestand.files.atomic import write_json_atomic
-    from truestand.files.records.calibration_record import now
     from truestand.files.records.form_record import form_record
+    from truestand.files.records.record import now
     from truestand.files.scans.read import sha256_of
     from truestand.files.shapes.points import read_points
     from truestand.form.form import evaluate

@@ -56,7 +56,7 @@ def inspect(
     from truestand.cli.keeping import keeping
     from truestand.cli.reading import scan_reader
     from truestand.cli.talk import print_json, print_table, steps
-    from truestand.files.records.calibration_record import read_json
+    from truestand.files.records.record import read_json
     from truestand.report.terminal import inspection_table
     from truestand.station.pipeline import Inputs, Outputs, inspect_job
 

@@ -53,7 +53,7 @@ def correct(
     """
     from truestand.cli.keeping import opened
     from truestand.cli.talk import hint
-    from truestand.files.records.calibration_record import read_json
+    from truestand.files.records.record import read_json
 
     kept = opened(store)
     entry = kept.correct(number, None if record is None else read_json(record), reason=reason, operator=operator)

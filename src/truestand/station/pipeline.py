@@ -13,7 +13,7 @@ from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 from truestand.core.units import UM_PER_MM
 from truestand.files.atomic import write_json_atomic
-from truestand.files.records.calibration_record import now
+from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
 
 if TYPE_CHECKING:
@@ -189,8 +189,7 @@ def verify_job(
     """
     from truestand.apply.verify import LIMIT, verify
     from truestand.files.recipes.recipes import read_shaft
-    from truestand.files.records.calibration_record import read_calibration
-    from truestand.files.records.verification_record import verification_record
+    from truestand.files.records.calibration_record import read_calibration, verification_record
 
     against = _needed(inputs.calibration, "a calibration")
     known, sha256 = read_calibration(against), sha256_of(against)
@@ -252,7 +251,7 @@ def _write_inspection(
     truth: Mapping[str, Any] | None,
 ) -> None:  # fmt: skip
     """The cloud with its deviations, the characteristics, the report."""
-    from truestand.files.records.characteristics_csv import write_characteristics
+    from truestand.files.records.inspection_record import write_characteristics
     from truestand.files.shapes.clouds import write_cloud
 
     if outputs.cloud is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from truestand._version import __version__
 from truestand.core.errors import BadStore
-from truestand.files.records.calibration_record import now
+from truestand.files.records.record import now
 from truestand.store import database, evidence, ledger
 from truestand.store.anchor import Anchor
 from truestand.store.audit import Advance, Report, audit
