@@ -12,7 +12,7 @@ from truestand.calibration.calibrate import calibrate
 from truestand.calibration.evidence import gather
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.files.recipes.company import MOST_BYTES, Company, read_company
+from truestand.files.recipes.recipes import MOST_LOGO_BYTES, Company, read_company
 from truestand.report.calibration import calibration_report
 from truestand.report.inspection import inspection_report
 from truth import scan_of, shaft
@@ -57,7 +57,7 @@ def test_a_company_needs_no_logo_and_a_stand_no_company(tmp_path):
         (b"GIF89a", "neither PNG nor SVG"),
         (b"<html><svg/></html>", "neither PNG nor SVG"),
         (b"<svg>", "neither PNG nor SVG"),
-        (png() + b"\0" * MOST_BYTES, "more than 1 MB"),
+        (png() + b"\0" * MOST_LOGO_BYTES, "more than 1 MB"),
     ],
 )
 def test_what_is_no_logo_is_refused(tmp_path, content, message):

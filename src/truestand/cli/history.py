@@ -82,7 +82,7 @@ def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | N
 
 def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.recipes.company import read_company
+    from truestand.files.recipes.recipes import read_company
     from truestand.report.history import history_report
 
     here = Path("stand.toml")

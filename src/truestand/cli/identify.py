@@ -36,7 +36,7 @@ def identify(
     from truestand.core.frames import Pose
     from truestand.core.surface import apply_calibration
     from truestand.files.atomic import write_text_atomic
-    from truestand.files.recipes.parts import seen_recipe
+    from truestand.files.recipes.parts import recipe_of_identified
     from truestand.files.records.calibration_record import read_calibration
     from truestand.gear.match import identify as tell
     from truestand.gear.match import toothed_heights
@@ -52,7 +52,7 @@ def identify(
         low, high = low if from_mm is None else from_mm, high if to_mm is None else to_mm
         found = tell(surface, datum, low, high)
     if output is not None:
-        write_text_atomic(output, seen_recipe(found, low, high))
+        write_text_atomic(output, recipe_of_identified(found, low, high))
     if as_json:
         print_json(_record(found, low, high))
     elif not quiet:

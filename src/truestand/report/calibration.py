@@ -7,7 +7,7 @@ from typing import Any
 from truestand.calibration.evidence import Evidence
 from truestand.core.calibration import Calibration
 from truestand.core.units import um
-from truestand.files.recipes.company import Company
+from truestand.files.recipes.recipes import Company
 from truestand.report import calibration_figures as figures
 from truestand.report import calibration_tables as tables
 from truestand.report.numbers import number

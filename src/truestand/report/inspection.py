@@ -6,7 +6,7 @@ from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
-from truestand.files.recipes.company import Company
+from truestand.files.recipes.recipes import Company
 from truestand.gear.evidence import GearEvidence
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import TurnedEvidence

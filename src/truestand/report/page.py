@@ -5,7 +5,7 @@ from html import escape
 from importlib.resources import files
 
 from truestand._version import __version__
-from truestand.files.recipes.company import Company
+from truestand.files.recipes.recipes import Company
 
 K_NOTE = '<p class="k">± <i>U</i>: expanded uncertainty, <i>k</i> = 2.</p>'
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from truestand.core.inspection import Inspection
     from truestand.core.scan import Scan
     from truestand.core.surface import Surface
-    from truestand.files.recipes.company import Company
+    from truestand.files.recipes.recipes import Company
 
 Result = TypeVar("Result")
 Doing = Callable[[Literal["evaluate", "report"]], AbstractContextManager[Any]]
@@ -211,7 +211,7 @@ def _needed(path: Path | None, what: str) -> Path:
 
 
 def _company(inputs: Inputs) -> "Company | None":
-    from truestand.files.recipes.company import read_company
+    from truestand.files.recipes.recipes import read_company
 
     return None if inputs.stand is None else read_company(inputs.stand)
 
