@@ -89,9 +89,11 @@ def _points(path: Path) -> None:
 
 
 def _ply(path: Path) -> None:
-    from truestand.files.shapes.points import read_ply
+    from truestand.files.shapes.ply import ply_vertices
+    from truestand.files.text import BYTE_ORDER_MARK
 
-    assert len({v.shape for v in read_ply(path).values()}) == 1
+    vertices = ply_vertices(path.read_bytes().removeprefix(BYTE_ORDER_MARK), path.name)
+    assert len({v.shape for v in vertices.values()}) == 1
     _points(path)
 
 

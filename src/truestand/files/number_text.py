@@ -14,7 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.files.text import Dialect, normalized, refuse_infinite, refuse_words
+from truestand.core.errors import UnreadableFile
+from truestand.files.text import (
+    ENOUGH_FIELDS,
+    Dialect,
+    check_text,
+    normalized,
+    refuse_cut_number,
+    refuse_infinite,
+    refuse_words,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -177,3 +186,40 @@ def _number(field: bytes, dialect: Dialect, name: str, line: int) -> float:
     value = float(field or b"nan")
     refuse_infinite(np.array([[value]]), name, line)
     return value
+
+
+def refuse_cut_table(rows: list[bytes], separator: bytes, name: str, line: int) -> None:
+    """Refuse lines (the last has no line end and is number ``line``) that end inside a number of the last column.
+
+    Raises:
+        UnreadableFile: with the last line.
+    """
+    fields = [row.rstrip(separator + b" ").rsplit(separator, 1)[-1] for row in rows[-2 * ENOUGH_FIELDS :]]
+    refuse_cut_number([field.replace(b",", b".") for field in fields], name, line)
+
+
+def read_table(rows: list[bytes], dialect: Dialect, name: str, first_line: int) -> Array:
+    """Lines of equally many numbers, none left out, as (n, columns).
+
+    Raises:
+        UnreadableFile: words, too large numbers, or rows of different lengths, with the line.
+    """
+    text = b"\n".join(rows)
+    check_text(b"\n" * (first_line - 1) + text, name)
+    text = normalized(text, dialect, name, first_line)
+    plain = [row.rstrip(b", ") for row in text.split(b"\n")]
+    wide = plain[0].count(b",")
+    for i, row in enumerate(plain):
+        if row.count(b",") != wide or not row:
+            raise UnreadableFile(
+                f"{name}: found {row.count(b',') + bool(row)} numbers in line {first_line + i}, need {wide + 1} as in "
+                "the lines before; copy the file again or export it without gaps"
+            )
+    try:
+        fields = b",".join(plain).split(b",")
+        values = np.fromiter(map(float, fields), np.float64, len(fields)).reshape(len(plain), wide + 1)
+    except ValueError:
+        refuse_words(plain, name, first_line)
+        raise UnreadableFile(f"{name}: found no numbers; need x y z a line, in mm") from None
+    refuse_infinite(values, name, first_line)
+    return values
