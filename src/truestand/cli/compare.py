@@ -72,7 +72,7 @@ def _table(rows: list[dict[str, Any]], against_truth: bool) -> "Table":
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    from truestand.report.numbers import number
+    from truestand.report.notation import number
 
     table = Table(title="Where the shaft's axis stands, by whom", title_justify="left", box=SIMPLE_HEAD)
     table.add_column("\nmethod (library)", no_wrap=True)

@@ -68,7 +68,7 @@ def _check(since: str | None) -> None:
 
 def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | None) -> None:
     from truestand.cli.talk import print_table
-    from truestand.report.history_tables import inspections_table, readings_table, series_table
+    from truestand.report.terminal import inspections_table, readings_table, series_table
 
     courses = [_course(s) for s in found]
     if quantity is None:
@@ -96,18 +96,18 @@ def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: 
 
 
 def _course(s: "Series") -> Any:
-    from truestand.report.history import Course
+    from truestand.report.history import QuantityHistory
 
     title = f"{s.sensor}: {s.quantity}"
     times, numbers = tuple(e.time for e in s.entries), tuple(e.number for e in s.entries)
-    return Course(title, s.unit, times, numbers, s.chart, s.clamping)
+    return QuantityHistory(title, s.unit, times, numbers, s.chart, s.clamping)
 
 
 def _line(i: "Inspected") -> Any:
-    from truestand.report.history import Inspected as Line
+    from truestand.report.history import InspectionRow
 
     e = i.standing.entry
-    return Line(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
+    return InspectionRow(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
 
 
 def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> dict[str, Any]:
@@ -147,7 +147,7 @@ def _gage(
     from truestand.files.atomic import write_text_atomic
     from truestand.files.records.study import read_study
     from truestand.report.history import study_report
-    from truestand.report.history_tables import study_table
+    from truestand.report.terminal import study_table
     from truestand.statistics.gage import gage_study, readings_of
     from truestand.store.history import repeated
 

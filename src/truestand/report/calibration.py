@@ -10,7 +10,7 @@ from truestand.core.units import um
 from truestand.files.recipes.recipes import Company
 from truestand.report import calibration_figures as figures
 from truestand.report import calibration_tables as tables
-from truestand.report.numbers import number
+from truestand.report.notation import number
 from truestand.report.page import K_NOTE, framed, head, page, stamp, unseen
 from truestand.report.quantities import Quantity, quantities
 

@@ -4,7 +4,7 @@ from html import escape
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
-from truestand.report.numbers import number, places, with_u
+from truestand.report.notation import number, places, with_u
 from truestand.report.quantities import Quantity
 
 MOST_HARMONICS = 12

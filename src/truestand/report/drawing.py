@@ -1,7 +1,8 @@
-"""How figures look and how they get into the page: one style, one way to SVG, no global state."""
+"""The style of all figures and their way to SVG; no global state."""
 
 import io
 import re
+from math import floor, log10
 from typing import Any
 
 import matplotlib as mpl
@@ -44,6 +45,12 @@ def figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def single(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure, inches, with one pair of axes."""
+    fig = figure(width, height)
+    return fig, fig.add_subplot()
+
+
 def svg(fig: Figure) -> str:
     """The figure as an SVG element that scales with the page and repeats to the byte."""
     buffer = io.StringIO()
@@ -78,7 +85,19 @@ def image(
 
 
 def robust(*arrays: Array | None, share: float = 0.99) -> float:
-    """Symmetric colour limit: the ``share`` quantile of what is drawn, at least a hair."""
+    """Symmetric colour limit: the ``share`` quantile of the magnitudes drawn, at least 1e-6."""
     values = [np.abs(a[np.isfinite(a)]) for a in arrays if a is not None]
     joined = np.concatenate(values) if values else np.zeros(1)
     return max(float(np.quantile(joined, share)) if joined.size else 0.0, 1e-6)
+
+
+def round_down(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at most ``value``, which is positive."""
+    power = 10.0 ** floor(log10(value))
+    return max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1 + 1e-9))
+
+
+def cell_edges(centres: Array) -> tuple[float, float]:
+    """Where the first and last of equal cells with these centres begin and end."""
+    half = (centres[1] - centres[0]) / 2 if centres.size > 1 else 0.5
+    return float(centres[0] - half), float(centres[-1] + half)

@@ -8,7 +8,6 @@ from truestand.core.inspection import Characteristic, Defect, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
 from truestand.report.inspection_tables import (
-    NONE,
     U_HEAD,
     cell,
     headings,
@@ -18,8 +17,7 @@ from truestand.report.inspection_tables import (
     table,
     whole,
 )
-from truestand.report.notation import limit_text, symbol, u_text, value_text, verdict_text
-from truestand.report.numbers import number
+from truestand.report.notation import NONE, limit_text, number, symbol, u_text, value_text, verdict_text
 from truestand.report.true_values import Key
 
 FLANKS: tuple[Flank, ...] = ("left", "right")

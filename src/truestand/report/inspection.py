@@ -14,8 +14,7 @@ from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
 from truestand.report.gear_page import gear_facts, gear_parts
 from truestand.report.inspection_tables import budgets, decisive, settings, unmeasured
-from truestand.report.notation import VERDICTS, limit_text
-from truestand.report.numbers import number
+from truestand.report.notation import VERDICTS, limit_text, number
 from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
 
@@ -116,13 +115,13 @@ def _turned(inspection: Inspection, values: dict[Key, float] | None) -> list[str
         *parts,
         "<h2>Roundness</h2>",
         framed(
-            part_figures.roundness(inspection),
+            part_figures.roundness(inspection, evidence.sections),
             "Each height's circle about its own least-squares centre, filtered and magnified; the circle at the middle "
             "height is black, all others blue. Dashed: no deviation.",
         ),
         "<h2>Deviation maps</h2>",
         framed(
-            part_figures.section_maps(inspection),
+            part_figures.section_maps(evidence.sections),
             "Distance from the datum axis less the drawing's radius, unrolled. One colour scale; grey: not seen. An "
             "offset of the section's axis is a wave once around.",
         ),
@@ -138,12 +137,13 @@ def _cad(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
     return [
         *parts,
         framed(
-            part_figures.cad_map(inspection),
+            part_figures.cad_map(inspection, evidence),
             f"Normal deviation from the model, unrolled about the datum axis; red: material in excess, grey: not seen "
             f"({visible} % of the model's surface is visible to the sensor). Lines on the scale: limits.",
         ),
         framed(
-            part_figures.cad_histogram(inspection), "How often which deviation occurs, over patches of the surface."
+            part_figures.cad_histogram(inspection, evidence),
+            "How often which deviation occurs, over patches of the surface.",
         ),
     ]
 

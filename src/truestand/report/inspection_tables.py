@@ -5,24 +5,25 @@ from html import escape
 
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.report.notation import (
+    NONE,
     decimals,
     limit_text,
     line_name,
     meaning,
+    number,
+    places,
     seen_text,
-    share_text,
     shown,
     symbol,
+    tolerance_share_text,
     u_text,
     unit,
     value_text,
     verdict_text,
 )
-from truestand.report.numbers import number, places
 from truestand.report.page import unseen
 from truestand.report.true_values import Key, true_value
 
-NONE = "\N{EN DASH}"
 U_HEAD = "<i>U</i><small>k = 2</small>"
 LEAST_SHARE = 0.02
 """Of U: smaller lines of a budget stand in the record."""
@@ -68,7 +69,7 @@ def result_cells(c: Characteristic, values: Mapping[Key, float] | None, grade: b
     if c.value is None or c.status == "not_measurable":
         undecided = " · undecided" if c.limits is not None and c.verdict is not None else ""
         return cell(f'<span class="none">not measurable{undecided}</span>', "gap", width)
-    cells = cell(f"<b>{value_text(c)}</b>", "n first") + cell(u_text(c)) + cell(share_text(c))
+    cells = cell(f"<b>{value_text(c)}</b>", "n first") + cell(u_text(c)) + cell(tolerance_share_text(c))
     if grade:
         cells += cell(NONE if c.grade is None else str(c.grade))
     cells += cell(seen_text(c)) + cell(verdict_text(c), "verdict-cell")
