@@ -38,9 +38,8 @@ def certificate(
     from truestand.files.recipes.laboratory import read_laboratory
     from truestand.files.records.calibration_record import read_calibration
     from truestand.files.records.xml_schema import read_schema, violations
-    from truestand.report.certificate import certificate as made_of
-    from truestand.report.certificate import lacking, refusals
-    from truestand.report.certificate_issue import Issue
+    from truestand.report.certificate import certificate_xml, missing_statements, refusals
+    from truestand.report.certificate_administration import CertificateInput
 
     schema = None if schema_dir is None else read_schema(schema_dir)
     stated = None if laboratory is None else read_laboratory(laboratory)
@@ -51,12 +50,12 @@ def certificate(
         hint(f"truestand: no certificate: {reason}", quiet)
     if against:
         raise typer.Exit(UNDECIDED)
-    issue = Issue(record, known, source, calibration.name, stated, number)
-    text = made_of(issue)
+    issue = CertificateInput(record, known, source, calibration.name, stated, number)
+    text = certificate_xml(issue)
     if schema is not None and (wrong := violations(text, schema)):
         raise BadRecipe(f"{schema_dir}: the certificate is not valid by this schema: {'; '.join(wrong)}")
     write_bytes_atomic(output, text)
-    missing = lacking(issue)
+    missing = missing_statements(issue)
     if as_json:
         told = {"certificate": str(output), "identifier": issue.identifier, "draft": issue.draft}
         print_json(told | {"not_stated": missing, "validated": schema is not None})
