@@ -9,8 +9,8 @@ from truestand.cli.options import JsonOption, QuietOption, StoreOption
 
 if TYPE_CHECKING:
     from truestand.statistics.gage import GageStudy
-    from truestand.store import Store
-    from truestand.store.history import Inspected, Series
+    from truestand.store import Result, Store
+    from truestand.store.history import Series
 
 
 def history(
@@ -66,7 +66,7 @@ def _check(since: str | None) -> None:
         raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
 
 
-def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | None) -> None:
+def _show(found: "list[Series]", inspected: "list[Result]", quantity: str | None) -> None:
     from truestand.cli.talk import print_table
     from truestand.report.terminal import inspections_table, readings_table, series_table
 
@@ -80,7 +80,7 @@ def _show(found: "list[Series]", inspected: "list[Inspected]", quantity: str | N
         print_table(inspections_table([_line(i) for i in inspected]))
 
 
-def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> None:
+def _write_report(path: Path, store: "Store", found: "list[Series]", inspected: "list[Result]") -> None:
     from truestand.files.atomic import write_text_atomic
     from truestand.files.recipes.recipes import read_company
     from truestand.report.history import history_report
@@ -103,14 +103,14 @@ def _course(s: "Series") -> Any:
     return QuantityHistory(title, s.unit, times, numbers, s.chart, s.clamping)
 
 
-def _line(i: "Inspected") -> Any:
+def _line(i: "Result") -> Any:
     from truestand.report.history import InspectionRow
 
-    e = i.standing.entry
+    e = i.entry
     return InspectionRow(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
 
 
-def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]") -> dict[str, Any]:
+def _record(store: "Store", found: "list[Series]", inspected: "list[Result]") -> dict[str, Any]:
     number, stated = store.head()
     return {
         "format": "truestand.history",
@@ -130,9 +130,9 @@ def _record(store: "Store", found: "list[Series]", inspected: "list[Inspected]")
             for s in found
         ],
         "inspections": [
-            {"entry": i.standing.entry.number, "time": i.standing.entry.time, "part": i.standing.entry.part,
-             "serial": i.standing.entry.serial, "order": i.standing.entry.order,
-             "operator": i.standing.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
+            {"entry": i.entry.number, "time": i.entry.time, "part": i.entry.part,
+             "serial": i.entry.serial, "order": i.entry.order,
+             "operator": i.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
             for i in inspected
         ],
     }  # fmt: skip

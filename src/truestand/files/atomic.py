@@ -45,4 +45,13 @@ def write_json_atomic(path: Path | str, record: Any) -> None:
     Raises:
         ValueError: NaN or infinity in it.
     """
-    write_text_atomic(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    write_text_atomic(path, record_text(record))
+
+
+def record_text(record: Any) -> str:
+    """The text of a record's file.
+
+    Raises:
+        ValueError: NaN or infinity in it.
+    """
+    return json.dumps(record, indent=2, allow_nan=False) + "\n"

@@ -44,7 +44,7 @@ def calibration_trends(store: Store) -> list[Quantity]:
 
 def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
-    taken = [i.standing for i in inspections(store) if {i.standing.entry.part, i.standing.last.part} & set(parts)]
+    taken = [r for r in inspections(store) if {r.entry.part, r.last.part} & set(parts)]
     standing = sorted((s for s in taken if not s.withdrawn), key=lambda s: s.entry.number)[-MOST:]
     lines: dict[str, _Line] = {}
     for one in standing:
