@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.files.text import (
     ENOUGH_FIELDS,
+    Array,
     Dialect,
     check_text,
     normalized,
@@ -25,7 +26,6 @@ from truestand.files.text import (
     refuse_words,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]

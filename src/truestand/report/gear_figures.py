@@ -8,15 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
-from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, single, styled
+from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, Array, figure, single, styled
 from truestand.report.notation import drawn_symbol, number, value_text
-
-Array = NDArray[np.float64]
 
 WIDTH = 10.2
 """Inches, of every figure of an inspection."""

@@ -17,11 +17,9 @@ from truestand.core.inspection import Inspection
 from truestand.core.units import um
 from truestand.gear.drawing import Gear
 from truestand.gear.evidence import DefectMap, FoldedMap, GearEvidence
-from truestand.report.drawing import DIVERGING, INK, cell_edges, figure, image, robust, single, styled
+from truestand.report.drawing import DIVERGING, INK, Array, cell_edges, figure, image, robust, single, styled
 from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
 from truestand.report.gear_tables import MOST_DEFECTS
-
-Array = NDArray[np.float64]
 
 MOST_TEETH = 24
 """Teeth whose flanks are shown one by one."""

@@ -9,16 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.evidence import GearEvidence
-from truestand.report.drawing import GREY, INK, PALE, figure, round_down, styled
+from truestand.report.drawing import GREY, INK, PALE, Array, figure, round_down, styled
 from truestand.report.gear_figures import FAILS, FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
 from truestand.report.notation import drawn_symbol, limit_text, number
-
-Array = NDArray[np.float64]
 
 SHOWN_TEETH = 5
 SPACING = 1.35

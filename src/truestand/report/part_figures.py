@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from truestand.core.inspection import Inspection
 from truestand.core.units import um
@@ -21,6 +20,7 @@ from truestand.report.drawing import (
     GREY,
     INK,
     PALE,
+    Array,
     cell_edges,
     figure,
     image,
@@ -31,8 +31,6 @@ from truestand.report.drawing import (
 )
 from truestand.report.gear_figures import WIDTH, line_of
 from truestand.report.notation import value_text
-
-Array = NDArray[np.float64]
 
 PLOTS_PER_ROW = 3
 MOST_DRAWN = 0.3

@@ -14,15 +14,13 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.scans.columns import drop_constant, encoder_counts
-from truestand.files.text import BYTE_ORDER_MARK, Dialect, refuse_nul
+from truestand.files.text import BYTE_ORDER_MARK, Array, Dialect, refuse_nul
 
-Array = NDArray[np.float64]
 Row = tuple[int, bytes]
 """A line's number in the file, from 1, and its text."""
 

@@ -18,6 +18,7 @@ from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     MM_PER_UNIT,
+    Array,
     Dialect,
     column_names,
     dialect_of,
@@ -27,7 +28,6 @@ from truestand.files.text import (
     refuse_nul,
 )
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FORMAT = "long csv"

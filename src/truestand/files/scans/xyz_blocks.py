@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
@@ -22,6 +21,7 @@ from truestand.files.scans.columns import MOST_FILLED, fill_rows, is_uneven
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     ENOUGH_FIELDS,
+    Array,
     Dialect,
     dialect_of,
     normalized,
@@ -30,8 +30,6 @@ from truestand.files.text import (
     refuse_infinite,
     refuse_nul,
 )
-
-Array = NDArray[np.float64]
 
 FORMAT = "xyz blocks"
 SAMPLE_BYTES = 20_000

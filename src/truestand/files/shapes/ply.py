@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.files.number_text import read_table, refuse_cut_table
-from truestand.files.text import Dialect, refuse_nul
-
-Array = NDArray[np.float64]
+from truestand.files.text import Array, Dialect, refuse_nul
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",

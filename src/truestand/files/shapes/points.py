@@ -18,6 +18,7 @@ from truestand.files.shapes.ply import is_ply, ply_vertices
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     MM_PER_UNIT,
+    Array,
     column_names,
     dialect_of,
     names_profiles,
@@ -25,8 +26,6 @@ from truestand.files.text import (
     refuse_infinite,
     refuse_nul,
 )
-
-Array = NDArray[np.float64]
 
 _WORDS = re.compile(rb"[A-Za-z_]{2,}|^[\s\"]*[A-Za-z]\b.*[A-Za-z]")
 _COMMENT = re.compile(rb"\A\s*(#|//)[#/\s]*(\w+:)?")
