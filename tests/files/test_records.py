@@ -91,6 +91,7 @@ def mirrored(record):
         (lambda r: r["sensor"].update(table_from_sensor=[[1, 2], [3, 4]]), "4x4"),
         (lambda r: r["shaft"].update(shaft_from_rotor=[[float("nan")] * 4] * 4), "finite"),
         (lambda r: r["sensor"].update(table_from_sensor="x"), "malformed"),
+        (lambda r: r["residuals"].update(points=None), "malformed"),
         (lambda r: r["stand"]["table"].update(sped=1), "sped"),
     ],
 )
