@@ -74,7 +74,7 @@ def test_the_other_decimal_mark_is_refused_with_its_line():
 
 
 @pytest.mark.parametrize("size", [1, 7, 40, 1000])
-def test_lines_are_counted_across_pieces(monkeypatch, size):
+def test_lines_are_counted_across_blocks(monkeypatch, size):
     monkeypatch.setattr(number_text, "BLOCK_BYTES", size)
     rows = ["1;2;3", ";;", "", "4;5;", "-6.25", "   ", ";7"] * 5
     found = read("\n".join(rows).encode())

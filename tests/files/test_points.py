@@ -94,13 +94,13 @@ BAD = {
 
 
 @pytest.mark.parametrize("name", GOOD)
-def test_read(tmp_path, name):
+def test_points_read_as_written(tmp_path, name):
     (tmp_path / "p").write_bytes(GOOD[name])
     assert read_points(tmp_path / "p").tolist() == TWO
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_refused(tmp_path, name):
+def test_a_damaged_or_ambiguous_file_is_refused(tmp_path, name):
     data, message = BAD[name]
     (tmp_path / "p").write_bytes(data)
     with pytest.raises(UnreadableFile, match=message):
@@ -148,7 +148,7 @@ def test_columns_and_unit_that_do_not_fit_are_refused(tmp_path, data, columns, u
         read_points(tmp_path / "p", columns, unit)
 
 
-def test_missing(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match="check the path"):
         read_points(tmp_path / "none")
 

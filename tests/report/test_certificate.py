@@ -164,7 +164,7 @@ def test_the_record_is_inside_byte_for_byte():
     assert digest in told(root, "//dcc:coreData//dcc:value")
 
 
-def test_what_could_not_be_told_is_stated_and_has_no_value():
+def test_what_is_not_identifiable_is_stated_and_has_no_value():
     given = issue(found("centred"))
     root = tree(certificate_xml(given))
     unseen = given.record["not_identifiable"]

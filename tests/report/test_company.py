@@ -38,7 +38,7 @@ def stand(folder, logo=None, name="logo.any"):
 
 
 @pytest.mark.parametrize(("content", "kind"), [(png(), "png"), (SVG, "svg+xml")])
-def test_a_logo_is_told_by_its_content(tmp_path, content, kind):
+def test_the_kind_of_a_logo_is_found_from_its_content(tmp_path, content, kind):
     company = read_company(stand(tmp_path, content))
     assert company.logo == f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
     assert company.name == "M & <b>"

@@ -123,14 +123,14 @@ def test_one_file_is_kept_once(store, scan):
     assert len(list((store.folder / "evidence").glob("*/*"))) == 2
 
 
-def test_no_store_is_told(tmp_path):
+def test_a_folder_without_a_store_is_refused(tmp_path):
     with pytest.raises(BadStore, match="no results store"):
         Store.open(tmp_path)
     with pytest.raises(BadStore, match="no results store"):
         Store(tmp_path).audit()
 
 
-def test_a_busy_store_is_told(store):
+def test_a_store_that_is_busy_too_long_is_refused(store):
     from truestand.store.lock import locked
 
     with locked(store.folder, 1.0), pytest.raises(BadStore, match="another program"):

@@ -25,7 +25,7 @@ def checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
     """``data`` as a ``model``.
 
     Raises:
-        BadRecipe: a wrong, missing or unknown key, told in one line that starts with ``where``.
+        BadRecipe: a wrong, missing or unknown key, in one line that starts with ``where``.
     """
     try:
         return model.model_validate(dict(data))

@@ -146,10 +146,10 @@ def _contact(tag: str, c: ContactRecipe) -> Node:
     parts = {
         "city": c.city, "countryCode": c.country, "postCode": c.post_code, "street": c.street, "streetNo": c.street_no,
     }  # fmt: skip
-    told = [plain(f"dcc:{part}", value) for part, value in parts.items() if value]
+    location = [plain(f"dcc:{part}", value) for part, value in parts.items() if value]
     return node(
         tag, name(c.name or NOT_STATED), plain("dcc:eMail", c.e_mail), plain("dcc:phone", c.phone),
-        node("dcc:location", *(told or [node("dcc:city", NOT_STATED)])),
+        node("dcc:location", *(location or [node("dcc:city", NOT_STATED)])),
     )  # fmt: skip
 
 

@@ -129,8 +129,8 @@ def _results(given: CertificateInput) -> list[Node]:
     r = given.record
     found = []
     for group, title, keys in GROUPS:
-        told = [made for key in keys if (made := _quantity(r, group, key, given)) is not None]
-        found += [node("dcc:result", name(title), node("dcc:data", *told))] if told else []
+        known = [made for key in keys if (made := _quantity(r, group, key, given)) is not None]
+        found += [node("dcc:result", name(title), node("dcc:data", *known))] if known else []
     application = (
         "The whole application of the calibration; uncertainties: the quantities above, and the embedded covariance."
     )

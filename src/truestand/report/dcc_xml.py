@@ -65,12 +65,12 @@ def name(words: str) -> Node:
 
 
 def identification(issuer: str, value: str | None, what: str, kind: str | None = None) -> Node:
-    """A number by which somebody knows a thing; ``not stated`` where nobody told it."""
+    """A number by which somebody knows a thing; ``not stated`` where it is not known."""
     attributes = {} if kind is None else {"refType": kind}
-    told = plain("dcc:value", value)
+    stated = plain("dcc:value", value)
     return node(
         "dcc:identification", node("dcc:issuer", issuer),
-        node("dcc:value", NOT_STATED) if told is None else told, name(what), **attributes,
+        node("dcc:value", NOT_STATED) if stated is None else stated, name(what), **attributes,
     )  # fmt: skip
 
 

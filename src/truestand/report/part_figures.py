@@ -65,9 +65,9 @@ def _polar(axes: Axes, inspection: Inspection, s: SectionEvidence) -> None:
     wave = 1.0 + factor * np.append(middle, middle[0])
     axes.plot(wave * np.cos(closed), wave * np.sin(closed), color=INK, lw=1.2)
     line = next((c for c in inspection.characteristics if (c.name, c.section) == ("roundness", s.name)), None)
-    told = "" if line is None or line.value is None else f"RONt {value_text(line)} µm\n"
+    value = "" if line is None or line.value is None else f"RONt {value_text(line)} µm\n"
     ring = um(MOST_DRAWN / factor)
-    axes.text(0, 0, f"{told}⌀ {2 * s.radius:g} mm\nrings ± {ring:.3g} µm", ha="center", va="center", linespacing=1.5)
+    axes.text(0, 0, f"{value}⌀ {2 * s.radius:g} mm\nrings ± {ring:.3g} µm", ha="center", va="center", linespacing=1.5)
     axes.set(title=_plain(s.name), xlim=(-1.45, 1.45), ylim=(-1.45, 1.45))
     axes.set_axis_off()
     axes.title.set_visible(True)

@@ -184,9 +184,9 @@ def _evidence(folder: Path, entries: list[Entry], findings: list[Finding], advan
         if sha256_of(path) != path.name or path != evidence_path(folder, path.name):
             by = f", entry {needed[path.name]}" if path.name in needed else ""
             findings.append(Finding("evidence changed", f"{EVIDENCE}/{path.parent.name}/{path.name}{by}"))
-    there = {path.name for path in found}
+    present = {path.name for path in found}
     for sha256, number in needed.items():
-        if sha256 not in there:
+        if sha256 not in present:
             where = f"{EVIDENCE}/{sha256[:2]}/{sha256}, entry {number}"
             findings.append(Finding("evidence missing", where))
     return len(found)

@@ -78,8 +78,10 @@ def repeated(
     for result in studied:
         entry = result.entry
         if entry.operator is None or entry.serial is None:
-            lacks = "operator" if entry.operator is None else "serial number"
-            raise NotEnoughData(f"entry {entry.number} has no {lacks}; a study needs both: inspect --operator --serial")
+            missing = "operator" if entry.operator is None else "serial number"
+            raise NotEnoughData(
+                f"entry {entry.number} has no {missing}; a study needs both: inspect --operator --serial"
+            )
         for label, value in _measured(store.record(result.last)).items():
             if quantity in (None, label, label.partition(" ")[0]):
                 rows.setdefault(label, []).append((entry.operator, entry.serial, value))

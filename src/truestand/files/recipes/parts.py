@@ -175,7 +175,7 @@ def recipe_of_identified(seen: Seen, bottom: float, top: float) -> str:
     helix = degrees(seen.helix_angle)
     module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)
     return (
-        "# Told from a scan: check every number against the drawing, and add accuracy_class.\n\n"
+        "# Identified from a scan: check every number against the drawing, and add accuracy_class.\n\n"
         'kind = "gear"\n'
         f"teeth = {seen.teeth}\n"
         f"module_mm = {module}\n"

@@ -255,9 +255,9 @@ def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
         BadRecipe: one of them exists and ``force`` is not set; nothing is written then.
     """
     paths = [Path(directory) / name for name in STARTERS]
-    there = [str(p) for p in paths if p.exists()]
-    if there and not force:
-        raise BadRecipe(f"found {', '.join(there)} already there; choose another folder or pass --force")
+    existing = [str(p) for p in paths if p.exists()]
+    if existing and not force:
+        raise BadRecipe(f"found {', '.join(existing)} already there; choose another folder or pass --force")
     for path in paths:
         source = files("truestand.files").joinpath("starters", path.name)
         write_text_atomic(path, source.read_text(encoding="utf-8"))

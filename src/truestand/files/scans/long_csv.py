@@ -158,9 +158,9 @@ def _recording(columns: dict[str, Array], lines: Indices, name: str, sha256: str
         off = np.flatnonzero(columns[key] != values[row])
         if off.size:
             raise UnreadableFile(f"{name}: {key} changes within a profile (line {lines[off[0]]}); need one a profile")
-        there = np.flatnonzero(np.isfinite(values))
+        known = np.flatnonzero(np.isfinite(values))
         # profiles without any reading have no row: they lie between their neighbours
-        return np.asarray(np.interp(np.arange(profiles), there, values[there]))
+        return np.asarray(np.interp(np.arange(profiles), known, values[known]))
 
     counter = one_a_profile("counter")
     return Recording(

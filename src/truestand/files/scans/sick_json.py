@@ -39,9 +39,12 @@ class _Image:
 
     kind: str
     zeros: str
+    """What a count of 0 means."""
     counts: NDArray[Any]
     size: tuple[float, float, float]
+    """Of a pixel and a count, mm."""
     origin: tuple[float, float, float]
+    """mm."""
 
 
 def is_sick_json(head: bytes) -> bool:
@@ -100,8 +103,8 @@ def _image(data: Json, name: str) -> _Image:
         UnreadableFile: a size that its pixels don't fit, or a kind of number that isn't known.
         KeyError, TypeError, ValueError: a malformed image.
     """
-    inner = data["Data"]
-    kind, columns, rows, pixels = inner["ImageType"], inner["Width"], inner["Height"], inner["Pixels"]
+    image = data["Data"]
+    kind, columns, rows, pixels = image["ImageType"], image["Width"], image["Height"], image["Pixels"]
     if kind not in PIXEL_BYTES or pixels["endian"] not in BYTE_ORDERS:
         known = f"{' or '.join(PIXEL_BYTES)}, {', '.join(BYTE_ORDERS)}"
         raise UnreadableFile(f"{name}: found an image of {kind!r}, {pixels['endian']!r}, need {known}")

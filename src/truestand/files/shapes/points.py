@@ -59,7 +59,9 @@ def read_points(path: Path | str, columns: str | None = None, unit: str | None =
 
 def _ply_points(data: bytes, wanted: list[str] | None, unit: str | None, name: str) -> Array:
     vertices = ply_vertices(data, name)
-    points = _in_mm(list(vertices.values()), _places([field.lower() for field in vertices], wanted or AXES, unit, name))
+    points = _in_mm(
+        list(vertices.values()), _columns([field.lower() for field in vertices], wanted or AXES, unit, name)
+    )
     infinite = np.flatnonzero(np.isinf(points).any(axis=1))
     if infinite.size:
         raise UnreadableFile(f"{name}: found a number too large in vertex {infinite[0] + 1}; need finite numbers")
@@ -95,12 +97,12 @@ def _text_points(data: bytes, wanted: list[str] | None, unit: str | None, name: 
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
     if not data.endswith(b"\n"):
         refuse_cut_table(body, dialect.separator, name, first + len(body))
-    points = _in_mm(values.T, _text_places(heading, values.shape[1], wanted, unit, name))
+    points = _in_mm(values.T, _text_columns(heading, values.shape[1], wanted, unit, name))
     refuse_infinite(points, name, first + 1)
     return points
 
 
-def _text_places(
+def _text_columns(
     heading: list[bytes], width: int, wanted: list[str] | None, unit: str | None, file: str
 ) -> list[tuple[int, float]]:
     """Index and factor to mm of x, y and z in lines of ``width`` numbers under a heading.
@@ -118,8 +120,8 @@ def _text_places(
             )
         names = None
     if names is None:
-        return _places(numbers, wanted or numbers[:3], unit, file)
-    return _places(names, wanted or AXES, unit, file)
+        return _columns(numbers, wanted or numbers[:3], unit, file)
+    return _columns(names, wanted or AXES, unit, file)
 
 
 def _header(heading: list[bytes], width: int) -> list[str] | None:
@@ -148,7 +150,7 @@ def _stems(names: list[str]) -> set[str]:
     return {name.partition("_")[0] for name in names}
 
 
-def _places(names: list[str], wanted: list[str], unit: str | None, file: str) -> list[tuple[int, float]]:
+def _columns(names: list[str], wanted: list[str], unit: str | None, file: str) -> list[tuple[int, float]]:
     """Index and factor to mm of the wanted columns x, y and z.
 
     Raises:
@@ -192,10 +194,10 @@ def _listed(names: list[str]) -> str:
     return repr(", ".join(names)[:100])
 
 
-def _in_mm(columns: "Sequence[NDArray[Any]] | NDArray[Any]", places: Iterable[tuple[int, float]]) -> Array:
+def _in_mm(columns: "Sequence[NDArray[Any]] | NDArray[Any]", chosen: Iterable[tuple[int, float]]) -> Array:
     """Points (n, 3) mm; a signalling NaN is a NaN, and no warning."""
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.column_stack([np.multiply(columns[i], factor, dtype=np.float64) for i, factor in places])
+        return np.column_stack([np.multiply(columns[i], factor, dtype=np.float64) for i, factor in chosen])
 
 
 def _is_heading(row: bytes) -> bool:
