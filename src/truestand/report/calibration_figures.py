@@ -12,7 +12,6 @@ from truestand.core.calibration import Calibration, StaticProfile
 from truestand.core.units import um
 from truestand.report.drawing import (
     BEFORE,
-    DIVERGING,
     EXACT,
     GREY,
     INK,
@@ -20,8 +19,10 @@ from truestand.report.drawing import (
     PAPER,
     SEQUENTIAL,
     SURFACES,
+    deviation_map,
     figure,
     image,
+    polar_frame,
     robust,
     round_down,
     single,
@@ -126,9 +127,8 @@ def flat_maps(m: FlatMap) -> Figure:
     wide, narrow = um(robust(m.before)), um(robust(m.paper, m.stand))
     for axes, (title, values) in zip(rows, panels, strict=True):
         limit = wide if values is m.before else narrow
-        drawn = image(axes, um(1) * values, (0.0, m.turns, m.low, m.high), (-limit, limit), DIVERGING)
         axes.set(title=title, ylabel="height (mm)")
-        fig.colorbar(drawn, ax=axes, label="µm", pad=0.01)
+        deviation_map(fig, axes, um(1) * values, (0.0, m.turns, m.low, m.high), limit)
     rows[-1].set_xlabel("table turns")
     return fig
 
@@ -152,10 +152,7 @@ def rolled_up(r: Rolled) -> Figure:
         axes.text(
             0, 0, f"× {factor:,.0f}\nspan {spread:.1f} µm".replace(",", "\N{THIN SPACE}"), ha="center", va="center"
         )
-        reach = 1.38 * r.radius
-        axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
-        axes.set_axis_off()
-        axes.title.set_visible(True)
+        polar_frame(axes, title, 1.38 * r.radius)
     return fig
 
 
@@ -163,10 +160,8 @@ def rolled_up(r: Rolled) -> Figure:
 def residual_map(m: FlatMap) -> Figure:
     """What is left after everything fitted."""
     fig, axes = single(9.2, 1.9)
-    limit = um(robust(m.residual))
-    drawn = image(axes, um(1) * m.residual, (0.0, m.turns, m.low, m.high), (-limit, limit), DIVERGING)
     axes.set(xlabel="table turns", ylabel="height (mm)")
-    fig.colorbar(drawn, ax=axes, label="µm", pad=0.01)
+    deviation_map(fig, axes, um(1) * m.residual, (0.0, m.turns, m.low, m.high), um(robust(m.residual)))
     return fig
 
 

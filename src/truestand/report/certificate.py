@@ -11,7 +11,7 @@ from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.records.record import Record
 from truestand.report.certificate_administration import CertificateInput, administrative_data
 from truestand.report.certificate_results import measurement_results
-from truestand.report.dcc_xml import SCHEMA, VERSION, XSI, node, printed
+from truestand.report.dcc_xml import ROOT, SCHEMA, VERSION, XSI, node, printed
 from truestand.report.quantities import quantities
 
 AGREEMENT = 1e-9
@@ -81,7 +81,7 @@ def certificate_xml(given: CertificateInput) -> bytes:
     if missing and not given.draft:
         raise BadRecipe(f"the certificate lacks {'; '.join(missing)}: state them, see docs/certificate.md")
     root = node(
-        "dcc:digitalCalibrationCertificate", administrative_data(given, missing, missing_traceability(given)),
+        ROOT, administrative_data(given, missing, missing_traceability(given)),
         measurement_results(given),
         schemaVersion=VERSION,
     )  # fmt: skip

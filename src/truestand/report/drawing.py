@@ -2,12 +2,14 @@
 
 import io
 import re
+from functools import wraps
 from math import floor, log10
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -64,13 +66,12 @@ def svg(fig: Figure) -> str:
 def styled(draw: Any) -> Any:
     """Decorate a function that draws, so that the style holds inside it and nowhere else."""
 
-    def inside(*args: Any, **kwargs: Any) -> str:
+    @wraps(draw)
+    def drawn(*args: Any, **kwargs: Any) -> str:
         with mpl.rc_context(STYLE):
             return svg(draw(*args, **kwargs))
 
-    inside.__doc__ = draw.__doc__
-    inside.__name__ = draw.__name__
-    return inside
+    return drawn
 
 
 def image(
@@ -82,6 +83,21 @@ def image(
         np.ma.masked_invalid(values), aspect="auto", origin="lower", extent=extent, vmin=limits[0], vmax=limits[1],
         cmap=cmap, interpolation="nearest",
     )  # fmt: skip
+
+
+def deviation_map(
+    fig: Figure, axes: Axes, values: Array, extent: tuple[float, float, float, float], limit: float, label: str = "µm"
+) -> Colorbar:
+    """Draw deviations (rows, columns) um with their colour bar, ``limit`` um to either side; the colour bar."""
+    drawn = image(axes, values, extent, (-limit, limit), DIVERGING)
+    return fig.colorbar(drawn, ax=axes, label=label, pad=0.01)
+
+
+def polar_frame(axes: Axes, title: str, reach: float) -> None:
+    """A title and room for a polar plot of radius ``reach``, without axes."""
+    axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.set_axis_off()
+    axes.title.set_visible(True)
 
 
 def robust(*arrays: Array | None, share: float = 0.99) -> float:

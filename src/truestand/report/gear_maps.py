@@ -38,11 +38,10 @@ def shown_teeth(inspection: Inspection, teeth: int) -> list[int]:
     """Numbers (from 1) of the ``teeth`` whose flanks are mapped: all, or a few spread evenly and those with defects."""
     if teeth <= MOST_TEETH:
         return list(range(1, teeth + 1))
-    marked = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))[
-        : MOST_TEETH // 2
-    ]
-    rest = [t for t in range(1, teeth + 1) if t not in marked]
-    return sorted([*marked, *spread(rest, MOST_TEETH - len(marked))])
+    defective = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))
+    defective = defective[: MOST_TEETH // 2]
+    rest = [t for t in range(1, teeth + 1) if t not in defective]
+    return sorted([*defective, *spread(rest, MOST_TEETH - len(defective))])
 
 
 @styled
@@ -98,36 +97,31 @@ def _enclosed(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 @styled
 def unrolled(inspection: Inspection, m: DefectMap) -> Figure:
     """All flanks side by side against the median tooth, tooth after tooth, with the defects numbered."""
-    limit = _scale_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
+    norm = _norm_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
     fig = figure(WIDTH, 4.6)
     panels = fig.subplots(2, 1, sharex=True)
     for side, axes in enumerate(panels):
         low, high = cell_edges(m.rolls)
         teeth = m.residual.shape[1]
         axes.imshow(
-            _coloured(_side_by_side(m.residual[side]), Normalize(-limit, limit)),
+            _coloured(um(1) * m.residual[side].transpose(1, 0, 2).reshape(m.rolls.size, -1), norm),
             extent=(0.5, teeth + 0.5, low, high), origin="lower", aspect="auto", interpolation="nearest",
         )  # fmt: skip
         _tooth_axis(axes, teeth)
         axes.set(ylabel="roll length (mm)", title=f"{FLANKS[side][0]} flanks")
         _flank_marks(axes, inspection, m, FLANKS[side][0])
     panels[-1].set_xlabel("tooth; within each its face, from the lower end to the upper")
-    scale = ScalarMappable(Normalize(-limit, limit), DIVERGING)
-    fig.colorbar(scale, ax=list(panels), label="µm", pad=0.01, aspect=30)
+    fig.colorbar(ScalarMappable(norm, DIVERGING), ax=list(panels), label="µm", pad=0.01, aspect=30)
     return fig
 
 
-def _side_by_side(maps: Array) -> Array:
-    """(roll lengths, teeth x heights) um of maps (teeth, roll lengths, heights) mm."""
-    return np.asarray(um(1) * maps.transpose(1, 0, 2).reshape(maps.shape[1], -1))
-
-
-def _scale_of(inspection: Inspection, residual: Array) -> float:
-    """um to either side: the noise stays pale, and the shallowest defect found is well coloured."""
+def _norm_of(inspection: Inspection, residual: Array) -> Normalize:
+    """The colour scale, um: the noise stays pale, and the shallowest defect found is well coloured."""
     depths = [
         um(abs(d.depth)) for d in inspection.defects[:MOST_DEFECTS] if d.flank is not None and d.depth is not None
     ]
-    return max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE_UM)
+    limit = max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE_UM)
+    return Normalize(-limit, limit)
 
 
 def _flank_marks(axes: Axes, inspection: Inspection, m: DefectMap, flank: str) -> None:

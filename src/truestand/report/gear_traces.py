@@ -99,11 +99,11 @@ def _drawn(
 def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
     flank, colour, _ = FLANKS[side]
     step, (low, high), (start, stop) = chart.step, chart.limits, chart.ends
-    axes.set_title(f"{flank} flanks", pad=20, color=colour, fontweight="bold")
-    axes.set_xlim(-0.62 * step, (len(chart.teeth) - 0.38) * step)
     margin = 0.04 * (stop - start)
-    axes.set_ylim(start - margin, stop + margin)
-    axes.set_xticks([])
+    axes.set_title(f"{flank} flanks", pad=20, color=colour, fontweight="bold")
+    axes.set(
+        xlim=(-0.62 * step, (len(chart.teeth) - 0.38) * step), ylim=(start - margin, stop + margin), xticks=[],
+    )  # fmt: skip
     for end in chart.limits:
         axes.axhline(end, color=GREY, lw=0.7, ls=(0, (4, 3)), zorder=0)
     for end in chart.ends:

@@ -52,7 +52,7 @@ def inspection_report(
     results = {"gear": gear_parts, "turned": _turned, "cad": _cad}[inspection.kind]
     parts = [
         _head(inspection, calibration, company), *results(inspection, values), _budget(inspection),
-        _evaluated(inspection), _glossary(inspection),
+        tables.settings(inspection), _glossary(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
     return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note)
@@ -176,10 +176,6 @@ def _budget(inspection: Inspection) -> str:
     )
 
 
-def _evaluated(inspection: Inspection) -> str:
-    return f"<h2>How it was evaluated</h2>{tables.settings(inspection)}" if inspection.settings else ""
-
-
 def _glossary(inspection: Inspection) -> str:
-    words = (*GEAR_GLOSSARY, *GLOSSARY) if inspection.kind == "gear" else GLOSSARY
-    return "<h2>Words</h2><dl>" + "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in words) + "</dl>"
+    terms = (*GEAR_GLOSSARY, *GLOSSARY) if inspection.kind == "gear" else GLOSSARY
+    return "<h2>Words</h2><dl>" + "".join(f"<dt>{term}</dt><dd>{meaning}</dd>" for term, meaning in terms) + "</dl>"

@@ -163,8 +163,9 @@ def _two_digits(value: float) -> str:
 
 
 def settings(inspection: Inspection) -> str:
-    """How it was evaluated."""
+    """How it was evaluated, with its heading; empty where nothing is known."""
     rows = "".join(
         f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in inspection.settings.items()
     )
-    return f'<table class="settings"><tbody>{rows}</tbody></table>'
+    table = f'<table class="settings"><tbody>{rows}</tbody></table>'
+    return f"<h2>How it was evaluated</h2>{table}" if rows else ""

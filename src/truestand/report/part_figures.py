@@ -24,6 +24,7 @@ from truestand.report.drawing import (
     cell_edges,
     figure,
     image,
+    polar_frame,
     robust,
     round_down,
     single,
@@ -68,9 +69,7 @@ def _polar(axes: Axes, inspection: Inspection, s: SectionEvidence) -> None:
     value = "" if line is None or line.value is None else f"RONt {value_text(line)} µm\n"
     ring = um(MOST_DRAWN / factor)
     axes.text(0, 0, f"{value}⌀ {2 * s.radius:g} mm\nrings ± {ring:.3g} µm", ha="center", va="center", linespacing=1.5)
-    axes.set(title=_plain(s.name), xlim=(-1.45, 1.45), ylim=(-1.45, 1.45))
-    axes.set_axis_off()
-    axes.title.set_visible(True)
+    polar_frame(axes, _plain(s.name), 1.45)
 
 
 def _plain(text: str) -> str:

@@ -4,7 +4,6 @@ They are copied to ``incoming/`` first, hashed on the way, brought to the disk a
 """
 
 import hashlib
-import io
 import os
 import tempfile
 from pathlib import Path
@@ -30,12 +29,7 @@ def keep_file(folder: Path, source: Path) -> str:
         BadStore: what the store already holds under this name isn't what it was.
     """
     with source.open("rb") as file:
-        return _keep(folder, file)
-
-
-def keep_text(folder: Path, text: str) -> str:
-    """Keep a text in UTF-8; its SHA-256."""
-    return _keep(folder, io.BytesIO(text.encode("utf-8")))
+        return keep(folder, file)
 
 
 def read_evidence(folder: Path, sha256: str) -> bytes:
@@ -60,7 +54,12 @@ def remove_incoming(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _keep(folder: Path, source: IO[bytes]) -> str:
+def keep(folder: Path, source: IO[bytes]) -> str:
+    """Keep what an open file holds; its SHA-256.
+
+    Raises:
+        BadStore: as ``keep_file``.
+    """
     (folder / INCOMING).mkdir(exist_ok=True)
     digest = hashlib.sha256()
     with tempfile.NamedTemporaryFile(dir=folder / INCOMING, delete=False) as file:

@@ -5,6 +5,7 @@ import secrets
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
@@ -207,7 +208,7 @@ class Store:
             kept = {role: evidence.keep_file(self.folder, Path(path)) for role, path in files.items()}
             _refuse_other_evidence(record or {}, kept)
             # the bytes of the record's own file, so that both have one hash
-            sha256 = None if record is None else evidence.keep_text(self.folder, record_text(record))
+            sha256 = None if record is None else evidence.keep(self.folder, BytesIO(record_text(record).encode()))
             values = identity | {
                 "kind": kind, "time": time or now(), "operator": operator or identity["operator"], "record": sha256,
                 "evidence": kept, "about": about, "text": text, "software": f"truestand {__version__}",
