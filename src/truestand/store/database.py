@@ -61,7 +61,11 @@ def reading(folder: Path, immutable: bool = False) -> Iterator[sqlite3.Connectio
 
 @contextmanager
 def writing(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to write with, under the store's lock: statements count at once unless in a transaction."""
+    """A connection to write with, under the store's lock: statements count at once unless in a transaction.
+
+    Raises:
+        BadStore: SQLite's errors in one line.
+    """
     path = folder / NAME
     with _connection(path, path.absolute().as_uri(), isolation_level=None) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
@@ -73,7 +77,11 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
 
 @contextmanager
 def copying(path: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to a copy that nobody else knows of yet."""
+    """A connection to a copy that nobody else knows of yet.
+
+    Raises:
+        BadStore: SQLite's errors in one line.
+    """
     with _connection(path, path.absolute().as_uri()) as connection:
         yield connection
 

@@ -41,7 +41,11 @@ class Series:
 
 
 def series(store: Store, since: str | None = None, quantity: str | None = None) -> list[Series]:
-    """The quantities of all valid and untrusted calibrations that weren't withdrawn, by sensor, oldest first."""
+    """The quantities of all valid and untrusted calibrations that weren't withdrawn, by sensor, oldest first.
+
+    Raises:
+        BadStore: no store, or one that is damaged.
+    """
     found: dict[tuple[str, str], list[tuple[Entry, float, float | None]]] = {}
     for result in store.results("calibration", since):
         if result.withdrawn:
@@ -60,7 +64,11 @@ def series(store: Store, since: str | None = None, quantity: str | None = None) 
 
 
 def inspections(store: Store, since: str | None = None, part: str | None = None) -> list[Result]:
-    """Inspections, of one part or all, grouped by part and serial number, oldest first."""
+    """Inspections, of one part or all, grouped by part and serial number, oldest first.
+
+    Raises:
+        BadStore: no store, or one that is damaged.
+    """
     found = [r for r in store.results("inspection", since) if part in (None, r.last.part, r.entry.part)]
     return sorted(found, key=lambda r: (r.entry.part or "", r.entry.serial or ""))
 

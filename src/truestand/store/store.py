@@ -111,7 +111,11 @@ class Store:
     def note(
         self, text: str, about: int | None = None, *, operator: str | None = None, time: str | None = None
     ) -> Entry:
-        """Add a remark, on an entry or on the store as a whole."""
+        """Add a remark, on an entry or on the store as a whole.
+
+        Raises:
+            BadStore: no such entry, or a damaged or busy store.
+        """
         if about is not None:
             self.entry(about)
         return self._append("note", None, {}, about=about, operator=operator, text=text, time=time)
@@ -176,7 +180,11 @@ class Store:
         return {role: evidence.evidence_path(self.folder, sha256) for role, sha256 in files.items()}
 
     def head(self) -> tuple[int, str]:
-        """Number and hash of the last entry. Noted elsewhere, it lets ``audit`` tell that nothing was cut off."""
+        """Number and hash of the last entry. Noted elsewhere, it lets ``audit`` find an end that was cut off.
+
+        Raises:
+            BadStore: no store, or one that is damaged.
+        """
         with self._reading() as connection:
             last = database.head_of(connection)
             (identity,) = connection.execute("SELECT value FROM meta WHERE name = 'id'").fetchone()

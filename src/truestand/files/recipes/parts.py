@@ -200,13 +200,21 @@ def read_identity(path: Path | str) -> dict[str, str]:
 
 
 def model_of(path: Path | str) -> Path | None:
-    """The file of the CAD model that a part's recipe names; None for other parts."""
+    """The file of the CAD model that a part's recipe names; None for other parts.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     table = read_toml(path)
     return Path(path).parent / str(table["file"]) if table.get("kind") == "cad" else None
 
 
 def read_part_simulation(path: Path | str) -> dict[str, Any]:
-    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none."""
+    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     found = read_toml(path).get("simulation", {})
     return dict(found) if isinstance(found, Mapping) else {}
 

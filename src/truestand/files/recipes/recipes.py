@@ -169,17 +169,29 @@ def read_shaft(path: Path | str) -> Artefact:
 
 
 def read_simulation(path: Path | str) -> dict[str, Any]:
-    """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
+    """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
     return _read_stand_recipe(path).simulation
 
 
 def read_devices_table(path: Path | str) -> dict[str, Any]:
-    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none."""
+    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
     return _read_stand_recipe(path).devices
 
 
 def read_store_folder(path: Path | str) -> Path | None:
-    """The folder of ``[store]`` of a stand.toml; None where it keeps no results."""
+    """The folder of ``[store]`` of a stand.toml; None where it keeps no results.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
     recipe = _read_stand_recipe(path).store
     return None if recipe is None else Path(path).parent / recipe.folder
 
@@ -198,12 +210,20 @@ def read_company(path: Path | str) -> Company | None:
 
 
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
-    """The stand of a recipe embedded in a record or a native scan."""
+    """The stand of a recipe embedded in a record or a native scan.
+
+    Raises:
+        BadRecipe: a wrong, missing or unknown key.
+    """
     return _stand(checked(StandRecipe, recipe, "the embedded stand"))
 
 
 def shaft_from_recipe(recipe: Mapping[str, Any]) -> Artefact:
-    """The artefact of a recipe embedded in a record."""
+    """The artefact of a recipe embedded in a record.
+
+    Raises:
+        BadRecipe: a wrong, missing or unknown key.
+    """
     return _artefact(checked(ShaftRecipe, recipe, "the embedded artefact"))
 
 
