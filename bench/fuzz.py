@@ -89,9 +89,11 @@ def _points(path: Path) -> None:
 
 
 def _ply(path: Path) -> None:
-    from truestand.files.shapes.points import read_ply
+    from truestand.files.shapes.ply import ply_vertices
+    from truestand.files.text import BYTE_ORDER_MARK
 
-    assert len({v.shape for v in read_ply(path).values()}) == 1
+    vertices = ply_vertices(path.read_bytes().removeprefix(BYTE_ORDER_MARK), path.name)
+    assert len({v.shape for v in vertices.values()}) == 1
     _points(path)
 
 
@@ -112,7 +114,7 @@ def _shaft(path: Path) -> None:
 
 
 def _calibration(path: Path) -> None:
-    from truestand.files.records.records import calibration_record, read_calibration
+    from truestand.files.records.calibration_record import calibration_record, read_calibration
 
     calibration = read_calibration(path)
     assert np.isfinite(calibration.table_from_sensor.matrix).all()
@@ -295,7 +297,7 @@ def main() -> None:
     except ImportError:
         sys.exit("the fuzzer needs atheris, which is not installed; install it with: pip install atheris")
     with atheris.instrument_imports(include=["truestand", "tomllib", "json"]):
-        import truestand.files.records.records
+        import truestand.files.records.calibration_record
         import truestand.files.scans.read
         import truestand.files.shapes.points  # noqa: F401
     kind = sys.argv.pop(1)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from truestand.core.surface import Surface
     from truestand.files.recipes.parts import read_part
     from truestand.files.recipes.recipes import read_shaft, read_stand
-    from truestand.files.records.records import read_calibration, write_calibration
+    from truestand.files.records.calibration_record import read_calibration, write_calibration
     from truestand.files.scans.read import read_scan
     from truestand.files.shapes.clouds import write_cloud
     from truestand.gear.drawing import Gear
@@ -60,7 +60,7 @@ _MODULES = {
     "identify": "gear.match",
     "inspect": "parts.inspect",
     "interpret": "core.scan",
-    "read_calibration": "files.records.records",
+    "read_calibration": "files.records.calibration_record",
     "read_part": "files.recipes.parts",
     "read_scan": "files.scans.read",
     "read_shaft": "files.recipes.recipes",
@@ -68,7 +68,7 @@ _MODULES = {
     "roll": "apply.transfer",
     "transfer": "apply.transfer",
     "verify": "apply.verify",
-    "write_calibration": "files.records.records",
+    "write_calibration": "files.records.calibration_record",
     "write_cloud": "files.shapes.clouds",
 }
 

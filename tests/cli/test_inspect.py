@@ -12,7 +12,7 @@ import pytest
 
 from command import run, run_process
 from truestand.core.surface import apply_calibration
-from truestand.files.records.records import read_calibration
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.files.scans.write_scan import write_recording
 

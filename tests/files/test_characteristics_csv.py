@@ -11,8 +11,12 @@ from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.frames import Pose
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.stand import Stand
-from truestand.files.records.characteristics_csv import COLUMNS, characteristics_csv, write_characteristics
-from truestand.files.records.inspection_record import inspection_record
+from truestand.files.records.inspection_record import (
+    CSV_COLUMNS,
+    characteristics_csv,
+    inspection_record,
+    write_characteristics,
+)
 
 LINES = (
     Characteristic("f_p", 0.0123456789, 0.0017, "left", None, limits=(None, 0.012), grade=9, verdict="does_not_conform",
@@ -35,7 +39,7 @@ def rows(text):
 
 
 def test_every_line_is_there_with_the_record_s_digits():
-    found = rows(characteristics_csv(inspection()))
+    found = rows(characteristics_csv(LINES))
     calibration = Calibration("stand", STILL, STILL, Stand(), "index", "home")
     record = inspection_record(inspection(), calibration, ScanSummary("", 1, 1, 1.0, 1.0), "", "")
     for row, line in zip(found, record["characteristics"], strict=True):
@@ -61,7 +65,7 @@ def test_it_is_rfc_4180(tmp_path):
     write_characteristics(tmp_path / "c.csv", inspection())
     content = (tmp_path / "c.csv").read_bytes()
     assert content.endswith(b"\r\n")
-    assert content.split(b"\r\n")[0].decode() == ",".join(COLUMNS)
+    assert content.split(b"\r\n")[0].decode() == ",".join(CSV_COLUMNS)
     assert b'"hub, ""A""\nlower"' in content
     assert len(set(map(len, csv.reader(io.StringIO(content.decode(), newline=""))))) == 1
 
@@ -69,12 +73,12 @@ def test_it_is_rfc_4180(tmp_path):
 @pytest.mark.parametrize("evil", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", " =1", "|cmd", "%0"])
 def test_no_text_begins_like_a_formula(evil):
     lines = (replace(LINES[2], section=evil, name=evil, standard=evil),)
-    (row,) = rows(characteristics_csv(inspection(lines)))
+    (row,) = rows(characteristics_csv(lines))
     for key in ("name", "section", "standard"):
         assert row[key] == f"'{evil}"
 
 
 def test_negative_numbers_stay_numbers():
-    row = rows(characteristics_csv(inspection()))[1]
+    row = rows(characteristics_csv(LINES))[1]
     assert float(row["value"]) == -3.0
     assert float(row["lower_limit"]) == -9.5

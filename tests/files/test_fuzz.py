@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from exports import gocator, joescan, joescan_profile, packed, sick
 from fuzz import FORMATS, PLY, TOKENS, calibration, edit_native, native, read_or_refused
 from truestand.core.errors import TruestandError
-from truestand.files.records.records import read_calibration
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.scans.read import read_recording
 from truestand.files.shapes.points import read_points
 

@@ -47,7 +47,7 @@ def test_everything_comes_back_with_the_stand_inside(tmp_path):
     assert back.format == "native"
 
 
-def test_any_netcdf_tool_finds_its_way(tmp_path):
+def test_any_netcdf_tool_reads_it(tmp_path):
     """Dimension scales, units, and the scale, offset and fill value of the CF conventions."""
     write_native(recording(), tmp_path / "k.h5", STAND)
     with h5py.File(tmp_path / "k.h5") as file:

@@ -10,7 +10,7 @@ from jsonschema import Draft202012Validator
 from truestand.calibration.calibrate import calibrate
 from truestand.core.errors import UnreadableFile
 from truestand.core.surface import apply_calibration
-from truestand.files.records.records import calibration_record, read_calibration, write_calibration
+from truestand.files.records.calibration_record import calibration_record, read_calibration, write_calibration
 from truestand.files.records.schemas import schema_text
 from truth import scan_of, shaft
 
@@ -91,6 +91,7 @@ def mirrored(record):
         (lambda r: r["sensor"].update(table_from_sensor=[[1, 2], [3, 4]]), "4x4"),
         (lambda r: r["shaft"].update(shaft_from_rotor=[[float("nan")] * 4] * 4), "finite"),
         (lambda r: r["sensor"].update(table_from_sensor="x"), "malformed"),
+        (lambda r: r["residuals"].update(points=None), "malformed"),
         (lambda r: r["stand"]["table"].update(sped=1), "sped"),
     ],
 )

@@ -107,7 +107,7 @@ def test_a_disk_failure_after_the_last_append_is_reported_on_closing(tmp_path, m
             failed.set()
             raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(scan_log, "SYNC_EVERY", 0.0)
+    monkeypatch.setattr(scan_log, "SYNC_INTERVAL_S", 0.0)
     monkeypatch.setattr(os, "fsync", fsync)
     writer = LogWriter(tmp_path / "k1.log")
     assert failed.wait(30.0)

@@ -235,16 +235,16 @@ def test_any_table_reads_as_a_slow_reader_reads_it(tmp_path_factory, table, piec
     path = tmp_path_factory.mktemp("slow") / "scan.csv"
     path.write_bytes(table[0].encode())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("truestand.files.lines.PIECE", piece)
+        patch.setattr("truestand.files.scans.xyz_blocks.BLOCK_BYTES", piece)
         recording = read_recording(path)
     x, z = read_slowly(*table)
     assert np.array_equal(recording.x, x, equal_nan=True)
     assert np.array_equal(recording.z, z, equal_nan=True)
 
 
-def test_gaps_uneven_lines_and_decimal_commas_are_not_read_cell_by_cell(tmp_path, monkeypatch):
+def test_gaps_uneven_lines_and_decimal_commas_are_not_read_field_by_field(tmp_path, monkeypatch):
     """That took most of the time with files as sensors write them."""
-    monkeypatch.setattr("truestand.files.cells._other_numbers", None)
+    monkeypatch.setattr("truestand.files.number_text._other_numbers", None)
     path = tmp_path / "uneven.csv"
     path.write_text("1,5;2,5;3,5;\n1,5;;\n\n0;0;0\n1;1\n\n90,5;;92,5;\n;93,5;\n")
     recording = read_recording(path)

@@ -64,14 +64,14 @@ def test_the_same_input_gives_the_same_bytes():
     assert page.__wrapped__("from above") == page("from above")
 
 
-def test_what_can_not_be_told_is_said():
+def test_what_is_not_identifiable_is_said():
     text = page("centred")
     assert "laser_plane_offset_mm" in text
     assert "Its doubt is carried on" in text
     assert "Not identifiable: nothing. Every quantity of the stand was seen." in page("from above")
 
 
-def test_what_can_not_be_told_is_said_before_any_number():
+def test_what_is_not_identifiable_is_said_before_any_number():
     text = page("centred")
     assert text.index("Not identifiable from this scan") < text.index('class="tiles"') < text.index("<table")
 

@@ -17,10 +17,10 @@ from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Certificate
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.recipes.laboratory import read_laboratory
-from truestand.files.records.records import calibration_record
+from truestand.files.records.calibration_record import calibration_record
 from truestand.files.records.xml_schema import read_schema, violations
-from truestand.report.certificate import certificate, lacking, refusals
-from truestand.report.certificate_issue import Issue
+from truestand.report.certificate import certificate_xml, missing_statements, refusals
+from truestand.report.certificate_administration import CertificateInput
 from truth import scan_of, shaft
 
 SCHEMAS = Path(os.environ.get("TRUESTAND_DCC_SCHEMAS", Path(__file__).parents[2] / "../shared/schemas/dcc"))
@@ -70,7 +70,7 @@ def traced(calibration):
 def issue(calibration, laboratory=None, number=None):
     record = calibration_record(calibration, "2026-03-03T10:00:00Z")
     source = (json.dumps(record, indent=2) + "\n").encode()
-    return Issue(json.loads(source), calibration, source, "calibration.json", laboratory, number)
+    return CertificateInput(json.loads(source), calibration, source, "calibration.json", laboratory, number)
 
 
 @pytest.fixture
@@ -100,12 +100,12 @@ def schema():
 @needs_schemas
 @pytest.mark.parametrize("name", ["from above", "centred"])
 def test_a_draft_is_valid(name):
-    assert violations(certificate(issue(found(name))), schema()) == []
+    assert violations(certificate_xml(issue(found(name))), schema()) == []
 
 
 @needs_schemas
 def test_a_laboratory_s_certificate_is_valid(laboratory):
-    assert violations(certificate(issue(traced(found()), laboratory, "2026/17")), schema()) == []
+    assert violations(certificate_xml(issue(traced(found()), laboratory, "2026/17")), schema()) == []
 
 
 @needs_schemas
@@ -124,7 +124,7 @@ def test_a_laboratory_s_certificate_is_valid(laboratory):
     ],
 )
 def test_a_corrupted_one_is_not(right, wrong):
-    text = certificate(issue(found())).decode()
+    text = certificate_xml(issue(found())).decode()
     corrupted, changed = re.subn(right, wrong, text, count=1, flags=re.DOTALL)
     assert changed == 1
     assert violations(corrupted.encode(), schema())
@@ -132,7 +132,7 @@ def test_a_corrupted_one_is_not(right, wrong):
 
 def test_every_number_is_that_of_the_record_to_the_last_digit():
     given = issue(found())
-    root, record = tree(certificate(given)), given.record
+    root, record = tree(certificate_xml(given)), given.record
     told_keys = set()
     for key, u in record["uncertainty"].items():
         group = record["sensor"] if key in record["sensor"] else record["shaft"]
@@ -157,16 +157,16 @@ def test_every_number_is_that_of_the_record_to_the_last_digit():
 
 def test_the_record_is_inside_byte_for_byte():
     given = issue(found())
-    root = tree(certificate(given))
+    root = tree(certificate_xml(given))
     assert base64.b64decode(one(root, "//dcc:dataBase64").text) == given.source
     digest = sha256(given.source).hexdigest()
     assert digest in one(root, "//dcc:byteData/dcc:description/dcc:content").text
     assert digest in told(root, "//dcc:coreData//dcc:value")
 
 
-def test_what_could_not_be_told_is_stated_and_has_no_value():
+def test_what_is_not_identifiable_is_stated_and_has_no_value():
     given = issue(found("centred"))
-    root = tree(certificate(given))
+    root = tree(certificate_xml(given))
     unseen = given.record["not_identifiable"]
     assert {"eccentricity_direction_deg", "laser_plane_offset_mm"} <= set(unseen)
     statements = told(root, "//dcc:statement/dcc:name/dcc:content")
@@ -176,7 +176,7 @@ def test_what_could_not_be_told_is_stated_and_has_no_value():
 
 def test_a_distribution_is_named_only_where_the_trials_bear_it_out():
     calibration = found("centred")
-    root = tree(certificate(issue(calibration)))
+    root = tree(certificate_xml(issue(calibration)))
     for key, u in calibration.uncertainty.items():
         for real in root.xpath(f"//dcc:quantity[@id='{key}']", namespaces=SPACES):
             assert bool(real.xpath(".//si:distribution", namespaces=SPACES)) == (u.monte_carlo != u.U)
@@ -200,20 +200,20 @@ def test_the_published_method_gets_none_because_it_states_no_uncertainty():
 
 def test_a_draft_says_what_nobody_stated():
     given = issue(found())
-    text = " ".join(tree(certificate(given)).itertext())
+    text = " ".join(tree(certificate_xml(given)).itertext())
     assert "No laboratory issues this" in text
-    for missing in lacking(given):
+    for missing in missing_statements(given):
         assert missing in text
-    assert one(tree(certificate(given)), "//dcc:calibrationLaboratory//dcc:name/dcc:content").text == "not stated"
-    assert told(tree(certificate(given)), "//dcc:traceable") == ["false"]
+    assert one(tree(certificate_xml(given)), "//dcc:calibrationLaboratory//dcc:name/dcc:content").text == "not stated"
+    assert told(tree(certificate_xml(given)), "//dcc:traceable") == ["false"]
 
 
 def test_a_laboratory_is_asked_by_name(laboratory, tmp_path):
     with pytest.raises(BadRecipe, match=r"\[certificate\] id, laboratory \(shaft.toml\)"):
-        certificate(issue(found(), laboratory))
+        certificate_xml(issue(found(), laboratory))
     (tmp_path / "laboratory.toml").write_text(LABORATORY.replace('serial = "S-3"', ""))
     with pytest.raises(BadRecipe, match=r"lacks \[stand\] serial \(laboratory.toml\): state them"):
-        certificate(issue(traced(found()), read_laboratory(tmp_path / "laboratory.toml")))
+        certificate_xml(issue(traced(found()), read_laboratory(tmp_path / "laboratory.toml")))
 
 
 def test_a_lapsed_certificate_of_the_artefact_is_named(laboratory):
@@ -222,7 +222,7 @@ def test_a_lapsed_certificate_of_the_artefact_is_named(laboratory):
         old = replace(calibration.artefact.certificate, valid_until=until)
         lapsed = replace(calibration, artefact=replace(calibration.artefact, certificate=old))
         with pytest.raises(BadRecipe, match=f"valid_until {until}"):
-            certificate(issue(lapsed, laboratory))
+            certificate_xml(issue(lapsed, laboratory))
 
 
 def test_a_number_of_blanks_is_none():
@@ -231,7 +231,7 @@ def test_a_number_of_blanks_is_none():
 
 
 def test_a_laboratory_s_certificate_says_who_what_and_where(laboratory):
-    root = tree(certificate(issue(traced(found()), laboratory, "2026/17")))
+    root = tree(certificate_xml(issue(traced(found()), laboratory, "2026/17")))
     assert told(root, "//dcc:uniqueIdentifier") == ["2026/17"]
     assert told(root, "//dcc:beginPerformanceDate | //dcc:endPerformanceDate") == ["2026-03-02", "2026-03-03"]
     assert told(root, "//dcc:countryCodeISO3166_1") == ["DE"]
@@ -248,7 +248,7 @@ def test_a_laboratory_s_certificate_says_who_what_and_where(laboratory):
 
 
 def test_the_same_input_gives_the_same_bytes():
-    assert certificate(issue(found())) == certificate(issue(found()))
+    assert certificate_xml(issue(found())) == certificate_xml(issue(found()))
 
 
 def test_a_record_changed_by_hand_is_refused():
@@ -256,24 +256,24 @@ def test_a_record_changed_by_hand_is_refused():
     for key, value in (("phi_deg", -41.9), ("phi_deg", "4x")):
         sensor = given.record["sensor"] | {key: value}
         with pytest.raises(UnreadableFile, match="phi_deg"):
-            certificate(replace(given, record=given.record | {"sensor": sensor}))
+            certificate_xml(replace(given, record=given.record | {"sensor": sensor}))
     u = given.record["uncertainty"]
     odd = {**u, "tilt_mrad": {**u["tilt_mrad"], "U": "1"}}
     with pytest.raises(UnreadableFile, match="a number"):
-        certificate(replace(given, record=given.record | {"uncertainty": odd}))
+        certificate_xml(replace(given, record=given.record | {"uncertainty": odd}))
 
 
 def test_a_record_without_a_date_is_refused():
     given = issue(found())
     with pytest.raises(UnreadableFile, match="created None"):
-        certificate(replace(given, record=given.record | {"created": None}))
+        certificate_xml(replace(given, record=given.record | {"created": None}))
 
 
 @needs_schemas
 def test_names_with_anything_in_them_stay_valid():
     calibration = found()
     evil = replace(calibration.artefact, name="a\x00<b>&\ud800 \n ]]>", serial=" 7 ")
-    text = certificate(issue(replace(calibration, artefact=evil)))
+    text = certificate_xml(issue(replace(calibration, artefact=evil)))
     assert violations(text, schema()) == []
     assert b"<b>" not in text
 
@@ -305,7 +305,7 @@ def test_schemas_with_their_web_addresses_are_read_from_the_folder(tmp_path):
     address = "http://www.w3.org/TR/2002/REC-xmldsig-core-20020212/xmldsig-core-schema.xsd"
     text = text.replace('schemaLocation="xmldsig-core-schema.xsd"', f'schemaLocation="{address}"')
     (tmp_path / "dcc.xsd").write_text(text, encoding="utf-8")
-    assert violations(certificate(issue(found())), read_schema(tmp_path)) == []
+    assert violations(certificate_xml(issue(found())), read_schema(tmp_path)) == []
     (tmp_path / "SI_Format.xsd").unlink()
     with pytest.raises(BadRecipe, match=r"found no SI_Format.xsd"):
         read_schema(tmp_path)

@@ -12,7 +12,7 @@ from truestand.calibration.calibrate import calibrate
 from truestand.calibration.evidence import gather
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.files.recipes.company import MOST_BYTES, Company, read_company
+from truestand.files.recipes.recipes import MOST_LOGO_BYTES, Company, read_company
 from truestand.report.calibration import calibration_report
 from truestand.report.inspection import inspection_report
 from truth import scan_of, shaft
@@ -38,7 +38,7 @@ def stand(folder, logo=None, name="logo.any"):
 
 
 @pytest.mark.parametrize(("content", "kind"), [(png(), "png"), (SVG, "svg+xml")])
-def test_a_logo_is_told_by_its_content(tmp_path, content, kind):
+def test_the_kind_of_a_logo_is_found_from_its_content(tmp_path, content, kind):
     company = read_company(stand(tmp_path, content))
     assert company.logo == f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
     assert company.name == "M & <b>"
@@ -57,7 +57,7 @@ def test_a_company_needs_no_logo_and_a_stand_no_company(tmp_path):
         (b"GIF89a", "neither PNG nor SVG"),
         (b"<html><svg/></html>", "neither PNG nor SVG"),
         (b"<svg>", "neither PNG nor SVG"),
-        (png() + b"\0" * MOST_BYTES, "more than 1 MB"),
+        (png() + b"\0" * MOST_LOGO_BYTES, "more than 1 MB"),
     ],
 )
 def test_what_is_no_logo_is_refused(tmp_path, content, message):

@@ -19,8 +19,8 @@ from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import SectionEvidence, TurnedEvidence
+from truestand.report.gear_traces import _names_beneath
 from truestand.report.inspection import inspection_report
-from truestand.report.trace_charts import _names_beneath
 
 DENT = Defect(5, "left", 8.0, 15.0, 0.0547, 1.19, "dent", 42.0, 0.998)
 GONE = Defect(12, None, None, 15.0, 4.5, 19.6, "missing tooth", 300.0)
@@ -249,14 +249,14 @@ def test_a_record_without_evidence_still_has_its_tables():
 @pytest.mark.parametrize(
     ("limits", "told"), [((-0.006, 0.006), "(± 6)"), ((None, 0.006), "(6)"), ((-0.006, 0.009), "(−6 … 9)")]
 )
-def test_a_chart_tells_a_limit_as_its_line_has_it(limits, told):
+def test_a_chart_shows_a_limit_as_its_line_has_it(limits, told):
     lines = {("C_alpha", "left", 1): Characteristic("C_alpha", 0.001, 0.0005, "left", 1, limits=limits)}
     axes = Figure().subplots()
     _names_beneath(axes, SimpleNamespace(names=("C_alpha",), lines=lines))
     assert axes.texts[0].get_text().endswith(f"{told} µm")
 
 
-def test_a_turned_part_tells_its_sections():
+def test_a_turned_part_lists_its_sections():
     text = inspection_report(turned())
     assert "<i>hub</i> $" not in text
     rows = told(text)
@@ -266,7 +266,7 @@ def test_a_turned_part_tells_its_sections():
     assert "RONt" in text
 
 
-def test_a_comparison_with_a_model_tells_limits_and_visibility():
+def test_a_comparison_with_a_model_shows_limits_and_visibility():
     text = inspection_report(cad())
     assert any("10.1" in r and "conforms" in r for r in told(text))
     assert "61 %" in text

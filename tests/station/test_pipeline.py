@@ -7,7 +7,7 @@ import trimesh
 
 from command import run
 from truestand.core.errors import BadRecipe
-from truestand.files.records.records import read_json
+from truestand.files.records.record import read_json
 from truestand.files.scans.read import read_scan
 from truestand.station import jobs
 from truestand.station.jobs import Job, Observer

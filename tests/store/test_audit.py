@@ -9,7 +9,7 @@ import pytest
 
 from truestand.core.errors import BadStore
 from truestand.store import Store
-from truestand.store.audit import WORDS
+from truestand.store.audit import FINDINGS
 
 RELEASED = Path(__file__).parents[1] / "released" / "store-1"
 
@@ -110,7 +110,7 @@ def test_writes_past_the_store_are_found_in_the_log_too(folder):
 
 def test_every_finding_is_explained():
     source = (Path(__file__).parents[2] / "src/truestand/store/audit.py").read_text(encoding="utf-8")
-    assert all(source.count(f'"{word}"') >= 2 for word in WORDS)
+    assert all(source.count(f'"{word}"') >= 2 for word in FINDINGS)
 
 
 def flip_and_audit(folder, times, seed):

@@ -9,7 +9,7 @@ import jsonschema
 import pytest
 
 from truestand.core.errors import BadStore
-from truestand.files.records.records import read_calibration
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.schemas import schema_text
 from truestand.store import Store, database
 
@@ -44,7 +44,7 @@ def test_every_store_ever_written_is_read_audited_and_written_to(copy):
     assert store.audit().sound and store.audit().head == store.head()
     before = store.entries()
     assert [e.kind for e in before] == ["calibration", "verification", "inspection", "correction", "note"]
-    assert before[2].serial == "12" and store.standing("inspection")[0].last == before[3]
+    assert before[2].serial == "12" and store.results("inspection")[0].last == before[3]
     assert store.record(before[0])["status"] == "valid"
     store.add("calibration", {"status": "valid"})
     assert store.entries()[:5] == before and store.audit().sound
@@ -84,7 +84,7 @@ def test_a_migration_that_died_is_done_again(copy, monkeypatch):
 @pytest.mark.parametrize("copy", STORES[:1], indirect=True, ids=lambda p: p.name)
 def test_a_store_that_can_only_be_read_is_read_and_audited(copy, monkeypatch):
     for name in ("truestand.store.store", "truestand.store.audit"):
-        monkeypatch.setattr(f"{name}.is_frozen", lambda folder: True)
+        monkeypatch.setattr(f"{name}.is_read_only", lambda folder: True)
     (copy / "lock").unlink()
     before = sorted(p.name for p in copy.rglob("*"))
     store = Store.open(copy)

@@ -62,11 +62,11 @@ def test_a_correction_stands_in_the_place_of_the_original_which_stays(store):
     right = {**INSPECTION, "verdict": "does_not_conform"}
     first = store.correct(1, {**INSPECTION, "verdict": "undecided"}, reason="typo")
     second = store.correct(first.number, right, reason="wrong drawing", operator="Eva")
-    (standing,) = store.standing("inspection")
-    assert standing.entry == wrong and standing.last == second and not standing.withdrawn
-    assert store.record(wrong) == INSPECTION and store.record(standing.last) == right
+    (result,) = store.results("inspection")
+    assert result.entry == wrong and result.last == second and not result.withdrawn
+    assert store.record(wrong) == INSPECTION and store.record(result.last) == right
     store.correct(1, None, reason="another part was clamped")
-    assert store.standing("inspection")[0].withdrawn
+    assert store.results("inspection")[0].withdrawn
     assert store.audit().sound
 
 
@@ -123,22 +123,22 @@ def test_one_file_is_kept_once(store, scan):
     assert len(list((store.folder / "evidence").glob("*/*"))) == 2
 
 
-def test_no_store_is_told(tmp_path):
+def test_a_folder_without_a_store_is_refused(tmp_path):
     with pytest.raises(BadStore, match="no results store"):
         Store.open(tmp_path)
     with pytest.raises(BadStore, match="no results store"):
         Store(tmp_path).audit()
 
 
-def test_a_busy_store_is_told(store):
+def test_a_store_that_is_busy_too_long_is_refused(store):
     from truestand.store.lock import locked
 
-    with locked(store.folder / "lock", 1.0), pytest.raises(BadStore, match="another program"):
+    with locked(store.folder, 1.0), pytest.raises(BadStore, match="another program"):
         Store.open(store.folder, timeout=0.05).add("calibration", CALIBRATION)
 
 
 def test_a_long_reader_neither_stops_a_writer_nor_hides_an_end_that_was_cut_off(store, monkeypatch):
-    monkeypatch.setattr("truestand.store.database.BUSY", 0.05)
+    monkeypatch.setattr("truestand.store.database.READER_TIMEOUT_S", 0.05)
     store.add("calibration", CALIBRATION)
     reader = sqlite3.connect(f"file:{store.folder / 'store.db'}?mode=ro", uri=True)
     reader.execute("BEGIN")

@@ -25,7 +25,7 @@ from truestand.cli.terminal import hint, print_json, print_table, step_progress
 from truestand.core.calibration import Method
 from truestand.core.errors import BadRecipe
 from truestand.core.units import mm_from_um, um
-from truestand.files.records.records import read_json
+from truestand.files.records.record import read_json
 from truestand.report.terminal import positions_table, summary_table
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, verify_job
 

@@ -11,11 +11,10 @@ from truestand.core.errors import BadRecipe
 from truestand.files.atomic import write_bytes_atomic
 from truestand.files.json_text import parse_json
 from truestand.files.recipes.laboratory import read_laboratory
-from truestand.files.records.records import read_calibration
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.xml_schema import read_schema, violations
-from truestand.report.certificate import certificate as certificate_xml
-from truestand.report.certificate import lacking, refusals
-from truestand.report.certificate_issue import Issue
+from truestand.report.certificate import certificate_xml, missing_statements, refusals
+from truestand.report.certificate_administration import CertificateInput
 
 
 def certificate(
@@ -49,14 +48,14 @@ def certificate(
         hint(f"no certificate: {reason}", quiet)
     if reasons:
         raise typer.Exit(UNDECIDED)
-    issue = Issue(record, known, source, calibration.name, stated, number)
-    text = certificate_xml(issue)
+    given = CertificateInput(record, known, source, calibration.name, stated, number)
+    text = certificate_xml(given)
     if schema is not None and (wrong := violations(text, schema)):
         raise BadRecipe(f"{schema_dir}: the certificate is not valid by this schema: {'; '.join(wrong)}")
     write_bytes_atomic(output, text)
-    missing = lacking(issue)
+    missing = missing_statements(given)
     if as_json:
-        print_json({"certificate": str(output), "identifier": issue.identifier, "draft": issue.draft,
+        print_json({"certificate": str(output), "identifier": given.identifier, "draft": given.draft,
                     "not_stated": missing, "validated": schema is not None})  # fmt: skip
     elif not quiet:
         typer.echo(output)

@@ -14,9 +14,9 @@ from truestand.cli.options import ArtefactOption, JsonOption, QuietOption, Stand
 from truestand.cli.terminal import print_json, print_table, progress
 from truestand.files.atomic import write_json_atomic
 from truestand.files.recipes.recipes import read_shaft
-from truestand.files.records.comparison import axis_of, comparison_record, comparison_row
-from truestand.files.records.records import now, read_json
-from truestand.report.numbers import number
+from truestand.files.records.comparison_record import axis_of, comparison_record, comparison_row
+from truestand.files.records.record import now, read_json
+from truestand.report.notation import number
 
 
 def compare(

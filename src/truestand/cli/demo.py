@@ -22,7 +22,8 @@ from truestand.core.stand import Stand
 from truestand.devices.gige.camera import Camera
 from truestand.files.atomic import write_json_atomic, write_text_atomic
 from truestand.files.recipes.recipes import STARTERS, write_starters
-from truestand.files.records.records import read_json, write_calibration
+from truestand.files.records.calibration_record import write_calibration
+from truestand.files.records.record import read_json
 from truestand.report.terminal import inspection_table, summary_table
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
 from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings

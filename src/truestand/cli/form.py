@@ -15,8 +15,9 @@ from truestand.core.errors import BadRecipe
 from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_json_atomic
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.form_record import form_record
-from truestand.files.records.records import now, read_calibration
+from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.points import read_points
 from truestand.form.associate import Feature

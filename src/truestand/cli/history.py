@@ -11,14 +11,13 @@ from truestand.cli.store import open_store
 from truestand.cli.terminal import print_json, print_table
 from truestand.core.errors import BadRecipe
 from truestand.files.atomic import write_text_atomic
-from truestand.files.recipes.company import read_company
+from truestand.files.recipes.recipes import read_company
 from truestand.files.records.study import read_study
-from truestand.report.history import Course, history_report, study_report
-from truestand.report.history import Inspected as InspectionLine
-from truestand.report.history_tables import inspections_table, readings_table, series_table, study_table
+from truestand.report.history import InspectionRow, QuantityHistory, history_report, study_report
+from truestand.report.terminal import inspections_table, readings_table, series_table, study_table
 from truestand.statistics.gage import GageStudy, gage_study, readings_of
-from truestand.store import Store
-from truestand.store.history import Inspected, Series, inspections, repeated, series
+from truestand.store import Result, Store
+from truestand.store.history import Series, inspections, repeated, series
 
 
 def history(
@@ -66,7 +65,7 @@ def _check(since: str | None) -> None:
         raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
 
 
-def _print(quantities: list[Series], parts: list[Inspected], quantity: str | None) -> None:
+def _print(quantities: list[Series], parts: list[Result], quantity: str | None) -> None:
     courses = [_course(s) for s in quantities]
     if quantity is not None:
         for course in courses:
@@ -77,7 +76,7 @@ def _print(quantities: list[Series], parts: list[Inspected], quantity: str | Non
         print_table(inspections_table([_line(i) for i in parts]))
 
 
-def _write_report(path: Path, store: Store, quantities: list[Series], parts: list[Inspected]) -> None:
+def _write_report(path: Path, store: Store, quantities: list[Series], parts: list[Result]) -> None:
     stand = Path("stand.toml")
     company = read_company(stand) if stand.is_file() else None
     number, stated = store.head()
@@ -88,18 +87,18 @@ def _write_report(path: Path, store: Store, quantities: list[Series], parts: lis
     write_text_atomic(path, text)
 
 
-def _course(s: Series) -> Course:
+def _course(s: Series) -> QuantityHistory:
     title = f"{s.sensor}: {s.quantity}"
     times, numbers = tuple(e.time for e in s.entries), tuple(e.number for e in s.entries)
-    return Course(title, s.unit, times, numbers, s.chart, s.clamping)
+    return QuantityHistory(title, s.unit, times, numbers, s.chart, s.clamping)
 
 
-def _line(i: Inspected) -> InspectionLine:
-    e = i.standing.entry
-    return InspectionLine(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
+def _line(i: Result) -> InspectionRow:
+    e = i.entry
+    return InspectionRow(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
 
 
-def _record(store: Store, quantities: list[Series], parts: list[Inspected]) -> dict[str, Any]:
+def _record(store: Store, quantities: list[Series], parts: list[Result]) -> dict[str, Any]:
     number, stated = store.head()
     return {
         "format": "truestand.history",
@@ -119,9 +118,9 @@ def _record(store: Store, quantities: list[Series], parts: list[Inspected]) -> d
             for s in quantities
         ],
         "inspections": [
-            {"entry": i.standing.entry.number, "time": i.standing.entry.time, "part": i.standing.entry.part,
-             "serial": i.standing.entry.serial, "order": i.standing.entry.order,
-             "operator": i.standing.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
+            {"entry": i.entry.number, "time": i.entry.time, "part": i.entry.part,
+             "serial": i.entry.serial, "order": i.entry.order,
+             "operator": i.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
             for i in parts
         ],
     }  # fmt: skip

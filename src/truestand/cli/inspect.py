@@ -28,8 +28,9 @@ from truestand.core.frames import Pose
 from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_text_atomic
-from truestand.files.recipes.parts import seen_recipe
-from truestand.files.records.records import read_calibration, read_json
+from truestand.files.recipes.parts import recipe_of_identified
+from truestand.files.records.calibration_record import read_calibration
+from truestand.files.records.record import read_json
 from truestand.files.shapes.clouds import check_suffix, write_cloud
 from truestand.gear.match import IdentifiedGear, toothed_heights
 from truestand.gear.match import identify as identify_gear
@@ -145,7 +146,7 @@ def identify(
         low, high = low if from_mm is None else from_mm, high if to_mm is None else to_mm
         gear = identify_gear(surface, datum, low, high)
     if output is not None:
-        write_text_atomic(output, seen_recipe(gear, low, high))
+        write_text_atomic(output, recipe_of_identified(gear, low, high))
     if as_json:
         print_json(_gear_record(gear, low, high))
     elif not quiet:

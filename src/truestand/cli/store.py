@@ -11,7 +11,7 @@ from truestand.cli.options import FAILS, JsonOption, OperatorOption, QuietOption
 from truestand.cli.terminal import hint, print_json, progress
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_store_folder
-from truestand.files.records.records import read_json
+from truestand.files.records.record import read_json
 from truestand.store import Store
 
 

@@ -1,4 +1,4 @@
-"""Files that are old or new, never half: written beside the target, then put in its place as a whole."""
+"""Files replaced as a whole: written beside the target, then put in its place, so that none is ever half written."""
 
 import json
 import os
@@ -21,30 +21,37 @@ def replacing(path: Path | str) -> Iterator[Path]:
     os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # less what the process's umask takes
     try:
         yield temporary
-        _flush(temporary)
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())  # the content is on the disk before the name points at it
         temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
 
 
-def _flush(path: Path) -> None:
-    """Make sure that the content is on the disk before the name points at it."""
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
-
-
 def write_text_atomic(path: Path | str, text: str) -> None:
-    """UTF-8 text, as a whole or not at all."""
-    with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    """Write UTF-8 text with its line ends as they are, as a whole or not at all."""
+    write_bytes_atomic(path, text.encode("utf-8"))
 
 
 def write_bytes_atomic(path: Path | str, content: bytes) -> None:
-    """A file's content, as a whole or not at all."""
+    """Write a file's content, as a whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
 def write_json_atomic(path: Path | str, record: Any) -> None:
-    """A JSON record, as a whole or not at all; NaN and infinity are refused."""
-    write_text_atomic(path, json.dumps(record, indent=2, allow_nan=False) + "\n")
+    """Write a JSON record, as a whole or not at all.
+
+    Raises:
+        ValueError: NaN or infinity in it.
+    """
+    write_text_atomic(path, record_text(record))
+
+
+def record_text(record: Any) -> str:
+    """The text of a record's file.
+
+    Raises:
+        ValueError: NaN or infinity in it.
+    """
+    return json.dumps(record, indent=2, allow_nan=False) + "\n"

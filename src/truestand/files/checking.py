@@ -25,7 +25,7 @@ def checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
     """``data`` as a ``model``.
 
     Raises:
-        BadRecipe: a wrong, missing or unknown key, told in one line that starts with ``where``.
+        BadRecipe: a wrong, missing or unknown key, in one line that starts with ``where``.
     """
     try:
         return model.model_validate(dict(data))
@@ -34,7 +34,9 @@ def checked(model: type[R], data: Mapping[str, Any], where: str) -> R:
 
 
 def refuse_other_types(value: Any, hint: Any, where: str) -> None:
-    """Refuse what is not, at any depth of a dataclass, as its annotations say; null is what is not known.
+    """Refuse what is not, at any depth of a dataclass, as its annotations say.
+
+    Null is what is not known, also where a number was NaN; a count is always known.
 
     Raises:
         TypeError: with the place.
@@ -48,7 +50,7 @@ def refuse_other_types(value: Any, hint: Any, where: str) -> None:
             refuse_other_types(item, inner[get_origin(hint) is dict], where)
     elif get_origin(hint) is UnionType and value is not None:
         refuse_other_types(value, inner[0], where)
-    elif value is not None and not _is(value, hint):
+    elif (value is not None or hint is int) and not _is(value, hint):
         raise TypeError(f"{where}: found {str(value)[:40]!r}, need {hint}")
 
 

@@ -1,4 +1,4 @@
-"""JSON of others: no NaN, no infinity, no number of thousands of digits, no endless nesting."""
+"""JSON from outside: NaN, infinity, numbers of thousands of digits and endless nesting are refused."""
 
 import json
 import math
@@ -7,8 +7,8 @@ from typing import Any, NoReturn
 
 from truestand.core.errors import UnreadableFile
 
-LONGEST_WHOLE = 300
-"""Digits of a whole number that float64 still holds."""
+MOST_DIGITS = 300
+"""Of a whole number that float64 still holds."""
 
 
 def parse_json(text: str, name: str, advice: str) -> Any:
@@ -43,7 +43,7 @@ def _finite(text: str) -> float:
 
 
 def _whole(text: str) -> int:
-    return int(text) if len(text) <= LONGEST_WHOLE else _refuse(text)
+    return int(text) if len(text) <= MOST_DIGITS else _refuse(text)
 
 
 def _refuse(text: str) -> NoReturn:

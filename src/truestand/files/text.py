@@ -13,13 +13,12 @@ from truestand.core.errors import UnreadableFile
 
 Array = NDArray[np.float64]
 
-_NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
-
-
-ENOUGH_CELLS = 20
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+ENOUGH_FIELDS = 20
 """Numbers that tell how many decimals a file is written with."""
-LENGTHS = {"mm": 1.0, "um": 1e-3, "m": 1e3}
-"""Units of length as a column's name ends with them, in mm."""
+MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "m": 1e3}
+"""By the unit of length at the end of a column's name."""
+_NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,7 @@ def dialect_of(sample: bytes, name: str) -> Dialect:
     return Dialect(b",", b".")
 
 
-def normal(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
+def normalized(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
     """The block with decimal points and one comma between values; the same object where it already is so.
 
     Raises:
@@ -76,8 +75,9 @@ def normal(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
     if dialect.separator != b",":
         other = b"." if dialect.decimal == b"," else b","
         if other in block:
+            line = first_line + line_number(block, block.find(other)) - 1
             raise UnreadableFile(
-                f"{name}: found {other.decode()!r} in line {first_line + line_of(block, block.find(other)) - 1}, need "
+                f"{name}: found {other.decode()!r} in line {line}, need "
                 f"{dialect.decimal.decode()!r} as decimal mark as in the first lines; export it again"
             )
     if dialect.decimal == b",":
@@ -87,15 +87,6 @@ def normal(block: bytes, dialect: Dialect, name: str, first_line: int) -> bytes:
     elif dialect.separator == b" ":
         block = re.sub(rb"[ ]+", b",", re.sub(rb"(?m)^[ ]+|[ ]+$", b"", block))
     return block
-
-
-def written_out(row: bytes, cells: int) -> bytes:
-    """A comma-separated line with ``nan`` in its empty cells and at its end up to ``cells`` values."""
-    if not row.strip():
-        return b",".join([b"nan"] * cells)
-    if b",," in row or row.startswith(b",") or row.endswith(b",") or b", " in row:
-        row = b",".join(cell.strip() or b"nan" for cell in row.split(b","))
-    return row + b",nan" * (cells - row.count(b",") - 1)
 
 
 def check_text(data: bytes, name: str) -> None:
@@ -112,11 +103,11 @@ def check_text(data: bytes, name: str) -> None:
     if wrong >= 0:
         found = data[wrong : wrong + 1]
         raise UnreadableFile(
-            f"{name}: found {found!r} in line {line_of(data, wrong)}, need numbers; see docs/formats.md"
+            f"{name}: found {found!r} in line {line_number(data, wrong)}, need numbers; see docs/formats.md"
         )
 
 
-def line_of(data: bytes, position: int) -> int:
+def line_number(data: bytes, position: int) -> int:
     """Line number, from 1, of a byte."""
     return max(data.count(b"\n", 0, position), data.count(b"\r", 0, position)) + 1
 
@@ -128,7 +119,7 @@ def refuse_nul(data: bytes, name: str, first_line: int = 1) -> None:
         UnreadableFile: NUL bytes, with the line.
     """
     if (wrong := data.find(b"\0")) >= 0:
-        line = first_line + line_of(data, wrong) - 1
+        line = first_line + line_number(data, wrong) - 1
         raise UnreadableFile(f"{name}: found NUL bytes in line {line}, need text; the file is damaged or no text")
 
 
@@ -146,39 +137,39 @@ def refuse_infinite(values: Array, name: str, first_line: int) -> None:
 
 
 def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:
-    """Refuse the first cell of comma-separated rows that is no number.
+    """Refuse the first field of comma-separated rows that is no number.
 
     Raises:
         UnreadableFile: with the line.
     """
     for i, row in enumerate(rows):
-        for cell in row.split(b",") if row.strip() else ():
-            if number(cell) is None:
-                shown = cell[:20].decode("latin-1")
+        for field in row.split(b",") if row.strip() else ():
+            if number_in(field) is None:
+                shown = field[:20].decode("latin-1")
                 raise UnreadableFile(
                     f"{name}: found {shown!r} in line {first_line + i}, need numbers; see docs/formats.md"
                 )
 
 
-def number(cell: bytes) -> float | None:
-    """A cell's number; None where it is none. Python would read 1_0 as ten."""
+def number_in(field: bytes) -> float | None:
+    """A field's number; None where it is none. Python would read 1_0 as ten."""
     try:
-        return None if b"_" in cell else float(cell)
+        return None if b"_" in field else float(field)
     except ValueError:
         return None
 
 
-def refuse_cut_number(cells: list[bytes], name: str, line: int) -> None:
+def refuse_cut_number(fields: list[bytes], name: str, line: int) -> None:
     """Refuse a file that ends inside a number, which shows where its numbers have a fixed count of decimals.
 
-    ``cells`` end with the file's last number and hold some that are written like it; ``line`` is its line.
+    ``fields`` end with the file's last number and hold some that are written like it; ``line`` is its line.
 
     Raises:
         UnreadableFile: with the line.
     """
-    decimals = [len(cell.strip().partition(b".")[2]) for cell in cells if b"n" not in cell.lower()]
-    if len(decimals) > ENOUGH_CELLS and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
+    decimals = [len(field.strip().partition(b".")[2]) for field in fields if b"n" not in field.lower()]
+    if len(decimals) > ENOUGH_FIELDS and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
         raise UnreadableFile(
-            f"{name}: the last number ({cells[-1].strip().decode('latin-1')}, line {line}) has fewer digits than the "
+            f"{name}: the last number ({fields[-1].strip().decode('latin-1')}, line {line}) has fewer digits than the "
             "others and no line end: the file is cut off; export it again"
         )

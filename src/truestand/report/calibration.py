@@ -7,18 +7,19 @@ from typing import Any
 from truestand.calibration.evidence import Evidence
 from truestand.core.calibration import Calibration
 from truestand.core.units import um
-from truestand.files.recipes.company import Company
-from truestand.report import figures, tables
-from truestand.report.numbers import number
-from truestand.report.page import K_NOTE, framed, head, page, stamp, unseen
+from truestand.files.recipes.recipes import Company
+from truestand.report import calibration_figures as figures
+from truestand.report import calibration_tables as tables
+from truestand.report.notation import number
+from truestand.report.page import K_NOTE, framed, head, not_measured, page, stamp
 from truestand.report.quantities import Quantity, quantities
 
 STATUS = {
     "valid": ("\N{CHECK MARK}", "Valid", "it may carry a verdict"),
     "untrusted": ("!", "Untrusted", "nothing may be decided on it"),
 }
-NO_U = '<p class="k">The published method states no uncertainty.</p>'
-WORDS = (
+NO_U_NOTE = '<p class="k">The published method states no uncertainty.</p>'
+GLOSSARY = (
     ("eccentricity", "offset of the shaft axis from the rotation axis; a round shaft then shows twice as much run-out"),
     ("form", "deviation of a surface from a circle about its own axis, by undulations per revolution (UPR)"),
     ("laser plane", "the plane of the laser line; ideally it contains the rotation axis"),
@@ -39,9 +40,9 @@ def calibration_report(
     exact = calibration.method == "stand"
     parts = [
         _head(calibration, company),
-        _open_questions(calibration, rows),
+        _not_identifiable(calibration, rows),
         tables.tiles(rows, calibration),
-        K_NOTE if exact else NO_U,
+        K_NOTE if exact else NO_U_NOTE,
         "<h2>Published method and exact model</h2>"
         "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and "
         "no laser plane; a dash says that it has no answer. It states no uncertainty.</p>",
@@ -55,7 +56,7 @@ def calibration_report(
         "<h2>Checks</h2><p>Questions that this scan answers about itself.</p>" + tables.checks(calibration)
         if calibration.checks
         else "",
-        _last(calibration),
+        _closing(calibration),
     ]
     return page(
         f"Calibration of {_name(calibration)}", parts, "Lengths in the frame of the shaft; signs as in the record."
@@ -161,7 +162,7 @@ def _form(c: Calibration) -> str:
     return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c) + apart
 
 
-def _budget(c: Calibration, rows: list[Any]) -> str:
+def _budget(c: Calibration, rows: list[Quantity]) -> str:
     if not c.uncertainty:
         return ""
     return (
@@ -171,24 +172,24 @@ def _budget(c: Calibration, rows: list[Any]) -> str:
     )
 
 
-def _open_questions(c: Calibration, rows: list[Quantity]) -> str:
+def _not_identifiable(c: Calibration, rows: list[Quantity]) -> str:
     """What this scan could not tell, before any number."""
     if not c.not_identifiable:
         return '<p class="nothing">Not identifiable: nothing. Every quantity of the stand was seen.</p>'
     names = {q.key: q.name for q in rows} | {"height": "Height zero"}
-    told = [f"<b>{names.get(n, escape(n))}</b> <code>{escape(n)}</code>" for n in c.not_identifiable]
-    return unseen("Not identifiable from this scan", [", ".join(told), *_why(c)])
+    items = [f"<b>{names.get(n, escape(n))}</b> <code>{escape(n)}</code>" for n in c.not_identifiable]
+    return not_measured("Not identifiable from this scan", [", ".join(items), *_why_not_identifiable(c)])
 
 
-def _last(c: Calibration) -> str:
-    words = "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in WORDS)
+def _closing(c: Calibration) -> str:
+    words = "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in GLOSSARY)
     return (
         f"<h2>Repeat it</h2><p><code>truestand calibrate SCAN --stand stand.toml --artefact shaft.toml "
         f"--method {c.method} -o calibration.json --report report.html</code></p><h2>Words</h2><dl>{words}</dl>"
     )
 
 
-def _why(c: Calibration) -> list[str]:
+def _why_not_identifiable(c: Calibration) -> list[str]:
     reasons = []
     if "height" in c.not_identifiable:
         reasons.append(

@@ -8,13 +8,13 @@ from datetime import date
 from typing import Any
 
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.report.certificate_issue import Issue, Record
-from truestand.report.certificate_parties import administrative_data
+from truestand.files.records.record import Record
+from truestand.report.certificate_administration import CertificateInput, administrative_data
 from truestand.report.certificate_results import measurement_results
-from truestand.report.dcc_xml import SCHEMA, VERSION, XSI, node, printed
+from truestand.report.dcc_xml import ROOT, SCHEMA, VERSION, XSI, node, printed
 from truestand.report.quantities import quantities
 
-AGREE = 1e-9
+AGREEMENT = 1e-9
 """How far, of 1 or of the value, a reported number may lie from what the record's transforms say: its last digits."""
 
 
@@ -32,9 +32,9 @@ def refusals(record: Record) -> list[str]:
     return []
 
 
-def lacking(issue: Issue) -> list[str]:
+def missing_statements(given: CertificateInput) -> list[str]:
     """What the standard requires and neither recipe nor record states, by the name of its key."""
-    s = issue.stated
+    s = given.stated
     needed: dict[str, dict[str, Any]] = {
         "[laboratory]": {"name": s.laboratory.name, "city": s.laboratory.city, "country": s.laboratory.country},
         "[[responsible]]": {"name": s.responsible or None},
@@ -47,17 +47,17 @@ def lacking(issue: Issue) -> list[str]:
         for table, stated in needed.items()
         if (keys := [key for key, value in stated.items() if value is None])
     ]
-    return found + traceability_lacks(issue)
+    return found + missing_traceability(given)
 
 
-def traceability_lacks(issue: Issue) -> list[str]:
+def missing_traceability(given: CertificateInput) -> list[str]:
     """What of the artefact's certificate is not stated, or no longer holds."""
-    known = (issue.record.get("artefact") or {}).get("certificate") or {}
+    known = (given.record.get("artefact") or {}).get("certificate") or {}
     keys = [key for key in ("id", "laboratory") if not known.get(key)]
     found = [f"[certificate] {', '.join(keys)} (shaft.toml)"] if keys else []
     until = known.get("valid_until")
-    if until and not _holds(str(until), issue.performed[1]):
-        found.append(f"[certificate] valid on {issue.performed[1]} (shaft.toml has valid_until {until})")
+    if until and not _holds(str(until), given.performance_dates[1]):
+        found.append(f"[certificate] valid on {given.performance_dates[1]} (shaft.toml has valid_until {until})")
     return found
 
 
@@ -69,35 +69,35 @@ def _holds(until: str, day: date) -> bool:
         return False
 
 
-def certificate(issue: Issue) -> bytes:
+def certificate_xml(given: CertificateInput) -> bytes:
     """The XML, the same for the same input; a calibration that ``refusals`` lets pass.
 
     Raises:
         BadRecipe: a laboratory issues it, and something that the standard requires is not stated.
         UnreadableFile: the record contradicts itself, or has no date.
     """
-    _refuse_contradictions(issue)
-    missing = lacking(issue)
-    if missing and not issue.draft:
+    _refuse_contradictions(given)
+    missing = missing_statements(given)
+    if missing and not given.draft:
         raise BadRecipe(f"the certificate lacks {'; '.join(missing)}: state them, see docs/certificate.md")
     root = node(
-        "dcc:digitalCalibrationCertificate", administrative_data(issue, missing, traceability_lacks(issue)),
-        measurement_results(issue),
+        ROOT, administrative_data(given, missing, missing_traceability(given)),
+        measurement_results(given),
         schemaVersion=VERSION,
     )  # fmt: skip
     root.set(f"{{{XSI}}}schemaLocation", SCHEMA)
     return printed(root)
 
 
-def _refuse_contradictions(issue: Issue) -> None:
+def _refuse_contradictions(given: CertificateInput) -> None:
     """A number of the record that is not that of its transforms was never measured."""
-    groups = {**(issue.record.get("sensor") or {}), **(issue.record.get("shaft") or {})}
-    for q in quantities(issue.calibration):
-        told = groups.get(q.key)
-        if told is None or q.value is None:
+    groups = {**(given.record.get("sensor") or {}), **(given.record.get("shaft") or {})}
+    for q in quantities(given.calibration):
+        stated = groups.get(q.key)
+        if stated is None or q.value is None:
             continue
-        if not isinstance(told, int | float) or not abs(told - q.value) <= AGREE * max(1.0, abs(q.value)):
+        if not isinstance(stated, int | float) or not abs(stated - q.value) <= AGREEMENT * max(1.0, abs(q.value)):
             raise UnreadableFile(
-                f"{issue.file_name}: found {q.key} {str(told)[:40]}, but its transforms say {q.value:g}; "
+                f"{given.file_name}: found {q.key} {str(stated)[:40]}, but its transforms say {q.value:g}; "
                 "the record was changed by hand, calibrate again"
             )

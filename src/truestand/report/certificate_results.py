@@ -1,9 +1,7 @@
 """The measuring part of a certificate: method, artefact, conditions, and every quantity with its U."""
 
-from typing import Any
-
-from truestand.report.certificate_issue import Issue
-from truestand.report.certificate_parties import software
+from truestand.files.records.record import Record
+from truestand.report.certificate_administration import CertificateInput, software
 from truestand.report.dcc_xml import (
     Node,
     digits,
@@ -18,7 +16,6 @@ from truestand.report.dcc_xml import (
 )
 from truestand.report.quantities import quantities
 
-Record = dict[str, Any]
 RADIAL = "radial_position_mm"
 GROUPS = (
     ("sensor", "Pose of the sensor", (RADIAL, "phi_deg", "laser_plane_offset_mm", "laser_plane_tilt_deg")),
@@ -39,9 +36,9 @@ NOT_NORMAL = (
 )
 
 
-def measurement_results(issue: Issue) -> Node:
+def measurement_results(given: CertificateInput) -> Node:
     """``dcc:measurementResults``."""
-    r = issue.record
+    r = given.record
     product, _, release = str(r.get("software") or "").partition(" ")
     result = node(
         "dcc:measurementResult",
@@ -49,17 +46,17 @@ def measurement_results(issue: Issue) -> Node:
         _methods(r),
         node("dcc:usedSoftware", software(product or "truestand", release)),
         node("dcc:measuringEquipments", _artefact(r)),
-        _conditions(issue),
-        node("dcc:results", *_results(issue)),
+        _conditions(given),
+        node("dcc:results", *_results(given)),
     )
     return node("dcc:measurementResults", result)
 
 
 def _methods(r: Record) -> Node:
-    own = METHOD + (SEVERAL if r.get("positions") else "")
+    method = METHOD + (SEVERAL if r.get("positions") else "")
     return node(
         "dcc:usedMethods",
-        node("dcc:usedMethod", name("calibration from a scan of a reference shaft"), text("dcc:description", own),
+        node("dcc:usedMethod", name("calibration from a scan of a reference shaft"), text("dcc:description", method),
              node("dcc:reference", "truestand, docs/theory.md"), refType="basic_calibrationMethod"),
         node("dcc:usedMethod", name("expanded measurement uncertainty"),
              text("dcc:description", "U = k u with k = 2 by propagation, confirmed by Monte Carlo. Every contribution "
@@ -97,9 +94,9 @@ def _artefact(r: Record) -> Node:
 _CERTIFICATE = {"id": "number", "laboratory": "of", "date": "date", "valid_until": "valid until"}
 
 
-def _conditions(issue: Issue) -> Node:
+def _conditions(given: CertificateInput) -> Node:
     """The temperatures that are known, and what the budget assumes where none is."""
-    p, r = issue.stated.performance, issue.record
+    p, r = given.stated.performance, given.record
     found = []
     if p.temperature_C is not None:
         value = real(p.temperature_C, "C", p.temperature_U_C)
@@ -128,31 +125,33 @@ def _condition(what: str, whose: str, value: Node) -> Node:
     return node("dcc:influenceCondition", name(what), text("dcc:description", whose), data, refType="basic_temperature")
 
 
-def _results(issue: Issue) -> list[Node]:
-    r = issue.record
+def _results(given: CertificateInput) -> list[Node]:
+    r = given.record
     found = []
     for group, title, keys in GROUPS:
-        told = [made for key in keys if (made := _quantity(r, group, key, issue)) is not None]
-        found += [node("dcc:result", name(title), node("dcc:data", *told))] if told else []
-    own = "The whole application of the calibration; uncertainties: the quantities above, and the embedded covariance."
+        known = [made for key in keys if (made := _quantity(r, group, key, given)) is not None]
+        found += [node("dcc:result", name(title), node("dcc:data", *known))] if known else []
+    application = (
+        "The whole application of the calibration; uncertainties: the quantities above, and the embedded covariance."
+    )
     poses = [
         made for group, key in (("sensor", "table_from_sensor"), ("shaft", "shaft_from_rotor"))
         for made in _pose(key, r[group][key])
     ]  # fmt: skip
-    found.append(node("dcc:result", name("Transforms"), text("dcc:description", own), node("dcc:data", *poses)))
-    whole = f"The calibration as truestand wrote it, byte for byte. SHA-256: {issue.sha256}"
-    file = embedded(issue.file_name, "application/json", issue.source, whole)
+    found.append(node("dcc:result", name("Transforms"), text("dcc:description", application), node("dcc:data", *poses)))
+    whole = f"The calibration as truestand wrote it, byte for byte. SHA-256: {given.sha256}"
+    file = embedded(given.file_name, "application/json", given.source, whole)
     found.append(node("dcc:result", name("Record"), node("dcc:data", file)))
     return found
 
 
-def _quantity(r: Record, group: str, key: str, issue: Issue) -> Node | None:
+def _quantity(r: Record, group: str, key: str, given: CertificateInput) -> Node | None:
     """One quantity with its U; None where the scan did not tell it."""
     value = r["sensor"]["table_from_sensor"][0][3] if key == RADIAL else r[group].get(key)
     u = r["uncertainty"].get(key)
     if value is None or u is None or key in (r.get("not_identifiable") or ()):
         return None
-    words = {q.key: (q.name, q.meaning) for q in quantities(issue.calibration)}
+    words = {q.key: (q.name, q.meaning) for q in quantities(given.calibration)}
     title, meaning = words.get(key, ("Radial position", "of the sensor's origin, from the rotation axis"))
     normal = u["U"] != u.get("U_monte_carlo")
     meaning = meaning if normal else f"{meaning}. {NOT_NORMAL}"

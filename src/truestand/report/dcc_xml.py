@@ -16,6 +16,7 @@ from truestand.core.errors import UnreadableFile
 DCC, SI = "https://ptb.de/dcc", "https://ptb.de/si"
 XSI = "http://www.w3.org/2001/XMLSchema-instance"
 SPACES = {"dcc": DCC, "si": SI, "xsi": XSI}
+ROOT = "dcc:digitalCalibrationCertificate"
 VERSION = "3.3.0"
 SCHEMA = f"{DCC} https://ptb.de/dcc/v{VERSION}/dcc.xsd"
 LANGUAGE = "en"
@@ -36,16 +37,13 @@ Node = Any
 def node(tag: str, *inside: Node | str | None, **attributes: str) -> Node:
     """An element ``dcc:…`` or ``si:…`` with what is inside it; None is left out."""
     space, name = tag.split(":")
-    made = etree.Element(etree.QName(SPACES[space], name), attributes, nsmap=SPACES if name in _ROOTS else None)
+    made = etree.Element(etree.QName(SPACES[space], name), attributes, nsmap=SPACES if tag == ROOT else None)
     for part in inside:
         if isinstance(part, str):
             made.text = _FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", part)
         elif part is not None:
             made.append(part)
     return made
-
-
-_ROOTS = ("digitalCalibrationCertificate",)
 
 
 def plain(tag: str, text: str | None) -> Node | None:
@@ -65,12 +63,12 @@ def name(words: str) -> Node:
 
 
 def identification(issuer: str, value: str | None, what: str, kind: str | None = None) -> Node:
-    """A number by which somebody knows a thing; ``not stated`` where nobody told it."""
+    """A number by which somebody knows a thing; ``not stated`` where it is not known."""
     attributes = {} if kind is None else {"refType": kind}
-    told = plain("dcc:value", value)
+    stated = plain("dcc:value", value)
     return node(
         "dcc:identification", node("dcc:issuer", issuer),
-        node("dcc:value", NOT_STATED) if told is None else told, name(what), **attributes,
+        node("dcc:value", NOT_STATED) if stated is None else stated, name(what), **attributes,
     )  # fmt: skip
 
 
@@ -78,20 +76,13 @@ def real(value: float, unit: str, U: float | None = None, k: float = 2.0, normal
     """``si:real``: value, unit, and U with its factor and probability where there is one."""
     inside = [node("si:value", digits(value)), node("si:unit", UNITS[unit])]
     if U is not None:
-        expanded = _expanded(U, k, normal)
-        inside += [node("si:significantDigit", str(floor(log10(U)) - 1))] if U > 0 else []
-        inside.append(expanded)
-    return node("si:real", *inside)
-
-
-def _expanded(U: float, k: float, normal: bool) -> Node:
-    return node(
-        "si:measurementUncertaintyUnivariate",
-        node(
+        expanded = node(
             "si:expandedMU", node("si:valueExpandedMU", digits(U)), node("si:coverageFactor", digits(k)),
             node("si:coverageProbability", PROBABILITY), node("si:distribution", "normal") if normal else None,
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
+        inside += [node("si:significantDigit", str(floor(log10(U)) - 1))] if U > 0 else []
+        inside.append(node("si:measurementUncertaintyUnivariate", expanded))
+    return node("si:real", *inside)
 
 
 def real_list(values: Sequence[float], unit: str) -> Node:

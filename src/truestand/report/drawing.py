@@ -1,12 +1,15 @@
-"""How figures look and how they get into the page: one style, one way to SVG, no global state."""
+"""The style of all figures and their way to SVG; no global state."""
 
 import io
 import re
+from functools import wraps
+from math import floor, log10
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -44,6 +47,12 @@ def figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def single(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure, inches, with one pair of axes."""
+    fig = figure(width, height)
+    return fig, fig.add_subplot()
+
+
 def svg(fig: Figure) -> str:
     """The figure as an SVG element that scales with the page and repeats to the byte."""
     buffer = io.StringIO()
@@ -57,13 +66,12 @@ def svg(fig: Figure) -> str:
 def styled(draw: Any) -> Any:
     """Decorate a function that draws, so that the style holds inside it and nowhere else."""
 
-    def inside(*args: Any, **kwargs: Any) -> str:
+    @wraps(draw)
+    def drawn(*args: Any, **kwargs: Any) -> str:
         with mpl.rc_context(STYLE):
             return svg(draw(*args, **kwargs))
 
-    inside.__doc__ = draw.__doc__
-    inside.__name__ = draw.__name__
-    return inside
+    return drawn
 
 
 def image(
@@ -77,8 +85,35 @@ def image(
     )  # fmt: skip
 
 
+def deviation_map(
+    fig: Figure, axes: Axes, values: Array, extent: tuple[float, float, float, float], limit: float, label: str = "µm"
+) -> Colorbar:
+    """Draw deviations (rows, columns) um with their colour bar, ``limit`` um to either side; the colour bar."""
+    drawn = image(axes, values, extent, (-limit, limit), DIVERGING)
+    return fig.colorbar(drawn, ax=axes, label=label, pad=0.01)
+
+
+def polar_frame(axes: Axes, title: str, reach: float) -> None:
+    """A title and room for a polar plot of radius ``reach``, without axes."""
+    axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
+    axes.set_axis_off()
+    axes.title.set_visible(True)
+
+
 def robust(*arrays: Array | None, share: float = 0.99) -> float:
-    """Symmetric colour limit: the ``share`` quantile of what is drawn, at least a hair."""
+    """Symmetric colour limit: the ``share`` quantile of the magnitudes drawn, at least 1e-6."""
     values = [np.abs(a[np.isfinite(a)]) for a in arrays if a is not None]
     joined = np.concatenate(values) if values else np.zeros(1)
     return max(float(np.quantile(joined, share)) if joined.size else 0.0, 1e-6)
+
+
+def round_down(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at most ``value``, which is positive."""
+    power = 10.0 ** floor(log10(value))
+    return max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1 + 1e-9))
+
+
+def cell_edges(centres: Array) -> tuple[float, float]:
+    """Where the first and last of equal cells with these centres begin and end."""
+    half = (centres[1] - centres[0]) / 2 if centres.size > 1 else 0.5
+    return float(centres[0] - half), float(centres[-1] + half)

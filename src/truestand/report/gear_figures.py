@@ -8,32 +8,28 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
-from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, styled
-from truestand.report.numbers import number
-from truestand.report.words import drawn_symbol, value_text
-
-Array = NDArray[np.float64]
+from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, Array, figure, single, styled
+from truestand.report.notation import drawn_symbol, number, value_text
 
 WIDTH = 10.2
-LEFT, RIGHT, BAND, BAD = "#1f6fb2", "#c8641b", "#e7ecf0", "#a8240b"
+"""Inches, of every figure of an inspection."""
+LEFT, RIGHT, TOLERANCE_BAND, FAILS = "#1f6fb2", "#c8641b", "#e7ecf0", "#a8240b"
 FLANKS: tuple[tuple[Flank, str, str], ...] = (("left", LEFT, "o"), ("right", RIGHT, "s"))
-FEW = 40
+F_I = r"$F_\mathrm{i}$"
+RUNOUT_TITLE = "both flanks: radial place of the ball in the space after each tooth (µm, about its mean)"
+MOST_MARKED = 40
 """Teeth up to which each has its own mark."""
-WIDEST = 2.5
+MOST_SHARE = 2.5
 """Times the limit to which the overview reaches."""
 
 
 def line_of(inspection: Inspection, name: str, flank: str | None, tooth: int | None = None) -> Characteristic | None:
-    """The record's line of that name."""
-    return next(
-        (c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth)),
-        None,
-    )
+    """The characteristic of that name, flank and tooth."""
+    return next((c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth)), None)
 
 
 def limit_of(inspection: Inspection, name: str) -> float | None:
@@ -44,12 +40,11 @@ def limit_of(inspection: Inspection, name: str) -> float | None:
 
 @styled
 def limits_used(inspection: Inspection) -> Figure:
-    """Every limited line of the whole gear as a share of its limit, with its doubt."""
+    """Every limited line of the whole gear as a share of its limit, with its U."""
     lines = [c for c in inspection.characteristics if c.tooth is None and _has_share(c)]
     names = list(dict.fromkeys(c.name for c in lines))
-    fig = figure(WIDTH, 0.9 + 0.3 * len(names))
-    axes = fig.add_subplot()
-    axes.axvspan(0.0, 1.0, color=BAND, lw=0, zorder=0)
+    fig, axes = single(WIDTH, 0.9 + 0.3 * len(names))
+    axes.axvspan(0.0, 1.0, color=TOLERANCE_BAND, lw=0, zorder=0)
     axes.axvline(1.0, color=INK, lw=1.2)
     for c in lines:
         _share(axes, c, names.index(c.name))
@@ -57,7 +52,7 @@ def limits_used(inspection: Inspection) -> Figure:
         axes.plot([], [], marker, ms=5, color=colour, label=f"{flank} flanks")
     axes.plot([], [], "D", ms=5, color=INK, label="both")
     axes.set(
-        xlim=(0.0, WIDEST), ylim=(len(names) - 0.5, -0.5), xlabel="share of the limit; the bars are ± U (k = 2)",
+        xlim=(0.0, MOST_SHARE), ylim=(len(names) - 0.5, -0.5), xlabel="share of the limit; the bars are ± U (k = 2)",
         yticks=range(len(names)), yticklabels=[drawn_symbol(n) for n in names],
     )  # fmt: skip
     axes.xaxis.set_major_formatter(lambda x, _: f"{100 * x:.0f} %")
@@ -72,35 +67,35 @@ def _has_share(c: Characteristic) -> bool:
 
 def _share(axes: Axes, c: Characteristic, row: int) -> None:
     assert c.value is not None and c.U is not None and c.limits is not None and c.limits[1] is not None
-    share, doubt = abs(c.value) / c.limits[1], c.U / c.limits[1]
+    share, u_share = abs(c.value) / c.limits[1], c.U / c.limits[1]
     colour, marker, shift = {"left": (LEFT, "o", -0.16), "right": (RIGHT, "s", 0.16)}.get(
         c.flank or "", (INK, "D", 0.0)
     )
-    axes.plot([max(share - doubt, 0.0), share + doubt], [row + shift] * 2, color=colour, lw=1.6, alpha=0.45)
-    if share <= WIDEST:
+    axes.plot([max(share - u_share, 0.0), share + u_share], [row + shift] * 2, color=colour, lw=1.6, alpha=0.45)
+    if share <= MOST_SHARE:
         axes.plot([share], [row + shift], marker, ms=5, color=colour, clip_on=False, zorder=3)
     else:
         axes.text(
-            WIDEST, row + shift, f"{100 * share:.0f} % \N{RIGHTWARDS ARROW}", ha="right", va="center", color=colour
+            MOST_SHARE, row + shift, f"{100 * share:.0f} % \N{RIGHTWARDS ARROW}", ha="right", va="center", color=colour
         )
 
 
 @styled
-def pitch(inspection: Inspection) -> Figure:
+def pitch(inspection: Inspection, evidence: GearEvidence) -> Figure:
     """Single pitches, cumulative positions and the run-out of the ball, tooth by tooth."""
-    evidence: GearEvidence = inspection.evidence
     m = evidence.measures
     fig = figure(WIDTH, 6.6)
     grid = fig.add_gridspec(3, 2)
     for side, (flank, colour, _) in enumerate(FLANKS):
-        axes = fig.add_subplot(grid[0, side])
-        _single_pitches(axes, inspection, m.pitch[side], flank, colour)
-        axes = fig.add_subplot(grid[1, side])
-        _positions(axes, inspection, m.index[side], flank, colour)
-    axes = fig.add_subplot(grid[2, :])
-    _runout(axes, inspection, m.runout)
+        _single_pitches(fig.add_subplot(grid[0, side]), inspection, m.pitch[side], flank, colour)
+        cumulative = fig.add_subplot(
+            grid[1, side], title=f"{flank} flanks: cumulative pitch {F_I} (µm, about its mean)"
+        )
+        _curve(cumulative, m.index[side], colour, line_of(inspection, "F_p", flank), limit_of(inspection, "F_p"))
+    runout = fig.add_subplot(grid[2, :], title=RUNOUT_TITLE)
+    _curve(runout, m.runout, INK, line_of(inspection, "F_r", None), limit_of(inspection, "F_r"))
     for axes in fig.axes:
-        tooth_ticks(axes, m.runout.size, 32 if axes is fig.axes[-1] else 16)
+        tooth_ticks(axes, m.runout.size, 32 if axes is runout else 16)
         axes.set_xlabel("tooth")
     _same_scale(fig.axes[0], fig.axes[2])
     _same_scale(fig.axes[1], fig.axes[3])
@@ -114,15 +109,15 @@ def _same_scale(first: Axes, second: Axes) -> None:
         axes.set_ylim(ends[:, 0].min(), ends[:, 1].max())
 
 
-def _unseen(axes: Axes, text: str) -> None:
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+def _not_measurable(axes: Axes) -> None:
+    axes.text(0.5, 0.5, "not measurable", transform=axes.transAxes, ha="center", va="center", color=GREY)
     axes.tick_params(axis="y", length=0, labelleft=False)
 
 
 def _single_pitches(axes: Axes, inspection: Inspection, pitches: Array, flank: str, colour: str) -> None:
     axes.set_title(f"{flank} flanks: single pitch " + r"$f_\mathrm{pi}$" + " (µm)")
     if not np.isfinite(pitches).any():
-        _unseen(axes, "not measurable")
+        _not_measurable(axes)
         return
     teeth = np.arange(1, pitches.size + 1)
     values, limit = um(1) * pitches, limit_of(inspection, "f_p")
@@ -131,11 +126,11 @@ def _single_pitches(axes: Axes, inspection: Inspection, pitches: Array, flank: s
     axes.bar(teeth[~beyond], values[~beyond], 0.72, color=colour)
     axes.bar(teeth[beyond], values[beyond], 0.72, color=colour, edgecolor=INK, lw=0.9, hatch="////")
     if limit is not None:
-        _limits(axes, (-limit, limit), drawn_symbol("f_p", True) + f" = {limit:g}")
+        _limit_lines(axes, (-limit, limit), drawn_symbol("f_p", True) + f" = {limit:g}")
     axes.set_xlim(0.0, pitches.size + 1.0)
 
 
-def _limits(axes: Axes, ends: tuple[float, float], label: str) -> None:
+def _limit_lines(axes: Axes, ends: tuple[float, float], label: str) -> None:
     for end in ends:
         axes.axhline(end, color=INK, lw=0.9, ls=(0, (5, 3)))
     low, high = ends
@@ -148,34 +143,24 @@ def _limits(axes: Axes, ends: tuple[float, float], label: str) -> None:
     )  # fmt: skip
 
 
-def _positions(axes: Axes, inspection: Inspection, index: Array, flank: str, colour: str) -> None:
-    axes.set_title(f"{flank} flanks: cumulative pitch " + r"$F_\mathrm{i}$" + " (µm, about its mean)")
-    _curve(axes, index, colour, line_of(inspection, "F_p", flank), limit_of(inspection, "F_p"))
-
-
-def _runout(axes: Axes, inspection: Inspection, runout: Array) -> None:
-    axes.set_title("both flanks: radial place of the ball in the space after each tooth (µm, about its mean)")
-    _curve(axes, runout, INK, line_of(inspection, "F_r", None), limit_of(inspection, "F_r"))
-
-
 def _curve(axes: Axes, values: Array, colour: str, line: Characteristic | None, limit: float | None) -> None:
     """Values over the teeth, the bracket of their range with the record's figure, and the limit's width."""
     seen = np.isfinite(values)
     if not seen.any() or line is None or line.value is None:
-        _unseen(axes, "not measurable")
+        _not_measurable(axes)
         return
     teeth = np.arange(1, values.size + 1)
     centred = um(1) * (values - values[seen].mean())
     low, high = float(centred[seen].min()), float(centred[seen].max())
     middle = (low + high) / 2
     if limit is not None:
-        axes.axhspan(middle - limit / 2, middle + limit / 2, color=BAND, lw=0, zorder=0)
+        axes.axhspan(middle - limit / 2, middle + limit / 2, color=TOLERANCE_BAND, lw=0, zorder=0)
     axes.axhline(0.0, color=GREY, lw=0.6)
-    axes.plot(teeth, centred, color=colour, lw=1.2, marker="o" if values.size <= FEW else None, ms=3)
+    axes.plot(teeth, centred, color=colour, lw=1.2, marker="o" if values.size <= MOST_MARKED else None, ms=3)
     if limit is not None:
-        _limits(axes, (middle - limit / 2, middle + limit / 2), drawn_symbol(line.name, True) + f" = {limit:g}")
+        _limit_lines(axes, (middle - limit / 2, middle + limit / 2), drawn_symbol(line.name, True) + f" = {limit:g}")
     at = values.size * 1.045 + 0.6
-    _bracket(axes, at, low, high)
+    axes.plot([at, at], [low, high], color=INK, lw=1.0, marker="_", ms=7, mew=1.0)
     axes.annotate(
         f"{drawn_symbol(line.name)}\n{value_text(line)}", (at, middle), xytext=(6, 0), textcoords="offset points",
         va="center", linespacing=1.4,
@@ -183,33 +168,25 @@ def _curve(axes: Axes, values: Array, colour: str, line: Characteristic | None, 
     axes.set_xlim(0.0, values.size * 1.16 + 1.5)
 
 
-def _bracket(axes: Axes, at: float, low: float, high: float) -> None:
-    axes.plot([at, at], [low, high], color=INK, lw=1.0, marker="_", ms=7, mew=1.0)
-
-
 @styled
-def published(inspection: Inspection) -> Figure:
-    """Cumulative pitch after the published compensation and here, on one scale."""
-    evidence: GearEvidence = inspection.evidence
-    assert evidence.published_index is not None
-    fig = figure(WIDTH, 3.0)
-    axes = fig.add_subplot()
+def published(evidence: GearEvidence, published_index: Array) -> Figure:
+    """Cumulative pitch (2, teeth) mm after the published compensation and here, on one scale."""
+    fig, axes = single(WIDTH, 3.0)
     axes.axhline(0.0, color=PALE, lw=0.8)
+    teeth = evidence.measures.index.shape[1]
     curves = (
-        ("published compensation", evidence.published_index, PAPER, "published"),
-        ("here: the axis moved", evidence.measures.index, EXACT, "here"),
+        ("published compensation", published_index, PAPER),
+        ("here: the axis moved", evidence.measures.index, EXACT),
     )
-    for label, index, colour, _ in curves:
+    for label, index, colour in curves:
         for side, style in enumerate(("-", (0, (4, 2)))):
             if np.isfinite(index[side]).any():
-                centred = um(1) * (index[side] - np.nanmean(index[side]))
                 axes.plot(
-                    np.arange(1, centred.size + 1), centred, color=colour, lw=1.8, ls=style,
-                    label=f"{label}, {FLANKS[side][0]} flanks",
+                    np.arange(1, teeth + 1), um(1) * (index[side] - np.nanmean(index[side])), color=colour, lw=1.8,
+                    ls=style, label=f"{label}, {FLANKS[side][0]} flanks",
                 )  # fmt: skip
-    axes.set(xlabel="tooth", ylabel="cumulative pitch " + r"$F_\mathrm{i}$" + " (µm)")
-    axes.set_xlim(0.5, evidence.measures.index.shape[1] + 0.5)
-    tooth_ticks(axes, evidence.measures.index.shape[1], 24)
+    axes.set(xlabel="tooth", ylabel=f"cumulative pitch {F_I} (µm)", xlim=(0.5, teeth + 0.5))
+    tooth_ticks(axes, teeth, 24)
     axes.yaxis.set_major_formatter(lambda y, _: number(y, 0))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return fig

@@ -15,54 +15,51 @@ from numpy.typing import NDArray
 
 from truestand.core.inspection import Inspection
 from truestand.core.units import um
+from truestand.gear.defects import DefectMap
+from truestand.gear.drawing import Gear
 from truestand.gear.inspect import GearEvidence
 from truestand.gear.teeth import FoldedMap
-from truestand.report.drawing import DIVERGING, INK, figure, image, robust, styled
+from truestand.report.drawing import DIVERGING, INK, Array, cell_edges, figure, image, robust, single, styled
 from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
 from truestand.report.gear_tables import MOST_DEFECTS
 
-Array = NDArray[np.float64]
-
 MOST_TEETH = 24
 """Teeth whose flanks are shown one by one."""
-A_ROW = 12
+TEETH_PER_ROW = 12
 GUTTER = 0.12
 """Share of a small map left free about it."""
-UNSEEN, BETWEEN = (0.76, 0.79, 0.82, 1.0), (0.955, 0.955, 0.955, 1.0)
+UNSEEN, BETWEEN_PROFILES = (0.76, 0.79, 0.82, 1.0), (0.955, 0.955, 0.955, 1.0)
 """Colours of what was not seen, and of what lies between two profiles that were."""
-LEAST_SCALE = 2.0
-"""um to either side: finer colours would show noise."""
-LABELS = 40
+LEAST_SCALE_UM = 2.0
+"""To either side: finer colours would show noise."""
+MOST_LABELLED = 40
 """Teeth up to which each has its number."""
 
 
-def shown_teeth(inspection: Inspection) -> list[int]:
-    """Teeth (from 1) whose flanks are mapped: all, or a few spread evenly and those with defects."""
-    teeth = inspection.evidence.measures.index.shape[1]
+def shown_teeth(inspection: Inspection, teeth: int) -> list[int]:
+    """Numbers (from 1) of the ``teeth`` whose flanks are mapped: all, or a few spread evenly and those with defects."""
     if teeth <= MOST_TEETH:
         return list(range(1, teeth + 1))
-    marked = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))[
-        : MOST_TEETH // 2
-    ]
-    rest = [t for t in range(1, teeth + 1) if t not in marked]
-    return sorted([*marked, *spread(rest, MOST_TEETH - len(marked))])
+    defective = list(dict.fromkeys(d.tooth for d in inspection.defects[:MOST_DEFECTS] if d.tooth is not None))
+    defective = defective[: MOST_TEETH // 2]
+    rest = [t for t in range(1, teeth + 1) if t not in defective]
+    return sorted([*defective, *spread(rest, MOST_TEETH - len(defective))])
 
 
 @styled
-def topography(inspection: Inspection) -> Figure:
+def topography(inspection: Inspection, e: GearEvidence) -> Figure:
     """One small map a tooth and flank: deviation from the nominal flank, less the tooth's position."""
-    e: GearEvidence = inspection.evidence
     position = e.measures.position[:, :, None, None]
     relative = um(1) * (e.grid.delta - np.where(np.isfinite(position), position, np.nan))
-    teeth = shown_teeth(inspection)
+    teeth = shown_teeth(inspection, e.measures.index.shape[1])
     tolerance = limit_of(inspection, "F_alpha") or 0.0
-    limit = max(robust(relative[:, [t - 1 for t in teeth]], share=0.98), tolerance / 4, LEAST_SCALE)
-    rows = [teeth[i : i + A_ROW] for i in range(0, len(teeth), A_ROW)]
+    limit = max(robust(relative[:, [t - 1 for t in teeth]], share=0.98), tolerance / 4, LEAST_SCALE_UM)
+    rows = [teeth[i : i + TEETH_PER_ROW] for i in range(0, len(teeth), TEETH_PER_ROW)]
     fig = figure(WIDTH, 0.5 + 2.05 * len(rows))
     panels = fig.subplots(len(rows), 1, squeeze=False)[:, 0]
     norm = Normalize(-limit, limit)
-    for axes, some in zip(panels, rows, strict=True):
-        _small_maps(axes, relative, some, norm, len(rows[0]))
+    for axes, row in zip(panels, rows, strict=True):
+        _small_maps(axes, relative, row, norm, len(rows[0]))
     fig.colorbar(ScalarMappable(norm, DIVERGING), ax=list(panels), label="µm", pad=0.01, aspect=30)
     return fig
 
@@ -89,7 +86,7 @@ def _coloured(values: Array, norm: Normalize) -> NDArray[np.uint8]:
     colours = colormaps[DIVERGING](norm(np.nan_to_num(values)))
     seen = np.isfinite(values)
     colours[~seen] = UNSEEN
-    colours[_enclosed(seen) & ~seen] = BETWEEN
+    colours[_enclosed(seen) & ~seen] = BETWEEN_PROFILES
     return np.asarray(np.rint(255 * colours), dtype=np.uint8)
 
 
@@ -100,62 +97,47 @@ def _enclosed(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @styled
-def unrolled(inspection: Inspection) -> Figure:
+def unrolled(inspection: Inspection, m: DefectMap) -> Figure:
     """All flanks side by side against the median tooth, tooth after tooth, with the defects numbered."""
-    e: GearEvidence = inspection.evidence
-    assert e.defect_map is not None
-    m = e.defect_map
-    limit = _scale_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
+    norm = _norm_of(inspection, np.where(np.isfinite(m.score), m.residual, np.nan))
     fig = figure(WIDTH, 4.6)
     panels = fig.subplots(2, 1, sharex=True)
     for side, axes in enumerate(panels):
-        low, high = _ends(m.rolls)
+        low, high = cell_edges(m.rolls)
         teeth = m.residual.shape[1]
         axes.imshow(
-            _coloured(_side_by_side(m.residual[side]), Normalize(-limit, limit)),
+            _coloured(um(1) * m.residual[side].transpose(1, 0, 2).reshape(m.rolls.size, -1), norm),
             extent=(0.5, teeth + 0.5, low, high), origin="lower", aspect="auto", interpolation="nearest",
         )  # fmt: skip
-        _between(axes, teeth)
+        _tooth_axis(axes, teeth)
         axes.set(ylabel="roll length (mm)", title=f"{FLANKS[side][0]} flanks")
-        _flank_marks(axes, inspection, FLANKS[side][0])
+        _flank_marks(axes, inspection, m, FLANKS[side][0])
     panels[-1].set_xlabel("tooth; within each its face, from the lower end to the upper")
-    scale = ScalarMappable(Normalize(-limit, limit), DIVERGING)
-    fig.colorbar(scale, ax=list(panels), label="µm", pad=0.01, aspect=30)
+    fig.colorbar(ScalarMappable(norm, DIVERGING), ax=list(panels), label="µm", pad=0.01, aspect=30)
     return fig
 
 
-def _side_by_side(maps: Array) -> Array:
-    """(roll lengths, teeth x heights) um of maps (teeth, roll lengths, heights) mm."""
-    return np.asarray(um(1) * maps.transpose(1, 0, 2).reshape(maps.shape[1], -1))
-
-
-def _scale_of(inspection: Inspection, residual: Array) -> float:
-    """um to either side: the noise stays pale, and the shallowest defect found is well coloured."""
+def _norm_of(inspection: Inspection, residual: Array) -> Normalize:
+    """The colour scale, um: the noise stays pale, and the shallowest defect found is well coloured."""
     depths = [
         um(abs(d.depth)) for d in inspection.defects[:MOST_DEFECTS] if d.flank is not None and d.depth is not None
     ]
-    return max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE)
+    limit = max(3 * um(robust(residual)), 0.6 * min(depths, default=0.0), LEAST_SCALE_UM)
+    return Normalize(-limit, limit)
 
 
-def _flank_marks(axes: Axes, inspection: Inspection, flank: str) -> None:
+def _flank_marks(axes: Axes, inspection: Inspection, m: DefectMap, flank: str) -> None:
     """The numbers of the defects on one side."""
-    m = inspection.evidence.defect_map
-    bottom, top = _ends(m.heights)
+    bottom, top = cell_edges(m.heights)
     for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
         if d.flank == flank and d.tooth is not None and d.height is not None:
             along = d.tooth - 0.5 + (d.height - bottom) / (top - bottom)
             _mark(axes, along, d.roll_length or float(m.rolls[0]), number)
 
 
-def _ends(centres: Array) -> tuple[float, float]:
-    """Where the cells with these centres begin and end."""
-    half = (centres[1] - centres[0]) / 2 if centres.size > 1 else 0.5
-    return float(centres[0] - half), float(centres[-1] + half)
-
-
-def _between(axes: Axes, teeth: int) -> None:
-    """Lines between teeth, and their numbers."""
-    if teeth <= LABELS:
+def _tooth_axis(axes: Axes, teeth: int) -> None:
+    """Lines between the teeth and their numbers on the axis."""
+    if teeth <= MOST_LABELLED:
         for edge in range(1, teeth):
             axes.axvline(edge + 0.5, color="white", lw=1.0)
         axes.set_xticks(range(1, teeth + 1))
@@ -171,19 +153,16 @@ def _mark(axes: Axes, x: float, y: float, number: int) -> None:
 
 
 @styled
-def whole_teeth(inspection: Inspection) -> Figure:
+def whole_teeth(inspection: Inspection, gear: Gear, folded: FoldedMap) -> Figure:
     """The gear unrolled: radius against the median tooth, over tooth number and height."""
-    e: GearEvidence = inspection.evidence
-    assert e.folded is not None
-    apart, f = against_median(e.folded), e.folded
-    teeth, places, heights = apart.shape
-    depth = (e.nominal.gear.tip_diameter - e.nominal.gear.root_diameter) / 2
-    fig = figure(WIDTH, 2.2)
-    axes = fig.add_subplot()
-    low, high = _ends(f.heights)
-    flat = apart.reshape(teeth * places, heights).T
+    relative = against_median(folded)
+    teeth, places, heights = relative.shape
+    depth = (gear.tip_diameter - gear.root_diameter) / 2
+    fig, axes = single(WIDTH, 2.2)
+    low, high = cell_edges(folded.heights)
+    flat = relative.reshape(teeth * places, heights).T
     drawn = image(axes, flat, (0.5, teeth + 0.5, low, high), (-0.3 * depth, 0.3 * depth), DIVERGING)
-    _between(axes, teeth)
+    _tooth_axis(axes, teeth)
     for number, d in enumerate(inspection.defects[:MOST_DEFECTS], 1):
         if d.flank is None and d.tooth is not None and d.height is not None:
             _mark(axes, d.tooth, d.height, number)
@@ -201,10 +180,9 @@ def against_median(folded: FoldedMap) -> Array:
 
 
 @styled
-def coverage(inspection: Inspection) -> Figure:
+def coverage(e: GearEvidence) -> Figure:
     """Share of the heights at which each roll length of each tooth has readings."""
-    e: GearEvidence = inspection.evidence
-    low, high = _ends(e.grid.rolls)
+    low, high = cell_edges(e.grid.rolls)
     fig = figure(WIDTH, 2.3)
     panels = fig.subplots(1, 2, sharey=True)
     for side, axes in enumerate(panels):

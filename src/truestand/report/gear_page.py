@@ -6,11 +6,11 @@ import numpy as np
 
 from truestand.core.inspection import Inspection
 from truestand.gear.inspect import GearEvidence
-from truestand.report import gear_figures, gear_maps, gear_tables, trace_charts
+from truestand.report import gear_figures, gear_maps, gear_tables, gear_traces
 from truestand.report.page import framed
 from truestand.report.true_values import Key
 
-JUMP = 0.3
+LEAST_JUMP = 0.3
 """Share of the pitch beyond which a step between neighbouring teeth is no pitch deviation."""
 
 
@@ -29,10 +29,13 @@ def gear_facts(e: GearEvidence) -> list[str]:
 
 def gear_parts(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
     """Everything between head and budget."""
-    parts = [_results(inspection, values)]
-    if isinstance(inspection.evidence, GearEvidence):
-        parts += [_charts(inspection), _pitch(inspection), _published(inspection), _maps(inspection)]
-    return [*parts, _defects(inspection)]
+    e = inspection.evidence
+    if not isinstance(e, GearEvidence):
+        return [_results(inspection, values), _defects(inspection)]
+    return [
+        _results(inspection, values), _charts(inspection, e), _pitch(inspection, e), _published(inspection, e),
+        _maps(inspection, e), _defects(inspection) + _defect_maps(inspection, e),
+    ]  # fmt: skip
 
 
 def _results(inspection: Inspection, values: dict[Key, float] | None) -> str:
@@ -55,27 +58,26 @@ def _results(inspection: Inspection, values: dict[Key, float] | None) -> str:
     return text
 
 
-def _charts(inspection: Inspection) -> str:
+def _charts(inspection: Inspection, e: GearEvidence) -> str:
     how = (
         "Dashed: mean line, and the ends of the evaluation range; shaded: width of the tolerance of the total "
         "deviation. To the right: material in excess. In brackets beneath: limits."
     )
-    return (
-        "<h2>Profile</h2>" + framed(trace_charts.profile_chart(inspection), f"Root at the bottom, tip above. {how}")
-        + "<h2>Helix</h2>" + framed(trace_charts.helix_chart(inspection), f"Lower end of the face at the bottom. {how}")
-    )  # fmt: skip
+    profile = framed(gear_traces.profile_chart(inspection, e), f"Root at the bottom, tip above. {how}")
+    helix = framed(gear_traces.helix_chart(inspection, e), f"Lower end of the face at the bottom. {how}")
+    return f"<h2>Profile</h2>{profile}<h2>Helix</h2>{helix}"
 
 
-def _pitch(inspection: Inspection) -> str:
+def _pitch(inspection: Inspection, e: GearEvidence) -> str:
     return "<h2>Pitch and run-out</h2>" + framed(
-        gear_figures.pitch(inspection),
+        gear_figures.pitch(inspection, e),
         "Bars: each tooth against the one before it; hatched: beyond the limit. Curves: positions about their mean, as "
         "they were read; the figure at the bracket is freed of what noise adds to a range. Shaded: width of the limit.",
     )
 
 
-def _published(inspection: Inspection) -> str:
-    index = inspection.evidence.published_index
+def _published(inspection: Inspection, e: GearEvidence) -> str:
+    index = e.published_index
     if index is None or not np.isfinite(index).any() or not inspection.published:
         return ""
     return (
@@ -84,38 +86,38 @@ def _published(inspection: Inspection) -> str:
         "leaves the angle as it is. A tooth then stands where the eccentric shaft carried it, and that reads as pitch. "
         "Here the axis itself is moved. The published method states no <i>U</i>.</p>"
         + framed(
-            gear_figures.published(inspection),
+            gear_figures.published(e, index),
             "Cumulative pitch of the same gear from the same scan, about its mean. The curve of this inspection is not "
-            "zero; it is that much smaller." + _jumps(inspection),
+            "zero; it is that much smaller." + _jumps(inspection, e),
         )
         + gear_tables.published_table(inspection)
     )
 
 
-def _jumps(inspection: Inspection) -> str:
+def _jumps(inspection: Inspection, e: GearEvidence) -> str:
     """A word on teeth that the published compensation moves so far that they are taken for their neighbours."""
-    pitch = pi * inspection.evidence.nominal.gear.module
-    jumps = max(inspection.published.get(f"f_p {flank}", 0.0) for flank in ("left", "right")) > JUMP * pitch
+    pitch = pi * e.nominal.gear.module
+    jumps = max(inspection.published.get(f"f_p {flank}", 0.0) for flank in ("left", "right")) > LEAST_JUMP * pitch
     return " Where its curve jumps, teeth have moved so far that they were taken for their neighbours." if jumps else ""
 
 
-def _maps(inspection: Inspection) -> str:
-    e: GearEvidence = inspection.evidence
-    teeth, some = e.measures.index.shape[1], gear_maps.shown_teeth(inspection)
+def _maps(inspection: Inspection, e: GearEvidence) -> str:
+    teeth = e.measures.index.shape[1]
+    shown = gear_maps.shown_teeth(inspection, teeth)
     text = "<h2>Flanks</h2>"
     if e.grid.seen.any():
         note = (
-            f" {len(some)} of {teeth} teeth are shown: spread evenly, and those with defects."
-            if len(some) < teeth
+            f" {len(shown)} of {teeth} teeth are shown: spread evenly, and those with defects."
+            if len(shown) < teeth
             else ""
         )
         text += framed(
-            gear_maps.topography(inspection),
+            gear_maps.topography(inspection, e),
             "Topography: each flank from root (bottom) to tip, its face from the lower end (left) to the upper; "
             f"deviation less the tooth's position. Red: material in excess; grey: not seen.{note}",
         )
         text += framed(
-            gear_maps.coverage(inspection),
+            gear_maps.coverage(e),
             "Coverage: how much of the face has readings, by tooth and roll length. White: nothing seen. Dashed: "
             "evaluation range. Stripes are the gaps between profiles, which the table's steps leave near the root.",
         )
@@ -126,18 +128,19 @@ def _defects(inspection: Inspection) -> str:
     text = "<h2>Defects</h2>"
     if inspection.defects:
         text += "<p>Places and sizes are indications and carry no <i>U</i>.</p>"
-    text += gear_tables.defect_table(inspection)
-    e = inspection.evidence
-    if not isinstance(e, GearEvidence):
-        return text
+    return text + gear_tables.defect_table(inspection)
+
+
+def _defect_maps(inspection: Inspection, e: GearEvidence) -> str:
+    text = ""
     if e.defect_map is not None and np.isfinite(e.defect_map.residual).any():
         text += framed(
-            gear_maps.unrolled(inspection),
+            gear_maps.unrolled(inspection, e.defect_map),
             "All flanks against the median tooth: what one tooth has and its neighbours don't. Numbers as above.",
         )
     if e.folded is not None and np.isfinite(e.folded.radius).any():
         text += framed(
-            gear_maps.whole_teeth(inspection),
+            gear_maps.whole_teeth(inspection, e.nominal.gear, e.folded),
             "The gear unrolled: radius against that of the median tooth. Missing teeth and broken corners are blue, "
             "burrs red.",
         )

@@ -4,25 +4,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from truestand.core.inspection import Characteristic, Defect, Flank, Inspection
+from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
 from truestand.report.inspection_tables import (
-    NONE,
     U_HEAD,
     cell,
     headings,
-    named,
+    name_cell,
     result_cells,
     result_headings,
     table,
-    whole,
+    whole_part_lines,
 )
-from truestand.report.numbers import number
-from truestand.report.true_values import Key
-from truestand.report.words import limit_text, symbol, u_text, value_text, verdict_text
+from truestand.report.notation import NONE, limit_text, number, symbol, u_text, value_text, verdict_text
+from truestand.report.true_values import FLANKS, Key
 
-FLANKS: tuple[Flank, ...] = ("left", "right")
 GROUPS = (
     ("Pitch", ("f_p", "F_p", "F_pk", "f_u", "f_p_areal", "F_p_areal")),
     ("Profile: mean of all teeth", ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")),
@@ -31,18 +28,18 @@ GROUPS = (
 PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MOST_DEFECTS = 20
 """Defects listed openly, and numbered on the maps."""
-EVERY = (
+AS_READ_NOTE = (
     "<p>Single pitches and positions are as they were read, without <i>U</i>; that of each flank's figures stands in "
     "the record and in the CSV.</p>"
 )
 PUBLISHED = ("f_p", "F_p", "F_pk", "f_u")
 
-Pair = dict[str | None, Characteristic]
+ByFlank = dict[str | None, Characteristic]
 
 
-def _by_name(lines: Iterable[Characteristic]) -> dict[str, Pair]:
+def _by_name(lines: Iterable[Characteristic]) -> dict[str, ByFlank]:
     """Lines by name and flank, in their order."""
-    found: dict[str, Pair] = {}
+    found: dict[str, ByFlank] = {}
     for c in lines:
         found.setdefault(c.name, {})[c.flank] = c
     return found
@@ -50,7 +47,7 @@ def _by_name(lines: Iterable[Characteristic]) -> dict[str, Pair]:
 
 def flank_table(inspection: Inspection, values: Mapping[Key, float] | None) -> str:
     """Pitch, profile and helix of the whole gear, left and right side by side."""
-    by_name = {n: p for n, p in _by_name(whole(inspection)).items() if None not in p}
+    by_name = {n: p for n, p in _by_name(whole_part_lines(inspection)).items() if None not in p}
     width = 6 + (2 if values is not None else 0)
     grouped = [*GROUPS, ("Other", tuple(n for n in by_name if not any(n in names for _, names in GROUPS)))]
     body = ""
@@ -66,20 +63,18 @@ def flank_table(inspection: Inspection, values: Mapping[Key, float] | None) -> s
     return table(head, body, "results") if body else ""
 
 
-def _flank_row(pair: Pair, values: Mapping[Key, float] | None, width: int) -> str:
-    some = next(iter(pair.values()))
+def _flank_row(pair: ByFlank, values: Mapping[Key, float] | None, width: int) -> str:
+    either = next(iter(pair.values()))
     cells = "".join(
         result_cells(pair[f], values, grade=True) if f in pair else cell(NONE, "gap", width) for f in FLANKS
     )
-    return f"<tr>{named(some)}{cell(limit_text(some))}{cells}</tr>"
+    return f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>"
 
 
 def gear_table(inspection: Inspection, values: Mapping[Key, float] | None) -> str:
     """What both flanks tell together: run-out and sizes."""
-    lines = [c for c in whole(inspection) if c.flank is None]
-    body = "".join(
-        f"<tr>{named(c)}{cell(limit_text(c))}{result_cells(c, values, grade=True)}</tr>" for c in lines
-    )  # fmt: skip
+    lines = [c for c in whole_part_lines(inspection) if c.flank is None]
+    body = "".join(f"<tr>{name_cell(c)}{cell(limit_text(c))}{result_cells(c, values, grade=True)}</tr>" for c in lines)
     head = f'<tr><th></th><th class="n">limit</th>{result_headings(values is not None, grade=True)}</tr>'
     return table(head, body, "results") if body else ""
 
@@ -98,8 +93,8 @@ def worst_teeth(inspection: Inspection) -> str:
     body = ""
     for name in dict.fromkeys(n for n, _ in lines):
         sides = [lines.get((name, f), []) for f in FLANKS]
-        some = next(side[0] for side in sides if side)
-        body += f"<tr>{named(some)}{cell(limit_text(some))}{''.join(_worst(side) for side in sides)}</tr>"
+        either = next(side[0] for side in sides if side)
+        body += f"<tr>{name_cell(either)}{cell(limit_text(either))}{''.join(_worst(side) for side in sides)}</tr>"
     columns = '<th class="n first">tooth</th>' + headings(["value", U_HEAD, "class"]) + "<th>verdict</th>"
     columns += '<th class="n">✓ · ? · ✗</th>'
     head = (
@@ -142,7 +137,7 @@ def every_tooth(inspection: Inspection) -> str:
     first = "".join(f'<th class="side" colspan="{span}">{title}</th>' for title, span in titles)
     second = "".join(headings(FLANKS if span == 2 else ["out"]) for _, span in titles)
     head = f'<tr><th></th>{first}</tr><tr><th class="n">tooth</th>{second}</tr>'
-    return f"<details><summary>Every tooth (µm)</summary>{EVERY}{table(head, body, 'teeth')}</details>"
+    return f"<details><summary>Every tooth (µm)</summary>{AS_READ_NOTE}{table(head, body, 'teeth')}</details>"
 
 
 def _pitches(evidence: Any) -> dict[int, tuple[str, ...]]:
@@ -168,20 +163,20 @@ def _single(c: Characteristic | None) -> str:
 
 def published_table(inspection: Inspection) -> str:
     """The published compensation's figures beside ours."""
-    ours = {(c.name, c.flank): c for c in whole(inspection)}
+    ours = {(c.name, c.flank): c for c in whole_part_lines(inspection)}
     body = ""
     for name in PUBLISHED:
         pair = [ours.get((name, f)) for f in FLANKS]
         theirs = [inspection.published.get(f"{name} {f}") for f in FLANKS]
-        some = next((c for c in pair if c is not None), None)
-        if some is None or all(value is None for value in theirs):
+        either = next((c for c in pair if c is not None), None)
+        if either is None or all(value is None for value in theirs):
             continue
         cells = ""
         for c, value in zip(pair, theirs, strict=True):
             measured = c is not None and c.value is not None
             cells += cell(number(None if value is None else um(value), 0), "n first")
             cells += cell(f"{value_text(c)} ± {u_text(c)}" if c is not None and measured else NONE)
-        body += f"<tr>{named(some)}{cell(limit_text(some))}{cells}</tr>"
+        body += f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>"
     columns = '<th class="n first">published</th><th class="n">here ± <i>U</i><small>k = 2</small></th>'
     head = (
         '<tr><th></th><th></th><th class="side" colspan="2">left flanks</th><th class="side" colspan="2">right flanks'
@@ -195,10 +190,10 @@ def defect_table(inspection: Inspection) -> str:
     defects = inspection.defects
     if not defects:
         return '<p class="nothing">None found.</p>'
-    again = any(d.second_score is not None for d in defects)
-    rows = [_defect_row(i, d, again) for i, d in enumerate(defects, 1)]
+    second = any(d.second_score is not None for d in defects)
+    rows = [_defect_row(i, d, second) for i, d in enumerate(defects, 1)]
     head = '<tr><th class="n">no.</th><th>kind</th><th class="n">tooth</th><th>flank</th>' + headings(
-        ["roll length (mm)", "height (mm)", "depth (µm)", "extent (mm)", "score (σ)", *(["second score"] * again)]
+        ["roll length (mm)", "height (mm)", "depth (µm)", "extent (mm)", "score (σ)", *(["second score"] * second)]
     )
     text = table(f"{head}</tr>", "".join(rows[:MOST_DEFECTS]), "defects")
     more = len(rows) - MOST_DEFECTS
@@ -208,10 +203,10 @@ def defect_table(inspection: Inspection) -> str:
     return text
 
 
-def _defect_row(number_: int, d: Defect, again: bool) -> str:
+def _defect_row(i: int, d: Defect, second: bool) -> str:
     return (
-        f"<tr>{cell(str(number_))}<td>{escape(d.kind)}</td>{cell(NONE if d.tooth is None else str(d.tooth))}"
+        f"<tr>{cell(str(i))}<td>{escape(d.kind)}</td>{cell(NONE if d.tooth is None else str(d.tooth))}"
         f"<td>{d.flank or 'whole tooth'}</td>{cell(number(d.roll_length, 2))}{cell(number(d.height, 2))}"
         f"{cell(number(None if d.depth is None else um(d.depth), 1))}{cell(number(d.extent, 2))}"
-        f"{cell(number(d.score, 1))}{cell(number(d.second_score, 3)) if again else ''}</tr>"
+        f"{cell(number(d.score, 1))}{cell(number(d.second_score, 3)) if second else ''}</tr>"
     )

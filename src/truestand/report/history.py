@@ -2,18 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from html import escape
 
-from truestand.report.control_charts import components, individuals
-from truestand.report.numbers import number, places
+from matplotlib.figure import Figure
+
+from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, single, styled
+from truestand.report.notation import number, places
 from truestand.report.page import framed, page
 from truestand.statistics.control import MR_FACTOR, ControlChart
 from truestand.statistics.gage import GageStudy
 
+MARK_COLOUR = "#a8240b"
+
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """One quantity over time."""
+class QuantityHistory:
+    """One quantity of one sensor over time."""
 
     title: str
     unit: str
@@ -26,8 +31,8 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Inspected:
-    """One inspection as it stands today."""
+class InspectionRow:
+    """One inspection, as last corrected."""
 
     number: int
     time: str
@@ -39,11 +44,11 @@ class Inspected:
 
 
 def history_report(
-    courses: Sequence[Course], inspected: Sequence[Inspected], head: str, company: str | None = None
+    histories: Sequence[QuantityHistory], inspected: Sequence[InspectionRow], head: str, company: str | None = None
 ) -> str:
     """The HTML text; ``head`` names the store's last entry and its hash."""
-    marked = [c for c in courses if not c.clamping and not c.chart.points[-1].ok]
-    verdict = "Something to look at" if marked else "Steady at the last calibration" if courses else "No calibrations"
+    marked = [c for c in histories if not c.clamping and not c.chart.points[-1].ok]
+    verdict = "Something to look at" if marked else "Steady at the last calibration" if histories else "No calibrations"
     over = "" if company is None else f'<p class="over">{escape(company)}</p>'
     parts = [
         f'<header>{over}<h1>History of the stand</h1><div class="verdict {"untrusted" if marked else "valid"}">'
@@ -52,7 +57,7 @@ def history_report(
         "<h2>Calibrations</h2><p>Each reading with its U (k = 2, pale bar), the mean, and the limits at the mean "
         f"∓ {MR_FACTOR} mean moving ranges (dashed). A diamond marks a reading beyond the limits, the eighth in a row "
         "on one side of the mean, or a change larger than both readings' U together.</p>",
-        *(_course(c) for c in courses),
+        *(_quantity(c) for c in histories),
         _inspections(inspected),
     ]
     return page("History of the stand", parts, "Limits describe what the stand did; they are no tolerances.")
@@ -64,12 +69,12 @@ def study_report(studies: Mapping[str, GageStudy], source: str) -> str:
     return page("Gage R&R", [head, *(_study(*item) for item in studies.items())], "AIAG MSA 4th ed., ANOVA, crossed.")
 
 
-def _reasons(marked: Sequence[Course]) -> str:
+def _reasons(marked: Sequence[QuantityHistory]) -> str:
     lines = "".join(f"<li>{escape(c.title)}: {', '.join(c.chart.points[-1].flags)}</li>" for c in marked)
     return f'<ul class="reasons">{lines}</ul>' if lines else ""
 
 
-def _course(c: Course) -> str:
+def _quantity(c: QuantityHistory) -> str:
     decimals = places(c.chart.points[-1].U)
     limits = "limits need two readings"
     if c.chart.lower is not None:
@@ -88,11 +93,11 @@ def _course(c: Course) -> str:
         "</details>"
     )
     limits += "; changes whenever the shaft is clamped again" if c.clamping else ""
-    svg = individuals(c.chart, c.times, c.unit)
+    svg = _control_chart(c.chart, c.times, c.unit)
     return f"<h3>{escape(c.title)}</h3>{framed(svg, escape(limits))}{table}"
 
 
-def _inspections(inspected: Sequence[Inspected]) -> str:
+def _inspections(inspected: Sequence[InspectionRow]) -> str:
     if not inspected:
         return ""
     rows = "".join(
@@ -121,5 +126,54 @@ def _study(name: str, s: GageStudy) -> str:
     return (
         f'<h2>{escape(name)}</h2><p class="facts">{facts}</p><table class="narrow"><tr><th>source</th>'
         f'<th class="n">standard deviation</th><th class="n">% of TV</th><th class="n">% of variance</th></tr>{rows}'
-        f"</table>{framed(components(s), 'Shares of standard deviations; they do not add up to 100.')}"
+        f"</table>{framed(_variation_bars(s), 'Shares of standard deviations; they do not add up to 100.')}"
     )
+
+
+@styled
+def _control_chart(chart: ControlChart, times: Sequence[str], label: str) -> Figure:
+    """The readings with U, their mean and limits, and below them the moving range."""
+    fig = figure(9.4, 3.4)
+    upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    x = list(range(len(chart.points)))
+    values = [p.value for p in chart.points]
+    for k, p in enumerate(chart.points):
+        if p.U is not None:
+            upper.plot([k, k], [p.value - p.U, p.value + p.U], color=PALE, lw=3.0, zorder=1)
+    upper.plot(x, values, "-o", ms=4.0, lw=1.0, color=EXACT, zorder=3)
+    marked = [k for k, p in enumerate(chart.points) if not p.ok]
+    upper.plot(marked, [values[k] for k in marked], "D", ms=7.0, mfc="none", mec=MARK_COLOUR, mew=1.6, zorder=4)
+    if chart.mean is not None:
+        upper.axhline(chart.mean, color=INK, lw=0.8, zorder=2)
+    for limit in (chart.lower, chart.upper):
+        if limit is not None:
+            upper.axhline(limit, color=PAPER, lw=1.0, ls=(0, (5, 3)), zorder=2)
+    upper.set_ylabel(label)
+    upper.ticklabel_format(axis="y", useOffset=False)
+    lower.plot(x[1:], [abs(p.change or 0.0) for p in chart.points[1:]], "-o", ms=3.0, lw=0.8, color=GREY)
+    lower.set(ylabel="moving\nrange", ylim=(0.0, None))
+    every = max(1, -(-len(x) // 12))
+    lower.set_xticks(x[::every], [_day(t) for t in times[::every]], rotation=30, ha="right")
+    return fig
+
+
+@styled
+def _variation_bars(study: GageStudy) -> Figure:
+    """What each source contributes, per cent of the total variation."""
+    fig, axes = single(6.0, 1.9)
+    names = ("repeatability EV", "operators AV", "interaction", "Gage R&R", "parts PV")
+    values = (study.EV, study.AV, study.INT, study.GRR, study.PV)
+    shares = [study.share(v) or 0.0 for v in values]
+    axes.barh(names[::-1], shares[::-1], color=[EXACT, PAPER, GREY, GREY, GREY])
+    axes.set(xlabel="% of total variation", xlim=(0.0, 105.0))
+    for name, share in zip(names, shares, strict=True):
+        axes.annotate(f"{share:.1f}", (share, name), xytext=(3, 0), textcoords="offset points", va="center")
+    return fig
+
+
+def _day(time: str) -> str:
+    """The day of an ISO time, or the text itself."""
+    try:
+        return datetime.fromisoformat(time).strftime("%Y-%m-%d")
+    except ValueError:
+        return time

@@ -1,31 +1,29 @@
 """The report of an inspection: one HTML file that one may hand to a customer."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from html import escape
 from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
-from truestand.files.recipes.company import Company
+from truestand.files.recipes.recipes import Company
 from truestand.gear.inspect import GearEvidence
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import TurnedEvidence
 from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
 from truestand.report.gear_page import gear_facts, gear_parts
-from truestand.report.inspection_tables import budgets, decisive, settings, unmeasured
-from truestand.report.numbers import number
+from truestand.report.notation import VERDICTS, limit_text, number
 from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
-from truestand.report.words import VERDICTS, limit_text
 
 TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
-MEANT: dict[Verdict, str] = {
+MEANINGS: dict[Verdict, str] = {
     "conforms": "every limit is kept, beyond the uncertainty",
     "does_not_conform": "at least one limit is exceeded, beyond the uncertainty",
     "undecided": "the uncertainty, or what was not seen, leaves it open",
 }
-WORDS = (
+GLOSSARY = (
     ("U", "expanded uncertainty, k = 2: the value lies within ± U with about 95 % confidence"),
     ("T", "width of the zone between the limits"),
     ("undecided", "within U's guard band of a limit (ISO 14253-1): neither conformance nor its opposite is shown"),
@@ -36,7 +34,7 @@ WORDS = (
     ("not measurable", "not enough was seen; there is no number rather than a guessed one"),
     ("seen", "share of what the characteristic needs that was seen; partial: the rest may be worse"),
 )
-GEAR_WORDS = (
+GEAR_GLOSSARY = (
     ("left flank", "the flank of a tooth at the larger polar angle; teeth count counter-clockwise from above"),
     ("class", "the best accuracy class of the standard that the value alone keeps, without U"),
     ("roll length", "where on the involute: the length of the tangent from the base circle"),
@@ -51,12 +49,10 @@ def inspection_report(
 ) -> str:
     """The HTML text. ``calibration``: through which it was scanned; ``truth``: of a simulation, its key ``part``."""
     values = true_values(inspection, truth) or None
-    middle: dict[str, Callable[[Inspection, dict[Key, float] | None], list[str]]] = {
-        "gear": gear_parts, "turned": _turned, "cad": _cad,
-    }  # fmt: skip
+    results = {"gear": gear_parts, "turned": _turned, "cad": _cad}[inspection.kind]
     parts = [
-        _head(inspection, calibration, company), *middle[inspection.kind](inspection, values), _budget(inspection),
-        _evaluated(inspection), _words(inspection),
+        _head(inspection, calibration, company), *results(inspection, values), _budget(inspection),
+        tables.settings(inspection), _glossary(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
     return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note)
@@ -65,13 +61,13 @@ def inspection_report(
 def _head(inspection: Inspection, calibration: Calibration | None, company: Company | None) -> str:
     verdict = inspection.verdict
     mark, word = VERDICTS[verdict]
-    meant = "nothing may be decided on this calibration" if inspection.reasons else MEANT[verdict]
+    meant = "nothing may be decided on this calibration" if inspection.reasons else MEANINGS[verdict]
     if verdict not in {c.verdict for c in inspection.characteristics} and any(d.verdict for d in inspection.defects):
         meant = "a tooth is broken" if verdict == "does_not_conform" else "a tooth may be broken"
     return (
         head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
         + stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
-        + f"{unmeasured(inspection)}{decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
+        + f"{tables.unmeasured(inspection)}{tables.decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
     )
 
 
@@ -80,8 +76,7 @@ def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]
     if "datum" in inspection.settings:
         facts.append(f"datum: {inspection.settings['datum']}")
     if calibration is not None:
-        facts.append(f"sensor {calibration.stand.sensor.name}")
-        facts += [f"calibration {calibration.status}"]
+        facts += [f"sensor {calibration.stand.sensor.name}", f"calibration {calibration.status}"]
         facts += [f"calibrated {calibration.created}"] if calibration.created else []
         if calibration.scan is not None and calibration.scan.sha256:
             facts.append(f"calibration scan {calibration.scan.sha256[:12]}")
@@ -97,12 +92,12 @@ def _remarks(inspection: Inspection) -> str:
 def _lines(inspection: Inspection, values: dict[Key, float] | None) -> str:
     """One row a characteristic, by section."""
     body, section = "", None
-    for c in tables.whole(inspection):
+    for c in tables.whole_part_lines(inspection):
         if c.section != section:
             section = c.section
             body += f'<tr class="group"><th colspan="11">{escape(section or "")}</th></tr>'
         cells = tables.result_cells(c, values, grade=False)
-        body += f"<tr>{tables.named(c)}{tables.cell(limit_text(c))}{cells}</tr>"
+        body += f"<tr>{tables.name_cell(c)}{tables.cell(limit_text(c))}{cells}</tr>"
     columns = tables.result_headings(values is not None, grade=False)
     return tables.table(f'<tr><th></th><th class="n">limit</th>{columns}</tr>', body, "results")
 
@@ -116,13 +111,13 @@ def _turned(inspection: Inspection, values: dict[Key, float] | None) -> list[str
         *parts,
         "<h2>Roundness</h2>",
         framed(
-            part_figures.roundness(inspection),
+            part_figures.roundness(inspection, evidence.sections),
             "Each height's circle about its own least-squares centre, filtered and magnified; the circle at the middle "
             "height is black, all others blue. Dashed: no deviation.",
         ),
         "<h2>Deviation maps</h2>",
         framed(
-            part_figures.section_maps(inspection),
+            part_figures.section_maps(evidence.sections),
             "Distance from the datum axis less the drawing's radius, unrolled. One colour scale; grey: not seen. An "
             "offset of the section's axis is a wave once around.",
         ),
@@ -138,39 +133,49 @@ def _cad(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
     return [
         *parts,
         framed(
-            part_figures.cad_map(inspection),
+            part_figures.cad_map(inspection, evidence),
             f"Normal deviation from the model, unrolled about the datum axis; red: material in excess, grey: not seen "
             f"({visible} % of the model's surface is visible to the sensor). Lines on the scale: limits.",
         ),
         framed(
-            part_figures.cad_histogram(inspection), "How often which deviation occurs, over patches of the surface."
+            part_figures.cad_histogram(inspection, evidence),
+            "How often which deviation occurs, over patches of the surface.",
         ),
     ]
 
 
-MAIN = ("f_p", "F_p", "F_r", "F_alpha", "f_Halpha", "F_beta", "f_Hbeta", "s", "M_d", "d", "roundness", "runout")
+MAIN_CHARACTERISTICS = (
+    "f_p",
+    "F_p",
+    "F_r",
+    "F_alpha",
+    "f_Halpha",
+    "F_beta",
+    "f_Hbeta",
+    "s",
+    "M_d",
+    "d",
+    "roundness",
+    "runout",
+)
 
 
 def _budget(inspection: Inspection) -> str:
     """Of each main characteristic the line with the largest U."""
     largest = []
-    lines = [c for c in tables.whole(inspection) if c.U is not None and c.budget]
-    for name in MAIN if inspection.kind != "cad" else dict.fromkeys(c.name for c in lines):
-        own = [c for c in lines if c.name == name]
-        largest += [max(own, key=lambda c: c.U or 0.0)] if own else []
+    lines = [c for c in tables.whole_part_lines(inspection) if c.U is not None and c.budget]
+    for name in MAIN_CHARACTERISTICS if inspection.kind != "cad" else dict.fromkeys(c.name for c in lines):
+        same = [c for c in lines if c.name == name]
+        largest += [max(same, key=lambda c: c.U or 0.0)] if same else []
     if not largest:
         return ""
     return (
         "<h2>Uncertainty</h2><p>Where each <i>U</i> (k = 2) comes from, for the line of each kind with the largest. "
         f"Contributions below {100 * tables.LEAST_SHARE:g} % are left out here and stand in the record.</p>"
-        + budgets(largest)
+        + tables.budgets(largest)
     )
 
 
-def _evaluated(inspection: Inspection) -> str:
-    return f"<h2>How it was evaluated</h2>{settings(inspection)}" if inspection.settings else ""
-
-
-def _words(inspection: Inspection) -> str:
-    words = (*GEAR_WORDS, *WORDS) if inspection.kind == "gear" else WORDS
-    return "<h2>Words</h2><dl>" + "".join(f"<dt>{w}</dt><dd>{m}</dd>" for w, m in words) + "</dl>"
+def _glossary(inspection: Inspection) -> str:
+    terms = (*GEAR_GLOSSARY, *GLOSSARY) if inspection.kind == "gear" else GLOSSARY
+    return "<h2>Words</h2><dl>" + "".join(f"<dt>{term}</dt><dd>{meaning}</dd>" for term, meaning in terms) + "</dl>"

@@ -1,39 +1,41 @@
-"""The tables of an inspection that hold for any part: verdicts, budget, settings. Text from outside is escaped."""
+"""The tables of an inspection that any kind of part has: verdicts, budget, settings. Texts from files are escaped."""
 
 from collections.abc import Iterable, Mapping
 from html import escape
 
 from truestand.core.inspection import Characteristic, Inspection
-from truestand.report.numbers import number, places
-from truestand.report.page import unseen
-from truestand.report.true_values import Key, true_value
-from truestand.report.words import (
+from truestand.core.units import um
+from truestand.report.notation import (
+    NONE,
     decimals,
     limit_text,
     line_name,
     meaning,
+    number,
+    places,
     seen_text,
-    share_text,
     shown,
     symbol,
+    tolerance_share_text,
     u_text,
     unit,
     value_text,
     verdict_text,
 )
+from truestand.report.page import not_measured
+from truestand.report.true_values import Key, true_value
 
-NONE = "\N{EN DASH}"
 U_HEAD = "<i>U</i><small>k = 2</small>"
 LEAST_SHARE = 0.02
 """Of U: smaller lines of a budget stand in the record."""
-MOST_NAMED = 8
-"""Lines that the head names one by one."""
+MOST_LISTED = 8
+"""Lines that the head lists one by one."""
 
 
 def table(head: str, body: str, kind: str = "") -> str:
     """A table from its cells."""
-    scrolled = f'<table class="{kind}">' if kind else "<table>"
-    return f'<div class="wide">{scrolled}<thead>{head}</thead><tbody>{body}</tbody></table></div>'
+    css = f' class="{kind}"' if kind else ""
+    return f'<div class="wide"><table{css}><thead>{head}</thead><tbody>{body}</tbody></table></div>'
 
 
 def cell(text: str, kind: str = "n", span: int = 1) -> str:
@@ -47,9 +49,9 @@ def headings(names: Iterable[str], kind: str = "n") -> str:
     return "".join(f'<th class="{kind}">{n}</th>' for n in names)
 
 
-def named(c: Characteristic, note: str = "") -> str:
+def name_cell(c: Characteristic) -> str:
     """The first cell of a row: symbol, unit and what it means."""
-    words = meaning(c.name) + note
+    words = meaning(c.name)
     small = f"<small>{words}</small>" if words else ""
     return f'<td class="name">{symbol(c.name)} <span class="unit">{unit(c)}</span>{small}</td>'
 
@@ -68,7 +70,7 @@ def result_cells(c: Characteristic, values: Mapping[Key, float] | None, grade: b
     if c.value is None or c.status == "not_measurable":
         undecided = " · undecided" if c.limits is not None and c.verdict is not None else ""
         return cell(f'<span class="none">not measurable{undecided}</span>', "gap", width)
-    cells = cell(f"<b>{value_text(c)}</b>", "n first") + cell(u_text(c)) + cell(share_text(c))
+    cells = cell(f"<b>{value_text(c)}</b>", "n first") + cell(u_text(c)) + cell(tolerance_share_text(c))
     if grade:
         cells += cell(NONE if c.grade is None else str(c.grade))
     cells += cell(seen_text(c)) + cell(verdict_text(c), "verdict-cell")
@@ -84,7 +86,7 @@ def result_headings(truth: bool, grade: bool) -> str:
     )  # fmt: skip
 
 
-def whole(inspection: Inspection) -> list[Characteristic]:
+def whole_part_lines(inspection: Inspection) -> list[Characteristic]:
     """Lines of the whole part."""
     return [c for c in inspection.characteristics if c.tooth is None]
 
@@ -98,28 +100,28 @@ def decisive(inspection: Inspection) -> str:
             items.append(f'<li class="{verdict}"><b>{words}:</b> {"; ".join(broken)}</li>')
         found = [c for c in inspection.characteristics if c.verdict == verdict and c.value is not None]
         if found:
-            items.append(f'<li class="{verdict}"><b>{words}:</b> {_named_ones(found)}</li>')
-    unable = [c for c in whole(inspection) if not c.capable]
+            items.append(f'<li class="{verdict}"><b>{words}:</b> {_failed_lines(found)}</li>')
+    unable = [c for c in whole_part_lines(inspection) if not c.capable]
     if unable:
         names = ", ".join(dict.fromkeys(symbol(c.name) for c in unable))
         items.append(f"<li><b>Not capable:</b> {names}. <i>U</i> leaves no room between the limits.</li>")
-    deep = [d for d in inspection.defects if inspection.defect_depth is not None]
-    deep = [d for d in deep if (d.depth or 0.0) > (inspection.defect_depth or 0.0)]
-    if deep:
-        limit = number(1000 * (inspection.defect_depth or 0.0), 0)
-        items.append(f'<li class="does_not_conform"><b>Defects</b> deeper than {limit} µm: {len(deep)}</li>')
+    limit = inspection.defect_depth
+    deeper = [d for d in inspection.defects if limit is not None and (d.depth or 0.0) > limit]
+    if limit is not None and deeper:
+        text = f"<b>Defects</b> deeper than {number(um(limit), 0)} µm: {len(deeper)}"
+        items.append(f'<li class="does_not_conform">{text}</li>')
     return f'<ul class="decisive">{"".join(items)}</ul>' if items else ""
 
 
-def _named_ones(found: list[Characteristic]) -> str:
+def _failed_lines(found: list[Characteristic]) -> str:
     """Lines of the whole part by name and value; lines of single teeth as a count."""
     single = [c for c in found if c.tooth is not None]
     texts = [
         f"{line_name(c)} {value_text(c)} ± {u_text(c)} {unit(c)} (limit {limit_text(c)})"
         for c in found if c.tooth is None
     ]  # fmt: skip
-    more = len(texts) - MOST_NAMED
-    texts = [*texts[:MOST_NAMED], f"{more} more"] if more > 1 else texts
+    more = len(texts) - MOST_LISTED
+    texts = [*texts[:MOST_LISTED], f"{more} more"] if more > 1 else texts
     if single:
         names = ", ".join(dict.fromkeys(symbol(c.name) for c in single))
         texts.append(f"{len(single)} line{'s' if len(single) > 1 else ''} of single teeth ({names})")
@@ -129,14 +131,14 @@ def _named_ones(found: list[Characteristic]) -> str:
 def unmeasured(inspection: Inspection) -> str:
     """What could not be measured, by flank or section; empty where everything was."""
     by_place: dict[str, list[str]] = {}
-    for c in whole(inspection):
+    for c in whole_part_lines(inspection):
         if c.status == "not_measurable":
             by_place.setdefault(c.section or c.flank or "", []).append(symbol(c.name))
     items = []
     for place, names in by_place.items():
         where = f"<b>{place} flanks:</b> " if place in ("left", "right") else f"<b>{escape(place)}:</b> "
         items.append(f"{where if place else ''}{', '.join(dict.fromkeys(names))}")
-    return unseen("Not measurable in this scan", items)
+    return not_measured("Not measurable in this scan", items)
 
 
 def budgets(lines: Iterable[Characteristic]) -> str:
@@ -161,8 +163,9 @@ def _two_digits(value: float) -> str:
 
 
 def settings(inspection: Inspection) -> str:
-    """How it was evaluated."""
+    """How it was evaluated, with its heading; empty where nothing is known."""
     rows = "".join(
         f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in inspection.settings.items()
     )
-    return f'<table class="settings"><tbody>{rows}</tbody></table>'
+    table = f'<table class="settings"><tbody>{rows}</tbody></table>'
+    return f"<h2>How it was evaluated</h2>{table}" if rows else ""

@@ -1,11 +1,11 @@
-"""The frame around every report: one HTML file with its style inside, one head, figures with their captions."""
+"""The HTML around every report: one file with its style inside, its head, figures with their captions."""
 
 from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
 
 from truestand._version import __version__
-from truestand.files.recipes.company import Company
+from truestand.files.recipes.recipes import Company
 
 K_NOTE = '<p class="k">± <i>U</i>: expanded uncertainty, <i>k</i> = 2.</p>'
 
@@ -38,7 +38,7 @@ def _letterhead(company: Company | None) -> str:
 
 
 def stamp(kind: str, mark: str, word: str, meaning: str, reasons: Iterable[str] = ()) -> str:
-    """The verdict, readable from two metres: its mark has a shape of its own, for those who see no colours."""
+    """The verdict in large type; its mark has a shape of its own, so that it is told apart without colour."""
     items = "".join(f"<li>{escape(r)}</li>" for r in reasons)
     return (
         f'<section class="stamp {kind}"><div class="mark">{mark}</div><div><div class="word">{word}</div>'
@@ -46,10 +46,10 @@ def stamp(kind: str, mark: str, word: str, meaning: str, reasons: Iterable[str] 
     )
 
 
-def unseen(title: str, items: Iterable[str]) -> str:
+def not_measured(title: str, items: Iterable[str]) -> str:
     """What could not be measured: the first thing a reader should know. The items are HTML; empty where none."""
-    told = "".join(f"<li>{item}</li>" for item in items)
-    return f'<div class="unseen"><h3>{title}</h3><ul>{told}</ul></div>' if told else ""
+    listed = "".join(f"<li>{item}</li>" for item in items)
+    return f'<div class="unseen"><h3>{title}</h3><ul>{listed}</ul></div>' if listed else ""
 
 
 def framed(svg: str, caption: str) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 from truestand.core.errors import MissingExtra
 from truestand.files.atomic import write_bytes_atomic, write_text_atomic
 
-LACKING = "PDF needs an extra package; install it with: pip install 'truestand[pdf]'"
-LIBRARIES = (
+MISSING_PACKAGE = "PDF needs an extra package; install it with: pip install 'truestand[pdf]'"
+MISSING_LIBRARIES = (
     "PDF needs system libraries that are missing ({}); Debian: apt install libpango-1.0-0 libpangoft2-1.0-0 "
     "libharfbuzz-subset0; or write HTML and print it with a browser"
 )
@@ -43,8 +43,8 @@ def write_report(path: Path, html: str) -> None:
 def pdf(html: str) -> bytes:
     """The pages of a report; no address is opened, a report brings all of its own."""
     weasyprint = _weasyprint()
-    own = weasyprint.urls.URLFetcher(allowed_protocols=("data",))
-    return bytes(weasyprint.HTML(string=html, url_fetcher=own).write_pdf())
+    embedded_only = weasyprint.urls.URLFetcher(allowed_protocols=("data",))
+    return bytes(weasyprint.HTML(string=html, url_fetcher=embedded_only).write_pdf())
 
 
 def _weasyprint() -> Any:
@@ -52,7 +52,7 @@ def _weasyprint() -> Any:
     try:
         import weasyprint
     except ImportError as wrong:
-        raise MissingExtra(LACKING) from wrong
+        raise MissingExtra(MISSING_PACKAGE) from wrong
     except OSError as wrong:
-        raise MissingExtra(LIBRARIES.format(str(wrong).split(":")[0][:120])) from wrong
+        raise MissingExtra(MISSING_LIBRARIES.format(str(wrong).split(":")[0][:120])) from wrong
     return weasyprint

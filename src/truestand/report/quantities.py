@@ -1,4 +1,4 @@
-"""The quantities of a calibration in the order and the words of the report, with the record's units."""
+"""The quantities of a calibration in the order and the wording of the report, with the record's units."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -39,15 +39,9 @@ class Quantity:
         return (difference + 180.0) % 360.0 - 180.0 if self.unit == "°" else difference
 
 
-WORDS = (
+QUANTITIES = (
     ("phi_deg", "Angle φ", "°", "sensor", "between the rotation axis and the sensor's z"),
-    (
-        "eccentricity_um",
-        "Eccentricity",
-        "µm",
-        "shaft",
-        "offset of shaft axis from rotation axis, at the shoulder",
-    ),
+    ("eccentricity_um", "Eccentricity", "µm", "shaft", "offset of shaft axis from rotation axis, at the shoulder"),
     ("eccentricity_direction_deg", "Eccentricity, direction", "°", "shaft", "its azimuth on the table at angle 0"),
     ("tilt_mrad", "Shaft tilt", "mrad", "shaft", "angle between shaft axis and rotation axis"),
     ("tilt_direction_deg", "Shaft tilt, direction", "°", "shaft", "azimuth towards which the shaft leans going up"),
@@ -64,7 +58,7 @@ def quantities(
     exact = _values(calibration) if calibration.method == "stand" else {}
     published = _values(paper or calibration) if paper is not None or calibration.method == "paper" else {}
     rows = []
-    for key, name, unit, group, meaning in WORDS:
+    for key, name, unit, group, meaning in QUANTITIES:
         uncertainty = calibration.uncertainty.get(key)
         known = None if truth is None else dict(truth.get(group) or {}).get(key)
         rows.append(

@@ -1,65 +1,56 @@
-"""The result as a table for the terminal."""
+"""Results and history as tables for the terminal."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import hypot
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
-from truestand.report.numbers import number, places, with_u
+from truestand.report.notation import number, places, with_u
 from truestand.report.quantities import quantities
 from truestand.report.true_values import true_value, true_values
 
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from truestand.report.history import InspectionRow, QuantityHistory
+    from truestand.statistics.gage import GageStudy
+
 
 def summary_table(
     calibration: Calibration, paper: Calibration | None = None, truth: Mapping[str, Any] | None = None
 ) -> "Table":
     """Paper's method, exact model with U (k = 2), truth and error where given."""
-    from rich.table import Table
-
-    both = paper is not None or calibration.method == "paper"
-    table = Table(title=f"Calibration: {calibration.status}", title_justify="left")
-    table.add_column("quantity")
-    if both:
-        table.add_column("paper's method", justify="right")
-    if calibration.method == "stand":
-        table.add_column("exact model ± U (k = 2)", justify="right")
-    if truth is not None:
-        table.add_column("truth", justify="right")
-        table.add_column("error", justify="right")
+    exact, published = calibration.method == "stand", paper is not None or calibration.method == "paper"
+    columns = ["paper's method"] if published else []
+    columns += ["exact model ± U (k = 2)"] if exact else []
+    columns += ["truth", "error"] if truth is not None else []
+    table = _table(f"Calibration: {calibration.status}", ("quantity",), columns)
     for q in quantities(calibration, paper, truth):
         decimals = max(places(q.U), 3)
-        cells = [f"{q.name} ({q.unit})"]
-        if both:
-            cells.append(number(q.paper, decimals))
-        if calibration.method == "stand":
-            cells.append(with_u(q.value, q.U))
+        row = [f"{q.name} ({q.unit})"]
+        row += [number(q.paper, decimals)] if published else []
+        row += [with_u(q.value, q.U)] if exact else []
         if truth is not None:
-            error = q.error if calibration.method == "stand" else q.paper_error
-            cells += [number(q.truth, decimals), number(error, decimals)]
-        table.add_row(*cells)
-    cells = ["Residual, 90 % within (µm)"]
-    for c in ([paper or calibration] if both else []) + ([calibration] if calibration.method == "stand" else []):
-        cells.append("" if c.residuals is None else f"± {number(um(c.residuals.p90), 1)}")
-    table.add_row(*cells)
+            row += [number(q.truth, decimals), number(q.error if exact else q.paper_error, decimals)]
+        table.add_row(*row)
+    row = ["Residual, 90 % within (µm)"]
+    for c in ([paper or calibration] if published else []) + ([calibration] if exact else []):
+        row.append("" if c.residuals is None else f"± {number(um(c.residuals.p90), 1)}")
+    table.add_row(*row)
     return table
 
 
 def positions_table(positions: Positions) -> "Table":
     """What several clampings told apart: the steps' axes and the table's bearing."""
-    from rich.table import Table
-
     angles = ", ".join(f"{degrees(a):g}" for a in positions.clamped)
-    table = Table(title=f"Told apart by clampings at {angles} deg", title_justify="left")
-    for heading in ("what", "um", "U (k = 2), um"):
-        table.add_column(heading, justify="left" if heading == "what" else "right")
+    table = _table(f"Told apart by clampings at {angles} deg", ("what",), ("um", "U (k = 2), um"))
     for a in positions.axes:
-        size = hypot(a.x, a.y)
-        table.add_row(f"axis of {a.surface} off the base's, at {a.height:.1f} mm", f"{um(size):.2f}", f"{um(a.U):.2f}")
+        offset = hypot(a.x, a.y)
+        table.add_row(
+            f"axis of {a.surface} off the base's, at {a.height:.1f} mm", f"{um(offset):.2f}", f"{um(a.U):.2f}"
+        )
     for s in positions.bearing:
         table.add_row(f"table bearing, {s.harmonic.upr} a turn", f"{um(s.harmonic.amplitude):.2f}", f"{um(s.U):.2f}")
     if positions.inseparable:
@@ -72,31 +63,25 @@ def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = N
 
     Beside them what the published compensation makes of the same scan, and the truth where it is given.
     """
-    from rich.table import Table
-
-    told = true_values(inspection, truth)
-    table = Table(title=f"{inspection.name}: {inspection.verdict.replace('_', ' ')}", title_justify="left")
-    table.add_column("characteristic")
-    table.add_column("flank")
-    further = [h for h, on in (("paper's method", inspection.published), ("truth", told)) if on]
-    for heading in ("value ± U (k = 2)", *further, "limit", "class"):
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
+    values = true_values(inspection, truth)
+    further = [h for h, shown in (("paper's method", inspection.published), ("truth", values)) if shown]
+    title = f"{inspection.name}: {inspection.verdict.replace('_', ' ')}"
+    right = ("value ± U (k = 2)", *further, "limit", "class")
+    table = _table(title, ("characteristic", "flank"), right, ("verdict",))
     for c in inspection.characteristics:
         if c.tooth is None:
-            paper = inspection.published.get(f"{c.name} {c.flank}")
-            true = true_value(told, c)
+            paper, true = inspection.published.get(f"{c.name} {c.flank}"), true_value(values, c)
             cells = {"paper's method": "" if paper is None else f"{um(paper):.0f}",
                      "truth": "" if true is None else f"{true:.4f}" if c.size else f"{true:.2f}"}  # fmt: skip
             label, flank, value, limits, grade, verdict = _row(c)
             table.add_row(label, flank, value, *(cells[h] for h in further), limits, grade, verdict)
     for d in inspection.defects:
-        where = "" if d.roll_length is None else f"roll length {d.roll_length:.1f} mm, "
-        where += "" if d.height is None else f"height {d.height:.1f} mm"
+        place = "" if d.roll_length is None else f"roll length {d.roll_length:.1f} mm, "
+        place += "" if d.height is None else f"height {d.height:.1f} mm"
         depth = "" if d.depth is None else f"{um(d.depth):.0f} um deep"
-        judged = "" if d.verdict is None else f"{d.verdict.replace('_', ' ')}, "
+        verdict = "" if d.verdict is None else f"{d.verdict.replace('_', ' ')}, "
         table.add_row(
-            f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", judged + where
+            f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", verdict + place
         )
     return table
 
@@ -121,3 +106,70 @@ def _limits(c: Characteristic, scale: float) -> str:
     if low is None or high is None:
         return f"{(high if low is None else low) or 0.0:g}"
     return f"± {high:g}" if low == -high else f"{low:g} .. {high:g}"
+
+
+def series_table(histories: "Sequence[QuantityHistory]") -> "Table":
+    """Each quantity with its last reading, what changed, the limits and whether all is well."""
+    right = ("n", "last", "U", "change", "drift", "limits", "unit")
+    table = _table("Calibrations", ("quantity",), right, ("ok",))
+    for h in histories:
+        last = h.chart.points[-1]
+        d = places(last.U)
+        state = "by clamping" if h.clamping else ", ".join(last.flags) or "ok"
+        table.add_row(
+            h.title, str(len(h.chart.points)), number(last.value, d), number(last.U, d), number(last.change, d),
+            number(h.chart.drift, d), _control_limits(h, d), h.unit, state,
+        )  # fmt: skip
+    return table
+
+
+def readings_table(history: "QuantityHistory") -> "Table":
+    """One quantity, reading by reading."""
+    d = places(history.chart.points[-1].U)
+    title = f"{history.title} ({history.unit}), limits {_control_limits(history, d)}"
+    table = _table(title, ("time",), ("entry", "value", "U", "change"), ("ok",))
+    for time, entry, p in zip(history.times, history.numbers, history.chart.points, strict=True):
+        table.add_row(
+            time, str(entry), number(p.value, d), number(p.U, d), number(p.change, d), ", ".join(p.flags) or "ok"
+        )
+    return table
+
+
+def inspections_table(inspections: "Sequence[InspectionRow]") -> "Table":
+    """Inspections by part."""
+    table = _table("Inspections", ("part", "serial"), ("entry",), ("time", "operator", "verdict"))
+    for i in inspections:
+        verdict = i.verdict.replace("_", " ") + (" (corrected)" if i.corrected else "")
+        table.add_row(i.part, i.serial, str(i.number), i.time, i.operator, verdict)
+    return table
+
+
+def study_table(studies: "Mapping[str, GageStudy]", source: str) -> "Table":
+    """Standard deviations of each source, Gage R&R in per cent of the total variation, categories."""
+    first = next(iter(studies.values()))
+    title = f"{source}: {first.operators} operators x {first.parts} parts x {first.trials} trials"
+    table = _table(title, ("characteristic",), ("EV", "AV", "interaction", "GRR", "PV", "TV", "% GRR", "ndc"))
+    for name, s in studies.items():
+        deviations = (f"{v:.4g}" for v in (s.EV, s.AV, s.INT, s.GRR, s.PV, s.TV))
+        table.add_row(name, *deviations, number(s.share(s.GRR), 1), "" if s.ndc is None else str(s.ndc))
+    return table
+
+
+def _control_limits(history: "QuantityHistory", decimals: int) -> str:
+    chart = history.chart
+    if chart.lower is None:
+        return ""
+    few = " (provisional)" if chart.provisional else ""
+    return f"{number(chart.lower, decimals)} .. {number(chart.upper, decimals)}{few}"
+
+
+def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence[str] = ()) -> "Table":
+    """An empty table: columns of text, of numbers, and of text again."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    groups: list[tuple[Sequence[str], Literal["left", "right"]]] = [(left, "left"), (right, "right"), (last, "left")]
+    for headings, justify in groups:
+        for heading in headings:
+            table.add_column(heading, justify=justify)
+    return table

@@ -1,14 +1,14 @@
-"""What a virtual part's truth record says of the lines of an inspection, in the unit they are told in."""
+"""True values of a virtual part, from its truth record, for the lines of an inspection and in their units."""
 
 from collections.abc import Mapping
 from typing import Any
 
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.gear.inspect import GearEvidence
 
 Key = tuple[str, str | None]
 """Name, and flank or section."""
-FLANKS = ("left", "right")
+FLANKS: tuple[Flank, Flank] = ("left", "right")
 
 
 def true_values(inspection: Inspection, truth: Mapping[str, Any] | None) -> dict[Key, float]:
@@ -21,7 +21,7 @@ def true_values(inspection: Inspection, truth: Mapping[str, Any] | None) -> dict
 
 
 def true_value(values: Mapping[Key, float], c: Characteristic) -> float | None:
-    """Of one line."""
+    """The true value of one line; None where it is not known."""
     return values.get((c.name, c.section or c.flank))
 
 

@@ -18,9 +18,9 @@ from truestand.core.stand import Stand
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.units import UM_PER_MM
 from truestand.files.atomic import write_json_atomic
-from truestand.files.recipes.company import Company, read_company
-from truestand.files.recipes.recipes import read_shaft
-from truestand.files.records.records import calibration_record, now, read_calibration
+from truestand.files.recipes.recipes import Company, read_company, read_shaft
+from truestand.files.records.calibration_record import calibration_record, read_calibration
+from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.clouds import check_suffix, write_cloud
 
@@ -182,7 +182,7 @@ def verify_job(
         NotEnoughData: as ``verify``.
     """
     from truestand.apply.verify import LIMIT, verify
-    from truestand.files.records.verification_record import verification_record
+    from truestand.files.records.calibration_record import verification_record
 
     record_path = _needed(inputs.calibration, "a calibration")
     calibration, sha256 = read_calibration(record_path), sha256_of(record_path)
@@ -239,7 +239,7 @@ def _write_inspection(
     truth: Mapping[str, Any] | None,
 ) -> None:  # fmt: skip
     """The cloud with its deviations, the characteristics, the report."""
-    from truestand.files.records.characteristics_csv import write_characteristics
+    from truestand.files.records.inspection_record import write_characteristics
 
     if outputs.cloud is not None:
         deviation = None if inspection.deviation is None else UM_PER_MM * inspection.deviation

@@ -8,7 +8,7 @@ from pathlib import Path
 from truestand.core.errors import BadRecipe, Fault, NoSpace, NotEnoughData, TruestandError
 from truestand.core.stand import Stand
 from truestand.files.recipes.recipes import stand_from_recipe, stand_recipe
-from truestand.files.records.records import now
+from truestand.files.records.record import now
 from truestand.files.scans.native import FORMAT
 from truestand.files.scans.read import sha256_of
 from truestand.files.scans.write_scan import write_recording

@@ -1,7 +1,7 @@
-"""Results kept as evidence: append-only, each with what it rests on, and checked by ``audit`` down to the last bit."""
+"""Results kept as evidence: append-only, each with its evidence; ``audit`` checks every byte."""
 
 from truestand.store.audit import Finding, Report
 from truestand.store.entry import Entry
-from truestand.store.store import Standing, Store
+from truestand.store.store import Result, Store
 
-__all__ = ["Entry", "Finding", "Report", "Standing", "Store"]
+__all__ = ["Entry", "Finding", "Report", "Result", "Store"]

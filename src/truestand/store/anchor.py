@@ -1,4 +1,4 @@
-"""The second place that knows how the store ends: what the database alone can't tell about its last entry.
+"""The last entry and the database's hash, kept beside the database: it alone can't show that its end was cut off.
 
 ``anchor.json`` names the last entry and the SHA-256 of the database file. It is replaced as a whole, before a write
 (with what is about to come) and after it. Its text has one possible form, so that a change of any bit is noticed.
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from truestand.core.errors import BadStore
-from truestand.files.atomic import replacing
+from truestand.files.atomic import write_text_atomic
 from truestand.store.entry import canonical, hash_of
 
 NAME = "anchor.json"
@@ -28,13 +28,13 @@ class Anchor:
     head: str
     """Its hash."""
     file: str | None = None
-    """SHA-256 of the database; None: not known, a program that read it was in the way."""
+    """SHA-256 of the database; None: not known, because another program was reading it."""
     pending: tuple[int, str] | None = None
     """Number and hash of the entry that is being written; stays where the writer died."""
 
     @property
     def sealed(self) -> bool:
-        """Whether each byte of the database is accounted for."""
+        """Whether the hash of the whole database is known and no write was interrupted."""
         return self.file is not None and self.pending is None
 
 
@@ -54,11 +54,8 @@ def read_anchor(folder: Path) -> Anchor:
     data = (folder / NAME).read_bytes()
     try:
         values: dict[str, Any] = json.loads(data.decode("utf-8"))
-        pending = values["pending"]
-        anchor = Anchor(
-            values["id"], values["number"], values["head"], values["file"],
-            None if pending is None else (pending[0], pending[1]),
-        )  # fmt: skip
+        pending = None if values["pending"] is None else (values["pending"][0], values["pending"][1])
+        anchor = Anchor(values["id"], values["number"], values["head"], values["file"], pending)
         if anchor_text(anchor).encode("utf-8") == data:
             return anchor
     except (ValueError, KeyError, TypeError, IndexError, RecursionError):
@@ -68,8 +65,7 @@ def read_anchor(folder: Path) -> Anchor:
 
 def write_anchor(folder: Path, anchor: Anchor) -> None:
     """Replace the anchor, on the disk when this returns."""
-    with replacing(folder / NAME) as temporary:
-        temporary.write_text(anchor_text(anchor), encoding="utf-8", newline="\n")
+    write_text_atomic(folder / NAME, anchor_text(anchor))
     sync_folder(folder)
 
 

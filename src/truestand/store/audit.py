@@ -1,8 +1,8 @@
 """Whether a store is what it was: every byte of the database and the anchor, every entry and its chain, every file."""
 
 import sqlite3
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +12,11 @@ from truestand.store import anchor as anchors
 from truestand.store import database
 from truestand.store.anchor import Anchor
 from truestand.store.entry import Entry, entry_of, genesis, hash_of
-from truestand.store.evidence import EVIDENCE, place
-from truestand.store.lock import locked
-from truestand.store.medium import LOCK, is_frozen
+from truestand.store.evidence import EVIDENCE, evidence_path
+from truestand.store.lock import is_read_only, locked
 
 Advance = Callable[[int, int], None]
+"""Called with the files done and their number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,13 +24,13 @@ class Finding:
     """One thing that isn't as it was written."""
 
     what: str
-    """``WORDS`` has them all."""
+    """A key of ``FINDINGS``."""
     where: str
     """File, entry, or both."""
     detail: str = ""
 
 
-WORDS = {
+FINDINGS = {
     "anchor missing": "anchor.json is gone: nothing says how the store ended",
     "anchor changed": "anchor.json isn't as it was written",
     "database changed": "store.db differs from the hash that the anchor has",
@@ -74,9 +74,9 @@ def audit(
     if not (folder / database.NAME).is_file() and not (folder / anchors.NAME).is_file():
         raise BadStore(f"{folder}: found no results store; name the folder of one")
     findings: list[Finding] = []
-    with _still(folder, timeout):
+    with nullcontext() if is_read_only(folder) else locked(folder, timeout):  # no writer meanwhile
         anchor = _anchor(folder, findings)
-        if anchor is not None and anchor.sealed and _file_hash(folder) != anchor.file:
+        if anchor is not None and anchor.sealed and database.file_hash(folder) != anchor.file:
             findings.append(Finding("database changed", database.NAME))
         rows = _rows(folder, findings)
     entries = _chain(rows, anchor, findings)
@@ -86,16 +86,6 @@ def audit(
     findings += [Finding("noted head missing", h) for h in noted if not any(x.startswith(h) for x in hashes if h)]
     files = _evidence(folder, entries, findings, advance)
     return Report(tuple(findings), len(entries), files, end, anchor is not None and anchor.sealed)
-
-
-@contextmanager
-def _still(folder: Path, timeout: float) -> Iterator[None]:
-    """Keep writers out, where there can be any."""
-    if is_frozen(folder):
-        yield
-        return
-    with locked(folder / LOCK, timeout):
-        yield
 
 
 def _anchor(folder: Path, findings: list[Finding]) -> Anchor | None:
@@ -108,14 +98,10 @@ def _anchor(folder: Path, findings: list[Finding]) -> Anchor | None:
     return None
 
 
-def _file_hash(folder: Path) -> str | None:
-    return database.file_hash(folder) if (folder / database.NAME).is_file() else None
-
-
 def _rows(folder: Path, findings: list[Finding]) -> list[database.Row]:
     """All entries that SQLite can read, after it looked at the file's structure."""
     try:
-        with database.reading(folder, is_frozen(folder)) as connection:
+        with database.reading(folder, is_read_only(folder)) as connection:
             return _readable(connection, findings)
     except BadStore as wrong:
         if "update it" in str(wrong) and not findings:
@@ -138,12 +124,9 @@ def _schema(connection: sqlite3.Connection) -> list[object]:
 
 
 def _schema_as_made(version: int) -> list[object]:
-    made = sqlite3.connect(":memory:")
-    try:
+    with closing(sqlite3.connect(":memory:")) as made:
         made.executescript("".join(database.MIGRATIONS[:version]))
         return _schema(made)
-    finally:
-        made.close()
 
 
 def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Finding]) -> list[Entry]:
@@ -153,7 +136,7 @@ def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Findi
     """
     entries = []
     previous = None if anchor is None else genesis(anchor.id)
-    due = 1
+    expected = 1
     for row in rows:
         where = f"entry {row[0]}"
         entry = _entry(row)
@@ -163,18 +146,18 @@ def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Findi
             entries.append(entry)
             if previous is not None and entry.previous != previous:
                 findings.append(Finding("chain broken", where, "it isn't chained to the entry before"))
-        if row[0] != due:
-            findings.append(Finding("chain broken", where, f"it stands where entry {due} should"))
-        due, previous = (entry.number if entry is not None else due) + 1, row[4]
+        if row[0] != expected:
+            findings.append(Finding("chain broken", where, f"it stands where entry {expected} should"))
+        expected, previous = (entry.number if entry is not None else expected) + 1, row[4]
     return entries
 
 
 def _entry(row: database.Row) -> Entry | None:
-    number, kind, time, body, stated = row
+    number, kind, time, body, stated_hash = row
     try:
-        if not isinstance(body, str) or hash_of(body) != stated:
+        if not isinstance(body, str) or hash_of(body) != stated_hash:
             return None
-        entry = entry_of(body, stated)
+        entry = entry_of(body, stated_hash)
     except (KeyError, TypeError, ValueError):
         return None
     return entry if (entry.number, entry.kind, entry.time) == (number, kind, time) else None
@@ -198,12 +181,12 @@ def _evidence(folder: Path, entries: list[Entry], findings: list[Finding], advan
     found = sorted(p for p in (folder / EVIDENCE).glob("*/*") if p.is_file())
     for k, path in enumerate(found):
         advance(k, len(found))
-        if sha256_of(path) != path.name or path != place(folder, path.name):
+        if sha256_of(path) != path.name or path != evidence_path(folder, path.name):
             by = f", entry {needed[path.name]}" if path.name in needed else ""
             findings.append(Finding("evidence changed", f"{EVIDENCE}/{path.parent.name}/{path.name}{by}"))
-    there = {path.name for path in found}
+    present = {path.name for path in found}
     for sha256, number in needed.items():
-        if sha256 not in there:
+        if sha256 not in present:
             where = f"{EVIDENCE}/{sha256[:2]}/{sha256}, entry {number}"
             findings.append(Finding("evidence missing", where))
     return len(found)

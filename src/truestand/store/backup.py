@@ -4,12 +4,11 @@ from pathlib import Path
 
 from truestand.core.errors import BadStore
 from truestand.files.atomic import replacing
-from truestand.store import database, ledger
+from truestand.store import database, ledger, lock
 from truestand.store.anchor import Anchor, read_anchor, write_anchor
 from truestand.store.entry import Entry, entry_of, genesis
-from truestand.store.evidence import EVIDENCE, INCOMING, keep_file, place
+from truestand.store.evidence import EVIDENCE, INCOMING, evidence_path, keep_file
 from truestand.store.lock import locked
-from truestand.store.medium import LOCK
 
 
 def back_up(folder: Path, target: Path, timeout: float) -> int:
@@ -23,33 +22,33 @@ def back_up(folder: Path, target: Path, timeout: float) -> int:
     if not (folder / database.NAME).is_file():
         raise BadStore(f"{folder}: found no results store; name the folder of one")
     target.mkdir(parents=True, exist_ok=True)
-    with locked(target / LOCK, timeout), replacing(target / database.NAME) as copy:
-        with locked(folder / LOCK, timeout):
-            anchor = ledger.settled(folder)
-            before = _before(folder, target, anchor)
+    with locked(target, timeout), replacing(target / database.NAME) as copy:
+        with locked(folder, timeout):
+            anchor = ledger.recover(folder)
+            end = _end_of_copy(folder, target, anchor)
             entries = _copy_database(folder, copy)
         _copy_evidence(folder, target, entries)
-        write_anchor(target, Anchor(anchor.id, before[0], before[1], None, (anchor.number, anchor.head)))
-    with locked(target / LOCK, timeout):
-        return ledger.settled(target).number
+        write_anchor(target, Anchor(anchor.id, *end, None, (anchor.number, anchor.head)))
+    with locked(target, timeout):
+        return ledger.recover(target).number
 
 
-def _before(folder: Path, target: Path, anchor: Anchor) -> tuple[int, str]:
-    """How the copy ended until now.
+def _end_of_copy(folder: Path, target: Path, anchor: Anchor) -> tuple[int, str]:
+    """Number and hash of the last entry in the copy so far.
 
     Raises:
         BadStore: ``target`` is no earlier copy of this store.
     """
     start = (0, genesis(anchor.id))
     if not ledger.has_anchor(target):
-        begun = (LOCK, EVIDENCE, INCOMING)
+        begun = (lock.NAME, EVIDENCE, INCOMING)
         if any(p.name not in begun and not p.name.startswith(f".{database.NAME}.") for p in target.iterdir()):
             raise BadStore(f"{target}: found something else; give an empty folder or an earlier backup of this store")
         return start
     copied = read_anchor(target)
     end = copied.pending or (copied.number, copied.head)
     with database.reading(folder) as connection:
-        known = {(number, stated) for number, _, _, _, stated in database.rows_of(connection)} | {start}
+        known = {(number, stated_hash) for number, _, _, _, stated_hash in database.rows_of(connection)} | {start}
     if copied.id != anchor.id or not {end, (copied.number, copied.head)} <= known:
         raise BadStore(f"{target}: found another store; give an empty folder or an earlier backup of this store")
     return copied.number, copied.head
@@ -65,9 +64,9 @@ def _copy_database(folder: Path, copy: Path) -> list[Entry]:
 def _copy_evidence(folder: Path, target: Path, entries: list[Entry]) -> None:
     """What the copied entries name and the target lacks; each file is checked on its way."""
     for sha256 in dict.fromkeys(sha256 for entry in entries for sha256 in entry.files):
-        if place(target, sha256).exists():
+        if evidence_path(target, sha256).exists():
             continue
-        source = place(folder, sha256)
+        source = evidence_path(folder, sha256)
         if not source.exists():
             raise BadStore(f"{source}: missing; run truestand audit")
         if keep_file(target, source) != sha256:

@@ -6,15 +6,16 @@ the log into the file before they let go, so that the file at rest is one file w
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 from truestand.core.errors import BadStore
 from truestand.files.scans.read import sha256_of
 
 NAME = "store.db"
-BUSY = 5.0
-"""s to wait for a reader; a longer one leaves the database unsealed until the next entry."""
+READER_TIMEOUT_S = 5.0
+"""Wait for a reader; a longer one leaves the database unsealed until the next entry."""
 
 _FIRST = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -45,8 +46,8 @@ def schema_version() -> int:
 
 
 @contextmanager
-def reading(folder: Path, frozen: bool = False) -> Iterator[sqlite3.Connection]:
-    """A connection that can't change a byte. ``frozen``: nobody else writes, and the folder can't be written either.
+def reading(folder: Path, immutable: bool = False) -> Iterator[sqlite3.Connection]:
+    """A connection that can't change a byte. ``immutable``: the folder can't be written, and nobody else writes.
 
     Raises:
         BadStore: no store, or no database.
@@ -54,40 +55,49 @@ def reading(folder: Path, frozen: bool = False) -> Iterator[sqlite3.Connection]:
     path = (folder / NAME).absolute()
     if not path.is_file():
         raise BadStore(f"{folder}: found no results store; name the folder of one, or create it by storing a result")
-    immutable = "&immutable=1" if frozen else ""
-    with _told(path):
-        connection = sqlite3.connect(f"{path.as_uri()}?mode=ro{immutable}", uri=True, timeout=BUSY)
-        try:
-            yield connection
-        finally:
-            connection.close()
+    with _connection(path, f"{path.as_uri()}?mode=ro{'&immutable=1' * immutable}") as connection:
+        yield connection
 
 
 @contextmanager
 def writing(folder: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to write with, under the store's lock: statements count at once unless in a transaction."""
+    """A connection to write with, under the store's lock: statements count at once unless in a transaction.
+
+    Raises:
+        BadStore: SQLite's errors in one line.
+    """
     path = folder / NAME
-    with _told(path):
-        connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
-        try:
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute("PRAGMA wal_autocheckpoint = 0")
-            connection.execute("PRAGMA trusted_schema = OFF")
-            yield connection
-        finally:
-            connection.close()
+    with _connection(path, path.absolute().as_uri(), isolation_level=None) as connection:
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA wal_autocheckpoint = 0")
+        connection.execute("PRAGMA trusted_schema = OFF")
+        yield connection
 
 
 @contextmanager
 def copying(path: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to a copy that nobody else knows of yet."""
-    with _told(path):
-        connection = sqlite3.connect(path)
-        try:
+    """A connection to a copy that nobody else knows of yet.
+
+    Raises:
+        BadStore: SQLite's errors in one line.
+    """
+    with _connection(path, path.absolute().as_uri()) as connection:
+        yield connection
+
+
+@contextmanager
+def _connection(path: Path, uri: str, **options: Any) -> Iterator[sqlite3.Connection]:
+    """A connection that is closed in the end.
+
+    Raises:
+        BadStore: SQLite's errors in one line.
+    """
+    try:
+        with closing(sqlite3.connect(uri, uri=True, timeout=READER_TIMEOUT_S, **options)) as connection:
             yield connection
-        finally:
-            connection.close()
+    except (sqlite3.Error, UnicodeDecodeError) as wrong:
+        raise BadStore(f"{path}: {wrong}; run truestand audit") from wrong
 
 
 def migrate(connection: sqlite3.Connection, identity: str) -> None:
@@ -112,10 +122,10 @@ def version_of(connection: sqlite3.Connection) -> int:
 
 def head_of(connection: sqlite3.Connection) -> tuple[int, str] | None:
     """Number and hash of the last entry; None where there is none."""
-    found: tuple[int, str] | None = connection.execute(
+    last: tuple[int, str] | None = connection.execute(
         "SELECT number, hash FROM entry ORDER BY number DESC LIMIT 1"
     ).fetchone()
-    return found
+    return last
 
 
 def rows_of(connection: sqlite3.Connection, where: str = "", values: tuple[object, ...] = ()) -> list[Row]:
@@ -123,22 +133,14 @@ def rows_of(connection: sqlite3.Connection, where: str = "", values: tuple[objec
     return list(connection.execute(f"SELECT number, kind, time, body, hash FROM entry {where} ORDER BY number", values))
 
 
-def at_rest(connection: sqlite3.Connection) -> bool:
+def checkpoint(connection: sqlite3.Connection) -> bool:
     """Move all that was written from the log into the file; False where a long reader is in the way."""
     busy, _, _ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     return not busy
 
 
 def file_hash(folder: Path) -> str | None:
-    """SHA-256 of the database; None where a log beside it holds more."""
-    log = folder / f"{NAME}-wal"
-    return None if log.exists() and log.stat().st_size else sha256_of(folder / NAME)
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """SQLite's errors in one line."""
-    try:
-        yield
-    except (sqlite3.Error, UnicodeDecodeError) as wrong:
-        raise BadStore(f"{path}: {wrong}; run truestand audit") from wrong
+    """SHA-256 of the database; None where there is none, or where a log beside it holds more."""
+    path, log = folder / NAME, folder / f"{NAME}-wal"
+    unknown = not path.is_file() or (log.exists() and log.stat().st_size > 0)
+    return None if unknown else sha256_of(path)

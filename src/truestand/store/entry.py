@@ -1,4 +1,4 @@
-"""One line of the store: who found what, when, on what evidence, chained to the line before it.
+"""One entry of the store: who measured what, when, on what evidence, chained to the entry before it.
 
 The body is canonical JSON, and its SHA-256 is the entry's hash. A body once written never changes, not by a migration
 either; a reader understands the bodies of every version ever written.
@@ -7,7 +7,7 @@ either; a reader understands the bodies of every version ever written.
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
@@ -56,10 +56,6 @@ class Entry:
         return (*(() if self.record is None else (self.record,)), *self.evidence.values())
 
 
-_KEYS = ("number", "kind", "time", "previous", "operator", "order", "serial", "part", "status", "record", "evidence",
-         "about", "text", "software", "version")  # fmt: skip
-
-
 def canonical(value: Mapping[str, Any]) -> str:
     """The one way to write a JSON object: keys sorted, no spaces, no NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
@@ -75,27 +71,28 @@ def genesis(identity: str) -> str:
     return hash_of(f"truestand.store {identity}")
 
 
-def sealed(**values: Any) -> tuple[Entry, str]:
-    """A new entry and its body."""
-    body = canonical({k: values.get(k) for k in _KEYS} | {"version": VERSION})
+def new_entry(**values: Any) -> tuple[Entry, str]:
+    """A new entry and its body; values left out are null."""
+    keys = (f.name for f in fields(Entry) if f.name != "hash")
+    body = canonical({key: values.get(key) for key in keys} | {"version": VERSION})
     return entry_of(body, hash_of(body)), body
 
 
-def entry_of(body: str, stated: str) -> Entry:
+def entry_of(body: str, stated_hash: str) -> Entry:
     """The entry of a stored body.
 
     Raises:
-        BadStore: the body isn't the one that ``stated`` is the hash of, or was written by a newer version.
+        BadStore: the body isn't the one that ``stated_hash`` is of, or was written by a newer version.
     """
-    if hash_of(body) != stated:
-        raise BadStore(f"an entry of the store differs from its hash {stated[:12]}; run truestand audit")
+    if hash_of(body) != stated_hash:
+        raise BadStore(f"an entry of the store differs from its hash {stated_hash[:12]}; run truestand audit")
     values = json.loads(body)
     if values["version"] > VERSION:
         raise BadStore(
             f"found an entry of version {values['version']}, this truestand reads up to {VERSION}; update it"
         )
     evidence = MappingProxyType(dict(values.pop("evidence") or {}))
-    return Entry(hash=stated, evidence=evidence, **values)
+    return Entry(hash=stated_hash, evidence=evidence, **values)
 
 
 def identity_of(record: Mapping[str, Any]) -> dict[str, str | None]:

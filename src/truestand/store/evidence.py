@@ -6,7 +6,6 @@ They are copied to ``incoming/`` first, hashed on the way, brought to the disk a
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
@@ -15,10 +14,10 @@ from truestand.files.scans.read import sha256_of
 from truestand.store.anchor import sync_folder
 
 EVIDENCE, INCOMING = "evidence", "incoming"
-BLOCK = 1 << 20
+BLOCK_BYTES = 1 << 20
 
 
-def place(folder: Path, sha256: str) -> Path:
+def evidence_path(folder: Path, sha256: str) -> Path:
     """Where the evidence with this hash lies."""
     return folder / EVIDENCE / sha256[:2] / sha256
 
@@ -30,12 +29,7 @@ def keep_file(folder: Path, source: Path) -> str:
         BadStore: what the store already holds under this name isn't what it was.
     """
     with source.open("rb") as file:
-        return _keep(folder, iter(lambda: file.read(BLOCK), b""))
-
-
-def keep_text(folder: Path, text: str) -> str:
-    """Keep a text in UTF-8; its SHA-256."""
-    return _keep(folder, iter((text.encode("utf-8"),)))
+        return keep(folder, file)
 
 
 def read_evidence(folder: Path, sha256: str) -> bytes:
@@ -44,7 +38,7 @@ def read_evidence(folder: Path, sha256: str) -> bytes:
     Raises:
         BadStore: missing, or not what it was.
     """
-    path = place(folder, sha256)
+    path = evidence_path(folder, sha256)
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -54,37 +48,36 @@ def read_evidence(folder: Path, sha256: str) -> bytes:
     return data
 
 
-def sweep(folder: Path) -> None:
-    """Remove what writers that died left half written; only under the lock."""
+def remove_incoming(folder: Path) -> None:
+    """Remove the incomplete files of writers that died; only under the lock."""
     for path in (*(folder / INCOMING).glob("*"), *folder.glob(".*.part")):
         path.unlink(missing_ok=True)
 
 
-def _keep(folder: Path, blocks: Iterator[bytes]) -> str:
+def keep(folder: Path, source: IO[bytes]) -> str:
+    """Keep what an open file holds; its SHA-256.
+
+    Raises:
+        BadStore: as ``keep_file``.
+    """
     (folder / INCOMING).mkdir(exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=folder / INCOMING)
-    temporary = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            sha256 = _copy(blocks, file)
-        return _name(folder, temporary, sha256)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _copy(blocks: Iterator[bytes], file: IO[bytes]) -> str:
-    """Write blocks through to the disk; their SHA-256."""
     digest = hashlib.sha256()
-    for block in blocks:
-        digest.update(block)
-        file.write(block)
-    file.flush()
-    os.fsync(file.fileno())
-    return digest.hexdigest()
+    with tempfile.NamedTemporaryFile(dir=folder / INCOMING, delete=False) as file:
+        temporary = Path(file.name)
+        try:
+            while block := source.read(BLOCK_BYTES):
+                digest.update(block)
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+            file.close()
+            return _name(folder, temporary, digest.hexdigest())
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def _name(folder: Path, temporary: Path, sha256: str) -> str:
-    path = place(folder, sha256)
+    path = evidence_path(folder, sha256)
     if path.exists():
         if sha256_of(path) != sha256:
             raise BadStore(f"{path}: changed since it was kept; run truestand audit and restore it from a backup")

@@ -7,7 +7,7 @@ from typing import Any
 from truestand.core.errors import NotEnoughData
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store.entry import Entry
-from truestand.store.store import Standing, Store
+from truestand.store.store import Result, Store
 
 QUANTITIES = {
     "phi_deg": ("sensor", "°"),
@@ -25,7 +25,7 @@ DIRECTIONS = ("eccentricity_direction_deg", "tilt_direction_deg")
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One quantity of one sensor over all calibrations that know it."""
+    """One quantity of one sensor over all calibrations that have it."""
 
     sensor: str
     quantity: str
@@ -40,46 +40,37 @@ class Series:
         return QUANTITIES[self.quantity][0] == "shaft"
 
 
-@dataclass(frozen=True, slots=True)
-class Inspected:
-    """One inspection with what became of it."""
-
-    standing: Standing
-
-    @property
-    def verdict(self) -> str:
-        """As it stands today."""
-        return "withdrawn" if self.standing.withdrawn else self.standing.last.status or ""
-
-    @property
-    def corrected(self) -> bool:
-        """Whether another entry stands in its place."""
-        return self.standing.last is not self.standing.entry
-
-
 def series(store: Store, since: str | None = None, quantity: str | None = None) -> list[Series]:
-    """The quantities of all valid and untrusted calibrations that weren't withdrawn, by sensor, oldest first."""
+    """The quantities of all valid and untrusted calibrations that weren't withdrawn, by sensor, oldest first.
+
+    Raises:
+        BadStore: no store, or one that is damaged.
+    """
     found: dict[tuple[str, str], list[tuple[Entry, float, float | None]]] = {}
-    for standing in store.standing("calibration", since):
-        if standing.withdrawn:
+    for result in store.results("calibration", since):
+        if result.withdrawn:
             continue
-        record = store.record(standing.last)
+        record = store.record(result.last)
         sensor = str((record.get("sensor") or {}).get("name") or "sensor")
         for key, (table, _) in QUANTITIES.items():
             value = (record.get(table) or {}).get(key)
             if value is not None and quantity in (None, key):
-                found.setdefault((sensor, key), []).append((standing.entry, float(value), _U(record, key)))
-    order = {key: k for k, key in enumerate(QUANTITIES)}
+                found.setdefault((sensor, key), []).append((result.entry, float(value), _U(record, key)))
+    order = list(QUANTITIES)
     return [
         Series(sensor, key, QUANTITIES[key][1], tuple(e for e, _, _ in readings), _chart(key, readings))
-        for (sensor, key), readings in sorted(found.items(), key=lambda item: (item[0][0], order[item[0][1]]))
+        for (sensor, key), readings in sorted(found.items(), key=lambda item: (item[0][0], order.index(item[0][1])))
     ]
 
 
-def inspections(store: Store, since: str | None = None, part: str | None = None) -> list[Inspected]:
-    """Inspections, of one part or all, grouped by part and serial number, oldest first."""
-    found = [Inspected(s) for s in store.standing("inspection", since) if part in (None, s.last.part, s.entry.part)]
-    return sorted(found, key=lambda i: (i.standing.entry.part or "", i.standing.entry.serial or ""))
+def inspections(store: Store, since: str | None = None, part: str | None = None) -> list[Result]:
+    """Inspections, of one part or all, grouped by part and serial number, oldest first.
+
+    Raises:
+        BadStore: no store, or one that is damaged.
+    """
+    found = [r for r in store.results("inspection", since) if part in (None, r.last.part, r.entry.part)]
+    return sorted(found, key=lambda r: (r.entry.part or "", r.entry.serial or ""))
 
 
 def repeated(
@@ -91,16 +82,18 @@ def repeated(
         NotEnoughData: no such inspections, or one without operator or serial number.
     """
     rows: dict[str, list[tuple[str, str, float]]] = {}
-    taken = [i.standing for i in inspections(store, since, part) if not i.standing.withdrawn]
-    for standing in taken:
-        entry = standing.entry
+    studied = [result for result in inspections(store, since, part) if not result.withdrawn]
+    for result in studied:
+        entry = result.entry
         if entry.operator is None or entry.serial is None:
-            lacks = "operator" if entry.operator is None else "serial number"
-            raise NotEnoughData(f"entry {entry.number} has no {lacks}; a study needs both: inspect --operator --serial")
-        for label, value in _measured(store.record(standing.last)).items():
+            missing = "operator" if entry.operator is None else "serial number"
+            raise NotEnoughData(
+                f"entry {entry.number} has no {missing}; a study needs both: inspect --operator --serial"
+            )
+        for label, value in _measured(store.record(result.last)).items():
             if quantity in (None, label, label.partition(" ")[0]):
                 rows.setdefault(label, []).append((entry.operator, entry.serial, value))
-    whole = {label: found for label, found in rows.items() if len(found) == len(taken)}
+    whole = {label: found for label, found in rows.items() if len(found) == len(studied)}
     if not whole:
         what = "inspections" if quantity is None else f"values of {quantity}"
         raise NotEnoughData(f"found no {what} of part {part!r} to study; truestand history lists them")

@@ -6,16 +6,17 @@ the whole chain before it goes on.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from truestand.core.errors import BadStore
 from truestand.store import database
 from truestand.store.anchor import NAME, Anchor, read_anchor, write_anchor
-from truestand.store.entry import Entry, entry_of, genesis, sealed
+from truestand.store.entry import Entry, entry_of, genesis, new_entry
 
 
-def settled(folder: Path) -> Anchor:
-    """The anchor of a store that may be written to, after finishing what a writer that died had begun.
+def recover(folder: Path) -> Anchor:
+    """Finish what a writer that died had begun; the anchor of a store that may now be written to.
 
     Raises:
         BadStore: the database isn't what the anchor says, or its chain is broken.
@@ -31,17 +32,16 @@ def settled(folder: Path) -> Anchor:
         if connection.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
             raise _damaged(folder, "its structure is damaged")
         end = _chain(folder, anchor.id, database.rows_of(connection))
-    possible = [(anchor.number, anchor.head)] + ([] if anchor.pending is None else [anchor.pending])
-    if end not in possible:
+    if end not in ((anchor.number, anchor.head), anchor.pending):
         raise _damaged(folder, f"it ends with entry {end[0]}, the anchor says {anchor.number}")
     return _seal(folder, Anchor(anchor.id, *end))
 
 
 def append(folder: Path, anchor: Anchor, values: Mapping[str, object]) -> Entry:
-    """Add one entry to a settled store; it is on the disk when this returns."""
-    entry, body = sealed(**values, number=anchor.number + 1, previous=anchor.head)
+    """Add one entry under ``anchor``, as ``recover`` gave it; it is on the disk when this returns."""
+    entry, body = new_entry(**values, number=anchor.number + 1, previous=anchor.head)
     following = (entry.number, entry.hash)
-    write_anchor(folder, Anchor(anchor.id, anchor.number, anchor.head, anchor.file, following))
+    write_anchor(folder, replace(anchor, pending=following))
     with database.writing(folder) as connection:
         connection.execute(
             "INSERT INTO entry VALUES (?, ?, ?, ?, ?)", (entry.number, entry.kind, entry.time, body, entry.hash)
@@ -54,16 +54,16 @@ def create(folder: Path, identity: str) -> None:
     """An empty store in a folder; under the lock."""
     first = genesis(identity)
     write_anchor(folder, Anchor(identity, 0, first, None, (0, first)))
-    settled(folder)
+    recover(folder)
 
 
 def migrate(folder: Path) -> None:
     """Bring an older store's database to this version; the entries stay as they are. Under the lock."""
-    anchor = settled(folder)
-    write_anchor(folder, Anchor(anchor.id, anchor.number, anchor.head, anchor.file, (anchor.number, anchor.head)))
+    anchor = recover(folder)
+    write_anchor(folder, replace(anchor, pending=(anchor.number, anchor.head)))
     with database.writing(folder) as connection:
         database.migrate(connection, anchor.id)
-    _seal(folder, Anchor(anchor.id, anchor.number, anchor.head))
+    _seal(folder, anchor)
 
 
 def has_anchor(folder: Path) -> bool:
@@ -72,22 +72,22 @@ def has_anchor(folder: Path) -> bool:
 
 
 def _seal(folder: Path, anchor: Anchor) -> Anchor:
-    """Bring the database to rest and put its hash into the anchor."""
+    """Move all that was written into the database's file and put its hash into the anchor."""
     with database.writing(folder) as connection:
-        database.at_rest(connection)
-    whole = Anchor(anchor.id, anchor.number, anchor.head, database.file_hash(folder))
-    write_anchor(folder, whole)
-    return whole
+        database.checkpoint(connection)
+    seal = replace(anchor, file=database.file_hash(folder), pending=None)
+    write_anchor(folder, seal)
+    return seal
 
 
 def _chain(folder: Path, identity: str, rows: list[database.Row]) -> tuple[int, str]:
     """Number and hash of the last entry of an unbroken chain."""
     end = (0, genesis(identity))
-    for number, _, _, body, stated in rows:
-        entry = entry_of(body, stated)
+    for number, _, _, body, stated_hash in rows:
+        entry = entry_of(body, stated_hash)
         if (number, entry.number, entry.previous) != (end[0] + 1, end[0] + 1, end[1]):
             raise _damaged(folder, f"entry {number} doesn't follow entry {end[0]}")
-        end = (number, stated)
+        end = (number, stated_hash)
     return end
 
 

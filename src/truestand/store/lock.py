@@ -1,4 +1,4 @@
-"""One writer at a time: a lock that ends with its process, on a file beside the database."""
+"""One writer at a time: a lock on a file beside the database, which ends with its process."""
 
 import os
 import sys
@@ -9,24 +9,29 @@ from pathlib import Path
 
 from truestand.core.errors import BadStore
 
-PAUSE = 0.01
-"""s between two tries."""
+NAME = "lock"
+RETRY_INTERVAL_S = 0.01
+
+
+def is_read_only(folder: Path) -> bool:
+    """Whether a store can only be read: an archive, a disc, someone else's folder."""
+    return not os.access(folder, os.W_OK)
 
 
 @contextmanager
-def locked(path: Path, timeout: float) -> Iterator[None]:
-    """Hold the lock of ``path``; the file is made if missing and stays.
+def locked(folder: Path, timeout: float) -> Iterator[None]:
+    """Hold the lock of a store's folder; the lock's file is made if missing and stays.
 
     Raises:
         BadStore: another program held it for ``timeout`` seconds.
     """
-    file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    file = os.open(folder / NAME, os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        until = time.monotonic() + timeout
+        deadline = time.monotonic() + timeout
         while not _take(file):
-            if time.monotonic() > until:
-                raise BadStore(f"{path.parent}: another program has been writing for {timeout:g} s; try again later")
-            time.sleep(PAUSE)
+            if time.monotonic() > deadline:
+                raise BadStore(f"{folder}: another program has been writing for {timeout:g} s; try again later")
+            time.sleep(RETRY_INTERVAL_S)
         yield
     finally:
         os.close(file)  # gives the lock back

@@ -2,31 +2,31 @@
 
 import json
 import secrets
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from sqlite3 import Connection
 from typing import Any
 
 from truestand._version import __version__
 from truestand.core.errors import BadStore
-from truestand.files.records.records import now
+from truestand.files.atomic import record_text
+from truestand.files.records.record import Record, now
 from truestand.store import database, evidence, ledger
-from truestand.store.anchor import Anchor
 from truestand.store.audit import Advance, Report, audit
 from truestand.store.backup import back_up
 from truestand.store.entry import RESULTS, Entry, entry_of, genesis, identity_of
-from truestand.store.lock import locked
-from truestand.store.medium import LOCK, is_frozen
+from truestand.store.lock import is_read_only, locked
 
-TIMEOUT = 60.0
-"""s to wait for another writer."""
-Record = dict[str, Any]
+WRITER_TIMEOUT_S = 60.0
+"""Wait for another writer."""
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """A result as it stands today."""
+class Result:
+    """A stored result with what corrections made of it."""
 
     entry: Entry
     """As it was stored."""
@@ -38,30 +38,40 @@ class Standing:
         """Whether a correction took it back without another record."""
         return self.last.record is None
 
+    @property
+    def corrected(self) -> bool:
+        """Whether another entry stands in its place."""
+        return self.last is not self.entry
+
+    @property
+    def verdict(self) -> str:
+        """Verdict or status as last corrected; ``withdrawn`` where it was taken back."""
+        return "withdrawn" if self.withdrawn else self.last.status or ""
+
 
 @dataclass(frozen=True, slots=True)
 class Store:
     """The store in ``folder``. It holds nothing open: several processes and threads may use it at once."""
 
     folder: Path
-    timeout: float = TIMEOUT
+    timeout: float = WRITER_TIMEOUT_S
 
     @classmethod
-    def open(cls, folder: Path | str, *, create: bool = False, timeout: float = TIMEOUT) -> "Store":
+    def open(cls, folder: Path | str, *, create: bool = False, timeout: float = WRITER_TIMEOUT_S) -> "Store":
         """The store of a folder; an older one is brought to this version where it may be written.
 
         Raises:
             BadStore: no store (without ``create``), a newer one, a damaged one, or one that is busy too long.
         """
         store = cls(Path(folder), timeout)
-        if create and not store._begun():
+        if create and not (ledger.has_anchor(store.folder) and (store.folder / database.NAME).exists()):
             store.folder.mkdir(parents=True, exist_ok=True)
-            with locked(store.folder / LOCK, timeout):
+            with locked(store.folder, timeout):
                 store._create()
         with store._reading() as connection:
             old = database.version_of(connection) < database.schema_version()
-        if old and not is_frozen(store.folder):
-            with locked(store.folder / LOCK, timeout):
+        if old and not is_read_only(store.folder):
+            with locked(store.folder, timeout):
                 ledger.migrate(store.folder)
         return store
 
@@ -101,7 +111,11 @@ class Store:
     def note(
         self, text: str, about: int | None = None, *, operator: str | None = None, time: str | None = None
     ) -> Entry:
-        """Add a remark, on an entry or on the store as a whole."""
+        """Add a remark, on an entry or on the store as a whole.
+
+        Raises:
+            BadStore: no such entry, or a damaged or busy store.
+        """
         if about is not None:
             self.entry(about)
         return self._append("note", None, {}, about=about, operator=operator, text=text, time=time)
@@ -109,13 +123,18 @@ class Store:
     def entries(
         self, kind: str | None = None, since: str | None = None, last: int | None = None, first: int | None = None
     ) -> list[Entry]:
-        """Entries in their order, as stored; of one kind, from an ISO time or a number on, the last ones only."""
+        """Entries in their order, as stored; of one kind, from an ISO time or a number on, the ``last`` so many only.
+
+        Raises:
+            BadStore: no store, or one that is damaged.
+        """
         tests = {"kind = ?": kind, "time >= ?": since, "number >= ?": first}
         given = {test: value for test, value in tests.items() if value is not None}
         where = f"WHERE {' AND '.join(given)}" if given else ""
         with self._reading() as connection:
             rows = database.rows_of(connection, where, tuple(given.values()))
-        return [entry_of(row[3], row[4]) for row in (rows if last is None else rows[-last:] if last else [])]
+        first_row = 0 if last is None else max(len(rows) - last, 0)
+        return [entry_of(body, stated_hash) for *_, body, stated_hash in rows[first_row:]]
 
     def entry(self, number: int) -> Entry:
         """One entry.
@@ -129,18 +148,20 @@ class Store:
             raise BadStore(f"{self.folder}: found no entry {number}; truestand history lists them")
         return entry_of(rows[0][3], rows[0][4])
 
-    def standing(self, kind: str, since: str | None = None) -> list[Standing]:
-        """Results of one kind with what corrections made of them, in the order of the originals."""
-        last = {}
-        for correction in self.entries("correction"):
-            last[correction.about] = correction
-        found = []
+    def results(self, kind: str, since: str | None = None) -> list[Result]:
+        """Results of one kind with what corrections made of them, in the order of the originals.
+
+        Raises:
+            BadStore: no store, or one that is damaged.
+        """
+        corrections = {correction.about: correction for correction in self.entries("correction")}
+        results = []
         for entry in self.entries(kind, since):
-            end = entry
-            while end.number in last:
-                end = last[end.number]
-            found.append(Standing(entry, end))
-        return found
+            last = entry
+            while last.number in corrections:
+                last = corrections[last.number]
+            results.append(Result(entry, last))
+        return results
 
     def record(self, entry: Entry) -> Record:
         """The record of an entry, as it was stored.
@@ -150,22 +171,24 @@ class Store:
         """
         if entry.record is None:
             raise BadStore(f"entry {entry.number} ({entry.kind}) has no record")
-        found: Record = json.loads(evidence.read_evidence(self.folder, entry.record))
-        return found
+        record: Record = json.loads(evidence.read_evidence(self.folder, entry.record))
+        return record
 
     def evidence(self, entry: Entry) -> dict[str, Path]:
         """The files that an entry rests on, by role, and its record."""
         files = dict(entry.evidence) | ({} if entry.record is None else {"record": entry.record})
-        return {role: evidence.place(self.folder, sha256) for role, sha256 in files.items()}
+        return {role: evidence.evidence_path(self.folder, sha256) for role, sha256 in files.items()}
 
     def head(self) -> tuple[int, str]:
-        """Number and hash of the last entry. Noted elsewhere, it lets ``audit`` tell that nothing was cut off."""
+        """Number and hash of the last entry. Noted elsewhere, it lets ``audit`` find an end that was cut off.
+
+        Raises:
+            BadStore: no store, or one that is damaged.
+        """
         with self._reading() as connection:
-            found = database.head_of(connection)
-            if found is not None:
-                return found
+            last = database.head_of(connection)
             (identity,) = connection.execute("SELECT value FROM meta WHERE name = 'id'").fetchone()
-            return 0, genesis(identity)
+            return last or (0, genesis(identity))
 
     def backup(self, target: Path | str) -> int:
         """Copy the store into a folder while others use it, or bring an earlier copy up to date; entries in the copy.
@@ -186,49 +209,34 @@ class Store:
         self, kind: str, record: Mapping[str, Any] | None, files: Mapping[str, Path], *,
         about: int | None = None, operator: str | None, text: str | None, time: str | None,
     ) -> Entry:  # fmt: skip
-        known = identity_of(record or {})
-        with self._writing() as anchor:
+        identity = identity_of(record or {})
+        with locked(self.folder, self.timeout):
+            evidence.remove_incoming(self.folder)
+            anchor = ledger.recover(self.folder)
             kept = {role: evidence.keep_file(self.folder, Path(path)) for role, path in files.items()}
-            _check(record or {}, kept)
-            values = known | {
-                "kind": kind, "time": time or now(),
-                "operator": operator or known["operator"], "record": self._keep_record(record), "evidence": kept,
-                "about": about, "text": text, "software": f"truestand {__version__}",
+            _refuse_other_evidence(record or {}, kept)
+            # the bytes of the record's own file, so that both have one hash
+            sha256 = None if record is None else evidence.keep(self.folder, BytesIO(record_text(record).encode()))
+            values = identity | {
+                "kind": kind, "time": time or now(), "operator": operator or identity["operator"], "record": sha256,
+                "evidence": kept, "about": about, "text": text, "software": f"truestand {__version__}",
             }  # fmt: skip
             return ledger.append(self.folder, anchor, values)
-
-    def _keep_record(self, record: Mapping[str, Any] | None) -> str | None:
-        """Keep a record with the very bytes of its own file, so that both have one hash."""
-        if record is None:
-            return None
-        return evidence.keep_text(self.folder, json.dumps(record, indent=2, allow_nan=False) + "\n")
-
-    def _begun(self) -> bool:
-        return ledger.has_anchor(self.folder) and (self.folder / database.NAME).exists()
 
     def _create(self) -> None:
         """Make the store, or finish one whose maker died; another process may have been faster."""
         if ledger.has_anchor(self.folder):
-            ledger.settled(self.folder)
+            ledger.recover(self.folder)
         elif (self.folder / database.NAME).exists():
             raise BadStore(f"{self.folder}: found a database without its anchor; run truestand audit")
         else:
             ledger.create(self.folder, secrets.token_hex(16))
 
-    @contextmanager
-    def _reading(self) -> Iterator[Any]:
-        with database.reading(self.folder, is_frozen(self.folder)) as connection:
-            yield connection
-
-    @contextmanager
-    def _writing(self) -> Iterator[Anchor]:
-        """The settled anchor, under the lock."""
-        with locked(self.folder / LOCK, self.timeout):
-            evidence.sweep(self.folder)
-            yield ledger.settled(self.folder)
+    def _reading(self) -> AbstractContextManager[Connection]:
+        return database.reading(self.folder, is_read_only(self.folder))
 
 
-def _check(record: Mapping[str, Any], kept: Mapping[str, str]) -> None:
+def _refuse_other_evidence(record: Mapping[str, Any], kept: Mapping[str, str]) -> None:
     """Refuse evidence that isn't the file the record was made from."""
     for role in ("scan", "calibration"):
         named = (record.get(role) or {}).get("sha256")

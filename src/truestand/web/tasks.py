@@ -101,10 +101,9 @@ def certificate(record: str, laboratory: str) -> str:
     from truestand.core.errors import BadRecipe
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
-    from truestand.files.records.records import read_calibration
-    from truestand.report.certificate import certificate as made_of
-    from truestand.report.certificate import refusals
-    from truestand.report.certificate_issue import Issue
+    from truestand.files.records.calibration_record import read_calibration
+    from truestand.report.certificate import certificate_xml, refusals
+    from truestand.report.certificate_administration import CertificateInput
 
     source, stated = Path(record).read_bytes(), Path(laboratory)
     told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
@@ -112,7 +111,9 @@ def certificate(record: str, laboratory: str) -> str:
     if against:
         raise BadRecipe(f"there can be no certificate: {'; '.join(against)}")
     issued_by = read_laboratory(stated) if stated.exists() else None
-    return made_of(Issue(told, read_calibration(record), source, "calibration.json", issued_by)).decode("utf-8")
+    return certificate_xml(
+        CertificateInput(told, read_calibration(record), source, "calibration.json", issued_by)
+    ).decode("utf-8")
 
 
 def cloud(source: str, target: str, points: str) -> int:

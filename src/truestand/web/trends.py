@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from truestand.files.records.inspection_record import Limits, limits_of
-from truestand.report.quantities import WORDS
+from truestand.report.quantities import QUANTITIES
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry, Store
 from truestand.store.history import inspections, series
@@ -29,7 +29,7 @@ class _Line:
 
 def calibration_trends(store: Store) -> list[Quantity]:
     """The quantities of all calibrations that were not withdrawn; of several sensors, each for itself."""
-    names = {key: name for key, name, *_ in WORDS} | {"rms_um": "Residual, rms"}
+    names = {key: name for key, name, *_ in QUANTITIES} | {"rms_um": "Residual, rms"}
     found = series(store)
     several = len({s.sensor for s in found}) > 1
     return [
@@ -44,7 +44,7 @@ def calibration_trends(store: Store) -> list[Quantity]:
 
 def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
-    taken = [i.standing for i in inspections(store) if {i.standing.entry.part, i.standing.last.part} & set(parts)]
+    taken = [r for r in inspections(store) if {r.entry.part, r.last.part} & set(parts)]
     standing = sorted((s for s in taken if not s.withdrawn), key=lambda s: s.entry.number)[-MOST:]
     lines: dict[str, _Line] = {}
     for one in standing:

@@ -1,7 +1,8 @@
-"""gear.toml and its kin (CONTRACT.md): what a part's drawing says. mm, um and degrees outside, mm and rad inside."""
+"""Recipes of parts (CONTRACT.md): what the drawing says. mm, um and degrees in the files, mm and rad in memory."""
 
 from collections.abc import Mapping
-from math import cos, degrees, radians, sin
+from functools import partial
+from math import degrees, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
 from truestand.files.checking import Recipe, checked
-from truestand.files.recipes.recipes import Positive, read_toml, told_of
+from truestand.files.recipes.recipes import Positive, build, read_toml
 from truestand.files.shapes.meshes import read_mesh
 from truestand.gear.drawing import Evaluation, Gear, Modification
 from truestand.gear.match import MODULES, IdentifiedGear, is_standard
@@ -152,25 +154,28 @@ def read_part(path: Path | str) -> Part:
 
 
 def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
-    """The part of a recipe's tables, as if they stood in ``path``; errors as ``read_part``."""
+    """The part of a recipe's tables, as if they stood in ``path``.
+
+    Raises:
+        BadRecipe, UnreadableFile, MissingExtra: as ``read_part``.
+    """
     kind = table.get("kind")
     if kind not in KINDS:
         raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')
     if kind == "gear":
-        return told_of(path, _gear, checked(GearRecipe, table, str(path)))
+        return build(_gear, checked(GearRecipe, table, str(path)), path)
     if kind == "turned":
-        return told_of(path, _turned, checked(TurnedRecipe, table, str(path)))
-    folder = Path(path).parent
-    return told_of(path, lambda r: _cad(r, folder), checked(CadRecipe, table, str(path)))
+        return build(_turned, checked(TurnedRecipe, table, str(path)), path)
+    return build(partial(_cad, Path(path).parent), checked(CadRecipe, table, str(path)), path)
 
 
-def seen_recipe(seen: IdentifiedGear, bottom: float, top: float) -> str:
+def recipe_of_identified(seen: IdentifiedGear, bottom: float, top: float) -> str:
     """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
     shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
     helix = degrees(seen.helix_angle)
     module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)
     return (
-        "# Told from a scan: check every number against the drawing, and add accuracy_class.\n\n"
+        "# Identified from a scan: check every number against the drawing, and add accuracy_class.\n\n"
         'kind = "gear"\n'
         f"teeth = {seen.teeth}\n"
         f"module_mm = {module}\n"
@@ -185,19 +190,31 @@ def seen_recipe(seen: IdentifiedGear, bottom: float, top: float) -> str:
 
 
 def read_identity(path: Path | str) -> dict[str, str]:
-    """What tells this part from others of its kind: serial, order, operator, where the recipe has them."""
+    """Serial, order and operator, where the recipe has them.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     table = read_toml(path)
     return {k: str(table[k]) for k in ("serial", "order", "operator") if table.get(k) is not None}
 
 
 def model_of(path: Path | str) -> Path | None:
-    """The file of the CAD model that a part's recipe names; None for other parts."""
+    """The file of the CAD model that a part's recipe names; None for other parts.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     table = read_toml(path)
     return Path(path).parent / str(table["file"]) if table.get("kind") == "cad" else None
 
 
 def read_part_simulation(path: Path | str) -> dict[str, Any]:
-    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none."""
+    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable or no TOML.
+    """
     found = read_toml(path).get("simulation", {})
     return dict(found) if isinstance(found, Mapping) else {}
 
@@ -244,7 +261,7 @@ def _section(s: SectionRecipe) -> Section:
     )  # fmt: skip
 
 
-def _cad(r: CadRecipe, folder: Path) -> Cad:
+def _cad(folder: Path, r: CadRecipe) -> Cad:
     return Cad(
         mesh=read_mesh(folder / r.file, r.unit),
         name=r.name or Path(r.file).stem,
@@ -259,11 +276,7 @@ def _cad(r: CadRecipe, folder: Path) -> Cad:
 
 def _pose(r: PoseRecipe) -> NDArray[np.float64]:
     """(4, 4), mm."""
-    (a, b, c) = ((cos(radians(v)), sin(radians(v))) for v in r.rotation_deg)
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, a[0], -a[1]], [0.0, a[1], a[0]]])
-    about_y = np.array([[b[0], 0.0, b[1]], [0.0, 1.0, 0.0], [-b[1], 0.0, b[0]]])
-    about_z = np.array([[c[0], -c[1], 0.0], [c[1], c[0], 0.0], [0.0, 0.0, 1.0]])
-    pose = np.eye(4)
-    pose[:3, :3] = about_z @ about_y @ about_x
-    pose[:3, 3] = r.x_mm, r.y_mm, r.z_mm
-    return pose
+    from scipy.spatial.transform import Rotation
+
+    rotation = Rotation.from_euler("xyz", r.rotation_deg, degrees=True).as_matrix()
+    return Pose(rotation, np.array([r.x_mm, r.y_mm, r.z_mm])).matrix

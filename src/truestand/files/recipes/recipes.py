@@ -1,10 +1,12 @@
-"""stand.toml and shaft.toml (CONTRACT.md): mm, um, ppm and degrees outside, mm and rad inside.
+"""stand.toml and shaft.toml (CONTRACT.md): mm, um, ppm and degrees in the files, mm and rad in memory.
 
 Unknown keys are refused with the nearest right one: a typo in a recipe is an error, not a default.
 """
 
+import base64
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from math import degrees, radians
 from pathlib import Path
@@ -20,6 +22,9 @@ from truestand.files.checking import Recipe, checked
 
 Positive = Annotated[float, Field(gt=0)]
 STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
+MOST_LOGO_BYTES = 1_000_000
+PNG_START = b"\x89PNG\r\n\x1a\n"
+SVG_TAG = "{http://www.w3.org/2000/svg}svg"
 
 
 class TableRecipe(Recipe):
@@ -68,11 +73,12 @@ class StoreRecipe(Recipe):
 
 
 class CompanyRecipe(Recipe):
-    """``[company]``; ``files/recipes/company.py`` reads the logo."""
+    """``[company]``."""
 
     name: str = ""
     address: str = ""
     logo: str | None = None
+    """PNG or SVG, beside the stand.toml, or a full path."""
 
 
 class StandRecipe(Recipe):
@@ -134,13 +140,23 @@ R = TypeVar("R", bound=Recipe)
 Made = TypeVar("Made")
 
 
+@dataclass(frozen=True, slots=True)
+class Company:
+    """Whose name and logo stand at the head of the reports."""
+
+    name: str = ""
+    address: str = ""
+    logo: str | None = None
+    """A data URI, so that a report stays one file."""
+
+
 def read_stand(path: Path | str) -> Stand:
     """The stand of a stand.toml.
 
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return told_of(path, _stand, checked(StandRecipe, read_toml(path), str(path)))
+    return build(_stand, _read_stand_recipe(path), path)
 
 
 def read_shaft(path: Path | str) -> Artefact:
@@ -149,32 +165,65 @@ def read_shaft(path: Path | str) -> Artefact:
     Raises:
         BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
     """
-    return told_of(path, _artefact, checked(ShaftRecipe, read_toml(path), str(path)))
+    return build(_artefact, checked(ShaftRecipe, read_toml(path), str(path)), path)
 
 
 def read_simulation(path: Path | str) -> dict[str, Any]:
-    """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none."""
-    return checked(StandRecipe, read_toml(path), str(path)).simulation
+    """The ``[simulation]`` table of a stand.toml, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    return _read_stand_recipe(path).simulation
 
 
 def read_devices_table(path: Path | str) -> dict[str, Any]:
-    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none."""
-    return checked(StandRecipe, read_toml(path), str(path)).devices
+    """The ``[devices]`` table of a stand.toml, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    return _read_stand_recipe(path).devices
 
 
 def read_store_folder(path: Path | str) -> Path | None:
-    """The folder of ``[store]`` of a stand.toml; None where it keeps no results."""
-    recipe = checked(StandRecipe, read_toml(path), str(path)).store
+    """The folder of ``[store]`` of a stand.toml; None where it keeps no results.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    recipe = _read_stand_recipe(path).store
     return None if recipe is None else Path(path).parent / recipe.folder
 
 
+def read_company(path: Path | str) -> Company | None:
+    """The company of a stand.toml; None where it has no ``[company]``.
+
+    Raises:
+        BadRecipe: a wrong or unknown key, or a logo that is missing, too large, or neither PNG nor SVG.
+    """
+    recipe = _read_stand_recipe(path).company
+    if recipe is None:
+        return None
+    logo = None if recipe.logo is None else _data_uri(Path(path).parent / recipe.logo, f"{path}: [company] logo")
+    return Company(recipe.name, recipe.address, logo)
+
+
 def stand_from_recipe(recipe: Mapping[str, Any]) -> Stand:
-    """The stand of a recipe embedded in a record or a native scan."""
+    """The stand of a recipe embedded in a record or a native scan.
+
+    Raises:
+        BadRecipe: a wrong, missing or unknown key.
+    """
     return _stand(checked(StandRecipe, recipe, "the embedded stand"))
 
 
 def shaft_from_recipe(recipe: Mapping[str, Any]) -> Artefact:
-    """The artefact of a recipe embedded in a record."""
+    """The artefact of a recipe embedded in a record.
+
+    Raises:
+        BadRecipe: a wrong, missing or unknown key.
+    """
     return _artefact(checked(ShaftRecipe, recipe, "the embedded artefact"))
 
 
@@ -226,9 +275,9 @@ def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
         BadRecipe: one of them exists and ``force`` is not set; nothing is written then.
     """
     paths = [Path(directory) / name for name in STARTERS]
-    there = [str(p) for p in paths if p.exists()]
-    if there and not force:
-        raise BadRecipe(f"found {', '.join(there)} already there; choose another folder or pass --force")
+    existing = [str(p) for p in paths if p.exists()]
+    if existing and not force:
+        raise BadRecipe(f"found {', '.join(existing)} already there; choose another folder or pass --force")
     for path in paths:
         source = files("truestand.files").joinpath("starters", path.name)
         write_text_atomic(path, source.read_text(encoding="utf-8"))
@@ -253,12 +302,46 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         raise BadRecipe(f"{path}: no valid TOML: {wrong}; `truestand init` writes a recipe to start from") from wrong
 
 
-def told_of(path: Path | str, make: Callable[[R], Made], recipe: R) -> Made:
-    """What a recipe makes; an error names its file."""
+def build(make: Callable[[R], Made], recipe: R, path: Path | str) -> Made:
+    """What ``make`` makes of a recipe.
+
+    Raises:
+        BadRecipe: what ``make`` refuses, with the name of the recipe's file.
+    """
     try:
         return make(recipe)
     except BadRecipe as wrong:
         raise BadRecipe(f"{path}: {wrong}") from wrong
+
+
+def _read_stand_recipe(path: Path | str) -> StandRecipe:
+    return checked(StandRecipe, read_toml(path), str(path))
+
+
+def _data_uri(path: Path, where: str) -> str:
+    """A picture as text; its content says of which kind it is."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MOST_LOGO_BYTES + 1)
+    except OSError as wrong:
+        raise BadRecipe(f"{where}: {path} can't be read ({wrong.strerror or wrong}); give a PNG or SVG file") from wrong
+    if len(content) > MOST_LOGO_BYTES:
+        raise BadRecipe(f"{where}: {path} has more than {MOST_LOGO_BYTES // 1_000_000} MB; save it smaller")
+    kind = "png" if content.startswith(PNG_START) else "svg+xml" if _is_svg(content) else None
+    if kind is None:
+        raise BadRecipe(f"{where}: {path} is neither PNG nor SVG; save it as one of them")
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _is_svg(content: bytes) -> bool:
+    """Whether it is an SVG document; entities are not followed, no address is opened."""
+    from lxml import etree
+
+    try:
+        root = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False))
+    except (etree.XMLSyntaxError, ValueError):
+        return False
+    return bool(root.tag == SVG_TAG)
 
 
 def _stand(recipe: StandRecipe) -> Stand:

@@ -1,24 +1,18 @@
 """form.json (CONTRACT.md): an associated feature with its form, mm and rad."""
 
-from typing import Any
-
-import numpy as np
-
 from truestand._version import __version__
+from truestand.files.records.record import Record
 from truestand.form.form import Form
 
-FORMAT = "truestand.form"
-VERSION = 1
 
-
-def form_record(form: Form, created: str, source_sha256: str, run_out: float | None = None) -> dict[str, Any]:
+def form_record(form: Form, created: str, source_sha256: str, run_out: float | None = None) -> Record:
     """The record of an associated feature; ``run_out`` (mm) about C's axis, for calibrated scans."""
     return {
-        "format": FORMAT,
-        "version": VERSION,
+        "format": "truestand.form",
+        "version": 1,
         "feature": form.feature,
-        "point": _list(form.point),
-        "direction": None if form.direction is None else _list(form.direction),
+        "point": form.point.tolist(),
+        "direction": None if form.direction is None else form.direction.tolist(),
         "radius": form.radius,
         "rms": form.rms,
         "form": form.form,
@@ -43,7 +37,3 @@ def form_record(form: Form, created: str, source_sha256: str, run_out: float | N
         "software": f"truestand {__version__}",
         "created": created,
     }
-
-
-def _list(values: "np.ndarray[Any, np.dtype[np.float64]]") -> list[float]:
-    return [float(v) for v in values]

@@ -1,20 +1,35 @@
-"""inspection.json (CONTRACT.md): an inspection with its keys and units. mm inside, um for deviations outside."""
+"""inspection.json (CONTRACT.md) and its characteristics as CSV. mm inside, um for deviations outside.
 
-from collections.abc import Mapping
+The CSV (RFC 4180) is for spreadsheets and statistics. Texts of others never begin like a formula there: a spreadsheet
+would run it.
+"""
+
+import csv
+import io
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from truestand._version import __version__
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
-from truestand.files.records.records import scan_record, without_nan
+from truestand.files.atomic import write_text_atomic
+from truestand.files.records.record import Record, scan_record, without_nan
 from truestand.gear.evaluate import NEVER_NEGATIVE
 
-Record = dict[str, Any]
 Limits = tuple[float | None, float | None]
 
 FORMAT, VERSION = "truestand.inspection", 1
 UM = 1000.0
+"""um in a mm."""
+CSV_COLUMNS = (
+    "name", "flank", "tooth", "section", "value", "unit", "U", "k", "lower_limit", "upper_limit", "grade", "verdict",
+    "status", "coverage", "standard",
+)  # fmt: skip
+COVERAGE_FACTOR = 2
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "|", "%")
+"""Spreadsheets take a field that begins so for a formula, or may (OWASP, CSV injection)."""
 
 
 def inspection_record(
@@ -39,12 +54,12 @@ def inspection_record(
         "software": f"truestand {__version__}",
         "created": created,
     }
-    finite: Record = without_nan(record)
-    return finite
+    return without_nan(record)
 
 
 def _characteristic(c: Characteristic) -> Record:
     line: Record = {"name": c.name, "flank": c.flank, "tooth": c.tooth}
+    scale, unit = (1.0, "U_mm") if c.size else (UM, "U_um")
     if c.section is not None:
         line["section"] = c.section
     if c.size:
@@ -56,19 +71,10 @@ def _characteristic(c: Characteristic) -> Record:
             "limit_um": None if c.limits is None else _limit(c.limits),
             "limits_um": None if c.limits is None else [None if v is None else UM * v for v in c.limits],
         }
-    line |= {
-        "grade": c.grade,
-        "coverage": c.coverage,
-        "status": c.status,
-        "verdict": c.verdict,
-        "capable": c.capable,
-        "standard": c.standard,
-    }
+    line |= {key: getattr(c, key) for key in ("grade", "coverage", "status", "verdict", "capable", "standard")}
     if c.reason is not None:
         line["reason"] = c.reason
     if c.tooth is None:
-        scale = 1.0 if c.size else UM
-        unit = "U_mm" if c.size else "U_um"
         line["contributions"] = [{"name": b.name, unit: scale * b.U} for b in c.budget]
     return line
 
@@ -150,3 +156,38 @@ def _defect(d: Defect) -> Record:
 def _published(name: str, value: float) -> Record:
     plain, _, flank = name.partition(" ")
     return {"name": plain, "flank": flank or None, "value_um": UM * value}
+
+
+def characteristics_csv(characteristics: Iterable[Characteristic]) -> str:
+    """CSV text: sizes in mm, deviations in um, with all digits of the record; empty where there is no number."""
+    out = io.StringIO(newline="")
+    writer = csv.writer(out, lineterminator="\r\n")
+    writer.writerow(CSV_COLUMNS)
+    writer.writerows(_csv_row(c) for c in characteristics)
+    return out.getvalue()
+
+
+def write_characteristics(path: Path | str, inspection: Inspection) -> None:
+    """Write the CSV of an inspection, UTF-8, as a whole or not at all."""
+    write_text_atomic(path, characteristics_csv(inspection.characteristics))
+
+
+def _csv_row(c: Characteristic) -> list[str]:
+    scale = 1.0 if c.size else UM
+    value, U, lower, upper = (_csv_number(v, scale) for v in (c.value, c.U, *(c.limits or (None, None))))
+    return [
+        _csv_text(c.name), c.flank or "", "" if c.tooth is None else str(c.tooth), _csv_text(c.section),
+        value, "mm" if c.size else "um", U, str(COVERAGE_FACTOR) if U else "", lower, upper,
+        "" if c.grade is None else str(c.grade), c.verdict or "", c.status, _csv_number(c.coverage),
+        _csv_text(c.standard),
+    ]  # fmt: skip
+
+
+def _csv_number(value: float | None, scale: float = 1.0) -> str:
+    return "" if value is None else repr(float(scale * value))
+
+
+def _csv_text(text: str | None) -> str:
+    """A text from outside; an apostrophe before what would be a formula."""
+    text = (text or "").replace("\x00", "\N{REPLACEMENT CHARACTER}")
+    return f"'{text}" if text.lstrip(" ").startswith(FORMULA_STARTS) else text

@@ -1,6 +1,6 @@
-"""XML held against the schemas of a folder: offline, every import is taken from that folder by its file name.
+"""XML validated offline by the schemas of a folder: every import is taken from that folder by its file name.
 
-Published schemas name each other by web address. None is ever opened: what the folder lacks is an error that names it.
+Published schemas name each other by web address. None is ever opened: a file missing in the folder is an error.
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ from lxml import etree
 
 from truestand.core.errors import BadRecipe
 
-MOST_TOLD = 3
+MOST_LISTED = 3
 """Violations named in one message."""
 
 
@@ -45,8 +45,8 @@ def read_schema(folder: Path | str, name: str = "dcc.xsd") -> etree.XMLSchema:
     try:
         return etree.XMLSchema(etree.parse(str(folder / name), parser))
     except (etree.XMLSyntaxError, etree.XMLSchemaParseError) as wrong:
-        lacking = f"found no {', '.join(resolver.missing)}, " if resolver.missing else ""
-        raise BadRecipe(f"{folder / name}: {lacking}no usable schema ({str(wrong)[:200]})") from wrong
+        missing = f"found no {', '.join(resolver.missing)}, " if resolver.missing else ""
+        raise BadRecipe(f"{folder / name}: {missing}no usable schema ({str(wrong)[:200]})") from wrong
 
 
 def violations(text: bytes, schema: etree.XMLSchema) -> list[str]:
@@ -55,5 +55,5 @@ def violations(text: bytes, schema: etree.XMLSchema) -> list[str]:
     if schema.validate(document):
         return []
     found = [f"line {e.line}: {e.message}" for e in schema.error_log]
-    more = len(found) - MOST_TOLD
-    return [*found[:MOST_TOLD], f"{more} more"] if more > 0 else found
+    more = len(found) - MOST_LISTED
+    return [*found[:MOST_LISTED], f"{more} more"] if more > 0 else found

@@ -2,37 +2,36 @@ r"""Gocator CSV version 2, the export of LMI sensors: sections of lines, each fr
 
 Surfaces stand in a section ``Part``: a header and values of the frame, then a grid whose first line (``Y\X``) holds X
 and whose first column holds Y; a row is a profile. Profiles stand in ``Profile`` (X in the header of the columns) or
-``RawProfile`` (lines of X), a line an axis and frame. An empty cell is no data; lengths are mm. Each frame of a surface
-and each source of profiles is a recording of its own. Stamp times have no unit in the file, so they are left aside.
+``RawProfile`` (lines of X), a line an axis and frame. An empty field is no data; lengths are mm. Each frame of a
+surface and each source of profiles is a recording of its own. Stamp times have no unit in the file, so they are left
+aside.
 """
 
 import hashlib
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.scans.columns import counts, running
-from truestand.files.text import refuse_infinite, refuse_nul, refuse_words, written_out
+from truestand.files.number_text import blocks_of_lines, read_fields
+from truestand.files.scans.columns import drop_constant, encoder_counts
+from truestand.files.text import BYTE_ORDER_MARK, Array, Dialect, refuse_nul
 
-Array = NDArray[np.float64]
 Row = tuple[int, bytes]
 """A line's number in the file, from 1, and its text."""
 
 FORMAT = "gocator csv"
 VERSION = b"2"
 CORNER = b"Y\\X"
+COMMA = Dialect(b",", b".")
 SURFACE, PROFILES, POINTS = "Part", "Profile", "RawProfile"
 ADVICE = "the file is cut off or damaged: export it again"
-LARGEST_STAMP = 15
-"""Digits of a frame, source or encoder count that float64 still holds."""
+MOST_STAMP_DIGITS = 15
+"""Of a frame, source or encoder count: float64 still holds them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,30 +61,31 @@ def gocator_recordings(path: Path) -> Mapping[str, Callable[[], Recording]]:
     data = path.read_bytes()
     file = _File(path.name, hashlib.sha256(data).hexdigest())
     refuse_nul(data, file.name)
-    found: dict[str, Callable[[], Recording]] = {}
-    names = []
-    for name, rows in _sections(data, file):
-        names.append(name)
-        if name == "Info":
+    recordings: dict[str, Callable[[], Recording]] = {}
+    sections = _sections(data, file)
+    for section, rows in sections:
+        if section == "Info":
             _refuse_other_version(rows, file)
-        elif name == SURFACE:
-            _add(found, {key: partial(_surface, block, file) for key, block in _frames(rows, file).items()}, file)
-        elif name in (PROFILES, POINTS):
-            by_source = _sources(name, rows, file)
-            _add(found, {key: partial(_profiles, block, rows[2], file) for key, block in by_source.items()}, file)
-    if not found:
+        for name, read in _recordings_in(section, rows, file).items():
+            if name in recordings:
+                raise UnreadableFile(f"{file.name}: found {name} twice, need it once; {ADVICE}")
+            recordings[name] = read
+    if not recordings:
         raise UnreadableFile(
-            f"{file.name}: found the sections {', '.join(names)}, need {SURFACE}, {PROFILES} or {POINTS}; export the "
-            "scan itself"
+            f"{file.name}: found the sections {', '.join(name for name, _ in sections)}, need {SURFACE}, {PROFILES} or "
+            f"{POINTS}; export the scan itself"
         )
-    return found
+    return recordings
 
 
-def _add(found: dict[str, Callable[[], Recording]], more: Mapping[str, Callable[[], Recording]], file: _File) -> None:
-    for key in more:
-        if key in found:
-            raise UnreadableFile(f"{file.name}: found {key} twice, need it once; {ADVICE}")
-    found.update(more)
+def _recordings_in(section: str, rows: list[Row], file: _File) -> dict[str, Callable[[], Recording]]:
+    """What a section holds, by name; empty where it holds no scan."""
+    if section == SURFACE:
+        return {name: partial(_surface, frame, file) for name, frame in _frames(rows, file).items()}
+    if section in (PROFILES, POINTS):
+        by_source = _sources(section, rows, file)
+        return {name: partial(_profiles, source, rows[2], file) for name, source in by_source.items()}
+    return {}
 
 
 def _sections(data: bytes, file: _File) -> list[tuple[str, list[Row]]]:
@@ -134,15 +134,13 @@ def _frames(rows: list[Row], file: _File) -> dict[str, list[Row]]:
 
 def _surface(block: list[Row], file: _File) -> Recording:
     header, values, top, *rows = block
-    shape = tuple(_stamp(header, values, key, file) for key in (b"Row Count", b"Column Count"))
+    rows_needed, columns_needed = (_stamp(header, values, key, file) for key in (b"Row Count", b"Column Count"))
     if not top[1].startswith(CORNER):
         raise file.refuse(top[0], f"is no first line of a grid, need {CORNER.decode()} and X")
     grid = _numbers([(top[0], b"0" + top[1][len(CORNER) :]), *rows], file, top)
-    if grid.shape != (shape[0] + 1, shape[1] + 1):
-        raise file.refuse(
-            top[0], f"starts {grid.shape[0] - 1} x {grid.shape[1] - 1} cells, need {shape[0]} x {shape[1]}"
-        )
     x, y, z = grid[0, 1:], grid[1:, 0], grid[1:, 1:]
+    if z.shape != (rows_needed, columns_needed):
+        raise file.refuse(top[0], f"starts {z.shape[0]} x {z.shape[1]} cells, need {rows_needed} x {columns_needed}")
     if not np.isfinite(grid[0]).all() or not np.isfinite(y).all():
         raise file.refuse(top[0], "starts a grid that lacks an X or Y")
     return Recording(np.tile(x, (len(y), 1)), z, FORMAT, file.sha256, y=y)
@@ -150,7 +148,7 @@ def _surface(block: list[Row], file: _File) -> Recording:
 
 def _sources(section: str, rows: list[Row], file: _File) -> dict[str, list[Row]]:
     """The lines of data of every source of profiles."""
-    if len(rows) < 4 or b"Axis" not in _cells(rows[2])[:-1]:
+    if len(rows) < 4 or b"Axis" not in _fields(rows[2])[:-1]:
         raise UnreadableFile(f"{file.name}: the section {section} has no data under a header with Axis; {ADVICE}")
     found: dict[str, list[Row]] = {}
     for row in rows[3:]:
@@ -162,32 +160,31 @@ def _sources(section: str, rows: list[Row], file: _File) -> dict[str, list[Row]]
 
 def _profiles(rows: list[Row], header: Row, file: _File) -> Recording:
     """The profiles of one source: the frames in the order of the file."""
-    first = _cells(header).index(b"Axis") + 1
+    first = _fields(header).index(b"Axis") + 1
     values = _numbers([_cut(row, first) for row in rows], file, _cut(header, first))
-    at: dict[bytes, dict[int, int]] = {b"X": {}, b"Z": {}, b"I": {}}
+    row_of: dict[bytes, dict[int, int]] = {b"X": {}, b"Z": {}, b"I": {}}
     for i, row in enumerate(rows):
-        axis, frame = _cells(row)[first - 1], _stamp(header, row, b"Frame", file)
-        if axis not in at or frame in at[axis]:
+        axis, frame = _fields(row)[first - 1], _stamp(header, row, b"Frame", file)
+        if axis not in row_of or frame in row_of[axis]:
             raise file.refuse(
                 row[0], f"has axis {axis[:20].decode('latin-1')!r} of frame {frame}, need X, Z, I once each"
             )
-        at[axis][frame] = i
+        row_of[axis][frame] = i
     for axis in (b"X", b"I"):
-        if at[axis] and at[axis].keys() != at[b"Z"].keys():
+        if row_of[axis] and row_of[axis].keys() != row_of[b"Z"].keys():
             raise file.refuse(rows[0][0], f"starts frames with Z but no {axis.decode()}, or the other way round")
-    if not at[b"Z"]:
+    if not row_of[b"Z"]:
         raise file.refuse(rows[0][0], "starts frames without Z")
-    frames = list(at[b"Z"])
-    heads = [rows[at[b"Z"][frame]] for frame in frames]
-    encoder = running(np.array([_stamp(header, row, b"Encoder", file) for row in heads], dtype=np.int64))
+    frames = list(row_of[b"Z"])
+    encoder = [_stamp(header, rows[i], b"Encoder", file) for i in row_of[b"Z"].values()]
     return Recording(
-        values[[at[b"X"][f] for f in frames]] if at[b"X"] else _positions(header, first, len(frames), file),
-        values[[at[b"Z"][f] for f in frames]],
+        values[[row_of[b"X"][f] for f in frames]] if row_of[b"X"] else _positions(header, first, len(frames), file),
+        values[[row_of[b"Z"][f] for f in frames]],
         FORMAT,
         file.sha256,
-        encoder=None if encoder is None else counts(encoder, "an encoder count", file.name),
-        counter=running(np.array(frames, dtype=np.int64)),
-        intensity=values[[at[b"I"][f] for f in frames]] if at[b"I"] else None,
+        encoder=encoder_counts(drop_constant(np.array(encoder, dtype=np.int64)), file.name),
+        counter=drop_constant(np.array(frames, dtype=np.int64)),
+        intensity=values[[row_of[b"I"][f] for f in frames]] if row_of[b"I"] else None,
     )
 
 
@@ -199,21 +196,21 @@ def _positions(header: Row, first: int, profiles: int, file: _File) -> Array:
     return np.tile(x, (profiles, 1))
 
 
-def _cells(row: Row) -> list[bytes]:
-    return [cell.strip() for cell in row[1].split(b",")]
+def _fields(row: Row) -> list[bytes]:
+    return [field.strip() for field in row[1].split(b",")]
 
 
 def _stamp(header: Row, row: Row, key: bytes, file: _File) -> int:
     """The whole number under a name of the header."""
-    names, cells = _cells(header), _cells(row)
-    cell = cells[names.index(key)] if key in names and names.index(key) < len(cells) else b""
-    if not cell.removeprefix(b"-").isdigit() or len(cell) > LARGEST_STAMP:
-        raise file.refuse(row[0], f"has {cell[:20].decode('latin-1')!r} as {key.decode()}, need a whole number")
-    return int(cell)
+    named = zip(_fields(header), _fields(row), strict=False)
+    field = next((field for name, field in named if name == key), b"")
+    if not field.removeprefix(b"-").isdigit() or len(field) > MOST_STAMP_DIGITS:
+        raise file.refuse(row[0], f"has {field[:20].decode('latin-1')!r} as {key.decode()}, need a whole number")
+    return int(field)
 
 
 def _cut(row: Row, first: int) -> Row:
-    """A line from its cell ``first`` on."""
+    """A line from its field ``first`` on."""
     return row[0], b",".join(row[1].split(b",")[first:])
 
 
@@ -224,17 +221,15 @@ def _refuse_other_length(row: Row, like: Row, file: _File) -> None:
 
 
 def _numbers(rows: list[Row], file: _File, like: Row) -> Array:
-    """Lines as numbers, each of as many cells as the line ``like``; an empty cell is NaN."""
-    cells = like[1].count(b",") + 1
+    """Lines as numbers, each of as many fields as the line ``like``; an empty field is NaN.
+
+    Raises:
+        UnreadableFile: another number of fields, or a field that is no finite number; with the line.
+    """
+    lines, before = [], rows[0][0] - 1
     for row in rows:
         _refuse_other_length(row, like, file)
-    filled = [written_out(text, cells) for _, text in rows]
-    try:
-        values = np.loadtxt(io.BytesIO(b"\n".join(filled)), delimiter=",", ndmin=2, comments=None)
-    except ValueError as wrong:
-        for (line, _), text in zip(rows, filled, strict=True):
-            refuse_words([text], file.name, line)
-        raise UnreadableFile(f"{file.name}: lines {rows[0][0]} to {rows[-1][0]}: {wrong}") from wrong
-    for (line, _), row in zip(rows, values, strict=True):
-        refuse_infinite(row[None], file.name, line)
-    return values
+        lines.append(b"\n" * (row[0] - before - 1) + (row[1].strip() or b"nan"))  # other lines between are left blank
+        before = row[0]
+    text = b"\n".join(lines)
+    return read_fields(blocks_of_lines(text), COMMA, file.name, rows[0][0]).values.reshape(len(rows), -1)

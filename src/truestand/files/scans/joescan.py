@@ -1,4 +1,4 @@
-"""JoeScan raw recordings: profiles of several heads and cameras one after the other, packed with gzip.
+"""JoeScan raw recordings: profiles of several heads and cameras one after the other, compressed with gzip.
 
 A record, little endian: magic, flags, laser, laser-on time (us), encoders, then the encoders' counts, sequence number,
 time (ns), head, camera, inputs, points, then each point's x and y in 1/100 inch and its brightness. A profile has the
@@ -21,20 +21,20 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.scans.columns import counts, matrix, running
+from truestand.files.scans.columns import drop_constant, encoder_counts, stack_profiles
 
 FORMAT = "joescan raw"
 MAGIC = struct.pack("<i", 0x010203)
 GZIP = b"\x1f\x8b"
-BEFORE = struct.Struct("<iiIHi")
+RECORD_START = struct.Struct("<iiIHi")
 """Magic, flags, laser, laser-on time, number of encoders."""
-AFTER = struct.Struct("<IQIIii")
+RECORD_MIDDLE = struct.Struct("<IQIIii")
 """Sequence number, time, head, camera, inputs, number of points."""
 POINT = np.dtype([("x", "<i2"), ("z", "<i2"), ("brightness", "u1")])
-MOST_PACKED = 50
-"""Unpacked bytes for each packed: a real recording has 1.5, what unpacks to much more holds nothing."""
-SMALL = 1 << 22
-"""Bytes that may unpack from nearly nothing."""
+MOST_COMPRESSION = 50
+"""Unpacked bytes for each compressed one: a real recording has 1.5, what unpacks to much more holds nothing."""
+ALWAYS_UNPACKED_BYTES = 1 << 22
+"""Whatever the compression."""
 ADVICE = "the file is cut off or damaged: export it again"
 
 
@@ -82,23 +82,23 @@ def joescan_recordings(path: Path) -> Mapping[str, Callable[[], Recording]]:
 def _unpacked(data: bytes, name: str) -> bytes:
     if not data.startswith(GZIP):
         return data
-    most = max(SMALL, MOST_PACKED * len(data))
-    pieces: list[bytes] = []
+    limit = max(ALWAYS_UNPACKED_BYTES, MOST_COMPRESSION * len(data))
+    chunks: list[bytes] = []
     size = 0
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            while piece := file.read1(1 << 16):
-                pieces.append(piece)
-                size += len(piece)
-                if size > most:
+            while chunk := file.read1(1 << 16):
+                chunks.append(chunk)
+                size += len(chunk)
+                if size > limit:
                     raise UnreadableFile(
-                        f"{name}: {len(data)} bytes unpack to more than {most}, need a recording; it is no scan"
+                        f"{name}: {len(data)} bytes unpack to more than {limit}, need a recording; it is no scan"
                     )
     except (EOFError, OSError, zlib.error) as wrong:
         raise UnreadableFile(
             f"{name}: the packed data ends at byte {size} of the unpacked ({wrong}); {ADVICE}"
         ) from wrong
-    return b"".join(pieces)
+    return b"".join(chunks)
 
 
 def _profiles(data: bytes, name: str) -> list[_Profile]:
@@ -116,16 +116,16 @@ def _profile(data: bytes, at: int, where: str) -> tuple[_Profile, int]:
     Raises:
         UnreadableFile: another magic number, or more encoders or points than there are bytes left.
     """
-    _refuse_short(data, at, BEFORE.size, where)
-    _, _, laser, _, encoders = BEFORE.unpack_from(data, at)
+    _refuse_short(data, at, RECORD_START.size, where)
+    _, _, laser, _, encoders = RECORD_START.unpack_from(data, at)
     if data[at : at + len(MAGIC)] != MAGIC:
         raise UnreadableFile(f"{where} (byte {at} of the unpacked data) starts with another magic number; {ADVICE}")
-    at += BEFORE.size
-    _refuse_short(data, at, 8 * encoders + AFTER.size * (encoders >= 0), where)
+    at += RECORD_START.size
+    _refuse_short(data, at, 8 * encoders + RECORD_MIDDLE.size * (encoders >= 0), where)
     values = struct.unpack_from(f"<{encoders}q", data, at)
     at += 8 * encoders
-    sequence, nanoseconds, head, camera, _, points = AFTER.unpack_from(data, at)
-    at += AFTER.size
+    sequence, nanoseconds, head, camera, _, points = RECORD_MIDDLE.unpack_from(data, at)
+    at += RECORD_MIDDLE.size
     _refuse_short(data, at, POINT.itemsize * points, where)
     seen = np.frombuffer(data, dtype=POINT, count=points, offset=at)
     return _Profile(laser, values, sequence, nanoseconds, head, camera, seen), at + POINT.itemsize * points
@@ -144,14 +144,14 @@ def _recording(profiles: list[_Profile], name: str, sha256: str) -> Recording:
         raise UnreadableFile(f"{name}: found profiles with and without an encoder, need one kind; {ADVICE}")
     encoder = np.array([p.encoders[0] for p in profiles], dtype=np.int64) if profiles[0].encoders else None
     return Recording(
-        matrix([_mm(p.points["x"]) for p in profiles], name),
-        matrix([_mm(p.points["z"]) for p in profiles], name),
+        stack_profiles([_mm(p.points["x"]) for p in profiles], name),
+        stack_profiles([_mm(p.points["z"]) for p in profiles], name),
         FORMAT,
         sha256,
         time=np.array([p.nanoseconds for p in profiles], dtype=np.float64) / 1e9,
-        encoder=None if encoder is None else counts(encoder, "an encoder count", name),
-        counter=running(np.array([p.sequence for p in profiles], dtype=np.int64)),
-        intensity=matrix([p.points["brightness"].astype(np.float64) for p in profiles], name),
+        encoder=encoder_counts(encoder, name),
+        counter=drop_constant(np.array([p.sequence for p in profiles], dtype=np.int64)),
+        intensity=stack_profiles([p.points["brightness"].astype(np.float64) for p in profiles], name),
     )
 
 

@@ -14,31 +14,31 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.cells import pieces_of, read_cells
-from truestand.files.lines import BYTE_ORDER_MARK
+from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.text import (
-    LENGTHS,
+    BYTE_ORDER_MARK,
+    MM_PER_UNIT,
+    Array,
     Dialect,
     column_names,
     dialect_of,
-    line_of,
+    line_number,
     names_profiles,
     refuse_cut_number,
     refuse_nul,
 )
 
-Array = NDArray[np.float64]
-Lines = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 FORMAT = "long csv"
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "x": LENGTHS,
-    "z": LENGTHS,
+    "x": MM_PER_UNIT,
+    "z": MM_PER_UNIT,
     "angle": {"deg": radians(1.0), "rad": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
 }
-PLAIN = ("profile", "point", "encoder", "counter", "intensity")
-LIMITS = {"profile": (-(2**31), 2**31), "point": (0, 2**31), "counter": (-(2**53), 2**53)}
+UNITLESS = ("profile", "point", "encoder", "counter", "intensity")
+COUNT_RANGES = {"profile": (-(2**31), 2**31), "point": (0, 2**31), "counter": (-(2**53), 2**53)}
 """Lowest and highest number of the columns that count; beyond 2^53 float64 skips whole numbers."""
 MOST_EMPTY = 1000
 """Readings without data for each with data, beyond which the numbering is taken for a mistake."""
@@ -76,7 +76,7 @@ def _columns(names: list[str], file: str) -> dict[str, tuple[int, float]]:
     found: dict[str, tuple[int, float]] = {}
     for i, full in enumerate(names):
         key, _, unit = full.partition("_")
-        if full in PLAIN:
+        if full in UNITLESS:
             key, factor = full, 1.0
         elif key in UNITS:
             if unit not in UNITS[key]:
@@ -102,22 +102,22 @@ def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
     return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
 
 
-def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Lines]:
+def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Indices]:
     """All readings (n, columns), and the line in the file of each."""
     if not body.strip():
         raise UnreadableFile(f"{name}: found a header and no readings; need at least one profile")
-    _whole_last_number(body, dialect, name)
-    cells = read_cells(pieces_of(body), dialect, name, 2)
-    other = np.flatnonzero((cells.per_line != columns) & (cells.per_line > 0))
+    _refuse_cut_last_number(body, dialect, name)
+    fields = read_fields(blocks_of_lines(body), dialect, name, 2)
+    other = np.flatnonzero((fields.per_line != columns) & (fields.per_line > 0))
     if other.size:
         raise UnreadableFile(
-            f"{name}: found {cells.per_line[other[0]]} values in line {other[0] + 2}, the header names {columns}; the "
+            f"{name}: found {fields.per_line[other[0]]} values in line {other[0] + 2}, the header names {columns}; the "
             "file may be cut off"
         )
-    return cells.values.reshape(-1, columns), np.flatnonzero(cells.per_line) + 2
+    return fields.values.reshape(-1, columns), np.flatnonzero(fields.per_line) + 2
 
 
-def _whole_last_number(body: bytes, dialect: Dialect, name: str) -> None:
+def _refuse_cut_last_number(body: bytes, dialect: Dialect, name: str) -> None:
     """Refuse a file that ends inside a number of its last column.
 
     Raises:
@@ -125,21 +125,20 @@ def _whole_last_number(body: bytes, dialect: Dialect, name: str) -> None:
     """
     if not body.endswith(b"\n"):
         rows = body[-10_000:].split(b"\n")[1:]
-        cells = [row.rsplit(dialect.separator, 1)[-1].replace(dialect.decimal, b".") for row in rows]
-        refuse_cut_number([cell for cell in cells if cell.strip()], name, line_of(body, len(body)) + 1)
+        fields = [row.rsplit(dialect.separator, 1)[-1].replace(dialect.decimal, b".") for row in rows]
+        refuse_cut_number([field for field in fields if field.strip()], name, line_number(body, len(body)) + 1)
 
 
-def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) -> Recording:
-    for key in ("profile", "point", "counter"):
+def _recording(columns: dict[str, Array], lines: Indices, name: str, sha256: str) -> Recording:
+    for key in COUNT_RANGES:
         if key in columns:
             _refuse_fractions(columns[key], key, lines, name)
     row = np.asarray(columns["profile"] - columns["profile"].min(), dtype=np.intp)
-    profiles = int(row.max()) + 1
     point = _points(columns.get("point"), row)
-    shape = (profiles, int(point.max()) + 1)
-    if shape[0] * shape[1] > max(MOST_EMPTY * row.size, MOST_EMPTY**2):
+    shape = profiles, points = int(row.max()) + 1, int(point.max()) + 1
+    if profiles * points > max(MOST_EMPTY * row.size, MOST_EMPTY**2):
         raise UnreadableFile(
-            f"{name}: found {row.size} readings, profile and point numbers for {shape[0]} x {shape[1]}; check them"
+            f"{name}: found {row.size} readings, profile and point numbers for {profiles} x {points}; check them"
         )
     seen = np.zeros(shape, dtype=bool)
     seen[row, point] = True
@@ -159,9 +158,9 @@ def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) 
         off = np.flatnonzero(columns[key] != values[row])
         if off.size:
             raise UnreadableFile(f"{name}: {key} changes within a profile (line {lines[off[0]]}); need one a profile")
-        there = np.flatnonzero(np.isfinite(values))
+        known = np.flatnonzero(np.isfinite(values))
         # profiles without any reading have no row: they lie between their neighbours
-        return np.asarray(np.interp(np.arange(profiles), there, values[there]))
+        return np.asarray(np.interp(np.arange(profiles), known, values[known]))
 
     counter = one_a_profile("counter")
     return Recording(
@@ -177,13 +176,13 @@ def _recording(columns: dict[str, Array], lines: Lines, name: str, sha256: str) 
     )
 
 
-def _refuse_fractions(values: Array, key: str, lines: Lines, name: str) -> None:
+def _refuse_fractions(values: Array, key: str, lines: Indices, name: str) -> None:
     """Refuse readings without a profile, point or counter number, or with one that counts nothing.
 
     Raises:
         UnreadableFile: with the line.
     """
-    lowest, highest = LIMITS[key]
+    lowest, highest = COUNT_RANGES[key]
     wrong = np.flatnonzero(~((values == np.floor(values)) & (values >= lowest) & (values <= highest)))
     if wrong.size:
         found = values[wrong[0]]
@@ -194,7 +193,7 @@ def _refuse_fractions(values: Array, key: str, lines: Lines, name: str) -> None:
         )
 
 
-def _points(point: Array | None, row: NDArray[np.intp]) -> NDArray[np.intp]:
+def _points(point: Array | None, row: Indices) -> Indices:
     """Column of every reading: its point number (from 0 or 1), or its place among its profile's readings."""
     if point is None:
         order = np.argsort(row, kind="stable")

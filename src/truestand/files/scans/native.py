@@ -28,14 +28,14 @@ Array = NDArray[np.float64]
 FORMAT = "native"
 LAYOUT = "truestand.scan"
 VERSION = 1
-STEPS = (0.004, 0.001, 0.002, 0.005, 0.0005, 0.01, 0.00025, 0.0001)
-"""mm: range steps that sensors count in, tried in turn."""
+STEPS_MM = (0.004, 0.001, 0.002, 0.005, 0.0005, 0.01, 0.00025, 0.0001)
+"""Range steps that sensors count in, tried in turn."""
 FILL = -32768
-MOST_OFFSET = 2.0**53
-"""mm: any offset of counts is less, as float64 skips whole numbers beyond."""
+MOST_OFFSET_MM = 2.0**53
+"""Any offset of counts is less, as float64 skips whole numbers beyond."""
 MOST_READINGS = 2**31
-MOST_PRESSED = 1032
-"""How far deflate presses at best (lzf: 88): what promises more holds nothing."""
+MOST_COMPRESSION = 1032
+"""Ratio of deflate at best (lzf: 88): what promises more holds nothing."""
 COLUMNS = {"y": "1", "time": "s", "angle": "rad", "encoder": "1", "counter": "1"}
 """Columns with one value a profile, and their units."""
 
@@ -68,7 +68,7 @@ def write_native(recording: Recording, path: Path, stand: Stand | None = None) -
         for name, unit in COLUMNS.items():
             values = getattr(recording, name)
             if values is not None:
-                _write(file, name, np.asarray(values), unit, ("profile",))
+                _write(file, name, np.asarray(values), unit)
 
 
 def read_native(path: Path, sha256: str) -> Recording:
@@ -104,20 +104,22 @@ def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
         _read_matrix(z, name),
         FORMAT,
         sha256,
-        intensity=_read_intensity(file, z.shape, name) if "intensity" in file else None,
+        intensity=_read_matrix(_dataset(file, "intensity", name, z.shape), name) if "intensity" in file else None,
         stand=None if stand is None else stand_from_recipe(json.loads(stand)),
         acquisition=None if acquisition is None else dict(json.loads(acquisition)),
         **columns,
     )
 
 
-def _dataset(file: "h5py.File", key: str, name: str) -> "h5py.Dataset":
-    """A dataset of numbers; nothing is read yet."""
+def _dataset(file: "h5py.File", key: str, name: str, shape: tuple[int, ...] | None = None) -> "h5py.Dataset":
+    """A dataset of numbers, of that shape where one is given; nothing is read yet."""
     import h5py
 
     dataset = file[key]
     if not isinstance(dataset, h5py.Dataset) or dataset.shape is None or dataset.dtype.kind not in "iuf":
         raise UnreadableFile(f"{name}: {key} holds no numbers; the file was edited: import it again")
+    if shape not in (None, dataset.shape):
+        raise UnreadableFile(f"{name}: {dataset.name} has shape {dataset.shape}, need {shape}; import it again")
     return dataset
 
 
@@ -130,25 +132,21 @@ def _write_scales(file: "h5py.File", profiles: int, points: int) -> None:
 
 def _write_matrix(file: "h5py.File", name: str, values: Array, unit: str) -> None:
     counted = _counts(values)
-    if counted is None:
-        _write(file, name, values, unit, ("profile", "point"))
-        return
-    counts, step, offset = counted
-    dataset = _write(file, name, counts, unit, ("profile", "point"))
-    dataset.attrs["scale_factor"] = step
-    dataset.attrs["add_offset"] = offset
-    dataset.attrs["_FillValue"] = np.int16(FILL)
+    dataset = _write(file, name, values if counted is None else counted[0], unit)
+    if counted is not None:
+        dataset.attrs.update(scale_factor=counted[1], add_offset=counted[2], _FillValue=np.int16(FILL))
 
 
-def _write(file: "h5py.File", name: str, values: NDArray[Any], unit: str, axes: tuple[str, ...]) -> "h5py.Dataset":
-    chunks = (min(512, values.shape[0]), values.shape[1]) if values.ndim == 2 else None
-    pressed: dict[str, Any] = {}
+def _write(file: "h5py.File", name: str, values: NDArray[Any], unit: str) -> "h5py.Dataset":
+    """Write one value a profile, or a reading (N, M)."""
+    options: dict[str, Any] = {}
     if values.ndim == 2 and values.size:  # deflate: lzf is quicker, but its bytes depend on what its memory held before
-        pressed = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "chunks": chunks}
-    dataset = file.create_dataset(name, data=values, **pressed)
+        chunks = (min(512, values.shape[0]), values.shape[1])
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "chunks": chunks}
+    dataset = file.create_dataset(name, data=values, **options)
     dataset.attrs["units"] = unit
     dataset.attrs["sha256"] = _hash(values)
-    for i, axis in enumerate(axes):
+    for i, axis in enumerate(("profile", "point")[: values.ndim]):
         dataset.dims[i].attach_scale(file[axis])
     return dataset
 
@@ -159,11 +157,9 @@ def _counts(values: Array) -> tuple[NDArray[np.int16], float, float] | None:
     high = float(np.fmax.reduce(values, axis=None, initial=-np.inf))
     if not np.isfinite([low, high]).all():
         return np.full(values.shape, FILL, dtype=np.int16), 1.0, 0.0
-    for step in STEPS:
+    for step in STEPS_MM:
         offset = float(round((low + high) / 2 / step)) * step
-        if (high - low) / step > 65000:
-            continue
-        if _exact(values[:1], step, offset) is None:
+        if (high - low) / step > 65000 or _exact(values[:1], step, offset) is None:
             continue
         counts = _exact(values, step, offset)
         if counts is not None:
@@ -196,7 +192,7 @@ def _read_matrix(dataset: "h5py.Dataset", name: str) -> Array:
         return _finite(np.asarray(raw, dtype=np.float64), dataset, name)
     step, offset = dataset.attrs["scale_factor"], dataset.attrs["add_offset"]
     known = all(isinstance(number, np.floating) for number in (step, offset))
-    if not known or step not in (*STEPS, 1.0) or not abs(offset) < MOST_OFFSET:
+    if not known or step not in (*STEPS_MM, 1.0) or not abs(offset) < MOST_OFFSET_MM:
         raise UnreadableFile(
             f"{name}: {dataset.name} has scale_factor {step!r} and add_offset {offset!r}, which truestand never "
             "writes; the file was edited: import it again"
@@ -206,24 +202,14 @@ def _read_matrix(dataset: "h5py.Dataset", name: str) -> Array:
     return values
 
 
-def _read_intensity(file: "h5py.File", shape: tuple[int, ...], name: str) -> Array:
-    return _read_matrix(_shaped(_dataset(file, "intensity", name), shape, name), name)
-
-
 def _read_column(file: "h5py.File", key: str, shape: tuple[int, ...], name: str) -> NDArray[Any]:
-    dataset = _shaped(_dataset(file, key, name), shape, name)
+    dataset = _dataset(file, key, name, shape)
     if key == "counter" and not np.can_cast(dataset.dtype, np.int64):
         raise UnreadableFile(f"{name}: {dataset.name} holds {dataset.dtype}, need whole numbers; import it again")
     values = _read(dataset, name)
     if np.isnan(values).any():
         raise UnreadableFile(f"{name}: {dataset.name} lacks a number, need one a profile; import it again")
     return values.astype(np.int64) if key == "counter" else _finite(values.astype(np.float64), dataset, name)
-
-
-def _shaped(dataset: "h5py.Dataset", shape: tuple[int, ...], name: str) -> "h5py.Dataset":
-    if dataset.shape != shape:
-        raise UnreadableFile(f"{name}: {dataset.name} has shape {dataset.shape}, need {shape}; import it again")
-    return dataset
 
 
 def _finite(values: Array, dataset: "h5py.Dataset", name: str) -> Array:
@@ -234,7 +220,7 @@ def _finite(values: Array, dataset: "h5py.Dataset", name: str) -> Array:
 
 def _read(dataset: "h5py.Dataset", name: str) -> NDArray[Any]:
     promised = max(dataset.size, prod(dataset.chunks or ())) * dataset.dtype.itemsize
-    if promised > MOST_PRESSED * dataset.id.get_storage_size():
+    if promised > MOST_COMPRESSION * dataset.id.get_storage_size():
         raise UnreadableFile(f"{name}: {dataset.name} promises {dataset.shape} numbers and is cut off; import it again")
     values: NDArray[Any] = dataset[()]
     if _hash(values) != dataset.attrs["sha256"]:

@@ -12,7 +12,6 @@ import numpy as np
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.core.scan import Recording, Scan, interpret, table_angle
 from truestand.core.stand import Stand
-from truestand.files.lines import BYTE_ORDER_MARK
 from truestand.files.scans.gocator import gocator_recordings, is_gocator
 from truestand.files.scans.joescan import GZIP, is_joescan, joescan_recordings
 from truestand.files.scans.long_csv import is_long_csv, read_long_csv
@@ -20,9 +19,12 @@ from truestand.files.scans.native import is_native, read_native
 from truestand.files.scans.scancontrol_raw import RawLayout, points_of, read_scancontrol_raw
 from truestand.files.scans.sick_json import is_sick_json, read_sick_json
 from truestand.files.scans.xyz_blocks import is_xyz_blocks, read_xyz_blocks
-from truestand.files.text import check_text
+from truestand.files.text import BYTE_ORDER_MARK, check_text
 
-HEAD = 65_536
+HEAD_BYTES = 65_536
+ACQUIRED = ("complete", "reasons", "lost_profiles", "recorded")
+"""What truestand says of its own recordings, and files that others wrote don't."""
+PER_RECORDING = ("profiles", "points_per_profile", "points_seen", "revolutions", "angle_source")
 Recordings = Mapping[str, Callable[[], Recording]]
 """What a file holds, by name, each to be read when called for; the name is empty where a format holds but one."""
 
@@ -66,7 +68,7 @@ def recordings(path: Path | str, layout: RawLayout | None = None) -> Recordings:
         if layout is not None:
             return {"": partial(read_scancontrol_raw, path, layout)}
         with path.open("rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
         return _by_content(path, head)
     except OSError as wrong:
         raise _unopened(path, wrong) from wrong
@@ -131,8 +133,9 @@ def sha256_of(path: Path | str) -> str:
 
 
 def info(recording: Recording) -> dict[str, Any]:
-    """What is in a scan (CONTRACT.md, ``info --json``); turns and angle source are null where no stand tells them."""
-    revolutions, source = None, _own_source(recording)
+    """What is in a scan (CONTRACT.md, ``info --json``); turns and angle source are null where they are not known."""
+    revolutions, source = None, _angle_column(recording)
+    acquisition = recording.acquisition or {}
     if recording.stand is not None:
         try:
             _, source = table_angle(recording, recording.stand)
@@ -140,9 +143,9 @@ def info(recording: Recording) -> dict[str, Any]:
         except BadRecipe:
             pass  # a stand that leaves the angle open: the scan is readable all the same
     elif recording.angle is not None:
-        span = np.unwrap(recording.angle)
-        n = span.size
-        revolutions = float(abs(span[-1] - span[0]) / (2 * np.pi) * n / max(n - 1, 1))
+        angle = np.unwrap(recording.angle)
+        steps = max(angle.size - 1, 1)
+        revolutions = float(abs(angle[-1] - angle[0]) / (2 * np.pi) * angle.size / steps)
     return {
         "format": recording.format,
         "profiles": int(recording.x.shape[0]),
@@ -151,16 +154,8 @@ def info(recording: Recording) -> dict[str, Any]:
         "revolutions": revolutions,
         "angle_source": source,
         "sha256": recording.sha256,
-        **_recorded(recording),
+        **{key: acquisition[key] for key in ACQUIRED if key in acquisition},
     }
-
-
-def _recorded(recording: Recording) -> dict[str, Any]:
-    """What truestand said of its own recording; nothing for files that others wrote."""
-    if recording.acquisition is None:
-        return {}
-    told = recording.acquisition
-    return {key: told[key] for key in ("complete", "reasons", "lost_profiles", "recorded") if key in told}
 
 
 def info_of_several(found: Recordings) -> dict[str, Any]:
@@ -168,7 +163,6 @@ def info_of_several(found: Recordings) -> dict[str, Any]:
     each = {name: info(read()) for name, read in found.items()}
     first = next(iter(each.values()))
     sources = {facts["angle_source"] for facts in each.values()}
-    own = ("profiles", "points_per_profile", "points_seen", "revolutions", "angle_source")
     return {
         "format": first["format"],
         "profiles": sum(facts["profiles"] for facts in each.values()),
@@ -177,10 +171,11 @@ def info_of_several(found: Recordings) -> dict[str, Any]:
         "revolutions": None,
         "angle_source": sources.pop() if len(sources) == 1 else None,
         "sha256": first["sha256"],
-        "recordings": [{"pick": name, **{key: facts[key] for key in own}} for name, facts in each.items()],
+        "recordings": [{"pick": name, **{key: facts[key] for key in PER_RECORDING}} for name, facts in each.items()],
     }
 
 
-def _own_source(recording: Recording) -> str | None:
+def _angle_column(recording: Recording) -> str | None:
+    """The column that the angle comes from; None where there is none."""
     columns = (("encoder", recording.encoder), ("angle", recording.angle), ("time", recording.time))
     return next((name for name, values in columns if values is not None), None)

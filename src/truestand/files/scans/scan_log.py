@@ -26,12 +26,12 @@ from truestand.core.errors import NoSpace, UnreadableFile
 
 MAGIC = b"truestand scan log 1\n"
 MARK = b"\xf5TSL"
-HEAD = struct.Struct("<4sBBHIQdI")
-COVERED = struct.Struct("<BBHIQd")
-MOST_PAYLOAD = 1 << 28
-"""Bytes of one record; a header that claims more is damage."""
-SYNC_EVERY = 1.0
-"""s between two requests to put the log onto the disk itself, against loss of power."""
+HEADER = struct.Struct("<4sBBHIQdI")
+CHECKED = struct.Struct("<BBHIQd")
+MOST_PAYLOAD_BYTES = 1 << 28
+"""A header that claims more is damage."""
+SYNC_INTERVAL_S = 1.0
+"""Between two requests to put the log onto the disk itself, against loss of power."""
 
 
 class Kind(IntEnum):
@@ -42,7 +42,7 @@ class Kind(IntEnum):
     FRAME = 2
     """A sensor's frame as it came; source = the sensor's place in BEGIN, number = the frame's."""
     TABLE = 3
-    """``TABLE``: what the table said."""
+    """``TABLE``: the table's position and state."""
     EVENT = 4
     """JSON: a change of state, a fault."""
     END = 5
@@ -56,7 +56,7 @@ INCOMPLETE = 1
 SUSPECT = 2
 """Flag of a FRAME: the watch found something wrong with it; it is kept, but no scan is made of it."""
 TABLE = struct.Struct("<ddB")
-"""Position (rad), doubt of the time (s), moving 0 or 1."""
+"""Position (rad), uncertainty of the time (s), moving 0 or 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +106,9 @@ class LogWriter:
 
     def append(self, kind: Kind, payload: bytes, time: float, source: int = 0, number: int = 0, flags: int = 0) -> None:
         """Add a record."""
-        covered = COVERED.pack(kind, source, flags, len(payload), number, time)
+        covered = CHECKED.pack(kind, source, flags, len(payload), number, time)
         checksum = crc32(payload, crc32(covered))
-        head = HEAD.pack(MARK, kind, source, flags, len(payload), number, time, checksum)
+        head = HEADER.pack(MARK, kind, source, flags, len(payload), number, time, checksum)
         with self._lock:
             self._write(head + payload)
             self._written(Record(kind, source, number, time, payload, flags))
@@ -160,7 +160,7 @@ class LogWriter:
         )
 
     def _sync(self) -> None:
-        while not self._ended.wait(SYNC_EVERY):
+        while not self._ended.wait(SYNC_INTERVAL_S):
             try:
                 os.fsync(self._file)
             except OSError as wrong:
@@ -177,7 +177,7 @@ class Damage:
 
 
 def read_log(path: Path, damages: list[Damage] | None = None) -> Iterator[Record]:
-    """The valid records of a log in their order; what is not valid is skipped and told in ``damages``.
+    """The valid records of a log in their order; what is not valid is skipped and listed in ``damages``.
 
     Raises:
         UnreadableFile: missing, empty, or no log.
@@ -215,14 +215,14 @@ def _next_valid(data: mmap.mmap, place: int) -> int:
 
 
 def _record_at(data: mmap.mmap, place: int) -> tuple[Record | None, int]:
-    if len(data) - place < HEAD.size:
+    if len(data) - place < HEADER.size:
         return None, place
-    mark, kind, source, flags, length, number, time, checksum = HEAD.unpack_from(data, place)
-    start, end = place + HEAD.size, place + HEAD.size + length
-    if mark != MARK or length > MOST_PAYLOAD or end > len(data):
+    mark, kind, source, flags, length, number, time, checksum = HEADER.unpack_from(data, place)
+    start, end = place + HEADER.size, place + HEADER.size + length
+    if mark != MARK or length > MOST_PAYLOAD_BYTES or end > len(data):
         return None, place
     payload = data[start:end]
-    covered = COVERED.pack(kind, source, flags, length, number, time)
+    covered = CHECKED.pack(kind, source, flags, length, number, time)
     if crc32(payload, crc32(covered)) != checksum or kind not in KINDS:
         return None, place
     return Record(Kind(kind), source, number, time, payload, flags), end

@@ -26,7 +26,7 @@ from truestand.core.errors import BadRecipe, UnreadableFile
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-MIDDLE = 32768
+RAW_ZERO = 32768
 """The raw value of 0 mm before the offset."""
 FIELDS = 3
 STAMP = 16
@@ -208,7 +208,7 @@ def _unwrapped(counts: Counts, modulus: int, back: int, last: int | None) -> Cou
 def _millimetres(raw: NDArray[np.uint16], seen: NDArray[np.bool_], step: float, offset: float) -> Array:
     """Whole counts over counts a mm, so that 0.002 x 47,500 is 95 and not its neighbour."""
     a_mm = round(1.0 / step)
-    values = (raw + (offset * a_mm - MIDDLE)) / a_mm
+    values = (raw + (offset * a_mm - RAW_ZERO)) / a_mm
     return np.where(seen, values, np.nan)
 
 

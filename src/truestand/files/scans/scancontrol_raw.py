@@ -1,7 +1,7 @@
 """Raw dumps of scanCONTROL sensors: profiles as they are sent (``files/scans/scancontrol.py``), no header.
 
-The bytes don't say the sensor's type, and the number of points only by where time stamps make sense. Both have to be
-told; that they are right is checked by the time stamp of every profile.
+The bytes don't say the sensor's type, and the number of points only by where time stamps make sense. Both are given by
+the user and checked against the time stamp of every profile.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.scans.columns import running
+from truestand.files.scans.columns import drop_constant
 from truestand.files.scans.scancontrol import (
     COUNTER_MODULUS,
     FEWEST_POINTS,
@@ -30,12 +30,12 @@ from truestand.files.scans.scancontrol import (
 FORMAT = "scancontrol raw"
 USUAL_POINTS = (640, 1280, 320, 160, 2048, 1024, 512, 256)
 """Readings in a profile that sensors can be set to."""
-SHARES = (2, 3, 4, 5, 8)
-"""Parts of a profile that are looked at for a time stamp of their own."""
-LONGEST_EXPOSURE = 0.1
-"""s: the sensors' longest is 0.04."""
-MOST_LOST = 1 << 16
-"""Profiles lost in a row, beyond which the counter is taken for something else."""
+PARTS = (2, 3, 4, 5, 8)
+"""Into which a profile is divided to look for further time stamps."""
+MOST_EXPOSURE_S = 0.1
+"""The sensors' longest is 0.04."""
+MOST_LOST_PROFILES = 1 << 16
+"""In a row, beyond which the counter is taken for something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,16 +57,16 @@ def read_scancontrol_raw(path: Path, layout: RawLayout) -> Recording:
     if not data:
         raise UnreadableFile(f"{path.name}: the file is empty; need a scan")
     try:
-        found = decode_container(data, layout.points, layout.model)
+        profiles = decode_container(data, layout.points, layout.model)
     except UnreadableFile as wrong:
         raise UnreadableFile(f"{path.name}: {wrong}") from wrong
-    stamps = found.stamps
+    stamps = profiles.stamps
     _refuse_other_points(data, stamps, layout.points, path.name)
-    encoder = running(unwrap_encoder(stamps.encoder))
+    encoder = drop_constant(unwrap_encoder(stamps.encoder))
     opened = unwrap_time(stamps.opened)
     return Recording(
-        found.x,
-        found.z,
+        profiles.x,
+        profiles.z,
         FORMAT,
         hashlib.sha256(data).hexdigest(),
         time=opened + _exposure(stamps) / 2,
@@ -97,20 +97,21 @@ def _refuse_other_points(data: bytes, stamps: Stamps, points: int, name: str) ->
             f"{name}: profile {odd[0]} (byte {odd[0] * profile_bytes(points)}) has no time stamp that follows the one "
             f"before, need profiles of {points} points with Z, X and a time stamp; check --points, or record it again"
         )
-    for parts in SHARES:
+    for parts in PARTS:
         fewer, rest = divmod(points, parts)
         if rest == 0 and fewer >= FEWEST_POINTS and _stamped(decode_stamps(data, fewer)).all():
             raise UnreadableFile(
-                f"{name}: found time stamps as of profiles of {fewer} points, told were {points}; say --points {fewer}"
+                f"{name}: found time stamps as of profiles of {fewer} points, given were {points}; pass "
+                f"--points {fewer}"
             )
 
 
-def _stamped(found: Stamps) -> NDArray[np.bool_]:
+def _stamped(stamps: Stamps) -> NDArray[np.bool_]:
     """Which profiles (N,) have a time stamp that can be one, and a counter that follows the profile before."""
-    exposure = _exposure(found)
-    steps = np.diff(found.counter, prepend=found.counter[:1] - 1) % COUNTER_MODULUS
-    return (exposure > 0) & (exposure <= LONGEST_EXPOSURE) & (steps > 0) & (steps <= MOST_LOST)
+    exposure = _exposure(stamps)
+    steps = np.diff(stamps.counter, prepend=stamps.counter[:1] - 1) % COUNTER_MODULUS
+    return (exposure > 0) & (exposure <= MOST_EXPOSURE_S) & (steps > 0) & (steps <= MOST_LOST_PROFILES)
 
 
-def _exposure(found: Stamps) -> NDArray[np.float64]:
-    return (found.closed - found.opened) % TIME_MODULUS
+def _exposure(stamps: Stamps) -> NDArray[np.float64]:
+    return (stamps.closed - stamps.opened) % TIME_MODULUS

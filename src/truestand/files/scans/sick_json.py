@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.json_text import parse_json
-from truestand.files.lines import BYTE_ORDER_MARK
-from truestand.files.scans.columns import counts, running
+from truestand.files.scans.columns import drop_constant, encoder_counts
+from truestand.files.text import BYTE_ORDER_MARK
 
 Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 FORMAT = "sick json"
 ADVICE = "export it again"
-KINDS = {"uint16": 2, "uint8": 1}
-ORDERS = {"big": ">", "little": "<", "neutral": "|"}
+PIXEL_BYTES = {"uint16": 2, "uint8": 1}
+BYTE_ORDERS = {"big": ">", "little": "<", "neutral": "|"}
 MISSING = "MissingData"
 """How a map says that raw 0 is no data."""
-LARGEST = 1e6
-"""mm: no pixel and no origin is larger."""
+MOST_MM = 1e6
+"""No pixel and no origin is larger."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,12 @@ class _Image:
 
     kind: str
     zeros: str
+    """What a count of 0 means."""
     counts: NDArray[Any]
     size: tuple[float, float, float]
+    """Of a pixel and a count, mm."""
     origin: tuple[float, float, float]
+    """mm."""
 
 
 def is_sick_json(head: bytes) -> bool:
@@ -80,7 +83,6 @@ def _recording(images: list[_Image], encoders: list[NDArray[np.int64]], name: st
     encoder = encoders[0] if encoders else np.zeros(rows, dtype=np.int64)
     if encoder.size != rows:
         raise UnreadableFile(f"{name}: found {encoder.size} encoder counts for {rows} rows, need one a row; {ADVICE}")
-    moving = running(encoder)
     bright = [image for image in images if image.kind == "uint8" and image.counts.shape == height.counts.shape]
     z = height.counts * height.size[2] + height.origin[2]
     return Recording(
@@ -89,7 +91,7 @@ def _recording(images: list[_Image], encoders: list[NDArray[np.int64]], name: st
         FORMAT,
         sha256,
         y=height.origin[1] + np.arange(rows, dtype=np.float64) * height.size[1],
-        encoder=None if moving is None else counts(moving, "an encoder count", name),
+        encoder=encoder_counts(drop_constant(encoder), name),
         intensity=bright[0].counts.astype(np.float64) if bright else None,
     )
 
@@ -101,23 +103,23 @@ def _image(data: Json, name: str) -> _Image:
         UnreadableFile: a size that its pixels don't fit, or a kind of number that isn't known.
         KeyError, TypeError, ValueError: a malformed image.
     """
-    inner = data["Data"]
-    kind, columns, rows, pixels = inner["ImageType"], inner["Width"], inner["Height"], inner["Pixels"]
-    if kind not in KINDS or pixels["endian"] not in ORDERS:
-        known = f"{' or '.join(KINDS)}, {', '.join(ORDERS)}"
+    image = data["Data"]
+    kind, columns, rows, pixels = image["ImageType"], image["Width"], image["Height"], image["Pixels"]
+    if kind not in PIXEL_BYTES or pixels["endian"] not in BYTE_ORDERS:
+        known = f"{' or '.join(PIXEL_BYTES)}, {', '.join(BYTE_ORDERS)}"
         raise UnreadableFile(f"{name}: found an image of {kind!r}, {pixels['endian']!r}, need {known}")
-    bytes_needed = _whole(columns) * _whole(rows) * KINDS[kind]
+    bytes_needed = _whole(columns) * _whole(rows) * PIXEL_BYTES[kind]
     if bytes_needed > len(pixels["data"]):
         raise UnreadableFile(
-            f"{name}: found {len(pixels['data'])} characters for {rows} x {columns} pixels of {KINDS[kind]} bytes; the "
-            f"file is cut off: {ADVICE}"
+            f"{name}: found {len(pixels['data'])} characters for {rows} x {columns} pixels of {PIXEL_BYTES[kind]} "
+            f"bytes; the file is cut off: {ADVICE}"
         )
     raw = base64.b64decode(pixels["data"], validate=True)
     if len(raw) != bytes_needed:
         raise UnreadableFile(
             f"{name}: found {len(raw)} bytes of pixels, need {bytes_needed} for {rows} x {columns}; {ADVICE}"
         )
-    values = np.frombuffer(raw, dtype=f"{ORDERS[pixels['endian']]}u{KINDS[kind]}").reshape(rows, columns)
+    values = np.frombuffer(raw, dtype=f"{BYTE_ORDERS[pixels['endian']]}u{PIXEL_BYTES[kind]}").reshape(rows, columns)
     size = _lengths(data["PixelSize"])
     if 0.0 in size:
         raise ValueError(f"a pixel of {size} mm")
@@ -132,7 +134,7 @@ def _whole(number: Any) -> int:
 
 def _lengths(place: Json) -> tuple[float, float, float]:
     lengths = (float(place["x"]), float(place["y"]), float(place["z"]))
-    if max(abs(length) for length in lengths) > LARGEST:
+    if max(abs(length) for length in lengths) > MOST_MM:
         raise ValueError(f"{max(lengths)!r} mm")
     return lengths
 

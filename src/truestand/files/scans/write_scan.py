@@ -29,7 +29,11 @@ def check_output(path: Path, force: bool) -> None:
 
 
 def write_recording(recording: Recording, path: Path, stand: Stand | None = None, force: bool = False) -> None:
-    """Write a scan: .h5 native with its stand; .csv as XYZ blocks, or long where it has columns of its own."""
+    """Write a scan: .h5 native with its stand; .csv as XYZ blocks, or long where XYZ blocks can't carry its columns.
+
+    Raises:
+        BadRecipe: as ``check_output``.
+    """
     check_output(path, force)
     if path.suffix.lower() in NATIVE:
         from truestand.files.scans.native import write_native
@@ -77,8 +81,8 @@ def write_long_csv(recording: Recording, path: Path) -> None:
 
 def _has_columns(recording: Recording) -> bool:
     """Whether the scan has what XYZ blocks can't carry."""
-    own = (recording.time, recording.angle, recording.encoder, recording.counter, recording.intensity)
-    return any(values is not None for values in own)
+    columns = (recording.time, recording.angle, recording.encoder, recording.counter, recording.intensity)
+    return any(values is not None for values in columns)
 
 
 def _write_matrix(file: TextIO, values: Array) -> None:

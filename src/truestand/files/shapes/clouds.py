@@ -1,6 +1,5 @@
 """Point clouds to disk, by suffix: PLY, XYZ, npz, E57. Only points that were seen are written."""
 
-import re
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -10,15 +9,12 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.atomic import replacing
+from truestand.files.shapes.ply import MOST_HEADER_BYTES, is_ply, ply_header
 
 Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".xyz", ".npz", ".e57")
-_HEADER = re.compile(
-    rb"ply\nformat binary_little_endian 1\.0\n(comment .*\n)*element vertex (?P<count>\d{1,12})\n"
-    rb"(?P<properties>(property (float|int) \w+\n){3,9})end_header\n"
-)
-BLOCK = 512
+BLOCK_PROFILES = 512
 """Profiles written at once."""
 
 
@@ -49,92 +45,80 @@ def write_cloud(path: Path | str, x: Array, y: Array, z: Array, deviation: Array
         return writers[path.suffix.lower()](temporary, x, y, z, deviation)
 
 
-def _seen(x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.isfinite(x) & np.isfinite(y) & np.isfinite(z))
+def _columns(x: Array, y: Array, z: Array, deviation: Array | None, first: int = 0) -> dict[str, NDArray[Any]]:
+    """The points that were seen, by column; ``first`` is the number of the first profile."""
+    seen = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    profile, point = (i.astype(np.int32) for i in np.nonzero(seen))
+    columns = {"x": x[seen], "y": y[seen], "z": z[seen], "profile": profile + np.int32(first), "point": point}
+    return columns if deviation is None else {**columns, "deviation": deviation[seen]}
 
 
 def _write_ply(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
     names = ["x", "y", "z", "profile", "point"] + ([] if deviation is None else ["deviation"])
     types = {"profile": "int", "point": "int"}
-    kind = np.dtype([(n, "<i4" if n in types else "<f4") for n in names])
-    count = int(np.count_nonzero(_seen(x, y, z)))
+    record = np.dtype([(n, "<i4" if n in types else "<f4") for n in names])
+    count = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(z)))
     properties = "".join(f"property {types.get(n, 'float')} {n}\n" for n in names)
     header = (
         "ply\nformat binary_little_endian 1.0\ncomment truestand: mm, frame C (the shaft)\n"
         f"element vertex {count}\n{properties}end_header\n"
     )
-    point = np.arange(x.shape[1], dtype=np.int32)
     with path.open("wb") as file:
         file.write(header.encode("ascii"))
-        for first in range(0, x.shape[0], BLOCK):
-            rows = slice(first, min(first + BLOCK, x.shape[0]))
-            on = _seen(x[rows], y[rows], z[rows])
-            block = np.empty(int(np.count_nonzero(on)), dtype=kind)
-            block["x"], block["y"], block["z"] = x[rows][on], y[rows][on], z[rows][on]
-            block["profile"] = np.broadcast_to(np.arange(rows.start, rows.stop, dtype=np.int32)[:, None], on.shape)[on]
-            block["point"] = np.broadcast_to(point, on.shape)[on]
-            if deviation is not None:
-                block["deviation"] = deviation[rows][on]
+        for first in range(0, x.shape[0], BLOCK_PROFILES):
+            rows = slice(first, first + BLOCK_PROFILES)
+            columns = _columns(x[rows], y[rows], z[rows], None if deviation is None else deviation[rows], first)
+            block = np.empty(columns["x"].size, dtype=record)
+            for name, values in columns.items():
+                block[name] = values
             file.write(block.tobytes())
     return count
 
 
 def _write_xyz(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
-    on = _seen(x, y, z)
-    columns = [x[on], y[on], z[on]] + ([] if deviation is None else [deviation[on]])
-    np.savetxt(path, np.column_stack(columns), fmt="%.5f")
-    return int(np.count_nonzero(on))
+    columns = _columns(x, y, z, deviation)
+    lengths = [values for name, values in columns.items() if name not in ("profile", "point")]
+    np.savetxt(path, np.column_stack(lengths), fmt="%.5f")
+    return columns["x"].size
 
 
 def _write_npz(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
-    on = _seen(x, y, z)
-    profile, point = (i.astype(np.int32) for i in np.nonzero(on))
-    columns: dict[str, Any] = {"x": x[on], "y": y[on], "z": z[on], "profile": profile, "point": point}
-    if deviation is not None:
-        columns["deviation"] = deviation[on]
+    columns: dict[str, Any] = _columns(x, y, z, deviation)
     with path.open("wb") as file:
         np.savez(file, **columns)
-    return int(profile.size)
+    return int(columns["x"].size)
 
 
 def _write_e57(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
     import pye57
 
-    on = _seen(x, y, z)
-    profile, point = np.nonzero(on)
-    data = {
-        "cartesianX": x[on] / 1000.0,  # E57 counts in metres
-        "cartesianY": y[on] / 1000.0,
-        "cartesianZ": z[on] / 1000.0,
-        "rowIndex": profile.astype(np.int32),
-        "columnIndex": point.astype(np.int32),
-    }
+    columns = _columns(x, y, z, None)
+    data = {f"cartesian{axis.upper()}": columns[axis] / 1000.0 for axis in "xyz"}  # E57 counts in metres
+    data |= {"rowIndex": columns["profile"], "columnIndex": columns["point"]}
     path.unlink()  # the library writes new files only
     file = pye57.E57(str(path), mode="w")
     try:
         file.write_scan_raw(data, name="truestand")
     finally:
         file.close()
-    return int(profile.size)
+    return columns["x"].size
 
 
 def open_cloud(path: Path | str) -> "np.memmap[Any, np.dtype[np.void]]":
-    """The points of a PLY that ``write_cloud`` wrote, by column, without reading them yet.
+    """The points (n,) of a PLY that ``write_cloud`` wrote, by column, without reading them yet.
 
     Raises:
         UnreadableFile: it is another file, or cut off.
     """
     path = Path(path)
     with path.open("rb") as file:
-        found = _HEADER.match(file.read(2048))
-    if found is None:
+        head = file.read(MOST_HEADER_BYTES)
+    header = ply_header(head, path.name) if is_ply(head) else None
+    if header is None or header.byte_order != "<" or (header.record.names or ())[:3] != ("x", "y", "z"):
         raise UnreadableFile(f"{path.name}: no cloud of truestand's; `truestand roll` and `inspect` write them")
-    properties = re.findall(rb"property (float|int) (\w+)\n", found["properties"])
-    kind = np.dtype([(name.decode(), "<f4" if of == b"float" else "<i4") for of, name in properties])
-    count = int(found["count"])
-    needed = found.end() + count * kind.itemsize
-    if path.stat().st_size != needed or count == 0:
+    needed = header.size + header.count * header.record.itemsize
+    if path.stat().st_size != needed or header.count == 0:
         raise UnreadableFile(
-            f"{path.name}: found {count} points in {path.stat().st_size} bytes, need {needed}, and a point"
+            f"{path.name}: found {header.count} points in {path.stat().st_size} bytes, need {needed}, and a point"
         )
-    return np.memmap(path, dtype=kind, mode="r", offset=found.end(), shape=(count,))
+    return np.memmap(path, dtype=header.record, mode="r", offset=header.size, shape=(header.count,))

@@ -16,32 +16,32 @@ from truestand.parts.drawings import Mesh
 Array = NDArray[np.float64]
 Unit = Literal["mm", "inch"]
 
-MM: dict[Unit, float] = {"mm": 1.0, "inch": 25.4}
+MM_PER_UNIT: dict[Unit, float] = {"mm": 1.0, "inch": 25.4}
 STL_HEADER, STL_RECORD = 84, 50
 STEP_START = b"ISO-10303-21"
-CHORD, TURN = 0.0005, 0.05
-"""mm and rad by which the triangles of a STEP model may depart from its surfaces."""
-METRE = 1000.0
-"""mm: the converter's unit."""
-LARGEST = 1e5
-"""mm: coordinates beyond are no part of this stand's."""
-LEAST_FACE, LEAST_VERTEX = 2, 3
-"""Bytes that an entry of a PLY takes at least."""
+CHORD_MM, TURN_RAD = 0.0005, 0.05
+"""By which the triangles of a STEP model may depart from its surfaces."""
+MM_PER_M = 1000.0
+"""The converter counts in metres."""
+MOST_MM = 1e5
+"""Coordinates beyond are no part of this stand's."""
+LEAST_FACE_BYTES, LEAST_VERTEX_BYTES = 2, 3
+"""Of an entry of a PLY."""
 _NUMBER = rb"\s+([^\s]+)"
 _VERTEX = re.compile(rb"\bvertex" + _NUMBER * 3)
 _PLY_COUNT = re.compile(rb"^element\s+(vertex|face)\s+(\S+)\s*$", re.MULTILINE)
-_FOREIGN = (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, EOFError, MemoryError)
+_TRIMESH_ERRORS = (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, EOFError, MemoryError)
 """What trimesh raises on a file that isn't what it seems."""
 
 
 def read_mesh(path: Path | str, unit: Unit = "mm") -> Mesh:
     """The triangles of a model, vertices in mm; a closed model that was turned inside out is turned back.
 
-    A STEP model says its own unit; its surfaces become triangles within CHORD of them.
+    A STEP model says its own unit; its surfaces become triangles within CHORD_MM of them.
 
     Raises:
-        UnreadableFile: missing, empty, foreign, cut off, numbers that are none, no triangles, or triangles of a closed
-            model that face both ways.
+        UnreadableFile: missing, empty, another format, cut off, numbers that are none, no triangles, or triangles of a
+            closed model that face both ways.
         MissingExtra: STEP without its extra.
     """
     path = Path(path)
@@ -53,8 +53,8 @@ def read_mesh(path: Path | str, unit: Unit = "mm") -> Mesh:
         raise UnreadableFile(f"{path}: the file is empty; need a model as STL, PLY or STEP")
     vertices, faces = _triangles(data, path.name)
     if not data.lstrip()[:12].upper().startswith(STEP_START):
-        vertices = vertices * MM[unit]
-    _demand_sane(vertices, faces, path.name)
+        vertices = vertices * MM_PER_UNIT[unit]
+    _refuse_invalid(vertices, faces, path.name)
     return _merged(vertices, faces, path.name, hashlib.sha256(data).hexdigest())
 
 
@@ -104,14 +104,14 @@ def _ply(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
     counts = {str(kind, "ascii"): count for kind, count in _PLY_COUNT.findall(head)}
     if not end or set(counts) != {"vertex", "face"} or not all(c.isdigit() for c in counts.values()):
         raise UnreadableFile(f"{name}: the PLY's header is cut off or names no vertices and faces; export a mesh")
-    least = {"vertex": LEAST_VERTEX, "face": LEAST_FACE}
+    least = {"vertex": LEAST_VERTEX_BYTES, "face": LEAST_FACE_BYTES}
     for kind, count in counts.items():
         if int(count) * least[kind] > len(body):
             raise UnreadableFile(f"{name}: the PLY promises {int(count):.6g} {kind} entries and is cut off before")
     try:
         loaded: Any = trimesh.load(BytesIO(data), file_type="ply", process=False)
         vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
-    except _FOREIGN as wrong:
+    except _TRIMESH_ERRORS as wrong:
         raise UnreadableFile(f"{name}: the PLY can't be read ({wrong}); export it again") from wrong
     if len(vertices) != int(counts["vertex"]) or len(faces) < int(counts["face"]):
         raise UnreadableFile(
@@ -127,15 +127,20 @@ def _step(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
 
     try:
         loaded: Any = trimesh.load(
-            BytesIO(data), file_type="step", tol_linear=CHORD, tol_angular=TURN, tol_relative=False, process=False
+            BytesIO(data),
+            file_type="step",
+            tol_linear=CHORD_MM,
+            tol_angular=TURN_RAD,
+            tol_relative=False,
+            process=False,
         )
         whole = loaded.to_mesh() if hasattr(loaded, "to_mesh") else loaded
-        return np.asarray(whole.vertices, np.float64) * METRE, np.asarray(whole.faces, np.int64)
-    except (*_FOREIGN, OSError, RuntimeError) as wrong:
+        return np.asarray(whole.vertices, np.float64) * MM_PER_M, np.asarray(whole.faces, np.int64)
+    except (*_TRIMESH_ERRORS, OSError, RuntimeError) as wrong:
         raise UnreadableFile(f"{name}: the STEP model can't be read ({wrong}); export it again") from wrong
 
 
-def _demand_sane(vertices: Array, faces: NDArray[np.int64], name: str) -> None:
+def _refuse_invalid(vertices: Array, faces: NDArray[np.int64], name: str) -> None:
     if not len(faces):
         raise UnreadableFile(f"{name}: holds no triangles; export the model as a mesh")
     if faces.min() < 0 or faces.max() >= len(vertices):
@@ -143,9 +148,9 @@ def _demand_sane(vertices: Array, faces: NDArray[np.int64], name: str) -> None:
     wrong = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if wrong.size:
         raise UnreadableFile(f"{name}: found no number in vertex {wrong[0] + 1}; export it again")
-    if np.abs(vertices).max() > LARGEST:
+    if np.abs(vertices).max() > MOST_MM:
         raise UnreadableFile(
-            f"{name}: found a vertex {np.abs(vertices).max():.3g} mm from the origin, need at most {LARGEST:g}; "
+            f"{name}: found a vertex {np.abs(vertices).max():.3g} mm from the origin, need at most {MOST_MM:g}; "
             'check unit = "mm" or "inch"'
         )
 

@@ -3,8 +3,7 @@
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response
 
-from truestand.files.records.characteristics_csv import csv_of
-from truestand.files.records.inspection_record import characteristics_from
+from truestand.files.records.inspection_record import characteristics_csv, characteristics_from
 from truestand.web.doors import Doors, Policy
 from truestand.web.models import Entry
 from truestand.web.page import ThePage
@@ -39,7 +38,7 @@ def table(number: int, page: ThePage) -> Response:
     entry = entry_of(page, number)
     if entry.kind != "inspection":
         raise Problem(404, f"found a {entry.kind}, need an inspection; choose one")
-    text = csv_of(characteristics_from(page.results.record(number)))
+    text = characteristics_csv(characteristics_from(page.results.record(number)))
     return Response(text, media_type="text/csv; charset=utf-8", headers=_named(entry, "csv"))
 
 

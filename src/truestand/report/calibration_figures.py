@@ -12,7 +12,6 @@ from truestand.core.calibration import Calibration, StaticProfile
 from truestand.core.units import um
 from truestand.report.drawing import (
     BEFORE,
-    DIVERGING,
     EXACT,
     GREY,
     INK,
@@ -20,9 +19,13 @@ from truestand.report.drawing import (
     PAPER,
     SEQUENTIAL,
     SURFACES,
+    deviation_map,
     figure,
     image,
+    polar_frame,
     robust,
+    round_down,
+    single,
     styled,
 )
 
@@ -30,8 +33,7 @@ from truestand.report.drawing import (
 @styled
 def raw_scan(evidence: Evidence) -> Figure:
     """The scan as it came: range over table turns and points."""
-    fig = figure(4.6, 3.6)
-    axes = fig.add_subplot()
+    fig, axes = single(4.6, 3.6)
     values = evidence.raw.range.T
     seen = values[np.isfinite(values)]
     limits = (float(np.quantile(seen, 0.005)), float(np.quantile(seen, 0.995))) if seen.size else (0.0, 1.0)
@@ -45,8 +47,7 @@ def raw_scan(evidence: Evidence) -> Figure:
 def projection(evidence: Evidence) -> Figure:
     """All profiles on top of each other, coloured by the surface that each reading was taken for."""
     p = evidence.projection
-    fig = figure(4.6, 3.6)
-    axes = fig.add_subplot()
+    fig, axes = single(4.6, 3.6)
     other = p.cylinder < 0
     axes.plot(p.x[other], p.z[other], ".", ms=1.0, color=PALE, label="other", rasterized=True)
     for k, name in enumerate(p.names):
@@ -64,7 +65,7 @@ def projection(evidence: Evidence) -> Figure:
 def _angle_mark(axes: Axes, p: Projection) -> None:
     """phi, drawn between the sensor's z and the axis at the lower end of the base line."""
     x0, z0 = float(p.line_x[0]), float(p.line_z[0])
-    length = 9.0
+    length = 9.0  # mm
     axes.plot([x0, x0], [z0, z0 + length], color=GREY, lw=0.8, ls=(0, (4, 3)))
     t = np.linspace(0.0, p.phi, 40)
     axes.plot(x0 + 0.6 * length * np.sin(t), z0 + 0.6 * length * np.cos(t), color=INK, lw=0.8)
@@ -79,8 +80,7 @@ def _angle_mark(axes: Axes, p: Projection) -> None:
 def radial_signal(evidence: Evidence) -> Figure:
     """The base's radial signal over turns, the fit and the Fourier wave."""
     w = evidence.wave
-    fig = figure(9.2, 2.6)
-    axes = fig.add_subplot()
+    fig, axes = single(9.2, 2.6)
     axes.plot(w.turns, um(1) * w.signal, color=PALE, lw=3.0, label="measured, mean over the base")
     axes.plot(
         w.turns, um(1) * w.fitted, color=EXACT, lw=1.2, label="first harmonic, least squares at the table's frequency"
@@ -95,8 +95,7 @@ def radial_signal(evidence: Evidence) -> Figure:
 def spectrum(evidence: Evidence, paper: Calibration | None) -> Figure:
     """The leakage made visible: the true line at 1 per turn falls between the bins that exist."""
     s = evidence.spectrum
-    fig = figure(9.2, 2.6)
-    axes = fig.add_subplot()
+    fig, axes = single(9.2, 2.6)
     axes.plot(s.dense_frequency, um(1) * s.dense_amplitude, color=PALE, lw=1.5, label="between the bins")
     inside = s.frequency <= 6.0
     axes.vlines(s.frequency[inside], 0, um(1) * s.amplitude[inside], color=PAPER, lw=1.4)
@@ -128,9 +127,8 @@ def flat_maps(m: FlatMap) -> Figure:
     wide, narrow = um(robust(m.before)), um(robust(m.paper, m.stand))
     for axes, (title, values) in zip(rows, panels, strict=True):
         limit = wide if values is m.before else narrow
-        drawn = image(axes, um(1) * values, (0.0, m.turns, m.low, m.high), (-limit, limit), DIVERGING)
         axes.set(title=title, ylabel="height (mm)")
-        fig.colorbar(drawn, ax=axes, label="µm", pad=0.01)
+        deviation_map(fig, axes, um(1) * values, (0.0, m.turns, m.low, m.high), limit)
     rows[-1].set_xlabel("table turns")
     return fig
 
@@ -145,43 +143,32 @@ def rolled_up(r: Rolled) -> Figure:
     for i, (title, (angle, deviation), colour) in enumerate(panels):
         axes = fig.add_subplot(1, len(panels), i + 1, aspect="equal")
         largest = float(np.quantile(np.abs(deviation), 0.995)) if deviation.size else 1.0
-        factor = _round_factor(0.3 * r.radius / max(largest, 1e-6))
+        factor = round_down(max(0.3 * r.radius / max(largest, 1e-6), 1.0))
         circle = np.linspace(0, tau, 361)
         axes.plot(r.radius * np.cos(circle), r.radius * np.sin(circle), color=GREY, lw=0.8, ls=(0, (4, 3)))
         radius = r.radius + factor * deviation
         axes.plot(radius * np.cos(angle), radius * np.sin(angle), ".", ms=1.6, color=colour, rasterized=True)
         spread = um(float(np.ptp(deviation))) if deviation.size else 0.0
-        axes.text(0, 0, f"× {factor:,}\nspan {spread:.1f} µm".replace(",", "\N{THIN SPACE}"), ha="center", va="center")
-        reach = 1.38 * r.radius
-        axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
-        axes.set_axis_off()
-        axes.title.set_visible(True)
+        axes.text(
+            0, 0, f"× {factor:,.0f}\nspan {spread:.1f} µm".replace(",", "\N{THIN SPACE}"), ha="center", va="center"
+        )
+        polar_frame(axes, title, 1.38 * r.radius)
     return fig
-
-
-def _round_factor(factor: float) -> int:
-    """1, 2 or 5 times a power of ten, at most ``factor``, at least 1."""
-    power = 10.0 ** np.floor(np.log10(max(factor, 1.0)))
-    return int(max(s * power for s in (1, 2, 5) if s * power <= max(factor, 1.0)))
 
 
 @styled
 def residual_map(m: FlatMap) -> Figure:
     """What is left after everything fitted."""
-    fig = figure(9.2, 1.9)
-    axes = fig.add_subplot()
-    limit = um(robust(m.residual))
-    drawn = image(axes, um(1) * m.residual, (0.0, m.turns, m.low, m.high), (-limit, limit), DIVERGING)
+    fig, axes = single(9.2, 1.9)
     axes.set(xlabel="table turns", ylabel="height (mm)")
-    fig.colorbar(drawn, ax=axes, label="µm", pad=0.01)
+    deviation_map(fig, axes, um(1) * m.residual, (0.0, m.turns, m.low, m.high), um(robust(m.residual)))
     return fig
 
 
 @styled
 def static_shapes(profiles: tuple[StaticProfile, ...]) -> Figure:
     """What does not turn with the table, per surface, over height."""
-    fig = figure(9.2, 2.4)
-    axes = fig.add_subplot()
+    fig, axes = single(9.2, 2.4)
     axes.axhline(0.0, color=PALE, lw=0.8)
     for k, p in enumerate(profiles):
         axes.plot(p.height, um(1) * p.deviation, color=SURFACES[k % len(SURFACES)], lw=1.6, label=p.surface)
@@ -197,13 +184,12 @@ def static_shapes(profiles: tuple[StaticProfile, ...]) -> Figure:
 def form_bars(calibration: Calibration) -> Figure:
     """Amplitude of the form harmonics of every surface."""
     names = list(dict.fromkeys(h.surface for h in calibration.harmonics))
-    fig = figure(9.2, 2.2)
-    axes = fig.add_subplot()
+    fig, axes = single(9.2, 2.2)
     width = 0.8 / max(len(names), 1)
     for k, name in enumerate(names):
-        own = [h for h in calibration.harmonics if h.surface == name and h.upr <= 20]
-        at = [h.upr + (k - (len(names) - 1) / 2) * width for h in own]
-        axes.bar(at, [um(h.amplitude) for h in own], width, color=SURFACES[k % len(SURFACES)], label=name)
+        harmonics = [h for h in calibration.harmonics if h.surface == name and h.upr <= 20]
+        at = [h.upr + (k - (len(names) - 1) / 2) * width for h in harmonics]
+        axes.bar(at, [um(h.amplitude) for h in harmonics], width, color=SURFACES[k % len(SURFACES)], label=name)
     axes.set(xlabel="undulations per revolution (UPR)", ylabel="amplitude (µm)", yscale="symlog")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0)

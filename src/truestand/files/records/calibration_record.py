@@ -6,9 +6,8 @@ keeps its meaning (docs/decisions/0003).
 
 import math
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,12 @@ from truestand.core.calibration import (
     Contribution,
     Harmonic,
     PaperFigures,
+    Positions,
     Residuals,
     ScanSummary,
+    Separated,
     StaticProfile,
+    StepAxis,
     Uncertainty,
 )
 from truestand.core.errors import UnreadableFile
@@ -30,18 +32,21 @@ from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
-from truestand.files.json_text import parse_json
 from truestand.files.recipes.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
-from truestand.files.records.positions import positions_record, read_positions
+from truestand.files.records.record import Record, now, read_json, scan_record, without_nan
+
+if TYPE_CHECKING:
+    from truestand.apply.verify import Verification
 
 FORMAT = "truestand.calibration"
 VERSION = 1
-LEAST_UPRIGHT = 1e-3
-"""Cosine of a shaft's tilt."""
-LONGEST_MOVE = 1e9
-"""mm: no stand is larger."""
-Record = dict[str, Any]
+LEAST_COS_TILT = 1e-3
+"""Of a shaft: one that lies across the table's axis has no eccentricity."""
+MOST_MM = 1e9
+"""No stand is larger."""
 Array = NDArray[np.float64]
+UM, MRAD = 1000.0, 1000.0
+"""um in a mm, mrad in a rad."""
 
 
 def calibration_record(calibration: Calibration, created: str) -> Record:
@@ -75,27 +80,19 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         },
         "shaft": {
             "shaft_from_rotor": c.shaft_from_rotor.matrix.tolist(),
-            "eccentricity_um": 1000.0 * c.eccentricity,
+            "eccentricity_um": UM * c.eccentricity,
             "eccentricity_direction_deg": _degrees(c.eccentricity_direction),
             "eccentricity_vector": _vector(c),
-            "tilt_mrad": None if c.tilt is None else 1000.0 * c.tilt,
+            "tilt_mrad": None if c.tilt is None else MRAD * c.tilt,
             "tilt_direction_deg": _degrees(c.tilt_direction),
         },
         "residuals": None if c.residuals is None else _residuals(c.residuals),
-        "harmonics": [
-            {
-                "surface": h.surface,
-                "upr": h.upr,
-                "amplitude_um": 1000.0 * h.amplitude,
-                "phase_deg": math.degrees(h.phase),
-            }
-            for h in c.harmonics
-        ],
+        "harmonics": [_harmonic(h) for h in c.harmonics],
         "static_profiles": [
             {
                 "surface": s.surface,
                 "height_mm": s.height.tolist(),
-                "deviation_um": (1000.0 * s.deviation).tolist(),
+                "deviation_um": (UM * s.deviation).tolist(),
             }
             for s in c.static_profiles
         ],
@@ -116,20 +113,42 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
     if c.paper is not None:
         record["paper"] = {
             "bin": c.paper.bin,
-            "bin_amplitude_um": 1000.0 * c.paper.bin_amplitude,
-            "fit_amplitude_um": 1000.0 * c.paper.fit_amplitude,
+            "bin_amplitude_um": UM * c.paper.bin_amplitude,
+            "fit_amplitude_um": UM * c.paper.fit_amplitude,
             "phase_error_pi": c.paper.phase_error_pi,
             "arcsine_shift_pi": c.paper.arcsine_shift_pi,
         }
     if c.positions is not None:
-        record["positions"] = positions_record(c.positions)
-    finite: Record = without_nan(record)
-    return finite
+        record["positions"] = _positions(c.positions)
+    return without_nan(record)
 
 
-def now() -> str:
-    """The time as records carry it: ISO, UTC, seconds."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+def verification_record(verification: "Verification", created: str, calibration_sha256: str) -> Record:
+    """The record of a verification: what moved, against which limit, and what to do."""
+    v = verification
+    record: Record = {
+        "format": "truestand.verification",
+        "version": 1,
+        "verdict": v.verdict,
+        "reasons": list(v.reasons),
+        "created": created,
+        "software": f"truestand {__version__}",
+        "calibration": {"sha256": calibration_sha256},
+        "scan": scan_record(v.scan),
+        "by": v.by,
+        "changes": [
+            {
+                "name": c.name,
+                "value_um": UM * c.value,
+                "U_um": UM * c.U,
+                "limit_um": UM * c.limit,
+                "verdict": c.verdict,
+                "advice": c.advice,
+            }
+            for c in v.changes
+        ],
+    }
+    return without_nan(record)
 
 
 def write_calibration(path: Path | str, calibration: Calibration, created: str | None = None) -> Record:
@@ -166,24 +185,6 @@ def read_calibration(path: Path | str) -> Calibration:
         raise UnreadableFile(f"{path}: the calibration record is incomplete or malformed ({wrong!r})") from wrong
 
 
-def read_json(path: Path) -> Record:
-    """A JSON object from a file.
-
-    Raises:
-        UnreadableFile: missing, no JSON, or no object.
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as wrong:
-        raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong})") from wrong
-    except UnicodeDecodeError as wrong:
-        raise UnreadableFile(f"{path}: no JSON ({wrong})") from wrong
-    record = parse_json(text, str(path), "give a record written by truestand")
-    if not isinstance(record, dict):
-        raise UnreadableFile(f"{path}: found JSON that is no object; give a record written by truestand")
-    return record
-
-
 def _calibration(record: Record) -> Calibration:
     table, sensor, shaft = record["table"], record["sensor"], record["shaft"]
     covariance = record.get("covariance") or {}
@@ -200,12 +201,9 @@ def _calibration(record: Record) -> Calibration:
         rad_per_profile=table.get("rad_per_profile"),
         artefact=shaft_from_recipe(record["artefact"]) if record.get("artefact") else None,
         residuals=_read_residuals(record.get("residuals")),
-        harmonics=tuple(
-            Harmonic(h["surface"], int(h["upr"]), h["amplitude_um"] / 1000.0, math.radians(h["phase_deg"]))
-            for h in record.get("harmonics", [])
-        ),
+        harmonics=tuple(_read_harmonic(h) for h in record.get("harmonics", [])),
         static_profiles=tuple(
-            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / 1000.0)
+            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / UM)
             for s in record.get("static_profiles", [])
         ),
         uncertainty={k: _uncertainty(u) for k, u in (record.get("uncertainty") or {}).items()},
@@ -217,7 +215,7 @@ def _calibration(record: Record) -> Calibration:
         reasons=_reasons(record),
         scan=_read_scan(record.get("scan")),
         paper=_read_paper(record.get("paper")),
-        positions=read_positions(record.get("positions")),
+        positions=_read_positions(record.get("positions")),
         software=record.get("software", ""),
         created=record.get("created"),
         valid_until=record.get("valid_until"),
@@ -235,7 +233,7 @@ def _pose(matrix: Any, name: str) -> Pose:
     array = np.asarray(matrix, dtype=np.float64)
     if array.shape != (4, 4) or not np.isfinite(array).all():
         raise ValueError(f"{name}: found shape {array.shape}, need a finite 4x4 matrix")
-    if np.abs(array).max() > LONGEST_MOVE:
+    if np.abs(array).max() > MOST_MM:
         raise ValueError(f"{name}: found {np.abs(array).max():.3g}, need mm of a stand")
     pose = Pose.from_matrix(array)
     drift = np.abs(pose.rotation @ pose.rotation.T - np.eye(3)).max()
@@ -246,7 +244,7 @@ def _pose(matrix: Any, name: str) -> Pose:
 
 def _upright(pose: Pose) -> Pose:
     """A shaft's pose, whose eccentricity and tilt are those of an axis that crosses the plane Z = 0."""
-    if abs(pose.rotation[2, 2]) < LEAST_UPRIGHT:
+    if abs(pose.rotation[2, 2]) < LEAST_COS_TILT:
         raise ValueError("shaft_from_rotor: found a shaft that lies across the table's axis, need one along it")
     return pose
 
@@ -282,23 +280,12 @@ def _vector(c: Calibration) -> Record:
         {}
         if ellipse is None
         else {
-            "U_major_um": 1000.0 * ellipse.major,
-            "U_minor_um": 1000.0 * ellipse.minor,
+            "U_major_um": UM * ellipse.major,
+            "U_minor_um": UM * ellipse.minor,
             "major_direction_deg": math.degrees(ellipse.direction),
         }
     )
-    return {"x_um": 1000.0 * x, "y_um": 1000.0 * y, **known}
-
-
-def scan_record(s: ScanSummary) -> Record:
-    """Which scan a record rests on."""
-    return {
-        "sha256": s.sha256,
-        "profiles": s.profiles,
-        "points": s.points,
-        "revolutions": s.revolutions,
-        "seen": s.seen,
-    }
+    return {"x_um": UM * x, "y_um": UM * y, **known}
 
 
 def _read_scan(s: Any) -> ScanSummary | None:
@@ -306,11 +293,11 @@ def _read_scan(s: Any) -> ScanSummary | None:
 
 
 def _residuals(r: Residuals) -> Record:
-    return {"rms_um": 1000.0 * r.rms, "p90_um": 1000.0 * r.p90, "points": int(r.points), "rejected": int(r.rejected)}
+    return {"rms_um": UM * r.rms, "p90_um": UM * r.p90, "points": int(r.points), "rejected": int(r.rejected)}
 
 
 def _read_residuals(r: Any) -> Residuals | None:
-    return None if r is None else Residuals(r["rms_um"] / 1000.0, r["p90_um"] / 1000.0, r["points"], r["rejected"])
+    return None if r is None else Residuals(r["rms_um"] / UM, r["p90_um"] / UM, r["points"], r["rejected"])
 
 
 def _read_paper(p: Any) -> PaperFigures | None:
@@ -318,11 +305,70 @@ def _read_paper(p: Any) -> PaperFigures | None:
         return None
     return PaperFigures(
         p["bin"],
-        p["bin_amplitude_um"] / 1000.0,
-        p["fit_amplitude_um"] / 1000.0,
+        p["bin_amplitude_um"] / UM,
+        p["fit_amplitude_um"] / UM,
         p["phase_error_pi"],
         p["arcsine_shift_pi"],
     )
+
+
+def _harmonic(h: Harmonic) -> Record:
+    return {
+        "surface": h.surface, "upr": h.upr, "amplitude_um": UM * h.amplitude, "phase_deg": math.degrees(h.phase),
+    }  # fmt: skip
+
+
+def _read_harmonic(h: Any) -> Harmonic:
+    return Harmonic(h["surface"], int(h["upr"]), h["amplitude_um"] / UM, math.radians(h["phase_deg"]))
+
+
+def _positions(p: Positions) -> Record:
+    """The block ``positions``: what several clampings of the shaft told apart."""
+    return {
+        "clamped_deg": [math.degrees(a) for a in p.clamped],
+        "scans": list(p.scans),
+        "axes": [
+            {
+                "surface": a.surface,
+                "x_um": UM * a.x,
+                "y_um": UM * a.y,
+                "slope_x_mrad": MRAD * a.slope_x,
+                "slope_y_mrad": MRAD * a.slope_y,
+                "height_mm": a.height,
+                "U_um": UM * a.U,
+            }
+            for a in p.axes
+        ],
+        "form": [_separated(s) for s in p.form],
+        "bearing": [_separated(s) for s in p.bearing],
+        "inseparable": list(p.inseparable),
+    }
+
+
+def _read_positions(p: Any) -> Positions | None:
+    if p is None:
+        return None
+    return Positions(
+        clamped=tuple(math.radians(a) for a in p["clamped_deg"]),
+        scans=tuple(p["scans"]),
+        axes=tuple(_read_axis(a) for a in p["axes"]),
+        form=tuple(_read_separated(s) for s in p["form"]),
+        bearing=tuple(_read_separated(s) for s in p["bearing"]),
+        inseparable=tuple(p["inseparable"]),
+    )
+
+
+def _separated(s: Separated) -> Record:
+    return {**_harmonic(s.harmonic), "U_um": UM * s.U}
+
+
+def _read_separated(s: Any) -> Separated:
+    return Separated(_read_harmonic(s), s["U_um"] / UM)
+
+
+def _read_axis(a: Any) -> StepAxis:
+    x, y, slope_x, slope_y, U = (a[k] / UM for k in ("x_um", "y_um", "slope_x_mrad", "slope_y_mrad", "U_um"))
+    return StepAxis(a["surface"], x, y, slope_x, slope_y, a["height_mm"], U)
 
 
 def _uncertainty(u: Any) -> Uncertainty:
@@ -364,14 +410,3 @@ def _array(values: Any) -> Array:
 
 def _degrees(angle: float | None) -> float | None:
     return None if angle is None else math.degrees(angle)
-
-
-def without_nan(value: Any) -> Any:
-    """The record with null where a number is not known: never NaN or infinity in a record."""
-    if isinstance(value, dict):
-        return {k: without_nan(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [without_nan(v) for v in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

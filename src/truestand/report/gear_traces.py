@@ -9,24 +9,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
-from numpy.typing import NDArray
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
-from truestand.report.drawing import GREY, INK, PALE, figure, styled
-from truestand.report.gear_figures import BAD, BAND, FLANKS, WIDTH, limit_of, spread
-from truestand.report.numbers import number
-from truestand.report.words import drawn_symbol, limit_text
+from truestand.report.drawing import GREY, INK, PALE, Array, figure, round_down, styled
+from truestand.report.gear_figures import FAILS, FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
+from truestand.report.notation import drawn_symbol, limit_text, number
 
-Array = NDArray[np.float64]
-
-SHOWN = 5
-"""Teeth a chart shows."""
-ROOM = 1.35
+SHOWN_TEETH = 5
+SPACING = 1.35
 """Distance of neighbouring traces, in widths of what is drawn."""
-DIVISIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
-"""um that a scale bar may stand for."""
+MOST_SCALE_UM = 5000.0
+"""Of a scale bar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,22 +51,20 @@ class _Chart:
         spans = [
             np.ptp(t[np.isfinite(t)]) for side in self.trace for t in side[list(self.teeth)] if np.isfinite(t).any()
         ]
-        return ROOM * max([*map(float, spans), self.tolerance or 0.0, 1.0])
+        return SPACING * max([*map(float, spans), self.tolerance or 0.0, 1.0])
 
 
 @styled
-def profile_chart(inspection: Inspection) -> Figure:
+def profile_chart(inspection: Inspection, e: GearEvidence) -> Figure:
     """Deviation over the roll length of a few teeth."""
-    e: GearEvidence = inspection.evidence
     names = ("F_alpha", "f_falpha", "f_Halpha")
     ends = (e.nominal.control_roll, e.nominal.tip_roll)
     return _drawn(inspection, e.measures.profile, e.rolls, ends, e.nominal.profile_range, names, "roll length (mm)")
 
 
 @styled
-def helix_chart(inspection: Inspection) -> Figure:
+def helix_chart(inspection: Inspection, e: GearEvidence) -> Figure:
     """Deviation over the height of a few teeth."""
-    e: GearEvidence = inspection.evidence
     names = ("F_beta", "f_fbeta", "f_Hbeta")
     gear = e.nominal.gear
     at = np.broadcast_to(e.grid.heights, e.measures.helix.shape)
@@ -91,7 +84,7 @@ def _drawn(
     able = np.flatnonzero(np.isfinite(trace).any(axis=(0, 2)))
     lines = {(c.name, c.flank, c.tooth): c for c in inspection.characteristics if c.tooth is not None}
     chart = _Chart(
-        um(1) * trace, at, ends, limits, names, along, tuple(spread(able.tolist(), SHOWN)), lines,
+        um(1) * trace, at, ends, limits, names, along, tuple(spread(able.tolist(), SHOWN_TEETH)), lines,
         limit_of(inspection, names[0]),
     )  # fmt: skip
     fig = figure(WIDTH, 4.9)
@@ -106,11 +99,11 @@ def _drawn(
 def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
     flank, colour, _ = FLANKS[side]
     step, (low, high), (start, stop) = chart.step, chart.limits, chart.ends
-    axes.set_title(f"{flank} flanks", pad=20, color=colour, fontweight="bold")
-    axes.set_xlim(-0.62 * step, (len(chart.teeth) - 0.38) * step)
     margin = 0.04 * (stop - start)
-    axes.set_ylim(start - margin, stop + margin)
-    axes.set_xticks([])
+    axes.set_title(f"{flank} flanks", pad=20, color=colour, fontweight="bold")
+    axes.set(
+        xlim=(-0.62 * step, (len(chart.teeth) - 0.38) * step), ylim=(start - margin, stop + margin), xticks=[],
+    )  # fmt: skip
     for end in chart.limits:
         axes.axhline(end, color=GREY, lw=0.7, ls=(0, (4, 3)), zorder=0)
     for end in chart.ends:
@@ -122,7 +115,7 @@ def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
         middle = place * step
         if chart.tolerance is not None:
             half = chart.tolerance / 2
-            axes.fill_betweenx([low, high], middle - half, middle + half, color=BAND, lw=0, zorder=0)
+            axes.fill_betweenx([low, high], middle - half, middle + half, color=TOLERANCE_BAND, lw=0, zorder=0)
         axes.plot([middle, middle], [start, stop], color=GREY, lw=0.6)
         axes.annotate(
             f"tooth {tooth + 1}", (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 5),
@@ -155,7 +148,7 @@ def _figures_beneath(axes: Axes, chart: _Chart, flank: Flank, tooth: int, middle
         fails = line is not None and line.verdict == "does_not_conform"
         axes.annotate(
             number(value, 1), (middle, 0.0), xycoords=("data", "axes fraction"), xytext=(0, -14 - 13 * row),
-            textcoords="offset points", ha="center", va="center", color=BAD if fails else INK,
+            textcoords="offset points", ha="center", va="center", color=FAILS if fails else INK,
             fontweight="bold" if fails else "normal",
         )  # fmt: skip
 
@@ -172,11 +165,11 @@ def _names_beneath(axes: Axes, chart: _Chart) -> None:
 
 def _scale(fig: Figure, axes: Axes, step: float) -> None:
     """A bar that says what a deviation of so many um looks like, beside the title."""
-    length = max((d for d in DIVISIONS if d <= step / 2), default=DIVISIONS[0])
+    length = min(max(round_down(step / 2), 1.0), MOST_SCALE_UM)
     right = axes.get_xlim()[1]
     raised = axes.get_xaxis_transform() + ScaledTranslation(0.0, 24 / 72, fig.dpi_scale_trans)
     axes.plot(
         [right - length, right], [1.0, 1.0], color=INK, lw=1.0, marker="|", ms=6, mew=1.0, transform=raised,
         clip_on=False,
     )  # fmt: skip
-    axes.text(right - length - 0.06 * step, 1.0, f"{length} µm", transform=raised, ha="right", va="center")
+    axes.text(right - length - 0.06 * step, 1.0, f"{length:.0f} µm", transform=raised, ha="right", va="center")

@@ -1,4 +1,4 @@
-"""comparison.json: what every way to find the eccentricity says of one scan, with errors where the truth is given."""
+"""comparison.json: what every method for the eccentricity says of one scan, with errors where the truth is given."""
 
 from collections.abc import Mapping
 from math import atan2, degrees, hypot
@@ -9,14 +9,21 @@ import numpy as np
 
 from truestand._version import __version__
 from truestand.calibration.peers import Finding, Peer
+from truestand.core.calibration import ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
 from truestand.core.harmonics import wrap
 from truestand.core.scan import Scan
+from truestand.files.records.record import Record, scan_record
 
-Record = dict[str, Any]
 Truth = tuple[float, tuple[float, float, float, float]]
 """phi (rad) and (ex, ey, tx, ty) of the shaft's axis: mm and slopes."""
+
+
+FINDINGS = (
+    "eccentricity_um", "eccentricity_direction_deg", "height_mm", "tilt_mrad", "phi_deg", "rms_um", "seconds",
+    "axis_error_um", "phi_error_deg", "reason",
+)  # fmt: skip
 
 
 def axis_of(truth: Mapping[str, Any], path: Path) -> Truth:
@@ -33,13 +40,9 @@ def axis_of(truth: Mapping[str, Any], path: Path) -> Truth:
     return sensor_parameters(sensor)[0], shaft_parameters(shaft)
 
 
-def comparison_row(way: Peer, found: Finding | str, seconds: float, truth: Truth | None) -> Record:
-    """One way's line; nulls and a ``reason`` where it found nothing."""
-    row: Record = dict.fromkeys(
-        ("eccentricity_um", "eccentricity_direction_deg", "height_mm", "tilt_mrad", "phi_deg", "rms_um", "seconds",
-         "axis_error_um", "phi_error_deg", "reason")
-    )  # fmt: skip
-    row = {"method": way.name, "library": way.library, **row}
+def comparison_row(peer: Peer, found: Finding | str, seconds: float, truth: Truth | None) -> Record:
+    """One method's line; nulls and a ``reason`` where it found nothing."""
+    row: Record = {"method": peer.name, "library": peer.library} | dict.fromkeys(FINDINGS)
     if isinstance(found, str):
         return {**row, "reason": found}
     x, y = found.axis
@@ -66,12 +69,6 @@ def comparison_record(scan: Scan, rows: list[Record], created: str) -> Record:
         "version": 1,
         "created": created,
         "software": f"truestand {__version__}",
-        "scan": {
-            "sha256": scan.sha256,
-            "profiles": scan.profiles,
-            "points": int(scan.x.shape[1]),
-            "revolutions": scan.revolutions,
-            "seen": scan.seen,
-        },
+        "scan": scan_record(ScanSummary.of(scan)),
         "rows": rows,
     }

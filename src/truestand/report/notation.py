@@ -1,11 +1,16 @@
-"""How the lines of an inspection are written: symbols, what they mean, verdicts, units. The same words everywhere."""
+"""How reports write numbers, symbols, units and verdicts, and what the symbols mean.
+
+Numbers as a metrologist writes them: the uncertainty to two digits, the value to the same place.
+"""
 
 from html import escape
+from math import floor, isfinite, log10
 
 from truestand.core.inspection import Characteristic, Verdict
 from truestand.core.units import um
-from truestand.report.numbers import number, places
 
+NONE = "\N{EN DASH}"
+"""Where there is no number."""
 MEANINGS = {
     "f_p": "largest single pitch deviation",
     "F_p": "total cumulative pitch deviation",
@@ -38,7 +43,7 @@ MEANINGS = {
     "deviation_min": "most material missing",
     "profile": "twice the largest deviation to either side",
 }
-_PLAIN = {
+_NAMES = {
     "roundness": "Roundness",
     "cylindricity": "Cylindricity",
     "runout": "Run-out",
@@ -57,6 +62,31 @@ VERDICTS: dict[Verdict, tuple[str, str]] = {
 """Mark and word: the mark tells verdicts apart without colour."""
 
 
+def places(U: float | None) -> int:
+    """Decimals that two digits of an uncertainty ask for, 0..6."""
+    if U is None or not isfinite(U) or U <= 0:
+        return 3
+    return min(max(1 - floor(log10(U)), 0), 6)
+
+
+def number(value: float | None, decimals: int = 3) -> str:
+    """A number with fixed decimals; a dash where there is none. The minus sign is a real one."""
+    if value is None or not isfinite(value):
+        return NONE
+    text = f"{value:,.{decimals}f}".replace(",", "\N{THIN SPACE}")
+    return text.replace("-", "\N{MINUS SIGN}") if float(f"{value:.{decimals}f}") else text.replace("-", "")
+
+
+def with_u(value: float | None, U: float | None) -> str:
+    """``value ± U``, both to the uncertainty's second digit."""
+    if value is None:
+        return "not identifiable"
+    if U is None:
+        return number(value)
+    decimals = places(U)
+    return f"{number(value, decimals)} ± {number(U, decimals)}"
+
+
 def _parts(name: str) -> tuple[str, str]:
     stem, _, below = name.partition("_")
     return stem, below.replace("alpha", "α").replace("beta", "β").replace("_", " ")
@@ -64,8 +94,8 @@ def _parts(name: str) -> tuple[str, str]:
 
 def symbol(name: str) -> str:
     """The name as HTML: f_Halpha with its index below."""
-    if name in _PLAIN:
-        return _PLAIN[name]
+    if name in _NAMES:
+        return _NAMES[name]
     if name not in MEANINGS:
         return escape(name)
     stem, below = _parts(name)
@@ -84,7 +114,7 @@ def meaning(name: str) -> str:
 
 
 def unit(c: Characteristic) -> str:
-    """Sizes are told in mm, deviations in um."""
+    """Sizes are in mm, deviations in um."""
     return "mm" if c.size else "µm"
 
 
@@ -113,7 +143,7 @@ def u_text(c: Characteristic) -> str:
 def limit_text(c: Characteristic) -> str:
     """``12``, ``± 9.5`` or ``from … to``; a dash without limits."""
     if c.limits is None:
-        return "\N{EN DASH}"
+        return NONE
     low, high = (None if end is None else shown(c, end) for end in c.limits)
     if low is not None and high is not None:
         return f"± {_short(high)}" if abs(low + high) < 1e-9 else f"{_short(low)} … {_short(high)}"
@@ -124,13 +154,11 @@ def _short(value: float) -> str:
     return f"{round(value, 6):g}".replace("-", "\N{MINUS SIGN}")
 
 
-def share_text(c: Characteristic) -> str:
+def tolerance_share_text(c: Characteristic) -> str:
     """U against the width of the tolerance zone."""
-    if c.U is None or c.limits is None:
-        return "\N{EN DASH}"
-    low, high = c.limits
-    if high is None:
-        return "\N{EN DASH}"
+    low, high = c.limits or (None, None)
+    if c.U is None or high is None:
+        return NONE
     width = high - (low or 0.0)
     return f"{100 * c.U / width:.0f} %" if width > 0 else "\N{EN DASH}"
 
@@ -146,17 +174,12 @@ def verdict_text(c: Characteristic) -> str:
     if c.verdict is None:
         informative = c.standard is not None and "informative" in c.standard
         return '<span class="none">informative</span>' if informative else ""
-    able = "" if c.capable else "<small>not capable: U too large</small>"
-    return verdict_mark(c.verdict) + able
-
-
-def verdict_mark(verdict: Verdict) -> str:
-    """Mark and word, as HTML."""
-    mark, word = VERDICTS[verdict]
-    return f'<span class="v {verdict}"><b>{mark}</b>\N{NO-BREAK SPACE}{word}</span>'
+    capable = "" if c.capable else "<small>not capable: U too large</small>"
+    mark, word = VERDICTS[c.verdict]
+    return f'<span class="v {c.verdict}"><b>{mark}</b>\N{NO-BREAK SPACE}{word}</span>{capable}'
 
 
 def line_name(c: Characteristic) -> str:
     """Symbol, flank, tooth and section of a line, as HTML."""
-    where = [c.flank or "", f"tooth {c.tooth}" if c.tooth is not None else "", escape(c.section or "")]
-    return " ".join([symbol(c.name), *(w for w in where if w)])
+    parts = [symbol(c.name), c.flank or "", f"tooth {c.tooth}" if c.tooth is not None else "", escape(c.section or "")]
+    return " ".join(part for part in parts if part)

@@ -4,26 +4,23 @@ from html import escape
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
-from truestand.report.numbers import number, places, with_u
+from truestand.report.notation import number, places, with_u
 from truestand.report.quantities import Quantity
 
 MOST_HARMONICS = 12
-LEAST_AMPLITUDE = 5e-5
-"""mm: smaller ones stand in the record."""
+LEAST_AMPLITUDE_MM = 5e-5
+"""Smaller harmonics stand in the record."""
 
 
 def tiles(rows: list[Quantity], calibration: Calibration) -> str:
     """The key numbers, each with its U."""
+    missing = "not part of this method" if calibration.method == "paper" else "not identifiable"
     cells = []
     for q in rows:
         value = q.value if calibration.method == "stand" else q.paper
-        if value is None:
-            shown = '<div class="none">not identifiable</div>'
-            if calibration.method == "paper":
-                shown = '<div class="none">not part of this method</div>'
-        else:
-            text = with_u(value, q.U) if q.U is not None else number(value)
-            shown = f'<div class="value">{text} <span class="unit">{q.unit}</span></div>'
+        shown = f'<div class="none">{missing}</div>'
+        if value is not None:
+            shown = f'<div class="value">{with_u(value, q.U)} <span class="unit">{q.unit}</span></div>'
         cells.append(f'<div class="tile"><div class="name">{q.name}</div>{shown}</div>')
     if calibration.residuals is not None:
         rms = number(um(calibration.residuals.rms), 2)
@@ -36,29 +33,23 @@ def tiles(rows: list[Quantity], calibration: Calibration) -> str:
 
 def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
     """Paper's method, exact model, truth."""
-    head = '<th>quantity</th><th class="n">paper\'s method</th>'
-    head += '<th class="n">exact model ± U (k = 2)</th>' if with_exact else ""
-    head += '<th class="n">truth</th><th class="n">paper − truth</th>' if with_truth else ""
-    head += '<th class="n">exact − truth</th>' if with_truth and with_exact else ""
+    titles = ["paper's method"] + ["exact model ± U (k = 2)"] * with_exact
+    titles += ["truth", "paper − truth"] * with_truth + ["exact − truth"] * (with_truth and with_exact)
     body = ""
     for q in rows:
         decimals = max(places(q.U), 3)
-        body += (
-            f'<tr><td>{q.name} ({q.unit})<small>{q.meaning}</small></td><td class="n">{number(q.paper, decimals)}</td>'
-        )
-        body += f'<td class="n">{with_u(q.value, q.U)}</td>' if with_exact else ""
-        if with_truth:
-            body += (
-                f'<td class="n">{number(q.truth, decimals)}</td><td class="n">{number(q.paper_error, decimals)}</td>'
-            )
-            body += f'<td class="n">{number(q.error, decimals)}</td>' if with_exact else ""
-        body += "</tr>"
+        cells = [number(q.paper, decimals)] + [with_u(q.value, q.U)] * with_exact
+        cells += [number(q.truth, decimals), number(q.paper_error, decimals)] * with_truth
+        cells += [number(q.error, decimals)] * (with_truth and with_exact)
+        row = "".join(f'<td class="n">{text}</td>' for text in cells)
+        body += f"<tr><td>{q.name} ({q.unit})<small>{q.meaning}</small></td>{row}</tr>"
+    head = "<th>quantity</th>" + "".join(f'<th class="n">{title}</th>' for title in titles)
     return f'<table class="quantities"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 
 def harmonics(calibration: Calibration) -> str:
     """Form harmonics, the largest first."""
-    shown = [h for h in calibration.harmonics if h.amplitude >= LEAST_AMPLITUDE]
+    shown = [h for h in calibration.harmonics if h.amplitude >= LEAST_AMPLITUDE_MM]
     largest = sorted(shown, key=lambda h: -h.amplitude)[:MOST_HARMONICS]
     top = max((h.amplitude for h in largest), default=1.0)
     body = "".join(
@@ -77,14 +68,17 @@ def budget(calibration: Calibration, rows: list[Quantity]) -> str:
     """The uncertainty budget: every input of every quantity with its value, distribution and sensitivity, k = 2."""
     parts = []
     names = {q.key: f"{q.name} ({q.unit})" for q in rows}
-    head = '<th>input</th><th class="n">its u</th><th>distribution</th><th class="n">sensitivity</th>'
+    head = (
+        '<th>input</th><th class="n">its u</th><th>distribution</th><th class="n">sensitivity</th><th class="n">U</th>'
+        "<th></th>"
+    )
     for key, uncertainty in calibration.uncertainty.items():
-        shown = [c for c in uncertainty.contributions if c.U >= 0.01 * uncertainty.U]
         lines = "".join(
             f'<tr><td>{escape(c.name)}</td><td class="n">{_short(c.value)}</td><td>{escape(c.distribution)}</td>'
             f'<td class="n">{_short(c.sensitivity)}</td><td class="n">{c.U:.2g}</td>'
             f'<td><span class="bar" style="width:{8 * c.U / max(uncertainty.U, 1e-12):.2f}rem"></span></td></tr>'
-            for c in shown
+            for c in uncertainty.contributions
+            if c.U >= 0.01 * uncertainty.U
         )
         name = names.get(key, "Radial position of the sensor (mm)")
         trials = "" if uncertainty.monte_carlo is None else f", Monte Carlo {uncertainty.monte_carlo:.2g}"
@@ -92,7 +86,6 @@ def budget(calibration: Calibration, rows: list[Quantity]) -> str:
             f'<tbody class="group"><tr><th colspan="4">{name}</th><th class="n">{uncertainty.U:.2g}</th>'
             f"<th>U, k = {uncertainty.k:g}{trials}</th></tr>{lines}</tbody>"
         )
-    head += '<th class="n">U</th><th></th>'
     return f'<table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table>'
 
 
@@ -109,14 +102,16 @@ def positions(found: Positions) -> str:
         for a in found.axes
     )
     for s in (*found.bearing, *found.form):
-        if s.harmonic.amplitude >= LEAST_AMPLITUDE:
+        if s.harmonic.amplitude >= LEAST_AMPLITUDE_MM:
             turn = f"{um(s.harmonic.amplitude):.2f} at {degrees(s.harmonic.phase):.1f}°"
             body += (
                 f'<tr><td>{escape(s.harmonic.surface)}, {s.harmonic.upr} UPR</td><td class="n">{turn}</td>'
                 f'<td class="n">{um(s.U):.2f}</td></tr>'
             )
-    left = ", ".join(map(str, found.inseparable))
-    note = f"<p>Not told apart by these angles: {left} UPR; they stand as the shaft's.</p>" if left else ""
+    inseparable = ", ".join(map(str, found.inseparable))
+    note = ""
+    if inseparable:
+        note = f"<p>Not told apart by these angles: {inseparable} UPR; they stand as the shaft's.</p>"
     head = '<th>what</th><th class="n">µm</th><th class="n">U (k = 2), µm</th>'
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f"<p>Shaft clamped at {angles}° for the scans, in this order.</p>{table}{note}"

@@ -1,4 +1,4 @@
-"""Cells of number text: the same float64 as ``float`` gives, cell by cell, or a refusal that names the line."""
+"""Fields of number text: the same float64 as ``float`` gives, field by field, or a refusal that names the line."""
 
 import math
 
@@ -8,15 +8,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from truestand.core.errors import UnreadableFile
-from truestand.files import cells
-from truestand.files.cells import pieces_of, read_cells
+from truestand.files import number_text
+from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.text import Dialect
 
 POINT, COMMA = Dialect(b";", b"."), Dialect(b";", b",")
 
 
 def read(text, dialect=POINT, first_line=1):
-    return read_cells(pieces_of(text), dialect, "scan.csv", first_line)
+    return read_fields(blocks_of_lines(text), dialect, "scan.csv", first_line)
 
 
 def bits(values):
@@ -36,7 +36,7 @@ damaged = st.text("0123456789.,-+eEnaN_x \x0b", max_size=20).filter(lambda text:
 
 @given(st.lists(decimals | others | st.floats(allow_infinity=False).map(repr), min_size=1, max_size=30))
 def test_a_number_is_the_float_nearest_to_its_text(written):
-    expected = bits(np.array([float(cell) if cell else np.nan for cell in written]))
+    expected = bits(np.array([float(field) if field else np.nan for field in written]))
     for mark, dialect in ((".", POINT), (",", COMMA)):
         line = ";".join(written).replace(".", mark).encode()
         assert bits(read(line + b";0", dialect).values)[:-1] == expected
@@ -54,12 +54,12 @@ def test_a_number_is_the_float_nearest_to_its_text(written):
 @example("inf", 2)
 @example("1e309", 2)
 @example("9" * 400, 2)
-def test_what_is_no_number_is_refused_with_its_line(cell, line):
+def test_what_is_no_number_is_refused_with_its_line(field, line):
     try:
-        expected = float(cell.strip() or "nan") if "_" not in cell else math.inf
+        expected = float(field.strip() or "nan") if "_" not in field else math.inf
     except ValueError:
         expected = math.inf
-    text = b"1.5;2.5\n" * line + b"0.5;" + cell.encode() + b"\n1.5;2.5\n"
+    text = b"1.5;2.5\n" * line + b"0.5;" + field.encode() + b"\n1.5;2.5\n"
     if math.isinf(expected):
         with pytest.raises(UnreadableFile, match=rf"line {line + 7}\b"):
             read(text, first_line=7)
@@ -68,18 +68,18 @@ def test_what_is_no_number_is_refused_with_its_line(cell, line):
 
 
 def test_the_other_decimal_mark_is_refused_with_its_line():
-    for cell, dialect in ((b"1.5", COMMA), (b"1,5", POINT), (b"1.5e3", COMMA)):
+    for field, dialect in ((b"1.5", COMMA), (b"1,5", POINT), (b"1.5e3", COMMA)):
         with pytest.raises(UnreadableFile, match=r"line 2, need '.' as decimal mark"):
-            read(b"1;2\n3;" + cell + b"\n", dialect)
+            read(b"1;2\n3;" + field + b"\n", dialect)
 
 
 @pytest.mark.parametrize("size", [1, 7, 40, 1000])
-def test_lines_are_counted_across_pieces(monkeypatch, size):
-    monkeypatch.setattr(cells, "PIECE", size)
+def test_lines_are_counted_across_blocks(monkeypatch, size):
+    monkeypatch.setattr(number_text, "BLOCK_BYTES", size)
     rows = ["1;2;3", ";;", "", "4;5;", "-6.25", "   ", ";7"] * 5
     found = read("\n".join(rows).encode())
     assert found.per_line.tolist() == [3, 3, 0, 3, 1, 0, 2] * 5
-    assert found.open.tolist() == [False, True, True, True, False, True, False] * 5
+    assert found.last_empty.tolist() == [False, True, True, True, False, True, False] * 5
     nan = np.nan
     assert np.array_equal(found.values, [1, 2, 3, nan, nan, nan, 4, 5, nan, -6.25, nan, 7] * 5, equal_nan=True)
     with pytest.raises(UnreadableFile, match="line 34"):
