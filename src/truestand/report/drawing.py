@@ -1,17 +1,18 @@
-"""The style of all figures and their way to SVG; no global state."""
+"""The style of all figures and their way to SVG; no global state. matplotlib is imported with the first figure."""
 
 import io
 import re
 from functools import wraps
 from math import floor, log10
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colorbar import Colorbar
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colorbar import Colorbar
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -42,18 +43,20 @@ STYLE: dict[Any, Any] = {
 }
 
 
-def figure(width: float, height: float) -> Figure:
+def figure(width: float, height: float) -> "Figure":
     """An empty figure, inches."""
+    from matplotlib.figure import Figure
+
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def single(width: float, height: float) -> tuple[Figure, Axes]:
+def single(width: float, height: float) -> "tuple[Figure, Axes]":
     """A figure, inches, with one pair of axes."""
     fig = figure(width, height)
     return fig, fig.add_subplot()
 
 
-def svg(fig: Figure) -> str:
+def svg(fig: "Figure") -> str:
     """The figure as an SVG element that scales with the page and repeats to the byte."""
     buffer = io.StringIO()
     fig.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None}, dpi=110)
@@ -68,6 +71,8 @@ def styled(draw: Any) -> Any:
 
     @wraps(draw)
     def drawn(*args: Any, **kwargs: Any) -> str:
+        import matplotlib as mpl
+
         with mpl.rc_context(STYLE):
             return svg(draw(*args, **kwargs))
 
@@ -75,7 +80,7 @@ def styled(draw: Any) -> Any:
 
 
 def image(
-    axes: Axes, values: Array, extent: tuple[float, float, float, float], limits: tuple[float, float], cmap: str
+    axes: "Axes", values: Array, extent: tuple[float, float, float, float], limits: tuple[float, float], cmap: str
 ) -> Any:
     """A dense map; what was not seen stays the page's pale grey."""
     axes.set_facecolor("#eceff2")
@@ -86,14 +91,19 @@ def image(
 
 
 def deviation_map(
-    fig: Figure, axes: Axes, values: Array, extent: tuple[float, float, float, float], limit: float, label: str = "µm"
-) -> Colorbar:
+    fig: "Figure",
+    axes: "Axes",
+    values: Array,
+    extent: tuple[float, float, float, float],
+    limit: float,
+    label: str = "µm",
+) -> "Colorbar":
     """Draw deviations (rows, columns) um with their colour bar, ``limit`` um to either side; the colour bar."""
     drawn = image(axes, values, extent, (-limit, limit), DIVERGING)
     return fig.colorbar(drawn, ax=axes, label=label, pad=0.01)
 
 
-def polar_frame(axes: Axes, title: str, reach: float) -> None:
+def polar_frame(axes: "Axes", title: str, reach: float) -> None:
     """A title and room for a polar plot of radius ``reach``, without axes."""
     axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
     axes.set_axis_off()

@@ -4,14 +4,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from html import escape
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, single, styled
 from truestand.report.notation import number, places
 from truestand.report.page import framed, page
 from truestand.statistics.control import MR_FACTOR, ControlChart
 from truestand.statistics.gage import GageStudy
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MARK_COLOUR = "#a8240b"
 
@@ -131,7 +133,7 @@ def _study(name: str, s: GageStudy) -> str:
 
 
 @styled
-def _control_chart(chart: ControlChart, times: Sequence[str], label: str) -> Figure:
+def _control_chart(chart: ControlChart, times: Sequence[str], label: str) -> "Figure":
     """The readings with U, their mean and limits, and below them the moving range."""
     fig = figure(9.4, 3.4)
     upper, lower = fig.subplots(2, 1, sharex=True, height_ratios=(3, 1))
@@ -158,7 +160,7 @@ def _control_chart(chart: ControlChart, times: Sequence[str], label: str) -> Fig
 
 
 @styled
-def _variation_bars(study: GageStudy) -> Figure:
+def _variation_bars(study: GageStudy) -> "Figure":
     """What each source contributes, per cent of the total variation."""
     fig, axes = single(6.0, 1.9)
     names = ("repeatability EV", "operators AV", "interaction", "Gage R&R", "parts PV")

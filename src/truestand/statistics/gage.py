@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import fdtrc
 
 from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
@@ -148,6 +147,8 @@ def _without_interaction(full: tuple[Line, ...]) -> tuple[Line, ...]:
 
 
 def _lines(squares: dict[str, float], dof: dict[str, int], against: dict[str, str]) -> tuple[Line, ...]:
+    from scipy.special import fdtrc
+
     means = {name: squares[name] / dof[name] for name in squares}
     lines = []
     for name, mean in means.items():
