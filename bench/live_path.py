@@ -23,12 +23,12 @@ from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.scans.scan_log import Kind, LogWriter, read_log
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import raw_profiles, usual_shape
 from truestand.sim.live.faults import Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.profile_source import RecordedSource
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.source import RecordedSource
+from truestand.sim.live.scancontrol_frames import raw_profiles, usual_shape
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
 from truestand.station.convert import LogSorter

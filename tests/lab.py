@@ -15,14 +15,14 @@ from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.recipes.parts import read_part, read_part_simulation
 from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand, write_starters
 from truestand.sim import simulation_from, virtual_part_from
-from truestand.sim.caster import Caster
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults, Kind
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.profile_source import LiveSource
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.source import LiveSource
 from truestand.sim.live.table import VirtualTable
+from truestand.sim.sensor_model import Caster
 from truestand.station.recipe import order_of, read_devices
 from truestand.station.scan import Taken, take_scan
 

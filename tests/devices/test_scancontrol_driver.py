@@ -17,8 +17,8 @@ from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults, Kind
 from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.profile_source import RecordedSource
 from truestand.sim.live.registers import Identity, Own
-from truestand.sim.live.source import RecordedSource
 
 SPEED, COUNTS = 2.0, 36000
 POINTS = 320

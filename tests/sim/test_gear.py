@@ -32,7 +32,7 @@ from truestand.sim import (
     virtual_part_from,
 )
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.real_gear import RealGear
+from truestand.sim.gear_surface import RealGear
 
 UM = 1e-3
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0, fan=radians(30.0))

@@ -23,15 +23,15 @@ from truestand.sim import (
     simulate,
     truth_record,
 )
-from truestand.sim.live import container
+from truestand.sim.live import scancontrol_frames as container
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import Shape, frame_bytes, raw_profiles, scale_of, usual_shape
 from truestand.sim.live.control import Control
 from truestand.sim.live.faults import Faults, Kind, fault_at
 from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.profile_source import LiveSource, RecordedSource
 from truestand.sim.live.registers import BY_ENCODER, ENCODER_ACTIVE, EXTERNAL, Identity, Own, Refused, Registers
-from truestand.sim.live.source import LiveSource, RecordedSource
+from truestand.sim.live.scancontrol_frames import Shape, frame_bytes, raw_profiles, scale_of, usual_shape
 
 NET = f"127.37.{os.getpid() % 250}"
 """Addresses of this process: the port is fixed, and tests run side by side."""

@@ -23,8 +23,8 @@ from truestand.sim import (
     simulation_from,
     truth_record,
 )
-from truestand.sim.cast import hidden
-from truestand.sim.shape import steps_of
+from truestand.sim.raycast import hidden
+from truestand.sim.shaft_surface import steps_of
 
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0)
 SHORT = Acquisition(profiles=400)

@@ -20,9 +20,9 @@ from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.scans.scancontrol import decode_container, unwrap_encoder
 from truestand.sim import Optics, Simulation, paper_shaft, paper_stand
-from truestand.sim.caster import Caster
 from truestand.sim.live.faults import Kind
 from truestand.sim.live.stand import Place, virtual_stand
+from truestand.sim.sensor_model import Caster
 
 COUNTS = 360_000
 EXACT = Simulation(optics=Optics(noise=0.0))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.ramps import Ramps, move
+from truestand.sim.live.motion_profile import Ramps, move
 from truestand.sim.live.table import HISTORY, Motion, VirtualTable
 
 

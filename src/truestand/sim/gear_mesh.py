@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.real_gear import LEFT, RIGHT, RealGear
+from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from truestand.sim.cast import FACE, MESH, STEP, Hits, Rays
 from truestand.sim.parts import Scene
+from truestand.sim.raycast import FACE, MESH, STEP, Hits, Rays
 from truestand.sim.simulation import Optics
 
 Array = NDArray[np.float64]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.sim.gear_errors import GearErrors
+from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
 from truestand.sim.parts import VirtualGear, VirtualPart, VirtualTurned, shaft_from_cad, shaft_from_gear
-from truestand.sim.real_gear import LEFT, RIGHT, RealGear
 from truestand.sim.simulation import Workpiece
 
 Array = NDArray[np.float64]

@@ -10,11 +10,11 @@ from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
-from truestand.sim.cast_mesh import Body, body, gear_body
 from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.real_gear import RealGear
-from truestand.sim.shape import Face, Step, faces_of, steps_of
+from truestand.sim.gear_surface import RealGear
+from truestand.sim.raycast_mesh import Body, body, gear_body
+from truestand.sim.shaft_surface import Face, Step, faces_of, steps_of
 from truestand.sim.simulation import Misalignment, Workpiece
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from truestand.core.artefact import Artefact
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
-from truestand.sim.caster import Caster
 from truestand.sim.parts import VirtualPart
+from truestand.sim.sensor_errors import lose_patches, table_angles
+from truestand.sim.sensor_model import Caster
 from truestand.sim.simulation import Simulation
-from truestand.sim.trouble import lose_patches, table_angles
 from truestand.sim.truth import Truth
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from math import degrees, radians
 from typing import Literal
 
 from truestand.devices.axis import DriveState
+from truestand.devices.tables.errors import refused
 from truestand.devices.tables.line import Line
-from truestand.devices.tables.messages import refused
 from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
 from truestand.devices.wire import grbl
 from truestand.devices.wire.grbl import Alarm, Message, Note, Ok, Refused, Report, Welcome

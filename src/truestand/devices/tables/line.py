@@ -8,7 +8,7 @@ import time
 from typing import Protocol
 
 from truestand.core.errors import DeviceError
-from truestand.devices.tables.messages import lost, nonsense
+from truestand.devices.tables.errors import lost, nonsense
 from truestand.devices.tables.recipe import host_and_port, is_network
 
 LONGEST = 512

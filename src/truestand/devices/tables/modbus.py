@@ -18,7 +18,7 @@ from pymodbus.exceptions import ModbusException
 
 from truestand.core.errors import LimitExceeded
 from truestand.devices.axis import DriveState
-from truestand.devices.tables.messages import lost, nonsense, refused
+from truestand.devices.tables.errors import lost, nonsense, refused
 from truestand.devices.tables.recipe import PORTS, ModbusRecipe, host_and_port
 
 HOME, MOVE, HALT, RESET = 1, 2, 8, 16

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from asyncua import Client, Node, ua
 
 from truestand.devices.axis import DriveState
-from truestand.devices.tables.messages import lost, nonsense, refused
+from truestand.devices.tables.errors import lost, nonsense, refused
 from truestand.devices.tables.recipe import OpcUaRecipe
 
 T = TypeVar("T")

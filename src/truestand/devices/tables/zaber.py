@@ -5,8 +5,8 @@ import time
 from math import isfinite, nan, tau
 
 from truestand.devices.axis import DriveState
+from truestand.devices.tables.errors import nonsense, refused
 from truestand.devices.tables.line import Line
-from truestand.devices.tables.messages import nonsense, refused
 from truestand.devices.tables.recipe import PORTS, ZaberRecipe
 from truestand.devices.wire.malformed import Malformed
 from truestand.devices.wire.zaber import MEANING, NOT_HOMED, SPEED_UNIT, Command, Reply, decode_reply

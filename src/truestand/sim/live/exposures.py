@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.sim.live.profile_source import Source
 from truestand.sim.live.registers import BY_ENCODER, EXTERNAL, TRIGGER_MODE, Own, Registers
-from truestand.sim.live.source import Source
 
 Array = NDArray[np.float64]
 

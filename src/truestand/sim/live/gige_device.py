@@ -17,9 +17,9 @@ from truestand.sim.live.clock import Clock
 from truestand.sim.live.control import Control
 from truestand.sim.live.faults import Faults, Kind
 from truestand.sim.live.genicam_xml import description
-from truestand.sim.live.outlet import Outlet
+from truestand.sim.live.profile_source import Source
 from truestand.sim.live.registers import CONTAINER, LASER_OFF, TICKS, Identity, Own, Refused, Registers
-from truestand.sim.live.source import Source
+from truestand.sim.live.stream_channel import Outlet
 from truestand.sim.live.streamer import Streamer
 
 LOOK = 0.02

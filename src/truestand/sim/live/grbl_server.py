@@ -8,7 +8,7 @@ from collections import deque
 from math import degrees, radians
 
 from truestand.devices.tables.recipe import PORTS, TableRecipe
-from truestand.sim.live.lines import LineServing, Send
+from truestand.sim.live.servers import LineServing, Send
 from truestand.sim.live.table import VirtualTable
 
 WELCOME = b"\r\nGrbl 1.1h ['$' for help]\r\n"

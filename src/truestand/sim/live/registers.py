@@ -16,7 +16,7 @@ from truestand.devices.wire.gvcp import (
     Status,
 )
 from truestand.devices.wire.gvsp import PixelFormat
-from truestand.sim.live.container import Shape, usual_shape
+from truestand.sim.live.scancontrol_frames import Shape, usual_shape
 
 TICKS = 1_000_000_000
 """Per second."""

@@ -13,11 +13,11 @@ from truestand.core.stand import Stand
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.devices.wire.gvcp import PORT
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import scale_of
 from truestand.sim.live.faults import Faults, Kind
 from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.profile_source import LiveSource, TableTop
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.source import LiveSource, TableTop
+from truestand.sim.live.scancontrol_frames import scale_of
 from truestand.sim.live.table import Motion, VirtualTable
 from truestand.sim.parts import VirtualPart
 from truestand.sim.simulation import Simulation

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import Shape, frame_bytes
 from truestand.sim.live.exposures import Exposures
-from truestand.sim.live.outlet import Outlet
+from truestand.sim.live.profile_source import Source
 from truestand.sim.live.registers import ENCODER_ACTIVE, LASER_OFF, TICKS, Own, Registers
-from truestand.sim.live.source import Source
+from truestand.sim.live.scancontrol_frames import Shape, frame_bytes
+from truestand.sim.live.stream_channel import Outlet
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from math import copysign, floor, inf, radians, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.live import ramps
+from truestand.sim.live import motion_profile as ramps
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.ramps import Leg, Ramps
+from truestand.sim.live.motion_profile import Leg, Ramps
 
 Array = NDArray[np.float64]
 HISTORY = 30.0

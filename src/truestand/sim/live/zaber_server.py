@@ -8,7 +8,7 @@ from math import tau
 from truestand.devices.tables.recipe import PORTS, TableRecipe
 from truestand.devices.wire.malformed import Malformed
 from truestand.devices.wire.zaber import SPEED_UNIT, Command, Reply, decode_command
-from truestand.sim.live.lines import LineServing, Send
+from truestand.sim.live.servers import LineServing, Send
 from truestand.sim.live.table import VirtualTable
 
 DEVICE = {

@@ -11,9 +11,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from truestand.sim.cast import MESH, Hits, Rays
 from truestand.sim.gear_mesh import GearMesh
-from truestand.sim.real_gear import LEFT, RIGHT, RealGear
+from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
+from truestand.sim.raycast import MESH, Hits, Rays
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]

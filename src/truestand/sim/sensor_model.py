@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
-from truestand.sim.cast import Hits, Rays, first_hits, hidden, rays_in_shaft
-from truestand.sim.cast_mesh import hidden_by, meet_body
 from truestand.sim.incidence import cosines, grazing, mixed
 from truestand.sim.parts import VirtualPart, scene_of
+from truestand.sim.raycast import Hits, Rays, first_hits, hidden, rays_in_shaft
+from truestand.sim.raycast_mesh import hidden_by, meet_body
+from truestand.sim.sensor_errors import Speckle, false_and_lost, noise, quantised, range_error
 from truestand.sim.simulation import Simulation
-from truestand.sim.trouble import Speckle, false_and_lost, noise, quantised, range_error
 from truestand.sim.truth import rotor_from_shaft, sensor_pose
 
 Array = NDArray[np.float64]

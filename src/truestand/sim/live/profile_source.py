@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
-from truestand.sim.caster import Caster
-from truestand.sim.live.container import Raw, Shape, raw_profiles
+from truestand.sim.live.scancontrol_frames import Raw, Shape, raw_profiles
 from truestand.sim.parts import VirtualPart
+from truestand.sim.sensor_model import Caster
 from truestand.sim.simulation import Simulation
 from truestand.sim.truth import Truth
 

@@ -12,9 +12,9 @@ from truestand.devices.wire import gvsp
 from truestand.devices.wire.gvcp import Register, Resend, Status
 from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
 from truestand.sim.live import faults
-from truestand.sim.live.container import Shape
 from truestand.sim.live.faults import Faults
 from truestand.sim.live.registers import Registers
+from truestand.sim.live.scancontrol_frames import Shape
 
 KEPT = 64_000_000
 """Bytes of recent frames kept for a resend."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.shape import Face, Step
+from truestand.sim.shaft_surface import Face, Step
 
 Array = NDArray[np.float64]
 
