@@ -28,7 +28,7 @@ from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.profile_source import RecordedSource
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.scancontrol_frames import raw_profiles, usual_shape
+from truestand.sim.live.scancontrol_frames import default_format, raw_profiles
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
 from truestand.station.convert import LogSorter
@@ -49,7 +49,7 @@ def stand(core, points, told):
     server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
     rng = np.random.default_rng(1)
     z = rng.uniform(80, 110, (200, points))
-    raw = raw_profiles(rng.uniform(-10, 10, z.shape), z, (0.002, 95.0), usual_shape(points, 20))
+    raw = raw_profiles(rng.uniform(-10, 10, z.shape), z, (0.002, 95.0), default_format(points, 20))
     server.start()
     device = GigeDevice(Identity(ADDRESS), RecordedSource(raw, table, 360_000), clock, Faults(table), points=points)
     device.start()

@@ -16,13 +16,13 @@ from truestand.files.recipes.parts import read_part, read_part_simulation
 from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand, write_starters
 from truestand.sim import simulation_from, virtual_part_from
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
-from truestand.sim.live.profile_source import LiveSource
+from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.table import VirtualTable
-from truestand.sim.sensor_model import Caster
+from truestand.sim.sensor_model import SensorModel
 from truestand.station.recipe import order_of, read_devices
 from truestand.station.scan import Taken, take_scan
 
@@ -92,11 +92,11 @@ class Lab:
             if part is not None:
                 sensor.source._casters[1] = self._casters(sensor.source, self.folder / part)
 
-    def _casters(self, source: LiveSource, recipe: Path) -> Caster:
+    def _casters(self, source: SimulatedSource, recipe: Path) -> SensorModel:
         virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), recipe.name)
-        return Caster(source._stand, source._casters[0].simulation, source._artefact, virtual, default_rng(7))
+        return SensorModel(source._stand, source._casters[0].simulation, source._artefact, virtual, default_rng(7))
 
-    def fault(self, kind: Kind, strength: float | None = None):
+    def fault(self, kind: FaultKind, strength: float | None = None):
         return lambda: self.faults.begin(kind, strength)
 
 
@@ -123,7 +123,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     try:
         for i, address in enumerate(addresses):
             one = type(described)(described.table, described.sensors[i : i + 1], described.y, described.counts_per_turn)
-            source = LiveSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
+            source = SimulatedSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
             source.mount(False)
             devices.append(GigeDevice(Identity(address, serial=f"V{i}"), source, clock, faults, points=points))
             devices[-1].start()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from truestand.devices.gige.assembly import ASK_AFTER, GIVE_UP, GIVE_UP_AT_ONCE, MOST_OPEN, SILENCE, Assembler
 from truestand.devices.wire import grbl, gvcp, gvsp, zaber
-from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
+from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
 from truestand.devices.wire.malformed import Malformed
 
 PACKET_SIZE = 136  # 100 bytes of data in a packet with standard ids
@@ -29,9 +29,9 @@ def packets(block, extended=False, data=None):
     def packet(number, kind, body):
         return Header(block, number, kind, extended=extended).encode() + body
 
-    leader = packet(0, Kind.LEADER, Leader(1, PixelFormat.MONO16, WIDTH, ROWS).encode())
-    middle = [packet(i, Kind.PAYLOAD, piece) for i, piece in enumerate(pieces, 1)]
-    return [leader, *middle, packet(len(pieces) + 1, Kind.TRAILER, gvsp.encode_trailer(ROWS))]
+    leader = packet(0, PacketFormat.LEADER, Leader(1, PixelFormat.MONO16, WIDTH, ROWS).encode())
+    middle = [packet(i, PacketFormat.PAYLOAD, piece) for i, piece in enumerate(pieces, 1)]
+    return [leader, *middle, packet(len(pieces) + 1, PacketFormat.TRAILER, gvsp.encode_trailer(ROWS))]
 
 
 class Bench:
@@ -129,7 +129,7 @@ def test_the_last_packets_of_the_newest_frame_are_missed_after_a_silence():
 def test_a_refused_packet_ends_the_waiting():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, *data[1:], trailer).wait(2 * ASK_AFTER)
-    bench.feed(Header(1, 1, Kind.PAYLOAD, status=0x800C).encode()).wait(ASK_AFTER)
+    bench.feed(Header(1, 1, PacketFormat.PAYLOAD, status=0x800C).encode()).wait(ASK_AFTER)
     assert bench.frames[0].missing == 100 and bench.now < GIVE_UP
 
 
@@ -168,11 +168,11 @@ def test_a_loss_over_the_start_of_the_ids_is_seen():
 
 def test_garbage_and_frames_of_another_size_are_counted_and_not_used():
     bench = Bench().feed(*packets(1)[:3])
-    leader = Header(2, 0, Kind.LEADER).encode() + Leader(1, PixelFormat.MONO16, WIDTH, 2 * ROWS).encode()
+    leader = Header(2, 0, PacketFormat.LEADER).encode() + Leader(1, PixelFormat.MONO16, WIDTH, 2 * ROWS).encode()
     wrong = (
         b"", b"\x00" * 7, b"\xff" * 300, leader, packets(1)[4][:-1], packets(1)[4] + b"x", packets(1, extended=True)[3],
-        Header(1, 9, Kind.PAYLOAD).encode() + bytes(100), Header(1, 3, 5).encode() + bytes(100),
-        Header(2, 0, Kind.LEADER).encode() + bytes(12),
+        Header(1, 9, PacketFormat.PAYLOAD).encode() + bytes(100), Header(1, 3, 5).encode() + bytes(100),
+        Header(2, 0, PacketFormat.LEADER).encode() + bytes(12),
     )  # fmt: skip
     bench.feed(*wrong, *packets(1)[3:])
     assert bench.frames[0].payload == content(1) and bench.numbers == [0]

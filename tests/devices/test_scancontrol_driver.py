@@ -15,10 +15,10 @@ from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
 from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.profile_source import RecordedSource
-from truestand.sim.live.registers import Identity, Own
+from truestand.sim.live.registers import DeviceRegister, Identity
 
 SPEED, COUNTS = 2.0, 36000
 POINTS = 320
@@ -111,9 +111,9 @@ def test_settings_arrive(stand):
     try:
         assert sensor.start().profiles == 1
         value = device.registers.value
-        assert (value(Own.EXPOSURE), value(Own.IDLE)) == (30, 2470)
-        assert value(Own.TRIGGER) == 1 << 25 | 1 << 24 | 1 << 21 | 3 << 16
-        assert value(Own.SIZE) == 3 * POINTS << 16 | 1
+        assert (value(DeviceRegister.EXPOSURE), value(DeviceRegister.IDLE)) == (30, 2470)
+        assert value(DeviceRegister.TRIGGER) == 1 << 25 | 1 << 24 | 1 << 21 | 3 << 16
+        assert value(DeviceRegister.SIZE) == 3 * POINTS << 16 | 1
         assert value(0x0938) == 700 and value(0x0D04) == 2000
     finally:
         sensor.close()
@@ -131,7 +131,7 @@ def test_the_largest_packet_that_arrives_is_taken(stand):
 
 def test_lost_packets_are_brought_back(stand):
     device, faults = stand
-    faults.begin(Kind.LOSE_PACKETS, 0.05)
+    faults.begin(FaultKind.LOSE_PACKETS, 0.05)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
     try:
         layout = sensor.start()
@@ -148,7 +148,7 @@ def test_lost_packets_are_brought_back(stand):
 
 def test_without_resend_every_loss_shows(stand):
     device, faults = stand
-    faults.begin(Kind.LOSE_PACKETS, 0.1)
+    faults.begin(FaultKind.LOSE_PACKETS, 0.1)
     sensor = open_sensor(recipe(device, packet_size=1500, resend=False), SENSOR)
     try:
         layout = sensor.start()
@@ -163,7 +163,7 @@ def test_without_resend_every_loss_shows(stand):
 
 
 @pytest.mark.parametrize("heartbeat_ms", [500, 1000])
-@pytest.mark.parametrize("fault", [Kind.UNPLUGGED, Kind.HEARTBEAT_IGNORED])
+@pytest.mark.parametrize("fault", [FaultKind.UNPLUGGED, FaultKind.HEARTBEAT_IGNORED])
 def test_a_sensor_that_is_gone_is_told(stand, fault, heartbeat_ms):
     device, faults = stand
     sensor = open_sensor(recipe(device, heartbeat_ms=heartbeat_ms), SENSOR)
@@ -192,10 +192,10 @@ def test_garbage_and_frozen_frames_arrive_as_they_are(stand):
     try:
         layout = sensor.start()
         frames_of(sensor, 5)
-        faults.begin(Kind.FROZEN)
+        faults.begin(FaultKind.FROZEN)
         frozen = frames_of(sensor, 20)[10:]
         faults.clear()
-        faults.begin(Kind.GARBAGE)
+        faults.begin(FaultKind.GARBAGE)
         garbage = frames_of(sensor, 20)[-1]
     finally:
         sensor.close()
@@ -205,7 +205,7 @@ def test_garbage_and_frozen_frames_arrive_as_they_are(stand):
 
 def test_disorder_is_put_in_order(stand):
     device, faults = stand
-    faults.begin(Kind.DISORDER)
+    faults.begin(FaultKind.DISORDER)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
     try:
         layout = sensor.start()

@@ -32,7 +32,7 @@ from truestand.sim import (
     virtual_part_from,
 )
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.gear_surface import RealGear
+from truestand.sim.gear_surface import GearSurface
 
 UM = 1e-3
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0, fan=radians(30.0))
@@ -93,7 +93,7 @@ def test_the_mesh_is_watertight_and_faces_outwards(beta):
     errors = GearErrors(
         pitch=0.02, dents=(Dent(3, "left", 5.0, 12.0, 0.6, 0.05),), chips=(Chip(4, 5.0, 9.0, 1.5),), missing=(1, 24, 7)
     )
-    mesh = gear_mesh(RealGear(gear(beta), errors), 7.0)
+    mesh = gear_mesh(GearSurface(gear(beta), errors), 7.0)
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     assert solid.is_watertight
     assert solid.is_winding_consistent

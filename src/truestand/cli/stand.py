@@ -10,8 +10,8 @@ from truestand.cli import devices
 if TYPE_CHECKING:
     from truestand.core.stand import Sensor
     from truestand.devices.sensors.recipe import SensorRecipe
-    from truestand.sim.live.faults import Kind
-    from truestand.sim.live.stand import Place, VirtualStand
+    from truestand.sim.live.faults import FaultKind
+    from truestand.sim.live.stand import SensorEndpoint, VirtualStand
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -87,17 +87,17 @@ def _described(stand: Path, artefact: Path | None, part: Path | None, pace: floa
     return virtual_stand(described, simulation, shaft, recipes.table, places, on, pace, seed)
 
 
-def _place(recipe: "SensorRecipe", sensor: "Sensor") -> "Place":
+def _place(recipe: "SensorRecipe", sensor: "Sensor") -> "SensorEndpoint":
     """Where the virtual sensor is."""
     from truestand.core.errors import BadRecipe
-    from truestand.sim.live.stand import Place
+    from truestand.sim.live.stand import SensorEndpoint
 
     if recipe.driver != "scancontrol":
         raise BadRecipe(f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only')
-    return Place(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
+    return SensorEndpoint(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
 
 
-def _serve(virtual: "VirtualStand", faults: "list[tuple[Kind, float | None, float]]") -> None:
+def _serve(virtual: "VirtualStand", faults: "list[tuple[FaultKind, float | None, float]]") -> None:
     """Until somebody ends it, with what goes wrong meanwhile."""
     import time
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
+from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -38,7 +38,7 @@ class GearMesh:
     """(F,) +1 left, -1 right, 0 none."""
 
 
-def gear_mesh(real: RealGear, bore: float) -> GearMesh:
+def gear_mesh(real: GearSurface, bore: float) -> GearMesh:
     """The mesh of a gear with a bore of radius ``bore`` (mm)."""
     heights = _rows(real)
     outline, tooth, side = _outline(real, heights)
@@ -66,7 +66,7 @@ def _walls(rings: int, around: int) -> NDArray[np.int64]:
     return np.asarray(quads.reshape(-1, 3), dtype=np.int64)
 
 
-def _rows(real: RealGear) -> Array:
+def _rows(real: GearSurface) -> Array:
     """Heights of the rows of vertices: even, denser over dents, with both sides of every chip's ends."""
     low, high = real.gear.face_from, real.gear.face_to
     heights = [np.linspace(low, high, max(2, round((high - low) / ROW) + 1))]
@@ -82,7 +82,7 @@ def _rows(real: RealGear) -> Array:
     return np.asarray(merged[(merged >= low) & (merged <= high)])
 
 
-def _outline(real: RealGear, heights: Array) -> tuple[Array, Ints, NDArray[np.int8]]:
+def _outline(real: GearSurface, heights: Array) -> tuple[Array, Ints, NDArray[np.int8]]:
     """Vertices (rows, around, 3) of all teeth, and the flank to which the stretch after each one belongs."""
     pieces, teeth, sides = [], [], []
     for k in range(real.gear.teeth):
@@ -94,7 +94,7 @@ def _outline(real: RealGear, heights: Array) -> tuple[Array, Ints, NDArray[np.in
     return np.concatenate(pieces, axis=1), np.concatenate(teeth), np.concatenate(sides)
 
 
-def _tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+def _tooth(real: GearSurface, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     """Radius and angle (rows, n) of one tooth's outline from its right fillet's foot ccw to the next root's end."""
     c, column = real.circles, heights[:, None]
     tooth = np.full(1, k)
@@ -117,7 +117,7 @@ def _tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArra
     return np.concatenate(radius, axis=1), np.concatenate(angle, axis=1), side
 
 
-def _missing_tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+def _missing_tooth(real: GearSurface, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     """The root circle in a tooth's place, with as many points."""
     n = 2 * (FILLET_POINTS + FLANK_POINTS + LAND_POINTS)
     first, last = _foot(real, k, RIGHT, heights), _next_foot(real, k, heights)
@@ -132,7 +132,7 @@ def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
     return np.broadcast_to(radius, angle.shape), angle
 
 
-def _fillet_width(real: RealGear, k: int, side: int, heights: Array) -> Array:
+def _fillet_width(real: GearSurface, k: int, side: int, heights: Array) -> Array:
     """Angle (rows, 1) that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
     c = real.circles
     alpha = np.arccos(min(c.base / c.start, 1.0))
@@ -140,14 +140,14 @@ def _fillet_width(real: RealGear, k: int, side: int, heights: Array) -> Array:
     return np.full((heights.size, 1), min(0.38 * real.gear.module / c.root, 0.8 * float(space)))
 
 
-def _foot(real: RealGear, k: int, side: int, heights: Array) -> Array:
+def _foot(real: GearSurface, k: int, side: int, heights: Array) -> Array:
     """Angle (rows, 1) at which a tooth's fillet meets the root circle."""
     start = np.full((heights.size, 1), real.circles.start)
     angle = real.flank_angle(np.full(1, k), side, start, heights[:, None])
     return np.asarray(angle + side * _fillet_width(real, k, side, heights))
 
 
-def _next_foot(real: RealGear, k: int, heights: Array) -> Array:
+def _next_foot(real: GearSurface, k: int, heights: Array) -> Array:
     """Where the next tooth's outline begins, behind this one's."""
     following = (k + 1) % real.gear.teeth
     wrapped = 2 * np.pi if following == 0 else 0.0

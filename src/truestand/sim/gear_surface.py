@@ -104,7 +104,7 @@ def _plateau(at: Array, ends: tuple[float, float], edge: float) -> Array:
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
 
-class RealGear:
+class GearSurface:
     """A gear as it really is, in the frame of its bore: axis Z, heights as in C.
 
     Teeth have indices from 0 here; ``first`` (rad) is the centre of tooth 0 at mid-face.

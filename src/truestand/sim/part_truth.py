@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.sim.gear_errors import GearErrors
-from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
+from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
 from truestand.sim.parts import VirtualGear, VirtualPart, VirtualTurned, shaft_from_cad, shaft_from_gear
 from truestand.sim.simulation import Workpiece
 
@@ -41,8 +41,8 @@ def part_record(part: VirtualPart, artefact: Artefact, workpiece: Workpiece) -> 
 class _Standing:
     """A gear where it stands in C: real and nominal surface, and by how many teeth the numbers have moved on."""
 
-    real: RealGear
-    nominal: RealGear
+    real: GearSurface
+    nominal: GearSurface
     shaft_from_gear: Array
     moved_on: int
 
@@ -75,9 +75,9 @@ class _Standing:
 
 
 def _standing(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> _Standing:
-    real = RealGear(part.gear, replace(part.errors, dents=(), worn=(), chips=()))
+    real = GearSurface(part.gear, replace(part.errors, dents=(), worn=(), chips=()))
     phase = real.first + workpiece.clamped
-    nominal = RealGear(part.gear, GearErrors(phase=phase))
+    nominal = GearSurface(part.gear, GearErrors(phase=phase))
     moved_on = round((phase - nominal.first) / part.gear.pitch)
     return _Standing(real, nominal, shaft_from_gear(part, artefact, workpiece), moved_on)
 
@@ -124,7 +124,7 @@ def _pitch(position: Array, name: str) -> dict[str, Any]:
     }
 
 
-def _runout(nominal: RealGear, left: Array, right: Array, measuring: float) -> dict[str, Any]:
+def _runout(nominal: GearSurface, left: Array, right: Array, measuring: float) -> dict[str, Any]:
     """F_r by a ball in every space: both flanks push it outwards."""
     gear, c = nominal.gear, nominal.circles
     cos_base = 1.0 / sqrt(1.0 + (c.twist * c.base) ** 2)

@@ -12,7 +12,7 @@ from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
 from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.gear_surface import RealGear
+from truestand.sim.gear_surface import GearSurface
 from truestand.sim.raycast_mesh import Body, body, gear_body
 from truestand.sim.shaft_surface import Face, Step, faces_of, steps_of
 from truestand.sim.simulation import Misalignment, Workpiece
@@ -71,7 +71,7 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
     steps, faces = steps_of(artefact, workpiece), faces_of(artefact, workpiece)
     if isinstance(part, VirtualGear):
         check_gear(part)
-        real = RealGear(part.gear, part.errors)
+        real = GearSurface(part.gear, part.errors)
         mesh = gear_mesh(real, _bore(part.gear, artefact, real.circles.root))
         return Scene(steps, faces, gear_body(real, mesh, shaft_from_gear(part, artefact, workpiece)))
     if isinstance(part, VirtualTurned):

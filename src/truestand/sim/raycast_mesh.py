@@ -12,7 +12,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from truestand.sim.gear_mesh import GearMesh
-from truestand.sim.gear_surface import LEFT, RIGHT, RealGear
+from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
 from truestand.sim.raycast import MESH, Hits, Rays
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ LIFTED = 0.005
 class Flanks:
     """The analytic surface for which a mesh's triangles stand."""
 
-    real: RealGear
+    real: GearSurface
     tooth: Ints
     """(F,) index from 0; -1 = none."""
     side: NDArray[np.int8]
@@ -73,7 +73,7 @@ def body(vertices: Array, faces: NDArray[np.int64], shaft_from_part: Array, flan
     return Body(a, normals / np.where(size > 0, size, 1.0), shaft_from_part, scene, centre, reach, flanks)
 
 
-def gear_body(real: RealGear, mesh: GearMesh, shaft_from_part: Array) -> Body:
+def gear_body(real: GearSurface, mesh: GearMesh, shaft_from_part: Array) -> Body:
     """A body whose flanks are solved on the gear's own surface."""
     return body(mesh.vertices, mesh.faces, shaft_from_part, Flanks(real, mesh.tooth, mesh.side))
 
@@ -144,7 +144,7 @@ def _on_flanks(of: Body, triangle: Ints, origin: Array, direction: Array, s: Arr
 class _Flank:
     """Rays (n, 3) that meet left (or right) flanks, in the gear's frame."""
 
-    real: RealGear
+    real: GearSurface
     side: int
     tooth: Ints
     origin: Array

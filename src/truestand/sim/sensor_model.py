@@ -19,7 +19,7 @@ from truestand.sim.truth import rotor_from_shaft, sensor_pose
 Array = NDArray[np.float64]
 
 
-class Caster:
+class SensorModel:
     """Draws profiles on demand; ``rng`` gives the noise, in the order of the calls.
 
     Raises:

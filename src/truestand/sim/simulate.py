@@ -12,7 +12,7 @@ from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.sim.parts import VirtualPart
 from truestand.sim.sensor_errors import lose_patches, table_angles
-from truestand.sim.sensor_model import Caster
+from truestand.sim.sensor_model import SensorModel
 from truestand.sim.simulation import Simulation
 from truestand.sim.truth import Truth
 
@@ -47,7 +47,7 @@ def simulate(
     """
     rng = default_rng(seed)
     angle, counter, time, step = table_angles(stand, simulation.acquisition, rng)
-    caster = Caster(stand, simulation, artefact, part, rng)
+    caster = SensorModel(stand, simulation, artefact, part, rng)
     truth = Truth(
         stand, simulation, caster.table_from_sensor, caster.shaft_from_rotor, step, angle, artefact, part
     )  # fmt: skip
@@ -57,7 +57,7 @@ def simulate(
     return Simulated(_recording(truth, x, z, counter, time), truth)
 
 
-def _scan(caster: Caster, angle: Array, progress: Callable[[int, int], None] | None) -> tuple[Array, Array]:
+def _scan(caster: SensorModel, angle: Array, progress: Callable[[int, int], None] | None) -> tuple[Array, Array]:
     """x and z (N, M) mm, a block of profiles at a time."""
     x, z = np.empty((angle.size, caster.points)), np.empty((angle.size, caster.points))
     for first in range(0, angle.size, BLOCK):

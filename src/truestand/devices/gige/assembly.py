@@ -15,7 +15,7 @@ from math import inf
 from truestand.devices.sensor import Frame, StreamStatistics
 from truestand.devices.wire import gvsp
 from truestand.devices.wire.gvcp import Resend
-from truestand.devices.wire.gvsp import Kind
+from truestand.devices.wire.gvsp import PacketFormat
 from truestand.devices.wire.malformed import Malformed
 
 LARGEST_PACKET = 65_536
@@ -32,7 +32,7 @@ GIVE_UP_AT_ONCE = 0.02
 SILENCE = 0.2
 """s after which the last packets of the newest frame count as lost; a slow trigger may stretch a frame."""
 _HEADER = struct.Struct(">HHI")
-_PAYLOAD = Kind.PAYLOAD << 24
+_PAYLOAD = PacketFormat.PAYLOAD << 24
 
 
 class _Block:
@@ -55,7 +55,7 @@ class _Block:
         self.left = len(places) - 1
         """Packets of data still to come."""
         self.expected = _PAYLOAD | 1
-        """Kind and id of the packet that should be next."""
+        """PacketFormat and id of the packet that should be next."""
         self.left_before = self.left
         self.moved = inf
         """When ``tick`` first saw it as it is."""
@@ -139,9 +139,9 @@ class Assembler:
             self._refuse(header)
             return
         block = self._block_of(header.block, now)
-        if header.kind == Kind.PAYLOAD:
+        if header.kind == PacketFormat.PAYLOAD:
             self._use(block, header, now)
-        elif header.kind == Kind.TRAILER and block is not None:
+        elif header.kind == PacketFormat.TRAILER and block is not None:
             block.expected = _PAYLOAD | self._count + 1
 
     def _refuse(self, header: gvsp.Header) -> None:
@@ -166,15 +166,15 @@ class Assembler:
         data = size - self._head
         if header.status & gvsp.FAILED:
             return
-        if header.kind == Kind.LEADER:
+        if header.kind == PacketFormat.LEADER:
             leader = gvsp.decode_leader(self._view[self._head : size])
             if leader.payload_bytes != self._payload or header.packet != 0:
                 raise Malformed(f"found a frame of {leader.payload_bytes} bytes, need {self._payload}")
-        elif header.kind == Kind.PAYLOAD:
+        elif header.kind == PacketFormat.PAYLOAD:
             last = self._payload - (self._count - 1) * self._chunk
             if not 1 <= header.packet <= self._count or data != (self._chunk if header.packet < self._count else last):
                 raise Malformed(f"found {data} bytes in packet {header.packet} of {self._count}")
-        elif header.kind != Kind.TRAILER or header.packet != self._count + 1:
+        elif header.kind != PacketFormat.TRAILER or header.packet != self._count + 1:
             raise Malformed(f"found packet {header.packet} of kind {header.kind}")
 
     def _block_of(self, wire: int, now: float) -> _Block | None:

@@ -19,7 +19,7 @@ FAILED = 0x8000
 """Bit of a packet's status: the device can't send what it was asked for again."""
 
 
-class Kind(IntEnum):
+class PacketFormat(IntEnum):
     """Packet formats."""
 
     LEADER = 1

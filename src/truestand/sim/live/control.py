@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import Acknowledge, Command, Register, Request, Resend, Status
 from truestand.devices.wire.malformed import Malformed
-from truestand.sim.live.registers import Refused, Registers
+from truestand.sim.live.registers import RegisterError, Registers
 
 Address = tuple[str, int]
 """IPv4 address and port of whoever asks."""
@@ -83,33 +83,33 @@ class Control:
             if request.command in _WRITES:
                 return Status.SUCCESS, self._write(request, sender, now)
             return Status.NOT_IMPLEMENTED, b""
-        except Refused as refused:
+        except RegisterError as refused:
             return refused.status, b""
 
     def _read(self, request: Request, sender: Address) -> bytes:
         held = self.controller
         if held is not None and held.exclusive and held.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
         words = gvcp.words(request.body)
         if request.command == Command.READ_REGISTER:
             return b"".join(self.registers.read(address, 4) for address in words)
         if len(words) != 2 or not 0 < words[1] <= MOST_MEMORY:
-            raise Refused(Status.INVALID_PARAMETER)
+            raise RegisterError(Status.INVALID_PARAMETER)
         return request.body[:4] + self.registers.read(words[0], words[1])
 
     def _write(self, request: Request, sender: Address, now: float) -> bytes:
         words = gvcp.words(request.body)
         if request.command == Command.WRITE_REGISTER:
             if len(words) % 2:
-                raise Refused(Status.INVALID_PARAMETER)
+                raise RegisterError(Status.INVALID_PARAMETER)
             for address, value in zip(words[::2], words[1::2], strict=True):
                 self._write_word(address, value, sender, now)
             return (len(words) // 2).to_bytes(4, "big")
         if not words:
-            raise Refused(Status.INVALID_PARAMETER)
+            raise RegisterError(Status.INVALID_PARAMETER)
         self._may_write(sender)
         if words[0] <= Register.CONTROL < words[0] + len(request.body) - 4:
-            raise Refused(Status.WRITE_PROTECT)  # control is taken by WRITE_REGISTER
+            raise RegisterError(Status.WRITE_PROTECT)  # control is taken by WRITE_REGISTER
         self.registers.write_memory(words[0], request.body[4:])
         return (len(request.body) - 4).to_bytes(4, "big")
 
@@ -120,7 +120,7 @@ class Control:
             return
         held = self.controller
         if held is not None and held.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
         self.registers.write(address, value)
         if value:
             self.controller = Controller(sender, now, bool(value & gvcp.EXCLUSIVE))
@@ -129,7 +129,7 @@ class Control:
 
     def _may_write(self, sender: Address) -> None:
         if self.controller is None or self.controller.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
 
 
 _READS = (Command.READ_REGISTER, Command.READ_MEMORY)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.sim.live.profile_source import Source
-from truestand.sim.live.registers import BY_ENCODER, EXTERNAL, TRIGGER_MODE, Own, Registers
+from truestand.sim.live.registers import BY_ENCODER, EXTERNAL, TRIGGER_MODE, DeviceRegister, Registers
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class Exposures:
 
     @property
     def _triggered(self) -> bool:
-        return bool(self._registers.value(Own.TRIGGER) & EXTERNAL)
+        return bool(self._registers.value(DeviceRegister.TRIGGER) & EXTERNAL)
 
     def _at_steps(self, until: float, period: float) -> Array:
         """Steps of the encoder before ``until`` that find the sensor ready; other triggers never come."""
@@ -53,7 +53,7 @@ class Exposures:
             return np.empty(0)
         times = np.arange(self.ready - FINE, until, FINE)
         steps = np.empty(0)
-        if self._registers.value(Own.TRIGGER) & TRIGGER_MODE == BY_ENCODER:
+        if self._registers.value(DeviceRegister.TRIGGER) & TRIGGER_MODE == BY_ENCODER:
             steps = times[1:][np.diff(self._source.counts(times)) != 0]
         begins: list[float] = []
         ready = self.ready

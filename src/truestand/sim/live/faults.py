@@ -6,7 +6,7 @@ from typing import Protocol
 from truestand.core.errors import BadRecipe
 
 
-class Kind(IntEnum):
+class FaultKind(IntEnum):
     """A fault; the numbers are those of the node VirtualFault."""
 
     NONE = 0
@@ -30,9 +30,9 @@ class Kind(IntEnum):
     STALLED_TABLE = 10
 
 
-STRENGTH = {Kind.LOSE_PACKETS: 0.02, Kind.LATENCY: 200.0}
+STRENGTH = {FaultKind.LOSE_PACKETS: 0.02, FaultKind.LATENCY: 200.0}
 """Where none is given."""
-WORDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+WORDS = {kind.name.lower().replace("_", "-"): kind for kind in FaultKind}
 """As on the command line."""
 
 
@@ -54,36 +54,36 @@ class Faults:
 
     def __init__(self, table: FaultyTable | None = None) -> None:
         self._table = table
-        self._active: dict[Kind, float] = {}
+        self._active: dict[FaultKind, float] = {}
 
-    def __contains__(self, kind: Kind) -> bool:
+    def __contains__(self, kind: FaultKind) -> bool:
         return kind in self._active
 
-    def strength(self, kind: Kind) -> float:
+    def strength(self, kind: FaultKind) -> float:
         """Of an active fault; 0 where there is none."""
         return self._active.get(kind, 0.0)
 
     @property
-    def latest(self) -> Kind:
+    def latest(self) -> FaultKind:
         """The fault set last."""
-        return next(reversed(self._active), Kind.NONE)
+        return next(reversed(self._active), FaultKind.NONE)
 
-    def begin(self, kind: Kind, strength: float | None = None) -> None:
+    def begin(self, kind: FaultKind, strength: float | None = None) -> None:
         """Add a fault; ``NONE`` ends all.
 
         Raises:
             BadRecipe: a share of packets beyond 0..1, a fault of the table where there is none.
         """
-        if kind is Kind.NONE:
+        if kind is FaultKind.NONE:
             self.clear()
             return
         given = STRENGTH.get(kind, 1.0) if strength is None else strength
-        if given < 0 or (kind is Kind.LOSE_PACKETS and given > 1):
+        if given < 0 or (kind is FaultKind.LOSE_PACKETS and given > 1):
             raise BadRecipe(f"found a strength of {given:g} for {kind.name}, need a share 0..1 or ms")
-        if kind in (Kind.STUCK_ENCODER, Kind.STALLED_TABLE):
+        if kind in (FaultKind.STUCK_ENCODER, FaultKind.STALLED_TABLE):
             if self._table is None:
                 raise BadRecipe(f"{kind.name} is a fault of the table, and this stand has none")
-            self._table.stick_encoder() if kind is Kind.STUCK_ENCODER else self._table.stall()
+            self._table.stick_encoder() if kind is FaultKind.STUCK_ENCODER else self._table.stall()
         self._active = {**self._active, kind: given}
 
     def clear(self) -> None:
@@ -93,7 +93,7 @@ class Faults:
             self._table.release()
 
 
-def fault_at(text: str) -> tuple[Kind, float | None, float]:
+def fault_at(text: str) -> tuple[FaultKind, float | None, float]:
     """A fault, its strength and its moment (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
 
     Raises:

@@ -4,8 +4,8 @@ import re
 
 from truestand.devices.wire.gvcp import Register
 from truestand.devices.wire.gvsp import PixelFormat
-from truestand.sim.live.faults import Kind
-from truestand.sim.live.registers import LARGEST_PACKET, LONGEST, SMALLEST_PACKET, Own
+from truestand.sim.live.faults import FaultKind
+from truestand.sim.live.registers import LARGEST_PACKET, LONGEST, SMALLEST_PACKET, DeviceRegister
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <RegisterDescription ModelName="{model}" VendorName="truestand" ToolTip="Virtual laser line sensor"
@@ -41,18 +41,20 @@ def _device() -> dict[str, str]:
 
 def _image() -> dict[str, str]:
     return {
-        "Width": _integer("Width", _bits(Own.SIZE, 16, 31), 1, 32767),
-        "Height": _integer("Height", _bits(Own.SIZE, 0, 15), 1, 4095),
-        "PixelFormat": _enumeration("PixelFormat", Own.PIXEL_FORMAT, {"Mono16": PixelFormat.MONO16}),
-        "PayloadSize": _integer("PayloadSize", _bits(Own.PAYLOAD_SIZE, mode="RO")),
-        "ProfileRearrangement": _integer("ProfileRearrangement", _bits(Own.REARRANGEMENT)),
-        "TransmissionType": _enumeration("TransmissionType", Own.TRANSMISSION, {"TypeProfile": 0, "TypeContainer": 1}),
+        "Width": _integer("Width", _bits(DeviceRegister.SIZE, 16, 31), 1, 32767),
+        "Height": _integer("Height", _bits(DeviceRegister.SIZE, 0, 15), 1, 4095),
+        "PixelFormat": _enumeration("PixelFormat", DeviceRegister.PIXEL_FORMAT, {"Mono16": PixelFormat.MONO16}),
+        "PayloadSize": _integer("PayloadSize", _bits(DeviceRegister.PAYLOAD_SIZE, mode="RO")),
+        "ProfileRearrangement": _integer("ProfileRearrangement", _bits(DeviceRegister.REARRANGEMENT)),
+        "TransmissionType": _enumeration(
+            "TransmissionType", DeviceRegister.TRANSMISSION, {"TypeProfile": 0, "TypeContainer": 1}
+        ),
     }
 
 
 def _acquisition() -> dict[str, str]:
-    exposure = _integer("ExposureTimeRaw", _bits(Own.EXPOSURE), 1, LONGEST)
-    idle = _integer("IdleTimeRaw", _bits(Own.IDLE), 1, LONGEST)
+    exposure = _integer("ExposureTimeRaw", _bits(DeviceRegister.EXPOSURE), 1, LONGEST)
+    idle = _integer("IdleTimeRaw", _bits(DeviceRegister.IDLE), 1, LONGEST)
     times = (_ten_us("ExposureTime", "ExposureTimeRaw"), _ten_us("IdleTime", "IdleTimeRaw"))
     both = '<pVariable Name="EXPOSURE">ExposureTimeRaw</pVariable>'
     rate = _node(
@@ -67,17 +69,17 @@ def _acquisition() -> dict[str, str]:
         "<Formula>100000.0 / ((EXPOSURE + IDLE) * HEIGHT)</Formula>",
     )  # fmt: skip
     return {
-        "AcquisitionMode": _enumeration("AcquisitionMode", Own.ACQUISITION_MODE, {"Continuous": 0}),
-        "AcquisitionStart": _command("AcquisitionStart", Own.ACQUISITION_START),
-        "AcquisitionStop": _command("AcquisitionStop", Own.ACQUISITION_STOP),
+        "AcquisitionMode": _enumeration("AcquisitionMode", DeviceRegister.ACQUISITION_MODE, {"Continuous": 0}),
+        "AcquisitionStart": _command("AcquisitionStart", DeviceRegister.ACQUISITION_START),
+        "AcquisitionStop": _command("AcquisitionStop", DeviceRegister.ACQUISITION_STOP),
         "ExposureTimeRaw": exposure,
         "IdleTimeRaw": idle,
         "ExposureTime": times[0],
         "IdleTime": times[1],
         "ProfileRate": rate,
         "AcquisitionFrameRate": frames,
-        "LaserPower": _enumeration("LaserPower", Own.LASER, {"Off": 0, "Reduced": 1, "Full": 2}),
-        "TriggerRegister": _integer("TriggerRegister", _bits(Own.TRIGGER)),
+        "LaserPower": _enumeration("LaserPower", DeviceRegister.LASER, {"Off": 0, "Reduced": 1, "Full": 2}),
+        "TriggerRegister": _integer("TriggerRegister", _bits(DeviceRegister.TRIGGER)),
     }
 
 
@@ -108,12 +110,12 @@ def _transport() -> dict[str, str]:
 
 
 def _virtual() -> dict[str, str]:
-    faults = {"".join(word.capitalize() for word in kind.name.split("_")): int(kind) for kind in Kind}
+    faults = {"".join(word.capitalize() for word in kind.name.split("_")): int(kind) for kind in FaultKind}
     return {
-        "VirtualFault": _enumeration("VirtualFault", Own.FAULT, faults),
-        "VirtualLoss": _integer("VirtualLoss", _bits(Own.LOSS), 0, 1000),
-        "VirtualLatency": _integer("VirtualLatency", _bits(Own.LATENCY), 0, 60000),
-        "VirtualMounted": _enumeration("VirtualMounted", Own.MOUNTED, {"Shaft": 0, "Part": 1}),
+        "VirtualFault": _enumeration("VirtualFault", DeviceRegister.FAULT, faults),
+        "VirtualLoss": _integer("VirtualLoss", _bits(DeviceRegister.LOSS), 0, 1000),
+        "VirtualLatency": _integer("VirtualLatency", _bits(DeviceRegister.LATENCY), 0, 60000),
+        "VirtualMounted": _enumeration("VirtualMounted", DeviceRegister.MOUNTED, {"Shaft": 0, "Part": 1}),
     }
 
 

@@ -15,11 +15,11 @@ from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import PORT, Register, Status
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.control import Control
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.profile_source import Source
-from truestand.sim.live.registers import CONTAINER, LASER_OFF, TICKS, Identity, Own, Refused, Registers
-from truestand.sim.live.stream_channel import Outlet
+from truestand.sim.live.registers import CONTAINER, LASER_OFF, TICKS, DeviceRegister, Identity, RegisterError, Registers
+from truestand.sim.live.stream_channel import StreamChannel
 from truestand.sim.live.streamer import Streamer
 
 LOOK = 0.02
@@ -47,14 +47,14 @@ class GigeDevice:
         self.registers.on_write = {
             Register.STREAM_PACKET_SIZE: self._set_packet_size,
             Register.TIMESTAMP_CONTROL: self._stamp,
-            Own.ACQUISITION_START: self._start_stream,
-            Own.ACQUISITION_STOP: self._stop_stream,
-            Own.MOUNTED: self._mount,
-            Own.FAULT: self._fault,
+            DeviceRegister.ACQUISITION_START: self._start_stream,
+            DeviceRegister.ACQUISITION_STOP: self._stop_stream,
+            DeviceRegister.MOUNTED: self._mount,
+            DeviceRegister.FAULT: self._fault,
         }
         self.registers.on_read = {
-            Own.MOUNTED: lambda: int(self.source.mounted),
-            Own.FAULT: lambda: int(self.faults.latest),
+            DeviceRegister.MOUNTED: lambda: int(self.source.mounted),
+            DeviceRegister.FAULT: lambda: int(self.faults.latest),
         }
         self._seed = seed
         self._power_on = 3.0 + crc32(identity.serial.encode()) % 100_000 / 1000
@@ -80,7 +80,7 @@ class GigeDevice:
     @property
     def laser(self) -> int:
         """0 off, 1 reduced, 2 full."""
-        return self.registers.value(Own.LASER)
+        return self.registers.value(DeviceRegister.LASER)
 
     @property
     def controlled(self) -> bool:
@@ -104,7 +104,7 @@ class GigeDevice:
                 "(127.0.0.x), or end the program that holds this one"
             ) from wrong
         self._socket.settimeout(LOOK)
-        self._outlet = Outlet(address, self.registers, self.faults, self._seed)
+        self._outlet = StreamChannel(address, self.registers, self.faults, self._seed)
         self._streamer = Streamer(
             f"sensor {address}", self.clock, self.source, self.registers, self._outlet, self._power_on
         )
@@ -141,9 +141,9 @@ class GigeDevice:
                 continue
             except OSError:  # an earlier answer met a closed port
                 continue
-            if Kind.UNPLUGGED in self.faults:
+            if FaultKind.UNPLUGGED in self.faults:
                 continue
-            if Kind.HEARTBEAT_IGNORED in self.faults and not _is_resend(data):
+            if FaultKind.HEARTBEAT_IGNORED in self.faults and not _is_resend(data):
                 continue
             answer = self._control.answer(data, sender, time.monotonic())
             if answer is not None:
@@ -160,13 +160,13 @@ class GigeDevice:
         self._stop_stream(1)
         self.registers.put(Register.STREAM_PORT, 0)
         if silent:
-            self.registers.put(Own.LASER, LASER_OFF)
+            self.registers.put(DeviceRegister.LASER, LASER_OFF)
 
     def _start_stream(self, value: int) -> None:
         if not value:
             return
-        if not self.registers.shape.fits or self.registers.value(Own.TRANSMISSION) != CONTAINER:
-            raise Refused(Status.INVALID_PARAMETER)
+        if not self.registers.shape.fits or self.registers.value(DeviceRegister.TRANSMISSION) != CONTAINER:
+            raise RegisterError(Status.INVALID_PARAMETER)
         self._streamer.start()
         self.registers.streaming = True
 
@@ -189,17 +189,17 @@ class GigeDevice:
         try:
             self.source.mount(bool(value))
         except TruestandError:
-            raise Refused(Status.INVALID_PARAMETER) from None
+            raise RegisterError(Status.INVALID_PARAMETER) from None
 
     def _fault(self, value: int) -> None:
-        strength = {Kind.LOSE_PACKETS: Own.LOSS, Kind.LATENCY: Own.LATENCY}
+        strength = {FaultKind.LOSE_PACKETS: DeviceRegister.LOSS, FaultKind.LATENCY: DeviceRegister.LATENCY}
         try:
-            kind = Kind(value)
+            kind = FaultKind(value)
             of = strength.get(kind)
             given = self.registers.value(of) if of is not None else 0
-            self.faults.begin(kind, (given / 1000 if kind is Kind.LOSE_PACKETS else given) or None)
+            self.faults.begin(kind, (given / 1000 if kind is FaultKind.LOSE_PACKETS else given) or None)
         except (ValueError, TruestandError):
-            raise Refused(Status.INVALID_PARAMETER) from None
+            raise RegisterError(Status.INVALID_PARAMETER) from None
 
 
 def _is_resend(data: bytes) -> bool:

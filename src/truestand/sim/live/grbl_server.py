@@ -8,7 +8,7 @@ from collections import deque
 from math import degrees, radians
 
 from truestand.devices.tables.recipe import PORTS, TableRecipe
-from truestand.sim.live.servers import LineServing, Send
+from truestand.sim.live.servers import LineServer, Send
 from truestand.sim.live.table import VirtualTable
 
 WELCOME = b"\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -24,7 +24,7 @@ ANSWERS = {
 }
 
 
-class GrblServer(LineServing):
+class GrblServer(LineServer):
     """Serves one table; ``home_at`` is the machine position that homing sets, in the board's units."""
 
     def __init__(self, table: VirtualTable, recipe: TableRecipe, home_at: float = 0.0) -> None:

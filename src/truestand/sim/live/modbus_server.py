@@ -10,7 +10,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from truestand.devices.tables.recipe import TableRecipe, host_and_port
-from truestand.sim.live.serving import Serving
+from truestand.sim.live.serving import ServerThread
 from truestand.sim.live.table import VirtualTable
 
 LOST_HEARTBEAT, OTHER_FAULT = 2, 1
@@ -21,7 +21,7 @@ WATCH = 0.05
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
-class ModbusServer(Serving):
+class ModbusServer(ServerThread):
     """Serves one table; ``watchdog`` s without a new heartbeat stop it with a fault, once there was one."""
 
     def __init__(self, table: VirtualTable, recipe: TableRecipe, watchdog: float | None = None) -> None:

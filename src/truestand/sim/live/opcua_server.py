@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from asyncua import Node, Server, ua
 
 from truestand.devices.tables.recipe import TableRecipe
-from truestand.sim.live.serving import Serving
+from truestand.sim.live.serving import ServerThread
 from truestand.sim.live.table import VirtualTable
 
 PUBLISH = 0.1
@@ -23,7 +23,7 @@ Method = Callable[..., bool | None]
 logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
 
 
-class OpcUaServer(Serving):
+class OpcUaServer(ServerThread):
     """Serves one table without security, as a machine's inner network does.
 
     It takes about a second to start: asyncua builds the whole standard address space. ``table`` may be changed while

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
-from truestand.sim.live.scancontrol_frames import Raw, Shape, raw_profiles
+from truestand.sim.live.scancontrol_frames import FrameFormat, Raw, raw_profiles
 from truestand.sim.parts import VirtualPart
-from truestand.sim.sensor_model import Caster
+from truestand.sim.sensor_model import SensorModel
 from truestand.sim.simulation import Simulation
 from truestand.sim.truth import Truth
 
@@ -44,7 +44,7 @@ class Source(Protocol):
     def mounted(self) -> bool:
         """Whether the part is on the shaft."""
 
-    def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
+    def profiles(self, times: Array, shape: FrameFormat, lit: bool) -> tuple[Raw, Ints]:
         """Profiles (n, fields, points), not yet stamped, and encoder counts (n,) at times (n,) s; unlit = nothing."""
 
     def counts(self, times: Array) -> Ints:
@@ -58,7 +58,7 @@ class Source(Protocol):
         """
 
 
-class LiveSource:
+class SimulatedSource:
     """The virtual stand as it is: rays cast at the angle where the table stands at that time.
 
     Raises:
@@ -83,7 +83,7 @@ class LiveSource:
         self._counts_per_turn = stand.counts_per_turn or 36000
         rng = np.random.default_rng(seed)
         self._casters = [
-            Caster(stand, simulation, artefact, on, rng) for on in ((None,) if part is None else (None, part))
+            SensorModel(stand, simulation, artefact, on, rng) for on in ((None,) if part is None else (None, part))
         ]
         self._top = top or TableTop()
 
@@ -108,7 +108,7 @@ class LiveSource:
         x, z = caster.rows(self._sign * self._table.angle_at(times))
         return -x if caster.mirrored else x, z, self.counts(times)
 
-    def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
+    def profiles(self, times: Array, shape: FrameFormat, lit: bool) -> tuple[Raw, Ints]:
         """Profiles and counts; the fan has ``shape.points`` rays or every second, fourth, ... of the sensor's own."""
         if not lit:
             return np.zeros((times.size, shape.lines, shape.points), np.uint16), self.counts(times)
@@ -146,7 +146,7 @@ class RecordedSource:
     def mount(self, part: bool) -> None:
         """It shows what it shows."""
 
-    def profiles(self, times: Array, shape: Shape, lit: bool) -> tuple[Raw, Ints]:
+    def profiles(self, times: Array, shape: FrameFormat, lit: bool) -> tuple[Raw, Ints]:
         """The next ones."""
         rows = np.arange(self._next, self._next + times.size) % self._raw.shape[0]
         self._next = (self._next + times.size) % self._raw.shape[0]
@@ -159,7 +159,7 @@ class RecordedSource:
         return self._table.counts_at(times, self._counts_per_turn)
 
 
-def _wide(values: Array, shape: Shape) -> Array:
+def _wide(values: Array, shape: FrameFormat) -> Array:
     """Values (n, m) with NaN beyond the fan's rays where more points are asked for."""
     missing = shape.points - values.shape[1]
     return np.pad(values, ((0, 0), (0, missing)), constant_values=np.nan) if missing > 0 else values

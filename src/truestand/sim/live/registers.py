@@ -16,7 +16,7 @@ from truestand.devices.wire.gvcp import (
     Status,
 )
 from truestand.devices.wire.gvsp import PixelFormat
-from truestand.sim.live.scancontrol_frames import Shape, usual_shape
+from truestand.sim.live.scancontrol_frames import FrameFormat, default_format
 
 TICKS = 1_000_000_000
 """Per second."""
@@ -29,7 +29,7 @@ LONGEST = 4095
 TEN_US = 1e-5
 
 
-class Own(IntEnum):
+class DeviceRegister(IntEnum):
     """Registers of the virtual sensor; those from 0xf0f00000 on are a scanCONTROL's own."""
 
     ACQUISITION_MODE = 0xA000
@@ -70,30 +70,32 @@ WRITABLE: dict[int, tuple[int, int]] = {
     Register.STREAM_PACKET_SIZE: (0, 0xFFFFFFFF),
     Register.STREAM_DELAY: (0, 0xFFFFFFFF),
     Register.STREAM_ADDRESS: (0, 0xFFFFFFFF),
-    Own.ACQUISITION_MODE: (0, 0),
-    Own.ACQUISITION_START: (0, 1),
-    Own.ACQUISITION_STOP: (0, 1),
-    Own.PIXEL_FORMAT: (PixelFormat.MONO16, PixelFormat.MONO16),
-    Own.TRANSMISSION: (PROFILE, CONTAINER),
-    Own.FAULT: (0, 255),
-    Own.MOUNTED: (0, 1),
-    Own.LOSS: (0, 1000),
-    Own.LATENCY: (0, 60_000),
-    Own.IDLE: (1, LONGEST),
-    Own.REARRANGEMENT: (0, 0xFFFFFFFF),
-    Own.EXPOSURE: (1, LONGEST),
-    Own.LASER: (LASER_OFF, LASER_FULL),
-    Own.TRIGGER: (0, 0xFFFFFFFF),
-    Own.MAINTENANCE: (0, 0xFFFFFFFF),
-    Own.DIGITAL_IO: (0, 0xFFFFFFFF),
-    Own.SIZE: (0, 0xFFFFFFFF),
+    DeviceRegister.ACQUISITION_MODE: (0, 0),
+    DeviceRegister.ACQUISITION_START: (0, 1),
+    DeviceRegister.ACQUISITION_STOP: (0, 1),
+    DeviceRegister.PIXEL_FORMAT: (PixelFormat.MONO16, PixelFormat.MONO16),
+    DeviceRegister.TRANSMISSION: (PROFILE, CONTAINER),
+    DeviceRegister.FAULT: (0, 255),
+    DeviceRegister.MOUNTED: (0, 1),
+    DeviceRegister.LOSS: (0, 1000),
+    DeviceRegister.LATENCY: (0, 60_000),
+    DeviceRegister.IDLE: (1, LONGEST),
+    DeviceRegister.REARRANGEMENT: (0, 0xFFFFFFFF),
+    DeviceRegister.EXPOSURE: (1, LONGEST),
+    DeviceRegister.LASER: (LASER_OFF, LASER_FULL),
+    DeviceRegister.TRIGGER: (0, 0xFFFFFFFF),
+    DeviceRegister.MAINTENANCE: (0, 0xFFFFFFFF),
+    DeviceRegister.DIGITAL_IO: (0, 0xFFFFFFFF),
+    DeviceRegister.SIZE: (0, 0xFFFFFFFF),
 }
 """Lowest and highest value of each register that can be written."""
-STILL = (Own.REARRANGEMENT, Own.SIZE, Own.TRANSMISSION, Own.PIXEL_FORMAT, Own.ACQUISITION_MODE)
-"""Not to be written while the sensor streams."""
+LOCKED_WHILE_STREAMING = (
+    DeviceRegister.REARRANGEMENT, DeviceRegister.SIZE, DeviceRegister.TRANSMISSION, DeviceRegister.PIXEL_FORMAT,
+    DeviceRegister.ACQUISITION_MODE,
+)  # fmt: skip
 
 
-class Refused(Exception):
+class RegisterError(Exception):
     """A read or write that the device does not do; never leaves ``sim.live``."""
 
     def __init__(self, status: Status) -> None:
@@ -118,8 +120,8 @@ class Identity:
 class Registers:
     """The device's memory.
 
-    ``on_write`` maps an address to what happens before a new value is kept; it may refuse by ``Refused``. ``on_read``
-    gives the value of a register that changes by itself.
+    ``on_write`` maps an address to what happens before a new value is stored; it may refuse it with ``RegisterError``.
+    ``on_read`` gives the value of a register that changes by itself.
     """
 
     def __init__(self, identity: Identity, description: bytes, points: int = 640, profiles: int = 20) -> None:
@@ -128,17 +130,17 @@ class Registers:
         self.streaming = False
         self._description = description.ljust(-(-len(description) // 4) * 4, b"\0")
         self._low = bytearray(0x1000)
-        self._words: dict[int, int] = dict.fromkeys(Own, 0)
+        self._words: dict[int, int] = dict.fromkeys(DeviceRegister, 0)
         self._bootstrap(identity, len(description))
-        shape = usual_shape(points, profiles)
+        shape = default_format(points, profiles)
         self._words.update(
             {
-                Own.PIXEL_FORMAT: PixelFormat.MONO16,
-                Own.REARRANGEMENT: shape.rearrangement,
-                Own.SIZE: shape.width << 16 | shape.height,
-                Own.EXPOSURE: 100,
-                Own.IDLE: 400,
-                Own.PAYLOAD_SIZE: shape.frame_bytes,
+                DeviceRegister.PIXEL_FORMAT: PixelFormat.MONO16,
+                DeviceRegister.REARRANGEMENT: shape.rearrangement,
+                DeviceRegister.SIZE: shape.width << 16 | shape.height,
+                DeviceRegister.EXPOSURE: 100,
+                DeviceRegister.IDLE: 400,
+                DeviceRegister.PAYLOAD_SIZE: shape.frame_bytes,
             }
         )
 
@@ -177,7 +179,7 @@ class Registers:
         """A register as it stands.
 
         Raises:
-            Refused: there is none.
+            RegisterError: there is none.
         """
         return int.from_bytes(self.read(address, 4), "big")
 
@@ -192,10 +194,10 @@ class Registers:
         """``count`` bytes.
 
         Raises:
-            Refused: not there, or not on a boundary of four bytes.
+            RegisterError: not there, or not on a boundary of four bytes.
         """
         if address % 4 or count % 4:
-            raise Refused(Status.BAD_ALIGNMENT)
+            raise RegisterError(Status.BAD_ALIGNMENT)
         if address + count <= len(self._low):
             return bytes(self._low[address : address + count])
         offset = address - DESCRIPTION_AT
@@ -204,7 +206,7 @@ class Registers:
         try:
             return b"".join(self._word(at).to_bytes(4, "big") for at in range(address, address + count, 4))
         except KeyError:
-            raise Refused(Status.INVALID_ADDRESS) from None
+            raise RegisterError(Status.INVALID_ADDRESS) from None
 
     def _word(self, address: int) -> int:
         return self.on_read[address]() if address in self.on_read else self._words[address]
@@ -213,32 +215,32 @@ class Registers:
         """Write a register, and let happen what that brings about.
 
         Raises:
-            Refused: not there, not to be written, not with this value, not now.
+            RegisterError: not there, not to be written, not with this value, not now.
         """
         if address not in WRITABLE:
             self.read(address, 4)
-            raise Refused(Status.WRITE_PROTECT)
+            raise RegisterError(Status.WRITE_PROTECT)
         lowest, highest = WRITABLE[address]
         if not lowest <= value <= highest:
-            raise Refused(Status.INVALID_PARAMETER)
-        if self.streaming and address in STILL:
-            raise Refused(Status.BUSY)
+            raise RegisterError(Status.INVALID_PARAMETER)
+        if self.streaming and address in LOCKED_WHILE_STREAMING:
+            raise RegisterError(Status.BUSY)
         if address == Register.STREAM_PACKET_SIZE:
             value = value & FIRE_TEST | _packet_size(value)
         if address in self.on_write:
             self.on_write[address](value)
         self.put(address, value & ~FIRE_TEST if address == Register.STREAM_PACKET_SIZE else value)
-        if address == Own.SIZE:
-            self.put(Own.PAYLOAD_SIZE, self.shape.frame_bytes)
+        if address == DeviceRegister.SIZE:
+            self.put(DeviceRegister.PAYLOAD_SIZE, self.shape.frame_bytes)
 
     def write_memory(self, address: int, data: bytes) -> None:
         """Write registers one after the other, or the user's name.
 
         Raises:
-            Refused: as ``write``.
+            RegisterError: as ``write``.
         """
         if address % 4 or len(data) % 4:
-            raise Refused(Status.BAD_ALIGNMENT)
+            raise RegisterError(Status.BAD_ALIGNMENT)
         end = Register.USER_NAME + TEXT_BYTES[Register.USER_NAME]
         if address >= Register.USER_NAME and address + len(data) <= end:
             self._low[address : address + len(data)] = data
@@ -247,15 +249,15 @@ class Registers:
             self.write(address + offset, int.from_bytes(data[offset : offset + 4], "big"))
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> FrameFormat:
         """What a frame consists of."""
-        size = self.value(Own.SIZE)
-        return Shape(self.value(Own.REARRANGEMENT), size >> 16, size & 0xFFFF)
+        size = self.value(DeviceRegister.SIZE)
+        return FrameFormat(self.value(DeviceRegister.REARRANGEMENT), size >> 16, size & 0xFFFF)
 
     @property
     def timing(self) -> tuple[float, float]:
         """Exposure and idle time, s."""
-        return self.value(Own.EXPOSURE) * TEN_US, self.value(Own.IDLE) * TEN_US
+        return self.value(DeviceRegister.EXPOSURE) * TEN_US, self.value(DeviceRegister.IDLE) * TEN_US
 
 
 def _packet_size(value: int) -> int:

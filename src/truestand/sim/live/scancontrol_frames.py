@@ -56,7 +56,7 @@ def scale_of(model: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class FrameFormat:
     """What a frame consists of: the rearrangement register and the two halves of the size register."""
 
     rearrangement: int
@@ -98,13 +98,13 @@ class Shape:
         )
 
 
-def usual_shape(points: int, profiles: int) -> Shape:
+def default_format(points: int, profiles: int) -> FrameFormat:
     """Z, X and stamp of ``points`` points, ``profiles`` a frame."""
     bits = 1 << 20 | X | Z | EMPTY_FIELD | STAMPED | LOW_FIRST | round(log2(points)) << POINTS_AT
-    return Shape(bits, 3 * points, profiles)
+    return FrameFormat(bits, 3 * points, profiles)
 
 
-def raw_profiles(x: Array, z: Array, scale: tuple[float, float], shape: Shape) -> Raw:
+def raw_profiles(x: Array, z: Array, scale: tuple[float, float], shape: FrameFormat) -> Raw:
     """Profiles (n, fields, points) of x and z (n, points) mm, not yet stamped; what is not seen is 0."""
     step, middle = scale
     raw = np.zeros((x.shape[0], shape.lines, shape.points), np.uint16)
@@ -119,7 +119,7 @@ def raw_profiles(x: Array, z: Array, scale: tuple[float, float], shape: Shape) -
     return raw
 
 
-def frame_bytes(raw: Raw, shape: Shape, counter: Ints, opened: Array, closed: Array, encoder: Ints) -> bytes:
+def frame_bytes(raw: Raw, shape: FrameFormat, counter: Ints, opened: Array, closed: Array, encoder: Ints) -> bytes:
     """The profiles (n, fields, points) with their stamps, as they travel.
 
     Args:

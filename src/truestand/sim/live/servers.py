@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Protocol, cast
 
 from truestand.devices.tables.recipe import host_and_port, is_network
-from truestand.sim.live.serving import Serving
+from truestand.sim.live.serving import ServerThread
 
 LOOK = 0.01
 """s between two looks at what happens by itself."""
@@ -21,7 +21,7 @@ class Talk(Protocol):
         """Take what came."""
 
 
-class LineServing(Serving):
+class LineServer(ServerThread):
     """Serves talks at ``address``: host:port, port 0 = any; anything else is a pseudo terminal."""
 
     def __init__(self, address: str, port: int) -> None:
@@ -85,7 +85,7 @@ class LineServing(Serving):
 
 
 class _Connection(asyncio.Protocol):
-    def __init__(self, server: LineServing, open_: set[asyncio.Transport]) -> None:
+    def __init__(self, server: LineServer, open_: set[asyncio.Transport]) -> None:
         self._server, self._open = server, open_
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

@@ -7,7 +7,7 @@ PATIENCE = 10.0
 """s for a server to start or end."""
 
 
-class Serving:
+class ServerThread:
     """What the servers share. They run ``_serve`` until ``_ended``."""
 
     def __init__(self) -> None:

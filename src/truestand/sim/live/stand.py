@@ -13,9 +13,9 @@ from truestand.core.stand import Stand
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.devices.wire.gvcp import PORT
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.profile_source import LiveSource, TableTop
+from truestand.sim.live.profile_source import SimulatedSource, TableTop
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.scancontrol_frames import scale_of
 from truestand.sim.live.table import Motion, VirtualTable
@@ -25,7 +25,7 @@ from truestand.sim.truth import Truth
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class SensorEndpoint:
     """Where a virtual sensor is, and which type it is. The recipe of a sensor knows the drivers, which sim may not."""
 
     name: str
@@ -106,7 +106,7 @@ class VirtualStand:
         tables = [f"table {protocol} {server.address}" for protocol, server in self.servers.items()]
         return tables + [f"sensor {name} {device.identity.address}:{PORT}" for name, device in self.sensors.items()]
 
-    def begin(self, kind: Kind, strength: float | None = None) -> None:
+    def begin(self, kind: FaultKind, strength: float | None = None) -> None:
         """A fault of all sensors, or of the table; ``NONE`` ends all.
 
         Raises:
@@ -127,7 +127,7 @@ class VirtualStand:
     def truth(self, part: bool = False) -> Truth:
         """What is true of the stand as its first sensor sees it, of the shaft alone or with the part."""
         source = next(iter(self.sensors.values())).source
-        if not isinstance(source, LiveSource):
+        if not isinstance(source, SimulatedSource):
             raise BadRecipe("a recorded source has no truth")
         return source.truth(part)
 
@@ -137,7 +137,7 @@ def virtual_stand(
     simulation: Simulation,
     artefact: Artefact,
     table: TableRecipe,
-    sensors: Sequence[Place],
+    sensors: Sequence[SensorEndpoint],
     part: VirtualPart | None = None,
     pace: float = 1.0,
     seed: int = 0,
@@ -181,7 +181,7 @@ def table_server(table: VirtualTable, recipe: TableRecipe) -> Server:
 
 
 def _sensor(
-    place: Place,
+    place: SensorEndpoint,
     stand: Stand,
     simulation: Simulation,
     artefact: Artefact,
@@ -194,7 +194,7 @@ def _sensor(
     _own(f'sensor "{place.name}"', place.address)
     of = next(s for s in stand.sensors if s.name == place.name)
     alone = replace(stand, sensors=(replace(of, points=place.points, profile_rate=place.rate),))
-    source = LiveSource(alone, simulation, artefact, table, scale_of(place.model), part, seed, top=top)
+    source = SimulatedSource(alone, simulation, artefact, table, scale_of(place.model), part, seed, top=top)
     identity = Identity(place.address, _plate(place.model), of.serial or f"V{seed + 1:07d}", place.name[:15])
     return GigeDevice(identity, source, clock, Faults(table), place.points, seed=seed)
 

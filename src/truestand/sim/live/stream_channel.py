@@ -10,11 +10,10 @@ from dataclasses import dataclass
 
 from truestand.devices.wire import gvsp
 from truestand.devices.wire.gvcp import Register, Resend, Status
-from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
-from truestand.sim.live import faults
-from truestand.sim.live.faults import Faults
+from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.registers import Registers
-from truestand.sim.live.scancontrol_frames import Shape
+from truestand.sim.live.scancontrol_frames import FrameFormat
 
 KEPT = 64_000_000
 """Bytes of recent frames kept for a resend."""
@@ -44,15 +43,15 @@ class Sent:
     def packet(self, number: int) -> Packet:
         """One packet: 0 is the leader."""
         if number == 0:
-            return Header(self.block, 0, Kind.LEADER).encode(), memoryview(self.leader)
+            return Header(self.block, 0, PacketFormat.LEADER).encode(), memoryview(self.leader)
         if number >= self.last:
-            return Header(self.block, self.last, Kind.TRAILER).encode(), memoryview(self.trailer)
+            return Header(self.block, self.last, PacketFormat.TRAILER).encode(), memoryview(self.trailer)
         start = (number - 1) * self.data_bytes
         view = memoryview(self.payload)[start : start + self.data_bytes]
-        return Header(self.block, number, Kind.PAYLOAD).encode(), view
+        return Header(self.block, number, PacketFormat.PAYLOAD).encode(), view
 
 
-class Outlet:
+class StreamChannel:
     """Sends to where the registers say. Frames come from one thread, requests to send again from another."""
 
     def __init__(self, address: str, registers: Registers, wrong: Faults, seed: int = 0) -> None:
@@ -78,13 +77,13 @@ class Outlet:
             self._late.clear()
             self._block, self._kept_bytes, self._before = 0, 0, None
 
-    def offer(self, payload: bytes, shape: Shape, ticks: int) -> None:
+    def offer(self, payload: bytes, shape: FrameFormat, ticks: int) -> None:
         """A frame to be sent: now, or later where the network is slow."""
         size = gvsp.data_bytes(self._registers.value(Register.STREAM_PACKET_SIZE) & 0xFFFF)
         leader = Leader(ticks, PixelFormat.MONO16, shape.width, shape.height).encode()
         self._block = self._block % gvsp.BLOCKS + 1
         frame = Sent(self._block, leader, self._spoiled(payload), gvsp.encode_trailer(shape.height), size)
-        self._late.append((time.monotonic() + self._faults.strength(faults.Kind.LATENCY) / 1000, frame))
+        self._late.append((time.monotonic() + self._faults.strength(FaultKind.LATENCY) / 1000, frame))
         self.flush()
 
     def flush(self) -> None:
@@ -94,19 +93,19 @@ class Outlet:
             frame = self._late.popleft()[1]
             self._keep(frame)
             numbers = list(range(frame.last + 1))
-            if faults.Kind.DISORDER in self._faults:
+            if FaultKind.DISORDER in self._faults:
                 numbers = self._disordered(numbers)
             self._send([frame.packet(number) for number in numbers])
             self.frames += 1
 
     def resend(self, asked: Resend) -> None:
         """Send packets again, or say that they are gone."""
-        if faults.Kind.NO_RESEND in self._faults:
+        if FaultKind.NO_RESEND in self._faults:
             return
         with self._lock:
             frame = next((f for f in reversed(self._kept) if f.block == asked.block), None)
         if frame is None:
-            gone = Header(asked.block & 0xFFFF, asked.first, Kind.PAYLOAD, Status.PACKET_UNAVAILABLE)
+            gone = Header(asked.block & 0xFFFF, asked.first, PacketFormat.PAYLOAD, Status.PACKET_UNAVAILABLE)
             self._send([(gone.encode(), memoryview(b""))])
             return
         packets = [frame.packet(number) for number in range(asked.first, min(asked.last, frame.last) + 1)]
@@ -116,17 +115,17 @@ class Outlet:
     def fire_test(self, packet_size: int) -> None:
         """A test packet as large as the register says."""
         size = gvsp.data_bytes(packet_size & 0xFFFF)
-        self._send([(Header(0, 0, Kind.PAYLOAD).encode(), memoryview(bytes(size)))])
+        self._send([(Header(0, 0, PacketFormat.PAYLOAD).encode(), memoryview(bytes(size)))])
 
     def close(self) -> None:
         """Leave the socket."""
         self._socket.close()
 
     def _spoiled(self, payload: bytes) -> bytes:
-        if faults.Kind.FROZEN in self._faults and self._before is not None:
+        if FaultKind.FROZEN in self._faults and self._before is not None:
             return self._before
         self._before = payload
-        return self._random.randbytes(len(payload)) if faults.Kind.GARBAGE in self._faults else payload
+        return self._random.randbytes(len(payload)) if FaultKind.GARBAGE in self._faults else payload
 
     def _keep(self, frame: Sent) -> None:
         with self._lock:
@@ -146,9 +145,9 @@ class Outlet:
         if not port:
             return
         to = str(ipaddress.IPv4Address(self._registers.value(Register.STREAM_ADDRESS))), port
-        share = self._faults.strength(faults.Kind.LOSE_PACKETS)
+        share = self._faults.strength(FaultKind.LOSE_PACKETS)
         for header, data in packets:
-            if faults.Kind.UNPLUGGED in self._faults or (share and self._random.random() < share):
+            if FaultKind.UNPLUGGED in self._faults or (share and self._random.random() < share):
                 continue
             try:
                 self._socket.sendmsg([header, data], [], 0, to)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.exposures import Exposures
 from truestand.sim.live.profile_source import Source
-from truestand.sim.live.registers import ENCODER_ACTIVE, LASER_OFF, TICKS, Own, Registers
-from truestand.sim.live.scancontrol_frames import Shape, frame_bytes
-from truestand.sim.live.stream_channel import Outlet
+from truestand.sim.live.registers import ENCODER_ACTIVE, LASER_OFF, TICKS, DeviceRegister, Registers
+from truestand.sim.live.scancontrol_frames import FrameFormat, frame_bytes
+from truestand.sim.live.stream_channel import StreamChannel
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Streamer:
     """Streams from ``start`` until ``stop``; ``counter`` goes on from stream to stream as the sensor's own does."""
 
     def __init__(
-        self, name: str, clock: Clock, source: Source, registers: Registers, outlet: Outlet, power_on: float
+        self, name: str, clock: Clock, source: Source, registers: Registers, outlet: StreamChannel, power_on: float
     ) -> None:
         self.counter = 0
         self._name, self._clock, self._source = name, clock, source
@@ -54,7 +54,7 @@ class Streamer:
             self._thread.join()
             self._thread = None
 
-    def _run(self, start: float, shape: Shape) -> None:
+    def _run(self, start: float, shape: FrameFormat) -> None:
         exposures = Exposures(start, self._registers, self._source)
         full, begins = bytearray(), np.empty(0)
         try:
@@ -83,12 +83,12 @@ class Streamer:
                 return False
             self._outlet.flush()
 
-    def _drawn(self, begins: Array, shape: Shape) -> bytes:
+    def _drawn(self, begins: Array, shape: FrameFormat) -> bytes:
         """The bytes of the profiles whose exposure began at ``begins`` (n,)."""
         exposure, _ = self._registers.timing
-        lit = self._registers.value(Own.LASER) != LASER_OFF
+        lit = self._registers.value(DeviceRegister.LASER) != LASER_OFF
         raw, encoder = self._source.profiles(begins + exposure / 2, shape, lit)
-        if not self._registers.value(Own.MAINTENANCE) & ENCODER_ACTIVE:
+        if not self._registers.value(DeviceRegister.MAINTENANCE) & ENCODER_ACTIVE:
             encoder = np.zeros_like(encoder)
         counter = self.counter + np.arange(begins.size)
         self.counter += begins.size

@@ -8,7 +8,7 @@ from math import tau
 from truestand.devices.tables.recipe import PORTS, TableRecipe
 from truestand.devices.wire.malformed import Malformed
 from truestand.devices.wire.zaber import SPEED_UNIT, Command, Reply, decode_command
-from truestand.sim.live.servers import LineServing, Send
+from truestand.sim.live.servers import LineServer, Send
 from truestand.sim.live.table import VirtualTable
 
 DEVICE = {
@@ -23,7 +23,7 @@ MOST = 80
 """Characters of a command, as a device of version 7."""
 
 
-class ZaberServer(LineServing):
+class ZaberServer(LineServer):
     """Serves one table."""
 
     def __init__(self, table: VirtualTable, recipe: TableRecipe) -> None:
