@@ -23,7 +23,7 @@ from truestand.sim import (
     simulation_from,
     truth_record,
 )
-from truestand.sim.raycast import hidden
+from truestand.sim.raycast import occluded_by_steps
 from truestand.sim.shaft_surface import steps_of
 
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0)
@@ -159,12 +159,12 @@ def test_the_camera_sees_the_near_side_and_not_the_far_one():
     around = np.linspace(-np.pi, np.pi, 73)
     points = np.stack([12.5 * np.cos(around), 12.5 * np.sin(around), np.full(73, -5.0)])[:, None, :]
     eye = np.array([300.0, 0.0, -5.0])[:, None, None]
-    seen = ~hidden(points, eye, steps)[0]
+    seen = ~occluded_by_steps(points, eye, steps)[0]
     assert seen[np.abs(around) < np.arccos(12.5 / 300) - 0.05].all()
     assert not seen[np.abs(around) > np.arccos(12.5 / 300) + 0.05].any()
     behind_the_base = np.array([6.97, 0.0, 3.0])[:, None, None]
     low = np.array([30.0, 0.0, -60.0])[:, None, None]
-    assert hidden(behind_the_base, low, steps).all()
+    assert occluded_by_steps(behind_the_base, low, steps).all()
 
 
 def test_what_the_camera_does_not_see_is_lost_and_nothing_else_changes():

@@ -98,7 +98,7 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
     assert encoder[-1] - encoder[0] > COUNTS / 3
     sign = 1.0 if direction == "ccw" else -1.0
     caster = SensorModel(stand(direction), EXACT, paper_shaft(), None, np.random.default_rng(0))
-    drawn = caster.rows(sign * encoder / COUNTS * tau)[1]
+    drawn = caster.profiles(sign * encoder / COUNTS * tau)[1]
     off = np.abs(z - drawn)
     assert np.nanquantile(off, 0.999) < 0.0045, "one step of the virtual optics; a count may tip a ray over an edge"
     assert np.isfinite(z).mean() > 0.7

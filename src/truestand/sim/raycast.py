@@ -1,19 +1,21 @@
 """Where laser rays meet the shaft: the first hit of each ray, exact to a nanometre."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.sim.poses import Array, Bools
 from truestand.sim.shaft_surface import Face, Step
-
-Array = NDArray[np.float64]
 
 NEWTON_STEPS = 4
 NOTHING, STEP, FACE, MESH = range(4)
 """What a ray may meet."""
-NEAR = 1.0
-"""mm: beyond a step's drawing, within which its surface (chamfer, form) is solved."""
+SEARCH_MARGIN_MM = 1.0
+"""Beyond the heights of a step's drawing, within which its surface (chamfer, form) is solved."""
+OCCLUSION_START_MM = 0.3
+"""From a point: a step that is met nearer by is the surface on which the point lies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,10 @@ class Hits:
     triangle: NDArray[np.int32]
     """Of the mesh, where one is met."""
 
+    def record(self, at: Any, distance: Array, psi: Array, height: Array | float, surface: int) -> None:
+        """Set the hits at the indices or mask ``at``."""
+        self.distance[at], self.psi[at], self.height[at], self.surface[at] = distance, psi, height, surface
+
 
 def rays_in_shaft(origin: Array, directions: Array, angle: Array, shaft_from_rotor: Array) -> Rays:
     """Rays that stand still in T, seen from the turning shaft.
@@ -46,18 +52,16 @@ def rays_in_shaft(origin: Array, directions: Array, angle: Array, shaft_from_rot
         angle: (B,) rad table angle of each profile.
         shaft_from_rotor: (4, 4).
     """
+    start = _in_shaft(origin[:, None], angle, shaft_from_rotor)
+    return Rays(start + shaft_from_rotor[:3, 3, None, None], _in_shaft(directions, angle, shaft_from_rotor))
+
+
+def _in_shaft(vectors: Array, angle: Array, shaft_from_rotor: Array) -> Array:
+    """Vectors (3, M) in T as directions (3, B, M) in C."""
+    x, y, z = vectors
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    turn = shaft_from_rotor[:3, :3]
-    back = np.stack([c * origin[0] + s * origin[1], c * origin[1] - s * origin[0], np.broadcast_to(origin[2], c.shape)])
-    way = np.stack(
-        [
-            c * directions[0] + s * directions[1],
-            c * directions[1] - s * directions[0],
-            np.broadcast_to(directions[2], (angle.size, directions.shape[1])),
-        ]
-    )
-    start = np.tensordot(turn, back, 1) + shaft_from_rotor[:3, 3, None, None]
-    return Rays(start, np.tensordot(turn, way, 1))
+    in_rotor = np.stack([c * x + s * y, c * y - s * x, np.broadcast_to(z, (angle.size, z.size))])
+    return np.tensordot(shaft_from_rotor[:3, :3], in_rotor, 1)
 
 
 def first_hits(rays: Rays, steps: tuple[Step, ...], faces: tuple[Face, ...]) -> Hits:
@@ -73,55 +77,73 @@ def first_hits(rays: Rays, steps: tuple[Step, ...], faces: tuple[Face, ...]) -> 
     return hits
 
 
+def _split(step: Step, origin: Array, direction: Array) -> tuple[Array, Array, Array, Array]:
+    """Origins and directions of rays along a step's axis, (B, 1 or M) each, and across it, (3, B, 1 or M) each."""
+    offset, axis = origin - step.origin[:, None, None], step.axis[:, None, None]
+    along0, along1 = np.tensordot(step.axis, offset, 1), np.tensordot(step.axis, direction, 1)
+    return along0, along1, offset - axis * along0, direction - axis * along1
+
+
+def _quadratic(p: Array, q: Array, radius: float) -> tuple[Array, Array, Array, Array]:
+    """a, b, c of |p + s q|² = c + 2 b s + a s², and the discriminant of its reaching ``radius``; (B, M) each."""
+    a = np.einsum("ijk,ijk->jk", q, q)
+    b = np.einsum("ijk,ijk->jk", np.broadcast_to(p, q.shape), q)
+    c = (p * p).sum(axis=0)
+    return a, b, c, b * b - a * (c - radius**2)
+
+
 def _meet_step(rays: Rays, step: Step, hits: Hits) -> None:
-    """Solve |offset + s way| = radius(psi, height) for s on the rays that come near the step."""
-    offset = rays.origin - step.origin[:, None, None]
-    along0, along1 = np.tensordot(step.axis, offset, 1), np.tensordot(step.axis, rays.direction, 1)
-    p = offset - step.axis[:, None, None] * along0
-    q = rays.direction - step.axis[:, None, None] * along1
-    a, b, c = (
-        np.einsum("ijk,ijk->jk", q, q),
-        np.einsum("ijk,ijk->jk", np.broadcast_to(p, q.shape), q),
-        (p * p).sum(axis=0),
-    )
-    spare = b * b - a * (c - step.radius**2)
+    """Solve |offset + s direction| = radius(psi, height) for s on the rays that come near the step."""
+    along0, along1, p, q = _split(step, rays.origin, rays.direction)
+    a, b, c, discriminant = _quadratic(p, q, step.radius)
     with np.errstate(invalid="ignore", divide="ignore"):
-        s = np.where(spare > 0, (-b - np.sqrt(np.maximum(spare, 0.0))) / a, np.inf)
+        s = np.where(discriminant > 0, (-b - np.sqrt(np.maximum(discriminant, 0.0))) / a, np.inf)
         height = along0 + s * along1
-        near = np.isfinite(s) & (s > 0) & (height > step.bottom - NEAR) & (height < step.top + NEAR)
+        near = (height > step.bottom - SEARCH_MARGIN_MM) & (height < step.top + SEARCH_MARGIN_MM)
+        near &= np.isfinite(s) & (s > 0)
     row, column = np.nonzero(near)
     if not row.size:
         return
-    s, a, b, c = s[near], a[near], b[near], c[row, 0]
-    px, py, qx, qy = p[0][row, 0], p[1][row, 0], q[0][near], q[1][near]
-    h0, h1 = along0[row, 0], along1[near]
-    s, psi, height = _solved(step, s, (px, py, qx, qy), (a, b, c), (h0, h1))
+    across = _Across(p[:, row, 0], q[:, row, column], a[near], b[near], c[row, 0], along0[row, 0], along1[near])
+    s, psi, height = across.solve(step, s[near])
     first = (height >= step.bottom) & (height <= step.top) & (s < hits.distance[row, column])
-    at = row[first], column[first]
-    hits.distance[at], hits.psi[at], hits.height[at], hits.surface[at] = s[first], psi[first], height[first], STEP
+    hits.record((row[first], column[first]), s[first], psi[first], height[first], STEP)
 
 
-def _solved(
-    step: Step,
-    s: Array,
-    flat: tuple[Array, Array, Array, Array],
-    square: tuple[Array, Array, Array],
-    lift: tuple[Array, Array],
-) -> tuple[Array, Array, Array]:
-    """Newton on distance to the axis less the surface's radius; keyways last, with their floor's radius."""
-    px, py, qx, qy = flat
-    a, b, c = square
-    h0, h1 = lift
-    deeper = np.zeros(s.shape)
-    for attempt in range(2 if step.keyways else 1):
-        for _ in range(0 if step.plain and not attempt else NEWTON_STEPS):
-            rho = np.sqrt(np.maximum(c + s * (2 * b + s * a), 1e-12))
-            radius, slope = step.surface(np.arctan2(py + s * qy, px + s * qx), h0 + s * h1)
-            s = s - (rho - radius + deeper) / ((b + s * a) / rho - slope * h1)
-        psi, height = np.arctan2(py + s * qy, px + s * qx), h0 + s * h1
-        if step.keyways and not attempt:
-            deeper = step.in_keyway(psi, height)
-    return s, psi, height
+@dataclass(frozen=True, slots=True)
+class _Across:
+    """n rays seen along a step's axis: p + s q (3, n), its square c + 2 b s + a s², and its height h0 + s h1."""
+
+    p: Array
+    q: Array
+    a: Array
+    b: Array
+    c: Array
+    h0: Array
+    h1: Array
+
+    def place(self, s: Array) -> tuple[Array, Array]:
+        """Polar angle and height at the distances ``s`` (n,)."""
+        return np.arctan2(self.p[1] + s * self.q[1], self.p[0] + s * self.q[0]), self.h0 + s * self.h1
+
+    def solve(self, step: Step, s: Array) -> tuple[Array, Array, Array]:
+        """Distance, polar angle and height of the hits: Newton from ``s``; keyways last, with their floor's radius."""
+        depth = np.zeros(s.shape)
+        if not step.plain:
+            s = self._newton(step, s, depth)
+        psi, height = self.place(s)
+        if step.keyways:
+            s = self._newton(step, s, step.in_keyway(psi, height))
+            psi, height = self.place(s)
+        return s, psi, height
+
+    def _newton(self, step: Step, s: Array, depth: Array) -> Array:
+        """Newton on the distance to the axis less the surface's radius, which lies ``depth`` below the step's."""
+        for _ in range(NEWTON_STEPS):
+            rho = np.sqrt(np.maximum(self.c + s * (2 * self.b + s * self.a), 1e-12))
+            radius, slope = step.surface(*self.place(s))
+            s = s - (rho - radius + depth) / ((self.b + s * self.a) / rho - slope * self.h1)
+        return s
 
 
 def _meet_face(rays: Rays, face: Face, hits: Hits) -> None:
@@ -132,24 +154,19 @@ def _meet_face(rays: Rays, face: Face, hits: Hits) -> None:
         radius = np.hypot(x, y)
         met = (down < 0) if face.up else (down > 0)
         met &= (s > 0) & (radius >= face.inner) & (radius <= face.outer) & (s < hits.distance)
-    hits.distance[met] = s[met]
-    hits.psi[met] = np.arctan2(y[met], x[met])
-    hits.height[met], hits.surface[met] = face.height, FACE
+    hits.record(met, s[met], np.arctan2(y[met], x[met]), face.height, FACE)
 
 
-def hidden(points: Array, eye: Array, steps: tuple[Step, ...]) -> NDArray[np.bool_]:
-    """Whether a step stands between points (3, B, M) and the camera at (3, B, 1), both in C."""
-    way = eye - points
+def occluded_by_steps(points: Array, camera: Array, steps: tuple[Step, ...]) -> Bools:
+    """Whether a step stands between points (3, B, M) and the camera at (3, B, 1), both in C; (B, M)."""
     blocked = np.zeros(points.shape[1:], dtype=np.bool_)
     for step in steps:
-        offset = points - step.origin[:, None, None]
-        along0, along1 = np.tensordot(step.axis, offset, 1), np.tensordot(step.axis, way, 1)
-        p, q = offset - step.axis[:, None, None] * along0, way - step.axis[:, None, None] * along1
-        a, b = (q * q).sum(axis=0), (p * q).sum(axis=0)
-        spare = b * b - a * ((p * p).sum(axis=0) - step.radius**2)
+        along0, along1, p, q = _split(step, points, camera - points)
+        a, b, _, discriminant = _quadratic(p, q, step.radius)
         with np.errstate(invalid="ignore", divide="ignore"):
-            root = np.sqrt(np.maximum(spare, 0.0))
+            root = np.sqrt(np.maximum(discriminant, 0.0))
             for s in ((-b - root) / a, (-b + root) / a):
                 height = along0 + s * along1
-                blocked |= (spare > 0) & (s * np.sqrt(a) > 0.3) & (height > step.bottom) & (height < step.top)
+                met = (discriminant > 0) & (s * np.sqrt(a) > OCCLUSION_START_MM)
+                blocked |= met & (height > step.bottom) & (height < step.top)
     return blocked

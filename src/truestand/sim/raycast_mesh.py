@@ -1,6 +1,6 @@
-"""Where laser rays meet a mesh: embree finds the triangle in single precision, the place on it is solved in double.
+"""Where laser rays meet a mesh: embree finds the triangle in single precision, the hit on it is solved in double.
 
-On a gear's flank the place is solved on the analytic surface, so that nothing depends on how finely it is meshed.
+On a gear's flank the hit is solved on the analytic surface, so that nothing depends on how finely it is meshed.
 """
 
 from dataclasses import dataclass
@@ -13,29 +13,27 @@ from numpy.typing import NDArray
 
 from truestand.sim.gear_mesh import GearMesh
 from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
+from truestand.sim.poses import Array, Bools, Ints
 from truestand.sim.raycast import MESH, Hits, Rays
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-
-SOLVED = 1e-8
-"""mm along the base tangent: a place on a flank is found."""
-MOST_STEPS = 12
-FIRST_STEP = 1e-3
+TOLERANCE_MM = 1e-8
+"""Along the base tangent: a hit on a flank is found."""
+MAX_SECANT_STEPS = 12
+FIRST_STEP_MM = 1e-3
 """Of range: the second point of the secant."""
-FARTHEST = 0.5
-"""mm of range between the mesh and the surface that it stands for; beyond, it is another place."""
-BEYOND = 0.002
-"""mm: how far over its own edge a flank may be met."""
-LIFTED = 0.005
-"""mm that a point is lifted off its triangle before the camera looks for it."""
+MAX_CORRECTION_MM = 0.5
+"""Of range between the mesh and the surface that it stands for; beyond, it is another place."""
+EDGE_MARGIN_MM = 0.002
+"""By how much a hit may lie beyond the edge of its flank."""
+CAMERA_OFFSET_MM = 0.005
+"""From its triangle, of a point whose sight of the camera is tested."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flanks:
     """The analytic surface for which a mesh's triangles stand."""
 
-    real: GearSurface
+    surface: GearSurface
     tooth: Ints
     """(F,) index from 0; -1 = none."""
     side: NDArray[np.int8]
@@ -53,11 +51,11 @@ class Body:
     shaft_from_part: Array
     """(4, 4)."""
     scene: Any
-    """The same for embree, in single precision."""
+    """The mesh for embree, in single precision."""
     centre: Array
-    """(3,) of a ball about the part, in its frame."""
-    reach: float
-    """Its radius, mm."""
+    """(3,) mm: centre of a sphere about the part, in its frame."""
+    radius: float
+    """Of that sphere, mm."""
     flanks: Flanks | None = None
 
 
@@ -69,17 +67,17 @@ def body(vertices: Array, faces: NDArray[np.int64], shaft_from_part: Array, flan
     normals = np.cross(b - a, c - a)
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    reach = float(np.linalg.norm(vertices - centre, axis=1).max())
-    return Body(a, normals / np.where(size > 0, size, 1.0), shaft_from_part, scene, centre, reach, flanks)
+    radius = float(np.linalg.norm(vertices - centre, axis=1).max())
+    return Body(a, normals / np.where(size > 0, size, 1.0), shaft_from_part, scene, centre, radius, flanks)
 
 
-def gear_body(real: GearSurface, mesh: GearMesh, shaft_from_part: Array) -> Body:
-    """A body whose flanks are solved on the gear's own surface."""
-    return body(mesh.vertices, mesh.faces, shaft_from_part, Flanks(real, mesh.tooth, mesh.side))
+def gear_body(surface: GearSurface, mesh: GearMesh, shaft_from_part: Array) -> Body:
+    """A body whose flanks are solved on the gear's analytic surface."""
+    return body(mesh.vertices, mesh.faces, shaft_from_part, Flanks(surface, mesh.tooth, mesh.side))
 
 
 def meet_body(rays: Rays, of: Body, hits: Hits) -> None:
-    """Put the hits on a body that are nearer than those found so far into ``hits``."""
+    """Record the hits on a body that are nearer than those in ``hits``."""
     turn, shift = of.shaft_from_part[:3, :3], of.shaft_from_part[:3, 3]
     shape = rays.direction.shape[1:]
     row, column = (index.ravel() for index in np.indices(shape))
@@ -96,31 +94,31 @@ def meet_body(rays: Rays, of: Body, hits: Hits) -> None:
     at = row[met], column[met]
     first = (s < hits.distance[at]) & (s > 0)
     at, s = (at[0][first], at[1][first]), s[first]
-    place = rays.origin[:, at[0], 0] + s * rays.direction[:, at[0], at[1]]
-    hits.distance[at], hits.psi[at], hits.height[at] = s, np.arctan2(place[1], place[0]), place[2]
-    hits.surface[at], hits.triangle[at] = MESH, triangle[first]
+    x, y, height = rays.origin[:, at[0], 0] + s * rays.direction[:, at[0], at[1]]
+    hits.record(at, s, np.arctan2(y, x), height, MESH)
+    hits.triangle[at] = triangle[first]
 
 
 def _run(of: Body, origin: Array, direction: Array, query: str) -> Ints:
-    """embree's answer for rays (n, 3): the triangle first met, -1 for none."""
+    """embree's result for rays (n, 3): the triangle first met, -1 for none."""
     if not origin.size:
         return np.empty(0, dtype=np.intp)
-    answer = of.scene.run(origin.astype(np.float32), direction.astype(np.float32), query=query)
-    return np.asarray(answer, dtype=np.intp)
+    triangle = of.scene.run(origin.astype(np.float32), direction.astype(np.float32), query=query)
+    return np.asarray(triangle, dtype=np.intp)
 
 
 def _entry(origin: Array, direction: Array, of: Body) -> Array:
-    """Range at which a ray enters the ball about the body (a start near it spares digits); inf where it passes by."""
+    """Range at which rays enter the sphere about the body (a start near it saves digits); inf where they miss it."""
     to_centre = of.centre - origin
     square = np.einsum("ij,ij->i", direction, direction)
     nearest = np.einsum("ij,ij->i", to_centre, direction) / square
-    spare = of.reach**2 - np.einsum("ij,ij->i", to_centre, to_centre) + nearest**2 * square
-    entry = nearest - np.sqrt(np.maximum(spare, 0.0) / square) - 1.0
-    return np.where(spare > 0, np.maximum(entry, 0.0), np.inf)
+    discriminant = of.radius**2 - np.einsum("ij,ij->i", to_centre, to_centre) + nearest**2 * square
+    entry = nearest - np.sqrt(np.maximum(discriminant, 0.0) / square) - 1.0
+    return np.where(discriminant > 0, np.maximum(entry, 0.0), np.inf)
 
 
 def _on_plane(of: Body, triangle: Ints, origin: Array, direction: Array) -> Array:
-    """Range at which rays (n, 3) meet their triangles' planes."""
+    """Range at which rays (n, 3) meet the planes of their triangles."""
     normal = of.normals[triangle]
     across = np.einsum("ij,ij->i", normal, direction)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -135,65 +133,65 @@ def _on_flanks(of: Body, triangle: Ints, origin: Array, direction: Array, s: Arr
     for side in (LEFT, RIGHT):
         on = np.flatnonzero((of.flanks.side[triangle] == side) & np.isfinite(s))
         if on.size:
-            flank = _Flank(of.flanks.real, side, of.flanks.tooth[triangle[on]], origin[on], direction[on])
-            s[on] = flank.solved(s[on])
+            rays = _FlankRays(of.flanks.surface, side, of.flanks.tooth[triangle[on]], origin[on], direction[on])
+            s[on] = rays.solve(s[on])
     return s
 
 
 @dataclass(frozen=True, slots=True)
-class _Flank:
+class _FlankRays:
     """Rays (n, 3) that meet left (or right) flanks, in the gear's frame."""
 
-    real: GearSurface
+    surface: GearSurface
     side: int
     tooth: Ints
     origin: Array
     direction: Array
 
-    def outside(self, s: Array, which: Ints) -> Array:
-        """How far the rays are outside their flanks at range ``s``."""
+    def distance(self, s: Array, which: Ints) -> Array:
+        """Of the rays ``which`` from their flanks at range ``s``, along the base tangent; positive outside; mm."""
         x, y, height = (self.origin[which, i] + s * self.direction[which, i] for i in range(3))
-        return self.real.outside(x, y, height, self.tooth[which], self.side)
+        return self.surface.distance(x, y, height, self.tooth[which], self.side)
 
-    def solved(self, start: Array) -> Array:
+    def solve(self, start: Array) -> Array:
         """Range on the surface by the secant method; ``start`` where that lies off the flank (at its very edges)."""
         found = start.copy()
         live = np.arange(start.size)
-        before, now = start - FIRST_STEP, start.copy()
-        off_before, off = self.outside(before, live), self.outside(now, live)
-        for _ in range(MOST_STEPS):
+        before, now = start - FIRST_STEP_MM, start.copy()
+        off_before, off = self.distance(before, live), self.distance(now, live)
+        for _ in range(MAX_SECANT_STEPS):
             slope = (off - off_before) / np.where(now == before, 1.0, now - before)
-            step = np.clip(-off / np.where(slope == 0, -1.0, slope), -FARTHEST, FARTHEST)
+            step = np.clip(-off / np.where(slope == 0, -1.0, slope), -MAX_CORRECTION_MM, MAX_CORRECTION_MM)
             before, off_before, now = now, off, now + step
-            off = self.outside(now, live)
-            done = np.abs(off) < SOLVED
+            off = self.distance(now, live)
+            done = np.abs(off) < TOLERANCE_MM
             found[live[done]] = now[done]
             keep = ~done
             live, before, now, off_before, off = live[keep], before[keep], now[keep], off_before[keep], off[keep]
             if not live.size:
                 break
-        return np.where(self._on_flank(found) & (np.abs(found - start) < FARTHEST), found, start)
+        return np.where(self._on_flank(found) & (np.abs(found - start) < MAX_CORRECTION_MM), found, start)
 
-    def _on_flank(self, s: Array) -> NDArray[np.bool_]:
-        """Whether the places lie within the flanks' edges."""
+    def _on_flank(self, s: Array) -> Bools:
+        """Whether the hits lie within the edges of their flanks."""
         x, y, height = (self.origin[:, i] + s * self.direction[:, i] for i in range(3))
-        radius, gear = np.hypot(x, y), self.real.gear
-        within = (height > gear.face_from - BEYOND) & (height < gear.face_to + BEYOND)
-        top = self.real.tip_radius(self.tooth, height) + BEYOND
-        return np.asarray(within & (radius > self.real.circles.start - BEYOND) & (radius < top))
+        radius, gear = np.hypot(x, y), self.surface.gear
+        within = (height > gear.face_from - EDGE_MARGIN_MM) & (height < gear.face_to + EDGE_MARGIN_MM)
+        top = self.surface.tip_radius(self.tooth, height) + EDGE_MARGIN_MM
+        return np.asarray(within & (radius > self.surface.circles.start - EDGE_MARGIN_MM) & (radius < top))
 
 
-def hidden_by(points: Array, eye: Array, hits: Hits, of: Body) -> NDArray[np.bool_]:
-    """Whether the body stands between points (3, B, M), NaN = none, and the camera at (3, B, 1), both in C."""
+def occluded_by_body(points: Array, camera: Array, hits: Hits, of: Body) -> Bools:
+    """Whether the body stands between points (3, B, M), NaN = none, and the camera at (3, B, 1), both in C; (B, M)."""
     turn, shift = of.shaft_from_part[:3, :3], of.shaft_from_part[:3, 3]
     row, column = np.nonzero(np.isfinite(points[0]))
-    place = (points[:, row, column].T - shift) @ turn
-    way = (eye[:, row, 0].T - shift) @ turn - place
+    point = (points[:, row, column].T - shift) @ turn
+    to_camera = (camera[:, row, 0].T - shift) @ turn - point
     on = hits.surface[row, column] == MESH
     normal = of.normals[hits.triangle[row[on], column[on]]]
     away = np.zeros(row.size, dtype=np.bool_)
-    away[on] = np.einsum("ij,ij->i", normal, way[on]) <= 0
-    place[on] += LIFTED * normal
+    away[on] = np.einsum("ij,ij->i", normal, to_camera[on]) <= 0
+    point[on] += CAMERA_OFFSET_MM * normal
     blocked = np.zeros(points.shape[1:], dtype=np.bool_)
-    blocked[row, column] = away | (_run(of, place, way, "OCCLUDED") >= 0)
+    blocked[row, column] = away | (_run(of, point, to_camera, "OCCLUDED") >= 0)
     return blocked

@@ -1,48 +1,23 @@
-"""What a real sensor and a real table add to geometry: noise, range errors, lost and false readings, uneven turning."""
+"""Errors that a real sensor adds to the geometry: range errors, noise, steep incidence, lost and false readings."""
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from truestand.core.stand import Stand
-from truestand.sim.simulation import Acquisition, Optics
+from truestand.sim.parts import Scene
+from truestand.sim.poses import Array
+from truestand.sim.raycast import FACE, MESH, STEP, Hits, Rays
+from truestand.sim.simulation import Optics
 
-Array = NDArray[np.float64]
-
-GHOST_REACH = 3.0
-"""mm of height about the shoulder in which double reflections happen."""
-
-
-REFLECTION_AT = 0.45
-"""Where in the range a reflection that stands still comes from."""
-
-
-def table_angles(stand: Stand, a: Acquisition, rng: Generator) -> tuple[Array, NDArray[np.int64], Array, float]:
-    """True table angle (N,) rad, counter, time (s) of the profiles that arrive, and the mean step."""
-    speed, rate = stand.table.speed or np.pi / 10, stand.sensor.profile_rate or 200.0
-    total = a.profiles + a.dropped
-    time = np.arange(total) / rate
-    turned = np.where(time < a.ramp, time**2 / (2 * max(a.ramp, 1e-9)), time - a.ramp / 2)
-    turned = turned * speed * a.speed_factor
-    turned = turned + a.ripple / a.ripple_per_turn * np.sin(a.ripple_per_turn * turned)
-    kept = np.setdiff1d(np.arange(total), _gaps(total, a.dropped, rng))[: a.profiles]
-    angle = a.start_angle + stand.table.sign * turned
-    return angle[kept], kept.astype(np.int64), time[kept], speed * a.speed_factor / rate
-
-
-def _gaps(total: int, dropped: int, rng: Generator) -> NDArray[np.intp]:
-    """Which profiles get lost: up to five runs, none at the ends."""
-    runs = min(5, dropped)
-    lost: set[int] = set()
-    for i in range(runs):
-        length = dropped // runs + (i < dropped % runs)
-        while True:
-            start = int(rng.integers(1, max(total - length - 1, 2)))
-            run = set(range(start, start + length))
-            if not run & lost:
-                lost |= run
-                break
-    return np.array(sorted(lost), dtype=np.intp)
+GHOST_HEIGHT_MM = 3.0
+"""On either side of the shoulder, where double reflections happen."""
+REFLECTION_POSITION = 0.45
+"""Share of the range from which a reflection that does not turn comes back."""
+PATCH_PROFILES, PATCH_POINTS = 40, 30
+"""Size of a patch of lost readings."""
+MAX_GAIN = 20.0
+"""Noise and bias grow no further: 1 / cos of about 87 degrees."""
+EDGE_MM = 0.5
+"""Range from one reading to its neighbour: an edge lies between them."""
 
 
 def range_error(z: Array, optics: Optics, limits: tuple[float, float]) -> Array:
@@ -55,7 +30,7 @@ def range_error(z: Array, optics: Optics, limits: tuple[float, float]) -> Array:
 
 
 def noise(shape: tuple[int, int], optics: Optics, rng: Generator) -> Array:
-    """White noise, and noise that neighbouring points of a line share."""
+    """White noise, and noise that neighbouring points of a line share; mm."""
     total = rng.normal(0.0, optics.noise, shape) if optics.noise else np.zeros(shape)
     if optics.correlated_noise:
         n = optics.correlation
@@ -69,8 +44,8 @@ class Speckle:
     """A random field fixed to the surface: the same cell gives the same error on every turn."""
 
     def __init__(self, optics: Optics, rng: Generator) -> None:
-        self.sigma, self.cell = optics.speckle, optics.speckle_cell
-        self.field = rng.normal(0.0, self.sigma, (1009, 2003)) if self.sigma else None
+        self.cell = optics.speckle_cell
+        self.field = rng.normal(0.0, optics.speckle, (1009, 2003)) if optics.speckle else None
 
     def __call__(self, psi: Array, height: Array) -> Array | float:
         """The error (mm) at polar angle and height."""
@@ -81,20 +56,68 @@ class Speckle:
         return np.asarray(self.field[(around + 7 * up) % 1009, (up + 31 * around) % 2003])
 
 
-def false_and_lost(
+def incidence_cosines(rays: Rays, hits: Hits, scene: Scene) -> Array:
+    """cos of the angle between ray and surface normal (B, M), 0..1; steps are taken as upright; 1 where nothing is."""
+    direction = rays.direction / np.linalg.norm(rays.direction, axis=0)
+    cosine = np.ones(hits.distance.shape)
+    on = hits.surface == STEP
+    cosine[on] = np.abs(np.cos(hits.psi[on]) * direction[0][on] + np.sin(hits.psi[on]) * direction[1][on])
+    on = hits.surface == FACE
+    cosine[on] = np.abs(direction[2][on])
+    if scene.body is not None:
+        on = hits.surface == MESH
+        normal = scene.body.normals[hits.triangle[on]] @ scene.body.shaft_from_part[:3, :3].T
+        cosine[on] = np.abs(np.einsum("ij,ji->i", normal, direction[:, on]))
+    return cosine
+
+
+def with_incidence_bias(true: Array, cosine: Array, optics: Optics) -> Array:
+    """Range (B, M) with the bias of incidence, NaN beyond the greatest one."""
+    biased = true + optics.incidence_bias * (_gain(cosine) - 1.0)
+    return np.where(cosine < np.cos(optics.most_incidence), np.nan, biased)
+
+
+def incidence_noise(cosine: Array, optics: Optics, rng: Generator) -> Array | float:
+    """The noise (B, M) mm that incidence adds: white noise of 1 is there already, this makes it 1 / cos."""
+    if not (optics.incidence_noise and optics.noise):
+        return 0.0
+    return rng.normal(0.0, optics.noise, cosine.shape) * np.sqrt(_gain(cosine) ** 2 - 1.0)
+
+
+def _gain(cosine: Array) -> Array:
+    return np.minimum(1.0 / np.maximum(cosine, 1e-6), MAX_GAIN)
+
+
+def with_mixed_pixels(true: Array, share: float, rng: Generator) -> Array:
+    """Ranges (B, M), some of those at an edge, along the line or from line to line, from between both surfaces."""
+    if not share:
+        return true
+    mixture = true.copy()
+    for axis, step in ((1, 1), (1, -1), (0, 1), (0, -1)):
+        neighbour = np.roll(true, step, axis=axis)
+        border = [slice(None), slice(None)]
+        border[axis] = slice(0, 1) if step > 0 else slice(-1, None)
+        neighbour[tuple(border)] = np.nan
+        with np.errstate(invalid="ignore"):
+            at = (np.abs(neighbour - true) > EDGE_MM) & (rng.random(true.shape) < share)
+        mixture = np.where(at, true + rng.random(true.shape) * (neighbour - true), mixture)
+    return mixture
+
+
+def with_false_readings(
     z: Array, height: Array, optics: Optics, limits: tuple[float, float], shoulder: float, rng: Generator
 ) -> Array:
-    """Readings with outliers, ghosts and random losses put in."""
+    """Readings with ghosts, reflections, outliers and random losses put in."""
+    low, high = limits
     if optics.ghosts:
         with np.errstate(invalid="ignore"):
-            near = (np.abs(height - shoulder) < GHOST_REACH) & (rng.random(z.shape) < optics.ghosts)
+            near = (np.abs(height - shoulder) < GHOST_HEIGHT_MM) & (rng.random(z.shape) < optics.ghosts)
         z = np.where(near, z + rng.uniform(-1.5, 1.5, z.shape), z)
     if optics.reflection:
-        low, high = limits
-        still = low + REFLECTION_AT * (high - low) + rng.normal(0.0, optics.noise, z.shape)
-        z = np.where(rng.random(z.shape) < optics.reflection, still, z)
+        reflected = low + REFLECTION_POSITION * (high - low) + rng.normal(0.0, optics.noise, z.shape)
+        z = np.where(rng.random(z.shape) < optics.reflection, reflected, z)
     if optics.outliers:
-        z = np.where(rng.random(z.shape) < optics.outliers, rng.uniform(*limits, z.shape), z)
+        z = np.where(rng.random(z.shape) < optics.outliers, rng.uniform(low, high, z.shape), z)
     if optics.dropouts:
         z = np.where(rng.random(z.shape) < optics.dropouts, np.nan, z)
     return z
@@ -104,7 +127,7 @@ def lose_patches(z: Array, optics: Optics, rng: Generator) -> None:
     """Whole patches of readings lost, in place."""
     for _ in range(optics.patches):
         row, column = rng.integers(0, z.shape[0]), rng.integers(0, z.shape[1])
-        z[row : row + 40, column : column + 30] = np.nan
+        z[row : row + PATCH_PROFILES, column : column + PATCH_POINTS] = np.nan
 
 
 def quantised(values: Array, step: float) -> Array:

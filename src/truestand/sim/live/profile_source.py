@@ -105,7 +105,7 @@ class SimulatedSource:
     def rows(self, times: Array) -> tuple[Array, Array, Ints]:
         """x, z (n, M) mm as the sensor reports them, and encoder counts (n,), latched ``latch`` s after ``times``."""
         caster = self._casters[self.mounted]
-        x, z = caster.rows(self._sign * self._table.angle_at(times))
+        x, z = caster.profiles(self._sign * self._table.angle_at(times))
         return -x if caster.mirrored else x, z, self.counts(times)
 
     def profiles(self, times: Array, shape: FrameFormat, lit: bool) -> tuple[Raw, Ints]:
