@@ -18,6 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from recorded import RecordedSource
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
@@ -26,7 +28,6 @@ from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
-from truestand.sim.live.profile_source import RecordedSource
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.scancontrol_frames import default_format, raw_profiles
 from truestand.sim.live.table import VirtualTable

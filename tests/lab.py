@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from numpy.random import default_rng
-
 from patience import NOT_FOR_EVER
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.recipes.parts import read_part, read_part_simulation
@@ -22,7 +20,6 @@ from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.table import VirtualTable
-from truestand.sim.sensor_model import SensorModel
 from truestand.station.recipe import order_of, read_devices
 from truestand.station.scan import Taken, take_scan
 
@@ -88,13 +85,11 @@ class Lab:
     def put(self, part: str | None) -> None:
         """What an operator's hands do: the shaft alone, or the part of a recipe in the folder, on the table."""
         for sensor in self.sensors:
-            sensor.source.mount(part is not None)
             if part is not None:
-                sensor.source._casters[1] = self._casters(sensor.source, self.folder / part)
-
-    def _casters(self, source: SimulatedSource, recipe: Path) -> SensorModel:
-        virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), recipe.name)
-        return SensorModel(source._stand, source._casters[0].simulation, source._artefact, virtual, default_rng(7))
+                recipe = self.folder / part
+                virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), part)
+                sensor.source.replace_part(virtual)
+            sensor.source.mount(part is not None)
 
     def fault(self, kind: FaultKind, strength: float | None = None):
         return lambda: self.faults.begin(kind, strength)

@@ -129,7 +129,7 @@ def test_the_board_answers_as_grbl(plain, text, answers):
 def test_the_board_counts_home_where_it_likes_and_another_axis_in_turns():
     virtual = VirtualTable(Clock(20.0))
     axis = {"axis": "A", "axes": "XYZA", "degrees_per_unit": 10.0}
-    server = GrblServer(virtual, TableRecipe(protocol="grbl", address="127.0.0.1:0", grbl=axis), home_at=-3.5)
+    server = GrblServer(virtual, TableRecipe(protocol="grbl", address="127.0.0.1:0", grbl=axis), home_position=-3.5)
     server.start()
     table = open_table(TableRecipe(protocol="grbl", address=server.address, grbl=axis))
     table = on_virtual_time(table, virtual.clock)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from patience import NOT_FOR_EVER
+from recorded import RecordedSource, Steady
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
 from truestand.core.stand import Sensor
 from truestand.devices.gige.control import Control
@@ -17,22 +18,11 @@ from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.profile_source import RecordedSource
 from truestand.sim.live.registers import DeviceRegister, Identity
 
 SPEED, COUNTS = 2.0, 36000
 POINTS = 320
 SENSOR = Sensor("front", 2000.0, POINTS)
-
-
-class Steady:
-    """A table at constant speed."""
-
-    def angle_at(self, times):
-        return SPEED * np.asarray(times)
-
-    def counts_at(self, times, counts_per_turn):
-        return np.rint(self.angle_at(times) / (2 * np.pi) * counts_per_turn).astype(np.int64)
 
 
 def ramp():
@@ -49,7 +39,9 @@ def stand(request):
     """A virtual sensor on an address of its own, its faults, and the recipe that opens it."""
     last = 10 + sum(map(ord, request.node.name)) % 240
     faults = Faults()
-    device = GigeDevice(Identity(f"127.0.41.{last}", serial="V77"), RecordedSource(ramp(), Steady()), Clock(), faults)
+    device = GigeDevice(
+        Identity(f"127.0.41.{last}", serial="V77"), RecordedSource(ramp(), Steady(SPEED)), Clock(), faults
+    )
     with device:
         yield device, faults
 
@@ -84,7 +76,7 @@ def test_configure_stream_and_read(stand):
         sensor.set_laser("reduced")
         assert device.laser == 1
         sensor.stop()
-        assert not device.streaming
+        assert not device.registers.streaming
     finally:
         sensor.close()
     assert device.laser == 0 and not device.controlled
@@ -237,7 +229,7 @@ def test_a_slow_reader_loses_frames_and_is_told(stand):
 def test_two_sensors_stream_at_once(stand):
     first, _ = stand
     other = Identity("127.0.41.8", serial="V78")
-    with GigeDevice(other, RecordedSource(ramp(), Steady()), Clock(), Faults()) as second:
+    with GigeDevice(other, RecordedSource(ramp(), Steady(SPEED)), Clock(), Faults()) as second:
         sensors = [open_sensor(recipe(d, profile_rate_hz=500.0), SENSOR) for d in (first, second)]
         try:
             layouts = [sensor.start() for sensor in sensors]

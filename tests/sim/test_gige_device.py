@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from aravis import AravisError, Client
+from recorded import RecordedSource, Steady
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.devices.wire import gvcp, gvsp
 from truestand.devices.wire.gvcp import Command, Register, Request, Resend, Status
@@ -29,11 +30,11 @@ from truestand.sim.live.control import Control
 from truestand.sim.live.faults import FaultKind, Faults, fault_at
 from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.profile_source import RecordedSource, SimulatedSource
+from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import (
-    BY_ENCODER,
     ENCODER_ACTIVE,
     EXTERNAL,
+    TRIGGER_BY_ENCODER,
     DeviceRegister,
     Identity,
     RegisterError,
@@ -47,28 +48,18 @@ COUNTS = 36000
 SPEED = 0.5
 
 
-class Steady:
-    """A table at constant speed."""
-
-    def angle_at(self, times):
-        return SPEED * np.asarray(times)
-
-    def counts_at(self, times, counts_per_turn):
-        return np.rint(self.angle_at(times) / (2 * np.pi) * counts_per_turn).astype(np.int64)
-
-
-class Troubled:
+class TableDouble:
     def __init__(self):
-        self.told = []
+        self.commands = []
 
     def stick_encoder(self):
-        self.told.append("stuck")
+        self.commands.append("stuck")
 
     def stall(self):
-        self.told.append("stalled")
+        self.commands.append("stalled")
 
     def release(self):
-        self.told.append("released")
+        self.commands.append("released")
 
 
 def noise_frames(points=640, profiles=100):
@@ -76,7 +67,7 @@ def noise_frames(points=640, profiles=100):
 
 
 def device(last, source=None, faults=None, **more):
-    source = source or RecordedSource(noise_frames(more.get("points", 640)), Steady())
+    source = source or RecordedSource(noise_frames(more.get("points", 640)), Steady(SPEED))
     return GigeDevice(Identity(f"{NET}.{last}", serial="V123"), source, Clock(), faults, **more)
 
 
@@ -96,7 +87,7 @@ def stamp_of(payload, profile, length):
 def test_a_frame_holds_mm_and_stamps_as_the_vendor_reads_them():
     shape = default_format(640, 3)
     assert shape.rearrangement == 1 << 20 | 2 | 1 | 1 << 10 | 1 << 11 | 1 << 17 | 9 << 12
-    assert (shape.width, shape.points, shape.lines, shape.fits) == (1920, 640, 3, True)
+    assert (shape.width, shape.points, shape.lines, shape.valid) == (1920, 640, 3, True)
     x = np.linspace(-20, 20, 640) * np.ones((3, 1))
     z = np.linspace(70, 120, 640) * np.ones((3, 1))
     z[1, 5] = np.nan
@@ -124,7 +115,7 @@ def test_a_frame_holds_mm_and_stamps_as_the_vendor_reads_them():
 
 def test_other_rearrangements_and_those_that_do_not_fit():
     only_z = FrameFormat(1 << 20 | container.Z | container.STAMPED | 10 << 12, 1280, 2)
-    assert only_z.fits
+    assert only_z.valid
     z = np.full((2, 1280), 250.0)
     frame = frame_bytes(
         raw_profiles(z, z, scale_of("2910-100"), only_z), only_z, np.arange(2), np.zeros(2), np.zeros(2), np.arange(2)
@@ -138,7 +129,7 @@ def test_other_rearrangements_and_those_that_do_not_fit():
         FrameFormat(0, 1280, 2),
         FrameFormat(only_z.rearrangement | container.EMPTY_FIELD, 1281, 2),
     ):
-        assert not wrong.fits
+        assert not wrong.valid
     with pytest.raises(BadRecipe, match="29xx-50"):
         scale_of("gocator")
 
@@ -300,8 +291,8 @@ def test_a_live_source_sees_what_a_scan_of_the_same_angles_sees():
     optics = Optics(noise=0.0)
     stand, simulation = paper_stand(), Simulation(optics=optics, acquisition=Acquisition(profiles=50))
     made = simulate(stand, simulation, paper_shaft())
-    source = SimulatedSource(stand, simulation, paper_shaft(), Steady(), scale_of("29xx-50"))
-    x, z, counts = source.rows(made.truth.angle / SPEED)
+    source = SimulatedSource(stand, simulation, paper_shaft(), Steady(SPEED), scale_of("29xx-50"))
+    x, z, counts = source.readings(made.truth.angle / SPEED)
     assert np.array_equal(z, made.recording.z, equal_nan=True)
     assert np.array_equal(np.where(np.isnan(z), np.nan, x), made.recording.x, equal_nan=True)
     assert np.array_equal(counts, np.rint(made.truth.angle / (2 * np.pi) * COUNTS))
@@ -318,18 +309,18 @@ def test_a_live_source_sees_what_a_scan_of_the_same_angles_sees():
 
 def test_truth_and_mounted_part():
     part = VirtualTurned(Turned((Section("ring", -20.0, -10.0, 30.0),), "ring"))
-    source = SimulatedSource(paper_stand(), Simulation(), paper_shaft(), Steady(), scale_of("29xx-50"), part)
-    alone = source.rows(np.zeros(1))[1]
+    source = SimulatedSource(paper_stand(), Simulation(), paper_shaft(), Steady(SPEED), scale_of("29xx-50"), part)
+    alone = source.readings(np.zeros(1))[1]
     source.mount(True)
-    assert source.mounted
-    assert not np.allclose(alone, source.rows(np.zeros(1))[1], equal_nan=True, atol=0.1)
+    assert source.part_mounted
+    assert not np.allclose(alone, source.readings(np.zeros(1))[1], equal_nan=True, atol=0.1)
     assert truth_record(source.truth(False))["shaft"]["eccentricity_um"] == pytest.approx(878.9)
     assert "part" not in truth_record(source.truth(False))
     assert "part" in truth_record(source.truth(True))
 
 
 def test_faults_begin_and_end():
-    table = Troubled()
+    table = TableDouble()
     faults = Faults(table)
     faults.begin(FaultKind.LOSE_PACKETS, 0.5)
     faults.begin(FaultKind.STUCK_ENCODER)
@@ -337,7 +328,7 @@ def test_faults_begin_and_end():
     assert faults.latest is FaultKind.STUCK_ENCODER
     faults.begin(FaultKind.STALLED_TABLE)
     faults.begin(FaultKind.NONE)
-    assert (faults.latest, table.told) == (FaultKind.NONE, ["stuck", "stalled", "released"])
+    assert (faults.latest, table.commands) == (FaultKind.NONE, ["stuck", "stalled", "released"])
     with pytest.raises(BadRecipe, match="share"):
         faults.begin(FaultKind.LOSE_PACKETS, 2.0)
     with pytest.raises(BadRecipe, match="table"):
@@ -427,7 +418,7 @@ def test_it_streams_stamped_frames_in_time_and_stops():
         took = time.monotonic() - began
         assert plain.write(DeviceRegister.SIZE, 1920 << 16 | 5) == Status.BUSY
         assert plain.write(DeviceRegister.ACQUISITION_STOP, 1) == 0
-        assert not virtual.streaming
+        assert not virtual.registers.streaming
         first = [header for header, _ in packets[:11]]
         assert [h.kind for h in first] == [1, *[3] * 9, 2]
         assert [h.packet for h in first] == list(range(11))
@@ -456,7 +447,7 @@ def test_start_is_refused_where_nothing_could_come_out():
         plain.write(DeviceRegister.TRANSMISSION, 1)
         plain.write(DeviceRegister.SIZE, 1280 << 16 | 5)
         assert plain.write(DeviceRegister.ACQUISITION_START, 1) == Status.INVALID_PARAMETER
-        assert not virtual.streaming
+        assert not virtual.registers.streaming
         assert plain.write(DeviceRegister.MOUNTED, 1) == 0
         assert plain.write(DeviceRegister.FAULT, 10) == Status.INVALID_PARAMETER, "no table here"
         assert plain.write(DeviceRegister.FAULT, 99) == Status.INVALID_PARAMETER
@@ -468,9 +459,9 @@ def test_without_heartbeat_control_ends_stream_stops_laser_goes_off():
     with device(3) as virtual, Plain(f"{NET}.3") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 500)
-        assert (virtual.laser, virtual.streaming, virtual.controlled) == (2, True, True)
+        assert (virtual.laser, virtual.registers.streaming, virtual.controlled) == (2, True, True)
         time.sleep(0.7)
-        assert (virtual.laser, virtual.streaming, virtual.controlled) == (0, False, False)
+        assert (virtual.laser, virtual.registers.streaming, virtual.controlled) == (0, False, False)
 
 
 def test_frozen_and_garbage_frames():
@@ -525,9 +516,9 @@ def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
         faults.begin(FaultKind.HEARTBEAT_IGNORED)
         with pytest.raises(TimeoutError):
             plain.read(DeviceRegister.FAULT)
-        assert virtual.streaming
+        assert virtual.registers.streaming
         time.sleep(1.0)
-        assert (virtual.streaming, virtual.controlled, virtual.laser) == (False, False, 0)
+        assert (virtual.registers.streaming, virtual.controlled, virtual.laser) == (False, False, 0)
 
 
 def test_packets_come_again_and_what_is_gone_is_said_to_be():
@@ -544,7 +535,7 @@ def test_packets_come_again_and_what_is_gone_is_said_to_be():
         assert [h.kind for h, _ in plain.packets(1)] == [gvsp.PacketFormat.TRAILER]
         plain.control.sendto(Resend(4000, 1, 3).request(502).encode(), plain.to)
         assert plain.packets(1)[0][0].status == Status.PACKET_UNAVAILABLE
-        assert virtual.resent == 3
+        assert virtual.channel.resent == 3
 
 
 def test_the_clock_waits_for_the_drawing():
@@ -553,7 +544,7 @@ def test_the_clock_waits_for_the_drawing():
             time.sleep(0.0025 * times.size)
             return super().profiles(times, shape, lit)
 
-    with device(6, Slow(noise_frames())) as virtual, Plain(f"{NET}.6") as plain:
+    with device(6, Slow(noise_frames(), Steady(SPEED))) as virtual, Plain(f"{NET}.6") as plain:
         plain.begin(exposure=10, idle=40)  # 100 frames/s of which 20 can be drawn
         began, shown = time.monotonic(), virtual.clock.now()
         plain.frames(10)
@@ -565,17 +556,11 @@ def test_the_clock_waits_for_the_drawing():
 
 
 def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
-    class Turned(Steady):
-        speed = 0.0
-
-        def angle_at(self, times):
-            return self.speed * np.asarray(times)
-
-    table = Turned()
+    table = Steady(0.0)
     with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain(f"{NET}.10") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
         plain.write(DeviceRegister.SIZE, 1920 << 16 | 4)
-        plain.write(DeviceRegister.TRIGGER, EXTERNAL | BY_ENCODER)
+        plain.write(DeviceRegister.TRIGGER, EXTERNAL | TRIGGER_BY_ENCODER)
         plain.begin()
         plain.stream.settimeout(0.3)
         with pytest.raises(TimeoutError):
@@ -585,7 +570,7 @@ def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
         stamps = [stamp_of(frame, k, 3840) for frame in plain.frames(5, packets=4) for k in range(4)]
         assert np.array_equal(np.diff([s[3] for s in stamps[1:]]), np.ones(18))
         assert np.allclose(np.diff([s[1] for s in stamps[1:]]), 2 * np.pi / 720, atol=5e-5)
-        assert virtual.streaming
+        assert virtual.registers.streaming
 
 
 # libaravis
@@ -652,4 +637,4 @@ def test_aravis_gets_lost_packets_again():
         assert all(frame is not None and frame[0] == 0 for frame in frames)
         counters = [stamp_of(frame[2], k, 3840)[0] for frame in frames for k in range(20)]
         assert np.array_equal(counters, np.arange(len(counters)))
-        assert virtual.resent > 20
+        assert virtual.channel.resent > 20

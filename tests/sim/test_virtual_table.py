@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.motion_profile import Ramps, move
-from truestand.sim.live.table import HISTORY, Motion, VirtualTable
+from truestand.sim.live.motion_profile import MotionProfile
+from truestand.sim.live.table import HISTORY_S, Motion, VirtualTable
 
 
 class Stepped:
@@ -103,15 +103,18 @@ def test_whatever_it_is_told_angle_speed_and_acceleration_are_those_of_a_table(c
 @given(
     st.floats(-50, 50), st.floats(-3, 3), st.floats(-50, 50), st.floats(1e-3, 3), st.floats(0.1, 20), st.floats(0.1, 20)
 )
-def test_a_move_ends_at_its_target_from_any_state(position, speed, target, most, up, down):
-    legs = move(position, speed, target, most, Ramps(up, down))
-    here = (position, speed)
-    for leg in legs:
-        assert (leg.position, leg.speed) == pytest.approx(here, abs=1e-6)
-        assert leg.seconds >= 0
-        here = leg.end
-    assert here == pytest.approx((target, 0.0) if legs else here, abs=1e-6)
-    assert max((abs(leg.speed) for leg in legs), default=0.0) <= max(most, abs(speed)) * (1 + 1e-6)
+def test_a_move_ends_at_its_target_from_any_state(position, speed, target, max_speed, acceleration, deceleration):
+    profile = MotionProfile(position, speed, acceleration, deceleration)
+    profile.reach_position(target, max_speed)
+    for segment in profile.segments:
+        assert (segment.position, segment.speed) == pytest.approx((position, speed), abs=1e-6)
+        assert segment.seconds >= 0
+        assert abs(segment.speed) <= max(max_speed, abs(speed)) * (1 + 1e-6)
+        position += segment.speed * segment.seconds + segment.acceleration * segment.seconds**2 / 2
+        speed = segment.speed + segment.acceleration * segment.seconds
+    end = (profile.position, profile.speed)
+    assert end == pytest.approx((position, speed), abs=1e-6)
+    assert end == pytest.approx((target, 0.0), abs=1e-6)
 
 
 def test_the_past_stays_as_it_was_whatever_is_commanded():
@@ -133,7 +136,7 @@ def test_the_past_is_kept_for_a_while_and_not_for_ever():
         time.run(1.0)
         table.move(0.0, 1.0)
         time.run(1.0)
-    assert len(table._pieces) < 8 * HISTORY
+    assert len(table._states) < 8 * HISTORY_S
 
 
 def test_the_motor_follows_late_in_proportion_to_the_speed():

@@ -102,12 +102,11 @@ def _serve(virtual: "VirtualStand", faults: "list[tuple[FaultKind, float | None,
     import time
 
     from truestand.cli.live import ended_by_signals
-    from truestand.sim.live.stand import names_of
 
     with ended_by_signals():
         try:
             with virtual:
-                typer.echo(names_of(virtual.addresses()))
+                typer.echo(" · ".join(["ready", *virtual.addresses()]))  # programs wait for this line
                 start = time.monotonic()
                 while True:
                     while faults and faults[0][2] <= time.monotonic() - start:

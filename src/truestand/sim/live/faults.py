@@ -1,9 +1,9 @@
-"""Faults on request: what a sensor, its network and the table may do wrong."""
+"""Faults on request, of a sensor, its network and the table."""
 
 from enum import IntEnum
-from typing import Protocol
 
 from truestand.core.errors import BadRecipe
+from truestand.sim.live.table import VirtualTable
 
 
 class FaultKind(IntEnum):
@@ -15,7 +15,7 @@ class FaultKind(IntEnum):
     LATENCY = 2
     """Strength: ms by which frames come later."""
     FROZEN = 3
-    """The same content again and again, in frames with new numbers."""
+    """Frames with new numbers and always the same content."""
     GARBAGE = 4
     """Frames of random bytes."""
     DISORDER = 5
@@ -23,36 +23,22 @@ class FaultKind(IntEnum):
     UNPLUGGED = 6
     """Not a byte on any socket, in or out."""
     HEARTBEAT_IGNORED = 7
-    """Commands are neither answered nor counted as a heartbeat; what streams goes on until the heartbeat's timeout."""
+    """Commands are neither answered nor counted as a heartbeat; the stream goes on until the heartbeat's timeout."""
     NO_RESEND = 8
-    """Packets that are asked for again do not come."""
+    """Requests to send packets again are not answered."""
     STUCK_ENCODER = 9
     STALLED_TABLE = 10
 
 
-STRENGTH = {FaultKind.LOSE_PACKETS: 0.02, FaultKind.LATENCY: 200.0}
-"""Where none is given."""
-WORDS = {kind.name.lower().replace("_", "-"): kind for kind in FaultKind}
+DEFAULT_STRENGTH = {FaultKind.LOSE_PACKETS: 0.02, FaultKind.LATENCY: 200.0}
+NAMES = {kind.name.lower().replace("_", "-"): kind for kind in FaultKind}
 """As on the command line."""
 
 
-class FaultyTable(Protocol):
-    """The table's part."""
-
-    def stick_encoder(self) -> None:
-        """The encoder counts no further."""
-
-    def stall(self) -> None:
-        """The table stands still, whatever it is told."""
-
-    def release(self) -> None:
-        """All well again."""
-
-
 class Faults:
-    """What is wrong at the moment; read by the device's threads, so each change is one assignment."""
+    """The active faults; read by the device's threads, so each change is one assignment."""
 
-    def __init__(self, table: FaultyTable | None = None) -> None:
+    def __init__(self, table: VirtualTable | None = None) -> None:
         self._table = table
         self._active: dict[FaultKind, float] = {}
 
@@ -60,12 +46,12 @@ class Faults:
         return kind in self._active
 
     def strength(self, kind: FaultKind) -> float:
-        """Of an active fault; 0 where there is none."""
+        """Strength of a fault; 0 where it is not active."""
         return self._active.get(kind, 0.0)
 
     @property
     def latest(self) -> FaultKind:
-        """The fault set last."""
+        """The fault that began last."""
         return next(reversed(self._active), FaultKind.NONE)
 
     def begin(self, kind: FaultKind, strength: float | None = None) -> None:
@@ -77,7 +63,7 @@ class Faults:
         if kind is FaultKind.NONE:
             self.clear()
             return
-        given = STRENGTH.get(kind, 1.0) if strength is None else strength
+        given = DEFAULT_STRENGTH.get(kind, 1.0) if strength is None else strength
         if given < 0 or (kind is FaultKind.LOSE_PACKETS and given > 1):
             raise BadRecipe(f"found a strength of {given:g} for {kind.name}, need a share 0..1 or ms")
         if kind in (FaultKind.STUCK_ENCODER, FaultKind.STALLED_TABLE):
@@ -87,23 +73,23 @@ class Faults:
         self._active = {**self._active, kind: given}
 
     def clear(self) -> None:
-        """All well again."""
+        """End all faults."""
         self._active = {}
         if self._table is not None:
             self._table.release()
 
 
 def fault_at(text: str) -> tuple[FaultKind, float | None, float]:
-    """A fault, its strength and its moment (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
+    """A fault, its strength and its time (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
 
     Raises:
         BadRecipe: something else.
     """
-    what, at, when = text.partition("@")
-    name, _, strength = what.partition(":")
+    kind, at, seconds = text.partition("@")
+    name, _, strength = kind.partition(":")
     try:
-        return WORDS[name], float(strength) if strength else None, float(when) if at else 0.0
+        return NAMES[name], float(strength) if strength else None, float(seconds) if at else 0.0
     except (KeyError, ValueError):
         raise BadRecipe(
-            f"found --fault {text}, need KIND@SECONDS or KIND:STRENGTH@SECONDS with KIND one of {', '.join(WORDS)}"
+            f"found --fault {text}, need KIND@SECONDS or KIND:STRENGTH@SECONDS with KIND one of {', '.join(NAMES)}"
         ) from None

@@ -1,19 +1,11 @@
-"""Motions as pieces of constant acceleration: trapezoid moves, turns, stops. Pure; rad, s."""
+"""Trapezoidal motion profiles: motions as segments of constant acceleration. Pure; rad, s."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import copysign, sqrt
 
 
 @dataclass(frozen=True, slots=True)
-class Ramps:
-    """What the drive can do, both positive, rad/s^2."""
-
-    up: float
-    down: float
-
-
-@dataclass(frozen=True, slots=True)
-class Leg:
+class Segment:
     """A stretch of constant acceleration from ``position`` and ``speed``."""
 
     seconds: float
@@ -21,48 +13,55 @@ class Leg:
     speed: float
     acceleration: float
 
-    @property
-    def end(self) -> tuple[float, float]:
-        """Position and speed after it."""
-        t = self.seconds
-        return self.position + self.speed * t + self.acceleration * t * t / 2, self.speed + self.acceleration * t
 
+@dataclass(slots=True)
+class MotionProfile:
+    """A motion that is planned segment by segment; ``position`` and ``speed`` are those at its end so far."""
 
-def stop(position: float, speed: float, ramps: Ramps) -> list[Leg]:
-    """Slow down to rest."""
-    return [Leg(abs(speed) / ramps.down, position, speed, -copysign(ramps.down, speed))] if speed else []
+    position: float
+    speed: float
+    acceleration: float
+    """Positive, rad/s², as the deceleration."""
+    deceleration: float
+    segments: list[Segment] = field(default_factory=list)
 
+    def reach_speed(self, speed: float) -> None:
+        """Reach a speed (signed, rad/s), over rest where the direction changes."""
+        if self.speed * speed < 0:
+            self.reach_speed(0.0)
+        if self.speed != speed:
+            rate = self.acceleration if abs(speed) > abs(self.speed) else self.deceleration
+            self._add(abs(speed - self.speed) / rate, copysign(rate, speed - self.speed))
+            self.speed = speed
 
-def turn(position: float, speed: float, wanted: float, ramps: Ramps) -> list[Leg]:
-    """Reach the speed ``wanted`` (signed), over rest where the direction changes."""
-    if speed * wanted < 0:
-        legs = stop(position, speed, ramps)
-        return legs + turn(legs[-1].end[0], 0.0, wanted, ramps)
-    if speed == wanted:
-        return []
-    rate = ramps.up if abs(wanted) > abs(speed) else ramps.down
-    return [Leg(abs(wanted - speed) / rate, position, speed, copysign(rate, wanted - speed))]
+    def reach_position(self, target: float, max_speed: float) -> None:
+        """Go to ``target`` (rad) with at most ``max_speed`` (positive, rad/s), and be at rest there.
 
+        A motion in the other direction, or one that can't stop before the target, comes to rest first.
+        """
+        stopping_point = self.position + self.speed * abs(self.speed) / (2 * self.deceleration)
+        direction = copysign(1.0, target - stopping_point)
+        if self.speed * direction < 0 or stopping_point == target:
+            self.reach_speed(0.0)
+            if stopping_point != target:
+                self.reach_position(target, max_speed)
+        elif abs(self.speed) > max_speed * (1 + 1e-9):
+            self.reach_speed(direction * max_speed)
+            self.reach_position(target, max_speed)
+        else:
+            self._accelerate_cruise_stop(target, direction, max_speed)
 
-def move(position: float, speed: float, target: float, most: float, ramps: Ramps) -> list[Leg]:
-    """Go to ``target`` with at most ``most`` (positive), and be at rest there.
+    def _accelerate_cruise_stop(self, target: float, direction: float, max_speed: float) -> None:
+        distance = abs(target - self.position)
+        to_peak, from_peak = 1 / (2 * self.acceleration), 1 / (2 * self.deceleration)
+        peak = min(max_speed, sqrt((distance + self.speed * self.speed * to_peak) / (to_peak + from_peak)))
+        cruise = distance - (peak * peak - self.speed * self.speed) * to_peak - peak * peak * from_peak
+        self.reach_speed(direction * peak)
+        if cruise > 0:
+            self._add(cruise / peak, 0.0)
+        self.reach_speed(0.0)
 
-    Where the table runs the other way, or can't stop before the target, it comes to rest first.
-    """
-    halted = position + speed * abs(speed) / (2 * ramps.down)
-    way = copysign(1.0, target - halted)
-    if speed * way < 0 or halted == target:
-        legs = stop(position, speed, ramps)
-        here = legs[-1].end[0] if legs else position
-        return legs + (move(here, 0.0, target, most, ramps) if halted != target else [])
-    if abs(speed) > most * (1 + 1e-9):
-        legs = turn(position, speed, way * most, ramps)
-        return legs + move(*legs[-1].end, target, most, ramps)
-    way_left = abs(target - position)
-    to_peak, from_peak = 1 / (2 * ramps.up), 1 / (2 * ramps.down)
-    peak = min(most, sqrt((way_left + speed * speed * to_peak) / (to_peak + from_peak)))
-    cruise = way_left - (peak * peak - speed * speed) * to_peak - peak * peak * from_peak
-    up = turn(position, speed, way * peak, ramps)
-    start = up[-1].end[0] if up else position
-    flat = [Leg(cruise / peak, start, way * peak, 0.0)] if cruise > 0 else []
-    return up + flat + stop(flat[-1].end[0] if flat else start, way * peak, ramps)
+    def _add(self, seconds: float, acceleration: float) -> None:
+        """Add a segment; the caller sets the speed at its end, exactly."""
+        self.segments.append(Segment(seconds, self.position, self.speed, acceleration))
+        self.position += self.speed * seconds + acceleration * seconds * seconds / 2

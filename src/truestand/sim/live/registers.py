@@ -1,4 +1,4 @@
-"""The memory of the virtual sensor: bootstrap, its own and a scanCONTROL's registers, the description. No sockets."""
+"""The memory of the virtual sensor: registers of GigE Vision and of a scanCONTROL, the description. No sockets."""
 
 import ipaddress
 from collections.abc import Callable
@@ -18,15 +18,14 @@ from truestand.devices.wire.gvcp import (
 from truestand.devices.wire.gvsp import PixelFormat
 from truestand.sim.live.scancontrol_frames import FrameFormat, default_format
 
-TICKS = 1_000_000_000
-"""Per second."""
-HEARTBEAT = 3000
-"""ms; the standard's default."""
-SMALLEST_PACKET, LARGEST_PACKET, FIRST_PACKET = 220, 16404, 1500
-DESCRIPTION_AT = 0x00100000
-LONGEST = 4095
+TICKS_PER_S = 1_000_000_000
+DEFAULT_HEARTBEAT_MS = 3000
+"""Of the standard."""
+MIN_PACKET_BYTES, MAX_PACKET_BYTES, DEFAULT_PACKET_BYTES = 220, 16404, 1500
+DESCRIPTION_ADDRESS = 0x00100000
+MAX_TIME_10US = 4095
 """Of exposure and idle time, in 10 us."""
-TEN_US = 1e-5
+TIME_UNIT_S = 1e-5
 
 
 class DeviceRegister(IntEnum):
@@ -55,12 +54,12 @@ class DeviceRegister(IntEnum):
 
 
 PROFILE, CONTAINER = 0, 1
-"""What may be transmitted. A sensor wakes up with PROFILE, which the virtual one can't stream."""
+"""Values of TRANSMISSION. A sensor starts up with PROFILE, which the virtual one can't stream."""
 LASER_OFF, LASER_FULL = 0, 2
-EXTERNAL, TRIGGER_MODE, BY_ENCODER = 1 << 25, 3 << 16, 3 << 16
-"""Of TRIGGER: wait for a trigger; of which kind; the encoder's steps."""
+EXTERNAL, TRIGGER_MODE, TRIGGER_BY_ENCODER = 1 << 25, 3 << 16, 3 << 16
+"""Bits of TRIGGER: wait for a trigger; mask of its kind; steps of the encoder."""
 ENCODER_ACTIVE = 1 << 3
-"""Of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
+"""Bit of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
 
 WRITABLE: dict[int, tuple[int, int]] = {
     Register.HEARTBEAT: (500, 600_000),
@@ -79,9 +78,9 @@ WRITABLE: dict[int, tuple[int, int]] = {
     DeviceRegister.MOUNTED: (0, 1),
     DeviceRegister.LOSS: (0, 1000),
     DeviceRegister.LATENCY: (0, 60_000),
-    DeviceRegister.IDLE: (1, LONGEST),
+    DeviceRegister.IDLE: (1, MAX_TIME_10US),
     DeviceRegister.REARRANGEMENT: (0, 0xFFFFFFFF),
-    DeviceRegister.EXPOSURE: (1, LONGEST),
+    DeviceRegister.EXPOSURE: (1, MAX_TIME_10US),
     DeviceRegister.LASER: (LASER_OFF, LASER_FULL),
     DeviceRegister.TRIGGER: (0, 0xFFFFFFFF),
     DeviceRegister.MAINTENANCE: (0, 0xFFFFFFFF),
@@ -96,7 +95,7 @@ LOCKED_WHILE_STREAMING = (
 
 
 class RegisterError(Exception):
-    """A read or write that the device does not do; never leaves ``sim.live``."""
+    """A read or write that the device refuses; never leaves ``sim.live``."""
 
     def __init__(self, status: Status) -> None:
         super().__init__(status.name)
@@ -105,14 +104,14 @@ class RegisterError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the device says of itself."""
+    """Identification of the device."""
 
     address: str
     """IPv4."""
     model: str = "scanCONTROL 29xx-50"
     serial: str = "V0000001"
     name: str = ""
-    """Given by the user."""
+    """Defined by the user."""
     manufacturer: str = "truestand (virtual)"
     version: str = "1.0"
 
@@ -132,37 +131,37 @@ class Registers:
         self._low = bytearray(0x1000)
         self._words: dict[int, int] = dict.fromkeys(DeviceRegister, 0)
         self._bootstrap(identity, len(description))
-        shape = default_format(points, profiles)
+        initial = default_format(points, profiles)
         self._words.update(
             {
                 DeviceRegister.PIXEL_FORMAT: PixelFormat.MONO16,
-                DeviceRegister.REARRANGEMENT: shape.rearrangement,
-                DeviceRegister.SIZE: shape.width << 16 | shape.height,
+                DeviceRegister.REARRANGEMENT: initial.rearrangement,
+                DeviceRegister.SIZE: initial.width << 16 | initial.height,
                 DeviceRegister.EXPOSURE: 100,
                 DeviceRegister.IDLE: 400,
-                DeviceRegister.PAYLOAD_SIZE: shape.frame_bytes,
+                DeviceRegister.PAYLOAD_SIZE: initial.frame_bytes,
             }
         )
 
     def _bootstrap(self, identity: Identity, size: int) -> None:
-        address = int(ipaddress.IPv4Address(identity.address))
-        for where, value in (
+        ip = int(ipaddress.IPv4Address(identity.address))
+        for address, value in (
             (Register.VERSION, 0x00010002),
             (Register.DEVICE_MODE, 0x80000001),
             (Register.MAC_HIGH, 0x0200),  # locally administered
-            (Register.MAC_LOW, address),
+            (Register.MAC_LOW, ip),
             (0x0010, 0x80000004),
             (0x0014, 0x00000004),
-            (Register.CURRENT_IP, address),
+            (Register.CURRENT_IP, ip),
             (0x0034, 0xFF000000),
             (Register.INTERFACES, 1),
             (Register.STREAM_CHANNELS, 1),
             (Register.CAPABILITY, 1 << 31 | 1 << 30 | RESEND_SUPPORTED | 0b11),
-            (Register.HEARTBEAT, HEARTBEAT),
-            (Register.TICKS_LOW, TICKS),
-            (Register.STREAM_PACKET_SIZE, FIRST_PACKET),
+            (Register.HEARTBEAT, DEFAULT_HEARTBEAT_MS),
+            (Register.TICKS_LOW, TICKS_PER_S),
+            (Register.STREAM_PACKET_SIZE, DEFAULT_PACKET_BYTES),
         ):
-            self.put(where, value)
+            self.put(address, value)
         for register, text in (
             (Register.MANUFACTURER, identity.manufacturer),
             (Register.MODEL, identity.model),
@@ -170,13 +169,13 @@ class Registers:
             (Register.MANUFACTURER_INFO, "simulated"),
             (Register.SERIAL, identity.serial),
             (Register.USER_NAME, identity.name),
-            (Register.FIRST_URL, f"Local:truestand_virtual.xml;{DESCRIPTION_AT:x};{size:x}"),
+            (Register.FIRST_URL, f"Local:truestand_virtual.xml;{DESCRIPTION_ADDRESS:x};{size:x}"),
         ):
             raw = text.encode()[: TEXT_BYTES[register] - 1]
             self._low[register : register + TEXT_BYTES[register]] = raw.ljust(TEXT_BYTES[register], b"\0")
 
     def value(self, address: int) -> int:
-        """A register as it stands.
+        """The value of a register.
 
         Raises:
             RegisterError: there is none.
@@ -184,7 +183,7 @@ class Registers:
         return int.from_bytes(self.read(address, 4), "big")
 
     def put(self, address: int, value: int) -> None:
-        """Set a register from within: no limits, nothing happens."""
+        """Set a register from within the device: no limits, no action."""
         if address < len(self._low):
             self._low[address : address + 4] = value.to_bytes(4, "big")
         else:
@@ -200,7 +199,7 @@ class Registers:
             raise RegisterError(Status.BAD_ALIGNMENT)
         if address + count <= len(self._low):
             return bytes(self._low[address : address + count])
-        offset = address - DESCRIPTION_AT
+        offset = address - DESCRIPTION_ADDRESS
         if offset >= 0 and offset + count <= len(self._description):
             return self._description[offset : offset + count]
         try:
@@ -212,7 +211,7 @@ class Registers:
         return self.on_read[address]() if address in self.on_read else self._words[address]
 
     def write(self, address: int, value: int) -> None:
-        """Write a register, and let happen what that brings about.
+        """Write a register, and do what that brings about.
 
         Raises:
             RegisterError: not there, not to be written, not with this value, not now.
@@ -231,10 +230,10 @@ class Registers:
             self.on_write[address](value)
         self.put(address, value & ~FIRE_TEST if address == Register.STREAM_PACKET_SIZE else value)
         if address == DeviceRegister.SIZE:
-            self.put(DeviceRegister.PAYLOAD_SIZE, self.shape.frame_bytes)
+            self.put(DeviceRegister.PAYLOAD_SIZE, self.format.frame_bytes)
 
     def write_memory(self, address: int, data: bytes) -> None:
-        """Write registers one after the other, or the user's name.
+        """Write registers one after the other, or the user-defined name.
 
         Raises:
             RegisterError: as ``write``.
@@ -249,18 +248,18 @@ class Registers:
             self.write(address + offset, int.from_bytes(data[offset : offset + 4], "big"))
 
     @property
-    def shape(self) -> FrameFormat:
-        """What a frame consists of."""
+    def format(self) -> FrameFormat:
+        """Format of a frame."""
         size = self.value(DeviceRegister.SIZE)
         return FrameFormat(self.value(DeviceRegister.REARRANGEMENT), size >> 16, size & 0xFFFF)
 
     @property
     def timing(self) -> tuple[float, float]:
         """Exposure and idle time, s."""
-        return self.value(DeviceRegister.EXPOSURE) * TEN_US, self.value(DeviceRegister.IDLE) * TEN_US
+        return self.value(DeviceRegister.EXPOSURE) * TIME_UNIT_S, self.value(DeviceRegister.IDLE) * TIME_UNIT_S
 
 
 def _packet_size(value: int) -> int:
-    """As the device keeps it: bytes within its limits, a multiple of four; a test packet is asked for but once."""
-    size = min(max(value & 0xFFFF, SMALLEST_PACKET), LARGEST_PACKET) & ~3
+    """As the device stores it: bytes within its limits, a multiple of four; a test packet is requested only once."""
+    size = min(max(value & 0xFFFF, MIN_PACKET_BYTES), MAX_PACKET_BYTES) & ~3
     return value & DO_NOT_FRAGMENT | size
