@@ -95,7 +95,7 @@ def test_its_stream_arrives_and_every_loss_is_told(camera, height, rate, seconds
         ("ExposureTimeAbs", 10_000.0), ("GainRaw", 0),
     ):  # fmt: skip
         nodes.set(feature, value)
-    camera.start(width * height, width)
+    camera.start_stream(width * height, width)
     frames, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         frame = camera.next_frame(0.2)
@@ -152,7 +152,7 @@ def test_its_death_is_told(fake, camera):
     camera.nodes.set("AcquisitionFrameRate", 100.0)
     camera.nodes.set("PixelFormat", "Mono8")
     width, height = camera.nodes.get("Width"), camera.nodes.get("Height")
-    camera.start(width * height, width, resend=False)
+    camera.start_stream(width * height, width, resend=False)
     assert camera.next_frame(1.0) is not None
     process.kill()
     begun = time.monotonic()

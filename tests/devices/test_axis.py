@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
-from truestand.devices.axis import POLL, SLACK, DriveState, Limits, RotaryTable
+from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, DriveState, Limits, RotaryTable
 
 
 @dataclass
@@ -78,7 +78,7 @@ def test_a_move_that_takes_twice_its_time_and_more_is_stopped():
     with pytest.raises(MoveTimeout, match=r"longer than 6\.0 s"):
         table.move_to(1.0, 0.5)
     assert drive.told[-1] == "halt"
-    assert now[0] == pytest.approx(2 * 2.0 + SLACK, abs=3 * POLL)
+    assert now[0] == pytest.approx(2 * 2.0 + MOVE_MARGIN_S, abs=3 * POLL_INTERVAL_S)
 
 
 def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
@@ -98,10 +98,10 @@ def test_homing_and_stopping_have_times_of_their_own():
     table, drive, now = table_of(at(moving=True), home_time=7.0, stop_time=1.5)
     with pytest.raises(MoveTimeout, match="homing"):
         table.home()
-    assert drive.told == ["home", "halt"] and now[0] == pytest.approx(7.0, abs=3 * POLL)
+    assert drive.told == ["home", "halt"] and now[0] == pytest.approx(7.0, abs=3 * POLL_INTERVAL_S)
     with pytest.raises(MoveTimeout, match="stopping"):
         table.stop()
-    assert drive.told == ["home", "halt", "halt"] and now[0] == pytest.approx(8.5, abs=6 * POLL)
+    assert drive.told == ["home", "halt", "halt"] and now[0] == pytest.approx(8.5, abs=6 * POLL_INTERVAL_S)
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestand.devices.gige.assembly import ASK_AFTER, GIVE_UP, GIVE_UP_AT_ONCE, MOST_OPEN, SILENCE, Assembler
+from truestand.devices.gige.assembly import (
+    FRAME_END_TIMEOUT_S,
+    GAP_TIMEOUT_S,
+    GAP_TIMEOUT_WITHOUT_RESEND_S,
+    MAX_OPEN_FRAMES,
+    RESEND_DELAY_S,
+    Assembler,
+)
 from truestand.devices.wire import grbl, gvcp, gvsp, zaber
 from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
 from truestand.devices.wire.malformed import Malformed
@@ -85,7 +92,7 @@ def test_a_lost_packet_is_asked_for_and_its_frame_waits_for_it():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, data[0], *data[2:4], data[4], trailer, *packets(2))
     assert not bench.frames
-    bench.wait(2 * ASK_AFTER)
+    bench.wait(2 * RESEND_DELAY_S)
     assert [(r.block, r.first, r.last) for r in bench.requests] == [(1, 2, 2)]
     bench.feed(data[1])
     assert bench.numbers == [0, 1] and bench.frames[0].payload == content(1)
@@ -94,7 +101,7 @@ def test_a_lost_packet_is_asked_for_and_its_frame_waits_for_it():
 
 def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
     leader, *data, trailer = packets(1)
-    bench = Bench().feed(leader, data[0], *data[2:], trailer, *packets(2)).wait(2 * GIVE_UP)
+    bench = Bench().feed(leader, data[0], *data[2:], trailer, *packets(2)).wait(2 * GAP_TIMEOUT_S)
     first, second = bench.frames
     row = 2 * WIDTH
     assert first.missing == 100 and not second.missing
@@ -103,7 +110,7 @@ def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
 
 
 def test_lost_frames_are_steps_of_the_number():
-    bench = Bench().feed(*packets(1), *packets(4)).wait(2 * GIVE_UP)
+    bench = Bench().feed(*packets(1), *packets(4)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {(r.block, r.first, r.last) for r in bench.requests} == {(2, 1, 5), (3, 1, 5)}, "they too are asked for"
     bench.feed(*packets(5))
@@ -111,31 +118,31 @@ def test_lost_frames_are_steps_of_the_number():
 
 
 def test_many_lost_frames_are_counted_without_waiting_for_all():
-    bench = Bench().feed(*packets(1), *packets(1001)).wait(2 * GIVE_UP)
+    bench = Bench().feed(*packets(1), *packets(1001)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 1000] and bench.statistics.lost == 999
-    assert len({r.block for r in bench.requests}) < MOST_OPEN
+    assert len({r.block for r in bench.requests}) < MAX_OPEN_FRAMES
 
 
 def test_the_last_packets_of_the_newest_frame_are_missed_after_a_silence():
     leader, *data, _ = packets(1)
-    bench = Bench().feed(leader, *data[:3]).wait(SILENCE / 2)
+    bench = Bench().feed(leader, *data[:3]).wait(FRAME_END_TIMEOUT_S / 2)
     assert not bench.requests
-    bench.wait(SILENCE)
+    bench.wait(FRAME_END_TIMEOUT_S)
     assert (bench.requests[0].first, bench.requests[0].last) == (4, 5)
-    bench.wait(GIVE_UP)
+    bench.wait(GAP_TIMEOUT_S)
     assert bench.frames[0].missing == 180
 
 
 def test_a_refused_packet_ends_the_waiting():
     leader, *data, trailer = packets(1)
-    bench = Bench().feed(leader, *data[1:], trailer).wait(2 * ASK_AFTER)
-    bench.feed(Header(1, 1, PacketFormat.PAYLOAD, status=0x800C).encode()).wait(ASK_AFTER)
-    assert bench.frames[0].missing == 100 and bench.now < GIVE_UP
+    bench = Bench().feed(leader, *data[1:], trailer).wait(2 * RESEND_DELAY_S)
+    bench.feed(Header(1, 1, PacketFormat.PAYLOAD, status=0x800C).encode()).wait(RESEND_DELAY_S)
+    assert bench.frames[0].missing == 100 and bench.now < GAP_TIMEOUT_S
 
 
 def test_without_resend_nothing_is_asked_and_the_wait_is_short():
     leader, *data, trailer = packets(1)
-    bench = Bench(resend=False).feed(leader, *data[1:], trailer).wait(2 * GIVE_UP_AT_ONCE)
+    bench = Bench(resend=False).feed(leader, *data[1:], trailer).wait(2 * GAP_TIMEOUT_WITHOUT_RESEND_S)
     assert not bench.requests and bench.frames[0].missing == 100
 
 
@@ -161,7 +168,7 @@ def test_block_ids_start_again_and_the_number_goes_on(last, wires):
 
 
 def test_a_loss_over_the_start_of_the_ids_is_seen():
-    bench = Bench().feed(*packets(65534), *packets(2)).wait(2 * GIVE_UP)
+    bench = Bench().feed(*packets(65534), *packets(2)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {r.block for r in bench.requests} == {65535, 1}
 

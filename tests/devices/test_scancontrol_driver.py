@@ -82,7 +82,7 @@ def test_configure_stream_and_read(stand):
     assert device.laser == 0 and not device.controlled
     assert [f.number for f in frames] == list(range(100)) and not any(f.missing for f in frames)
     on = Unwrapper(layout)
-    read = [on.go_on(decode(layout, f.payload)) for f in frames]
+    read = [on.unwrap(decode(layout, f.payload)) for f in frames]
     x, z = np.vstack([p.x for p in read]), np.vstack([p.z for p in read])
     lit = 40  # the first frames were exposed before the laser was on
     assert np.isnan(z[:, :7]).all() and np.isnan(x[:, :7]).all()
@@ -134,7 +134,7 @@ def test_lost_packets_are_brought_back(stand):
     assert found.resent > 20
     complete = [f for f in frames if not f.missing]
     assert len(complete) >= 0.95 * len(frames)
-    counter = np.concatenate([Unwrapper(layout).go_on(decode(layout, f.payload)).counter for f in complete])
+    counter = np.concatenate([Unwrapper(layout).unwrap(decode(layout, f.payload)).counter for f in complete])
     assert (np.diff(counter) >= 1).all()
 
 
@@ -150,7 +150,7 @@ def test_without_resend_every_loss_shows(stand):
         sensor.close()
     assert found.incomplete > 20 and found.resent == 0
     on = Unwrapper(layout)
-    kept = sum(len(on.go_on(decode(layout, f.payload)).counter) for f in frames)
+    kept = sum(len(on.unwrap(decode(layout, f.payload)).counter) for f in frames)
     assert kept < 20 * len(frames), "profiles that came in part are left out"
 
 
@@ -208,7 +208,7 @@ def test_disorder_is_put_in_order(stand):
     assert [f.number for f in frames] == list(range(60)) and not any(f.missing for f in frames)
     assert found.duplicates > 0
     on = Unwrapper(layout)
-    assert (np.diff(np.concatenate([on.go_on(decode(layout, f.payload)).counter for f in frames])) == 1).all()
+    assert (np.diff(np.concatenate([on.unwrap(decode(layout, f.payload)).counter for f in frames])) == 1).all()
 
 
 def test_a_slow_reader_loses_frames_and_is_told(stand):
@@ -243,7 +243,7 @@ def test_two_sensors_stream_at_once(stand):
 
 def test_only_one_program_controls_a_sensor(stand, monkeypatch):
     device, _ = stand
-    monkeypatch.setattr("truestand.devices.gige.control.LONGEST_TAKE", 0.5)
+    monkeypatch.setattr("truestand.devices.gige.control.MAX_TAKE_S", 0.5)
     first = open_sensor(recipe(device), SENSOR)
     try:
         with pytest.raises(DeviceError, match="another program"):

@@ -76,7 +76,7 @@ def test_a_position_comes_with_its_time(protocol):
             answered = virtual.clock.now()
             low, high = virtual.angle_at(asked), virtual.angle_at(answered)
             assert low - 1e-3 <= state.position <= high + 1e-3
-            assert 0 < state.doubt < 0.5 and abs(state.time - time.monotonic()) < 1.0
+            assert 0 < state.time_half_width < 0.5 and abs(state.time - time.monotonic()) < 1.0
         table.stop()
 
 

@@ -13,7 +13,7 @@ from tables import listener, on_virtual_time, served, table_at
 from truestand.core.errors import DeviceError
 from truestand.devices.tables import TableRecipe, open_table
 from truestand.devices.wire.malformed import Malformed
-from truestand.devices.wire.zaber import Command, Info, Reply, decode_command, decode_reply
+from truestand.devices.wire.zaber import Command, Reply, decode_command, decode_reply
 
 SENT = [  # by zaber-motion 10.2
     (b"/0 0 00:00\n", Command("", 0, 0, 0)),
@@ -27,8 +27,8 @@ READ = [
     (b"@01 1 24 OK BUSY WR 0:92\r\n", Reply(1, 1, 24, True, True, "WR", "0")),
     (b"@02 1 RJ IDLE -- BADDATA\r\n", Reply(2, 1, None, False, False, "--", "BADDATA")),
     (b"@01 1 05 OK IDLE WR 01 WR\r\n", Reply(1, 1, 5, True, False, "WR", "01 WR")),
-    (b"!01 1 IDLE --\r\n", Reply(1, 1, None, True, False, "--", "", "!")),
-    (b"#01 0 05 Visit www.zaber.com for help", Info(1, 0, 5, "Visit www.zaber.com for help")),
+    (b"!01 1 IDLE --\r\n", None),
+    (b"#01 0 05 Visit www.zaber.com for help", None),
 ]
 
 

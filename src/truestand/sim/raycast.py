@@ -104,46 +104,48 @@ def _meet_step(rays: Rays, step: Step, hits: Hits) -> None:
     row, column = np.nonzero(near)
     if not row.size:
         return
-    across = _Across(p[:, row, 0], q[:, row, column], a[near], b[near], c[row, 0], along0[row, 0], along1[near])
-    s, psi, height = across.solve(step, s[near])
+    s, psi, height = _solve(
+        step,
+        s[near],
+        (p[0][row, 0], p[1][row, 0], q[0][near], q[1][near]),
+        (a[near], b[near], c[row, 0]),
+        (along0[row, 0], along1[near]),
+    )
     first = (height >= step.bottom) & (height <= step.top) & (s < hits.distance[row, column])
     hits.record((row[first], column[first]), s[first], psi[first], height[first], STEP)
 
 
-@dataclass(frozen=True, slots=True)
-class _Across:
-    """n rays seen along a step's axis: p + s q (3, n), its square c + 2 b s + a s², and its height h0 + s h1."""
+def _solve(
+    step: Step,
+    s: Array,
+    across: tuple[Array, Array, Array, Array],
+    square: tuple[Array, Array, Array],
+    along: tuple[Array, Array],
+) -> tuple[Array, Array, Array]:
+    """Distance, polar angle and height (n,) of the hits, by Newton's method from ``s``.
 
-    p: Array
-    q: Array
-    a: Array
-    b: Array
-    c: Array
-    h0: Array
-    h1: Array
+    Newton works on the distance to the axis less the surface's radius; keyways come last, with their floor's radius.
 
-    def place(self, s: Array) -> tuple[Array, Array]:
-        """Polar angle and height at the distances ``s`` (n,)."""
-        return np.arctan2(self.p[1] + s * self.q[1], self.p[0] + s * self.q[0]), self.h0 + s * self.h1
-
-    def solve(self, step: Step, s: Array) -> tuple[Array, Array, Array]:
-        """Distance, polar angle and height of the hits: Newton from ``s``; keyways last, with their floor's radius."""
-        depth = np.zeros(s.shape)
-        if not step.plain:
-            s = self._newton(step, s, depth)
-        psi, height = self.place(s)
-        if step.keyways:
-            s = self._newton(step, s, step.in_keyway(psi, height))
-            psi, height = self.place(s)
-        return s, psi, height
-
-    def _newton(self, step: Step, s: Array, depth: Array) -> Array:
-        """Newton on the distance to the axis less the surface's radius, which lies ``depth`` below the step's."""
-        for _ in range(NEWTON_STEPS):
-            rho = np.sqrt(np.maximum(self.c + s * (2 * self.b + s * self.a), 1e-12))
-            radius, slope = step.surface(*self.place(s))
-            s = s - (rho - radius + depth) / ((self.b + s * self.a) / rho - slope * self.h1)
-        return s
+    Args:
+        step: what is met.
+        s: (n,) first distance.
+        across: px, py, qx, qy (n,): the ray is at p + s q across the axis.
+        square: a, b, c (n,) of |p + s q|² = c + 2 b s + a s².
+        along: h0, h1 (n,): its height is h0 + s h1.
+    """
+    px, py, qx, qy = across
+    a, b, c = square
+    h0, h1 = along
+    depth = np.zeros(s.shape)
+    for keyways in (False, True) if step.keyways else (False,):
+        for _ in range(0 if step.plain and not keyways else NEWTON_STEPS):
+            rho = np.sqrt(np.maximum(c + s * (2 * b + s * a), 1e-12))
+            radius, slope = step.surface(np.arctan2(py + s * qy, px + s * qx), h0 + s * h1)
+            s = s - (rho - radius + depth) / ((b + s * a) / rho - slope * h1)
+        psi, height = np.arctan2(py + s * qy, px + s * qx), h0 + s * h1
+        if step.keyways and not keyways:
+            depth = step.in_keyway(psi, height)
+    return s, psi, height
 
 
 def _meet_face(rays: Rays, face: Face, hits: Hits) -> None:

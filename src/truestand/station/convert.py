@@ -217,7 +217,7 @@ def _decoded(layout: Layout, frames: Frames) -> Stream:
     n, begin = 0, None
     for number, arrived, payload in frames.taken_out():
         begin = number if begin is None else begin
-        found = unwrapper.go_on(decode(layout, payload))
+        found = unwrapper.unwrap(decode(layout, payload))
         rows = slice(n, n := n + len(found.x))
         x[rows], z[rows] = found.x, found.z
         first = (number - begin) * layout.profiles

@@ -12,11 +12,11 @@ from truestand.devices.wire.malformed import Malformed
 
 HEADER, EXTENDED_HEADER = 8, 20
 IP_UDP_HEADERS = 28
-"""Bytes that the packet size of a device counts beside GVSP's own header and data."""
+"""Bytes that the packet size of a device counts beside the header of GVSP and the data."""
 BLOCKS = 65535
 """Standard block ids run from 1 to this and again from 1; some devices count from 0 to it instead."""
 FAILED = 0x8000
-"""Bit of a packet's status: the device can't send what it was asked for again."""
+"""Bit of a packet's status: the device can't send it again."""
 
 
 class PacketFormat(IntEnum):
@@ -28,15 +28,9 @@ class PacketFormat(IntEnum):
 
 
 class PixelFormat(IntEnum):
-    """Those that a range sensor sends."""
+    """Pixel formats of range sensors."""
 
-    MONO8 = 0x01080001
     MONO16 = 0x01100007
-
-    @property
-    def bytes(self) -> int:
-        """Per pixel."""
-        return (self.value >> 16 & 0xFF) // 8
 
 
 IMAGE = 1
@@ -45,7 +39,7 @@ IMAGE = 1
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What stands before every packet's data."""
+    """Header of a packet."""
 
     block: int
     packet: int
