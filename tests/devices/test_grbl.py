@@ -173,6 +173,19 @@ def test_a_board_without_homing_says_so():
         table.close()
 
 
+def test_a_refusal_of_homing_that_arrives_before_the_next_question_is_not_lost():
+    def answer(data):
+        return b"error:5\r\n" if b"$H" in data else b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+
+    with listener(answer) as port:
+        table = open_table(TableRecipe(protocol="grbl", address=f"127.0.0.1:{port}", timeout_s=5.0))
+        table.drive.start_home()
+        time.sleep(0.5)
+        with pytest.raises(DeviceError, match=r"homing is switched off \(\$22\)"):
+            table.state()
+        table.close()
+
+
 def test_a_board_that_reports_work_positions_is_told_what_to_set():
     with listener(lambda _: b"<Idle|MPos:1.0|FS:0,0>\r\n") as port, pytest.raises(DeviceError, match="axis Y"):
         recipe = {"axis": "Y"}

@@ -10,6 +10,7 @@ from contextlib import suppress
 from math import degrees, radians
 from typing import Literal
 
+from truestand.core.errors import DeviceError
 from truestand.devices.axis import DriveState, timed
 from truestand.devices.tables.errors import refused
 from truestand.devices.tables.line import Line
@@ -147,15 +148,21 @@ class GrblTable:
             searching = self._home == "searching"
             answer = self._until(HOMING_TIMEOUT_S if searching else self._line.timeout, Report)
         if isinstance(answer, Refused):
-            self._home = "unknown"
-            raise refused(self.name, str(answer), "check the board's settings ($$)")
+            raise self._refused(answer)
         return answer if isinstance(answer, Report) else Report("Home", None)
 
+    def _refused(self, answer: Refused) -> DeviceError:
+        """The error to raise where the board refused to home, or to report."""
+        self._home = "unknown"
+        return refused(self.name, str(answer), "check the board's settings ($$)")
+
     def _read_pending(self) -> None:
-        """Read unsolicited messages first: an old report would be taken for the answer."""
+        """Read what came before: an old report would be taken for the answer, the refusal of a home search lost."""
         while (line := self._line.receive(0.0)) is not None:
             with suppress(Malformed):  # the answer to the next question shows what is wrong
-                self._decoded(line)
+                message = self._decoded(line)
+                if isinstance(message, Refused) and self._home == "searching":
+                    raise self._refused(message)
 
     def _until(self, seconds: float, wanted: type[Ok | Report | Welcome], booting: bool = False) -> Message:
         """The first ``wanted`` message or refusal; a note where the board is silent during the home search.
