@@ -104,9 +104,7 @@ def _tooth(surface: GearSurface, k: int, heights: Array) -> tuple[Array, Array, 
     flank = {s: surface.flank_angle(tooth, s, capped, column) for s in (LEFT, RIGHT)}
     turn = np.linspace(0.0, np.pi / 2, FILLET_POINTS + 1)[1:]
     fillet_radius = np.broadcast_to(c.root + (c.start - c.root) * (1 - np.sin(turn)), (heights.size, FILLET_POINTS))
-    fillet = {
-        s: flank[s][:, :1] + s * _fillet_width(surface, k, s, heights) * (1 - np.cos(turn)) for s in (LEFT, RIGHT)
-    }
+    fillet = {s: flank[s][:, :1] + s * _fillet_angle(surface) * (1 - np.cos(turn)) for s in (LEFT, RIGHT)}
     tip = capped[:, -1:]
     land, land_angle = _arc(tip, flank[RIGHT][:, -1:], flank[LEFT][:, -1:])
     root, root_angle = _arc(np.full_like(tip, c.root), fillet[LEFT][:, -1:], _next_foot(surface, k, heights))
@@ -134,19 +132,19 @@ def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
     return np.broadcast_to(radius, angle.shape), angle
 
 
-def _fillet_width(surface: GearSurface, k: int, side: int, heights: Array) -> Array:
-    """Angle (rows, 1) that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
+def _fillet_angle(surface: GearSurface) -> float:
+    """Angle that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
     c = surface.circles
     alpha = np.arccos(min(c.base / c.start, 1.0))
     space = np.pi / surface.gear.teeth - (c.half_tooth - np.tan(alpha) + alpha)
-    return np.full((heights.size, 1), min(0.38 * surface.gear.module / c.root, 0.8 * float(space)))
+    return min(0.38 * surface.gear.module / c.root, 0.8 * float(space))
 
 
 def _foot(surface: GearSurface, k: int, side: int, heights: Array) -> Array:
     """Angle (rows, 1) at which a tooth's fillet meets the root circle."""
     start = np.full((heights.size, 1), surface.circles.start)
     angle = surface.flank_angle(np.full(1, k), side, start, heights[:, None])
-    return np.asarray(angle + side * _fillet_width(surface, k, side, heights))
+    return np.asarray(angle + side * _fillet_angle(surface))
 
 
 def _next_foot(surface: GearSurface, k: int, heights: Array) -> Array:

@@ -226,18 +226,18 @@ def _profile(s: _StandingGear) -> dict[str, Any]:
     gear, c = s.nominal.gear, s.nominal.circles
     last = c.roll((gear.evaluation.tip_form_diameter or gear.tip_diameter) / 2)
     roll = np.linspace(c.roll(c.form), last, LINE_POINTS)
-    height = np.full(LINE_POINTS, s.nominal.middle)
-    rises = {f"f_Halpha_{n}_um": _slope(roll, s.excess(side, np.hypot(c.base, roll), height)) for side, n in FLANKS}
-    return {"from_mm": float(roll[0]), "to_mm": float(roll[-1]), **rises}
+    return _rises(s, "f_Halpha", roll, np.hypot(c.base, roll), np.full(LINE_POINTS, s.nominal.middle))
 
 
 def _helix(s: _StandingGear, measuring: float) -> dict[str, Any]:
     """f_Hbeta of the mean tooth on the measuring circle: rise of the excess over the stated heights."""
     height = np.linspace(s.nominal.gear.face_from, s.nominal.gear.face_to, LINE_POINTS)
-    rises = {
-        f"f_Hbeta_{n}_um": _slope(height, s.excess(side, np.full(LINE_POINTS, measuring), height)) for side, n in FLANKS
-    }
-    return {"from_mm": float(height[0]), "to_mm": float(height[-1]), **rises}
+    return _rises(s, "f_Hbeta", height, np.full(LINE_POINTS, measuring), height)
+
+
+def _rises(s: _StandingGear, name: str, at: Array, radius: Array, height: Array) -> dict[str, Any]:
+    rises = {f"{name}_{flank}_um": _slope(at, s.excess(side, radius, height)) for side, flank in FLANKS}
+    return {"from_mm": float(at[0]), "to_mm": float(at[-1]), **rises}
 
 
 def _defects(part: VirtualGear, s: _StandingGear) -> dict[str, Any]:

@@ -34,7 +34,7 @@ class OpcUaServer(ServerThread):
         super().__init__()
         self.table, self.map = table, recipe.opcua
         self._url = recipe.address
-        self._degrees = self.map.unit == "deg"
+        self._to_rad, self._from_rad = (radians, degrees) if self.map.unit == "deg" else (float, float)
 
     async def _serve(self, started: threading.Event) -> None:
         server = Server()
@@ -64,25 +64,19 @@ class OpcUaServer(ServerThread):
             parent = await parent.add_object(space, name)
         methods: list[tuple[str, Method, int]] = [
             (m.home, lambda: self.table.home(), 0),
-            (m.move, lambda target, speed: self.table.move(self._rad(target), self._rad(speed)), 2),
+            (m.move, lambda target, speed: self.table.move(self._to_rad(target), self._to_rad(speed)), 2),
             (m.halt, lambda: self.table.halt(), 0),
             (m.reset, lambda: self.table.reset(), 0),
         ]
         for name, call, count in methods:
             await parent.add_method(space, name, _method(call, count), [ua.VariantType.Double] * count, [])
         variables: list[tuple[str, Callable[[], Value]]] = [
-            (m.position, lambda: self._unit(self.table.status().position)),
+            (m.position, lambda: self._from_rad(self.table.status().position)),
             (m.moving, lambda: self.table.status().moving),
             (m.homed, lambda: self.table.status().homed),
             (m.fault, lambda: self.table.status().fault),
         ]
         return [(await parent.add_variable(space, name, _variant(value())), value) for name, value in variables]
-
-    def _rad(self, value: float) -> float:
-        return radians(value) if self._degrees else value
-
-    def _unit(self, angle: float) -> float:
-        return degrees(angle) if self._degrees else angle
 
 
 @contextmanager
