@@ -81,7 +81,7 @@ def test_a_move_that_takes_twice_its_time_and_more_is_stopped():
     assert now[0] == pytest.approx(2 * 2.0 + MOVE_MARGIN_S, abs=3 * POLL_INTERVAL_S)
 
 
-def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
+def test_late_clock_does_not_time_out_a_table_that_has_arrived():
     table, drive, now = table_of(at(), at(moving=True), at(1.0))
     answer = drive.state
 
@@ -94,7 +94,7 @@ def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
     assert drive.told == [("move", 1.0, 0.5)]
 
 
-def test_homing_and_stopping_have_times_of_their_own():
+def test_homing_and_stopping_have_their_own_timeouts():
     table, drive, now = table_of(at(moving=True), home_time=7.0, stop_time=1.5)
     with pytest.raises(MoveTimeout, match="homing"):
         table.home()
@@ -118,7 +118,7 @@ def test_nothing_beyond_the_limits_reaches_the_drive(position, speed):
 
 
 @pytest.mark.parametrize("speed", [0.0, nan, inf, -inf, 1.01, -1.01])
-def test_a_speed_that_is_none_moves_nothing(speed):
+def test_invalid_speed_moves_nothing(speed):
     table, drive, _ = table_of(at(), speed=1.0)
     with pytest.raises(LimitExceeded, match="max_speed_deg_per_s"):
         table.start_move(1.0, speed)
@@ -144,7 +144,7 @@ def test_a_lost_drive_ends_the_wait():
         table.move_to(1.0, 0.5)
 
 
-def test_reset_and_close_are_handed_on():
+def test_reset_and_close_reach_the_drive():
     table, drive, _ = table_of(at())
     table.reset()
     table.close()

@@ -88,7 +88,7 @@ def test_frames_come_out_as_they_were_sent(extended):
     assert (found.frames, found.lost, found.incomplete, found.duplicates, found.malformed) == (3, 0, 0, 0, 0)
 
 
-def test_a_lost_packet_is_asked_for_and_its_frame_waits_for_it():
+def test_lost_packet_is_requested_again_and_its_frame_waits():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, data[0], *data[2:4], data[4], trailer, *packets(2))
     assert not bench.frames
@@ -99,7 +99,7 @@ def test_a_lost_packet_is_asked_for_and_its_frame_waits_for_it():
     assert bench.statistics.resent == 1 and bench.statistics.incomplete == 0
 
 
-def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
+def test_missing_packets_are_reported_and_their_profiles_are_zeroed():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, data[0], *data[2:], trailer, *packets(2)).wait(2 * GAP_TIMEOUT_S)
     first, second = bench.frames
@@ -109,7 +109,7 @@ def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
     assert bench.statistics.incomplete == 1 and len(bench.requests) > 2, "asked again and again"
 
 
-def test_lost_frames_are_steps_of_the_number():
+def test_lost_frames_leave_gaps_in_the_numbers():
     bench = Bench().feed(*packets(1), *packets(4)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {(r.block, r.first, r.last) for r in bench.requests} == {(2, 1, 5), (3, 1, 5)}, "they too are asked for"
@@ -123,7 +123,7 @@ def test_many_lost_frames_are_counted_without_waiting_for_all():
     assert len({r.block for r in bench.requests}) < MAX_OPEN_FRAMES
 
 
-def test_the_last_packets_of_the_newest_frame_are_missed_after_a_silence():
+def test_last_packets_of_the_newest_frame_are_requested_after_a_timeout():
     leader, *data, _ = packets(1)
     bench = Bench().feed(leader, *data[:3]).wait(FRAME_END_TIMEOUT_S / 2)
     assert not bench.requests
@@ -133,14 +133,14 @@ def test_the_last_packets_of_the_newest_frame_are_missed_after_a_silence():
     assert bench.frames[0].missing == 180
 
 
-def test_a_refused_packet_ends_the_waiting():
+def test_unavailable_packet_ends_the_wait():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, *data[1:], trailer).wait(2 * RESEND_DELAY_S)
     bench.feed(Header(1, 1, PacketFormat.PAYLOAD, status=0x800C).encode()).wait(RESEND_DELAY_S)
     assert bench.frames[0].missing == 100 and bench.now < GAP_TIMEOUT_S
 
 
-def test_without_resend_nothing_is_asked_and_the_wait_is_short():
+def test_without_resend_no_packet_is_requested_and_the_wait_is_short():
     leader, *data, trailer = packets(1)
     bench = Bench(resend=False).feed(leader, *data[1:], trailer).wait(2 * GAP_TIMEOUT_WITHOUT_RESEND_S)
     assert not bench.requests and bench.frames[0].missing == 100
@@ -167,7 +167,7 @@ def test_block_ids_start_again_and_the_number_goes_on(last, wires):
     assert bench.numbers == list(range(len(wires)))
 
 
-def test_a_loss_over_the_start_of_the_ids_is_seen():
+def test_loss_across_the_wrap_of_block_ids_is_counted():
     bench = Bench().feed(*packets(65534), *packets(2)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {r.block for r in bench.requests} == {65535, 1}
@@ -195,7 +195,7 @@ def test_what_is_no_message_is_malformed_in_every_protocol(decode):
         decode(b"<")
 
 
-def test_the_end_hands_on_what_there_is():
+def test_flush_closes_incomplete_frames():
     bench = Bench().feed(*packets(1), *packets(2)[:3])
     bench.assembler.flush(bench.now)
     bench.feed()
@@ -211,7 +211,7 @@ sent_packets = st.lists(
 
 @given(sent_packets, st.booleans())
 @settings(max_examples=300, deadline=None)
-def test_whatever_arrives_a_frame_called_complete_is_the_one_sent(arriving, extended):
+def test_frame_called_complete_equals_the_one_sent(arriving, extended):
     """Any order, loss, repetition, with garbage between."""
     wires = {i: (65533 + i - 1) % 65535 + 1 for i in range(1, 7)}
     frames = {i: packets(wires[i], extended) for i in wires}

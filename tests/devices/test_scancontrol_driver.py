@@ -121,7 +121,7 @@ def test_the_largest_packet_that_arrives_is_taken(stand):
         sensor.close()
 
 
-def test_lost_packets_are_brought_back(stand):
+def test_lost_packets_are_received_again(stand):
     device, faults = stand
     faults.begin(FaultKind.LOSE_PACKETS, 0.05)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
@@ -138,7 +138,7 @@ def test_lost_packets_are_brought_back(stand):
     assert (np.diff(counter) >= 1).all()
 
 
-def test_without_resend_every_loss_shows(stand):
+def test_without_resend_every_loss_is_counted(stand):
     device, faults = stand
     faults.begin(FaultKind.LOSE_PACKETS, 0.1)
     sensor = open_sensor(recipe(device, packet_size=1500, resend=False), SENSOR)
@@ -156,7 +156,7 @@ def test_without_resend_every_loss_shows(stand):
 
 @pytest.mark.parametrize("heartbeat_ms", [500, 1000])
 @pytest.mark.parametrize("fault", [FaultKind.UNPLUGGED, FaultKind.HEARTBEAT_IGNORED])
-def test_a_sensor_that_is_gone_is_told(stand, fault, heartbeat_ms):
+def test_unplugged_sensor_raises_device_lost(stand, fault, heartbeat_ms):
     device, faults = stand
     sensor = open_sensor(recipe(device, heartbeat_ms=heartbeat_ms), SENSOR)
     try:
@@ -195,7 +195,7 @@ def test_garbage_and_frozen_frames_arrive_as_they_are(stand):
     assert decode(layout, garbage.payload).z.shape == (20, POINTS)
 
 
-def test_disorder_is_put_in_order(stand):
+def test_packets_out_of_order_give_frames_in_order(stand):
     device, faults = stand
     faults.begin(FaultKind.DISORDER)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
@@ -211,7 +211,7 @@ def test_disorder_is_put_in_order(stand):
     assert (np.diff(np.concatenate([on.unwrap(decode(layout, f.payload)).counter for f in frames])) == 1).all()
 
 
-def test_a_slow_reader_loses_frames_and_is_told(stand):
+def test_slow_reader_loses_frames_and_they_are_counted(stand):
     device, _ = stand
     sensor = open_sensor(recipe(device, profile_rate_hz=10_000.0), SENSOR)
     try:
@@ -263,14 +263,14 @@ def test_a_crashed_program_does_not_block_the_next(stand):
     dead.close()
 
 
-def test_nobody_there():
+def test_unreachable_sensor_is_lost():
     begun = time.monotonic()
     with pytest.raises(DeviceLost, match=r"front: nobody answers at 127\.0\.41\.9; check that it is switched on"):
         open_sensor(SensorRecipe(name="front", driver="scancontrol", address="127.0.41.9", model="29xx-50"), SENSOR)
     assert time.monotonic() - begun < NOT_FOR_EVER
 
 
-def test_the_usual_settings():
+def test_default_exposure_and_idle_times():
     assert [profiles_per_frame(r) for r in (1, 50, 200, 1000, 10_000)] == [1, 1, 4, 20, 20]
     assert scancontrol.times(10_000) == (5, 5) and scancontrol.times(200) == (100, 400)
     assert scancontrol.times(200, 4000) == (400, 100)

@@ -63,7 +63,7 @@ def test_a_replay_gives_what_the_file_holds(tmp_path):
     sensor.close()
 
 
-def test_a_replay_without_columns_invents_none(tmp_path):
+def test_replay_without_columns_has_none(tmp_path):
     sensor = replay(scan_file(tmp_path, columns=False), pace=0)
     profiles = decode(sensor.start(), sensor.next_frame(0.0).payload)
     assert profiles.counter is None and profiles.time is None and profiles.encoder is None
@@ -84,11 +84,11 @@ def test_a_replay_keeps_its_pace(tmp_path, pace, seconds):
     assert sensor.start().profiles == 4 and sensor.next_frame(1.0).number == 0, "from the beginning"
 
 
-def test_a_number_of_profiles_that_nothing_divides_is_played_one_by_one(tmp_path):
+def test_prime_number_of_profiles_is_replayed_one_by_one(tmp_path):
     assert replay(scan_file(tmp_path, profiles=13), pace=0).start().profiles == 1
 
 
-def test_a_replay_of_nothing(tmp_path):
+def test_replay_without_file_or_rate_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match=r"gone\.csv"):
         replay(str(tmp_path / "gone.csv"))
     with pytest.raises(BadRecipe, match="profile_rate_hz"):
@@ -136,7 +136,7 @@ def test_stamps_go_on_over_their_moduli_from_frame_to_frame():
     assert counter == counts and time == pytest.approx(times) and encoder == encoders
 
 
-def test_a_profile_that_came_in_part_is_left_out_and_leaves_its_gap():
+def test_incomplete_profile_is_left_out_and_leaves_a_gap_in_the_counter():
     payload = stamped(7, 1.0, 5) + bytes(48)
     raw = decode(SCANCONTROL, payload)
     assert raw.counter.tolist() == [7, -1] and np.isnan(raw.z[1]).all()

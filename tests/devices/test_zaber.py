@@ -53,7 +53,7 @@ def test_replies_as_the_manual_writes_them(line, message):
         (b"/ 01 02 3 home\n", Command("home", 1, 2, 3)),
     ],
 )
-def test_people_may_leave_out_what_they_do_not_need(line, command):
+def test_optional_parts_of_a_command_may_be_left_out(line, command):
     assert decode_command(line) == command
 
 
@@ -120,7 +120,7 @@ def answering(data, mend):
     return mend(Reply(1, 1, command.id, data="00" if command.text == "warnings" else "0")).encode()
 
 
-def test_late_replies_and_alerts_are_passed_over():
+def test_late_replies_and_alerts_are_skipped():
     def answer(data):
         late = Reply(1, 1, 98, data="777").encode()
         return b"!01 1 IDLE --\r\n#01 0 hello\r\n" + late + answering(data, lambda r: r)
@@ -131,7 +131,7 @@ def test_late_replies_and_alerts_are_passed_over():
         table.close()
 
 
-def test_a_rejection_is_told_with_what_to_do():
+def test_rejection_raises_error_with_advice():
     with (
         listener(lambda d: answering(d, lambda r: replace(r, accepted=False, data="BADAXIS"))) as port,
         pytest.raises(DeviceError, match="check axis in"),
@@ -140,7 +140,7 @@ def test_a_rejection_is_told_with_what_to_do():
 
 
 @pytest.mark.parametrize("position", ["nan", "1e999", "1 2", "x", ""])
-def test_a_position_that_is_no_number_is_told(position):
+def test_position_that_is_no_number_raises_error(position):
     def answer(data):
         command = decode_command(data)
         return Reply(1, 1, command.id, data="00" if command.text == "warnings" else position).encode()

@@ -134,7 +134,7 @@ def test_other_rearrangements_and_those_that_do_not_fit():
         scale_of("gocator")
 
 
-def test_far_away_is_clipped_not_wrapped():
+def test_readings_out_of_range_are_clipped_not_wrapped():
     shape = default_format(160, 1)
     x, z = np.full((1, 160), -200.0), np.full((1, 160), 400.0)
     raw = raw_profiles(x, z, scale_of("29xx-50"), shape)
@@ -149,7 +149,7 @@ def memory():
     return Registers(Identity("127.0.0.9", serial="S9", name="front"), description("scanCONTROL 2950-50"))
 
 
-def test_bootstrap_tells_who_it_is_and_where_its_description_lies():
+def test_bootstrap_registers_hold_identity_and_address_of_the_description():
     registers = memory()
     said = gvcp.identity_of(registers.read(0, gvcp.DISCOVERY_BYTES))
     assert said["model"] == "scanCONTROL 29xx-50"
@@ -160,7 +160,7 @@ def test_bootstrap_tells_who_it_is_and_where_its_description_lies():
     assert text == description("scanCONTROL 2950-50")
 
 
-def test_registers_refuse_what_can_not_be():
+def test_registers_refuse_invalid_reads_and_writes():
     registers = memory()
     for address, value, status in (
         (Register.VERSION, 1, Status.WRITE_PROTECT),
@@ -196,7 +196,7 @@ def ask(control, sender, command, body, number=1, now=0.0):
     return gvcp.decode_acknowledge(data)
 
 
-def test_control_belongs_to_one_and_ends_with_its_heartbeat():
+def test_control_has_one_owner_and_ends_with_its_heartbeat():
     ended, asked = [], []
     control = Control(memory(), ended.append, asked.append)
     me, other = ("127.0.0.1", 5000), ("127.0.0.1", 5001)
@@ -225,7 +225,7 @@ def test_control_belongs_to_one_and_ends_with_its_heartbeat():
     assert ended == [True, False]
 
 
-def test_a_write_asked_twice_is_done_once_and_nonsense_is_ignored():
+def test_repeated_write_is_done_once_and_malformed_requests_are_ignored():
     control = Control(memory(), lambda silent: None, lambda asked: None)
     me, done = ("127.0.0.1", 5000), []
     ask(control, me, Command.WRITE_REGISTER, gvcp.write_register_body((Register.CONTROL, gvcp.CONTROL)))
@@ -287,7 +287,7 @@ def test_the_genicam_wheel_reads_and_writes_the_description():
 # Sources and faults
 
 
-def test_a_live_source_sees_what_a_scan_of_the_same_angles_sees():
+def test_simulated_source_equals_a_scan_at_the_same_angles():
     optics = Optics(noise=0.0)
     stand, simulation = paper_stand(), Simulation(optics=optics, acquisition=Acquisition(profiles=50))
     made = simulate(stand, simulation, paper_shaft())
@@ -387,7 +387,7 @@ class Plain:
         for _ in range(count):
             data = self.stream.recv(65536)
             header = gvsp.decode_header(data)
-            found.append((header, data[header.size :]))
+            found.append((header, data[gvsp.HEADER :]))
         return found
 
     def frames(self, count, packets=11):
@@ -438,7 +438,7 @@ def test_it_streams_stamped_frames_in_time_and_stops():
         assert stamp_of(later, 0, 3840)[0] >= 200, "the sensor's counter goes on from stream to stream"
 
 
-def test_start_is_refused_where_nothing_could_come_out():
+def test_start_is_refused_with_inconsistent_settings():
     with device(2) as virtual, Plain(f"{NET}.2") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
         assert plain.write(DeviceRegister.ACQUISITION_START, 1) == Status.INVALID_PARAMETER, (
@@ -455,7 +455,7 @@ def test_start_is_refused_where_nothing_could_come_out():
             device(2).start()
 
 
-def test_without_heartbeat_control_ends_stream_stops_laser_goes_off():
+def test_missing_heartbeat_ends_control_and_stream_and_switches_the_laser_off():
     with device(3) as virtual, Plain(f"{NET}.3") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 500)
@@ -502,7 +502,7 @@ def test_latency_by_the_node():
         assert time.monotonic() - began > 0.25
 
 
-def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
+def test_unplugged_device_is_silent_and_ignored_heartbeats_end_control():
     faults = Faults()
     with device(9, faults=faults) as virtual, Plain(f"{NET}.9") as plain:
         plain.begin()
@@ -521,7 +521,7 @@ def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
         assert (virtual.registers.streaming, virtual.controlled, virtual.laser) == (False, False, 0)
 
 
-def test_packets_come_again_and_what_is_gone_is_said_to_be():
+def test_packets_are_sent_again_or_reported_unavailable():
     with device(5) as virtual, Plain(f"{NET}.5") as plain:
         plain.begin()
         payload = plain.frames(1)[0]
@@ -538,7 +538,7 @@ def test_packets_come_again_and_what_is_gone_is_said_to_be():
         assert virtual.channel.resent == 3
 
 
-def test_the_clock_waits_for_the_drawing():
+def test_clock_waits_for_slow_profile_sources():
     class Slow(RecordedSource):
         def profiles(self, times, shape, lit):
             time.sleep(0.0025 * times.size)
@@ -555,7 +555,7 @@ def test_the_clock_waits_for_the_drawing():
         assert virtual.clock.now() - shown > 0.09
 
 
-def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
+def test_encoder_trigger_exposes_at_steps_and_waits_at_rest():
     table = Steady(0.0)
     with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain(f"{NET}.10") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)

@@ -141,7 +141,7 @@ def test_faults_of_the_table_reach_the_sensor():
             sensor.close()
 
 
-def test_what_can_not_be_served_is_refused():
+def test_stand_that_can_not_be_served_is_refused():
     for place, table, match in (
         (SensorEndpoint("front", "192.168.1.5"), f"{NET}.4:0", "127.0.0.x"),
         (SensorEndpoint("front", f"{NET}.4"), "10.0.0.1:502", "127.0.0.x"),
@@ -159,7 +159,7 @@ def test_what_can_not_be_served_is_refused():
         assert made.truth().table_from_sensor.shape == (4, 4)
 
 
-def test_the_command_serves_until_it_is_told_to_end(tmp_path):
+def test_command_serves_until_sigterm(tmp_path):
     (tmp_path / "stand.toml").write_text(RECIPE)
     command = [
         sys.executable, "-W", "error", "-m", "truestand", "stand", "simulate", "stand.toml", "--truth", "truth.json",
@@ -185,7 +185,7 @@ def test_the_command_serves_until_it_is_told_to_end(tmp_path):
     assert truth["shaft"]["eccentricity_um"] == pytest.approx(878.9)
 
 
-def test_the_command_refuses_a_fault_that_is_none(tmp_path):
+def test_command_refuses_an_unknown_fault(tmp_path):
     from command import run
 
     (tmp_path / "stand.toml").write_text(RECIPE)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import degrees, inf, isfinite, radians
 from typing import Protocol, TypeVar
 
-from truestand.core.errors import DeviceError, LimitExceeded, MoveTimeout
+from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
 
 T = TypeVar("T")
 POLL_INTERVAL_S = 0.02
@@ -202,3 +202,24 @@ def timed(question: Callable[[], T]) -> tuple[T, float, float]:
     answer = question()
     after = time.monotonic()
     return answer, (before + after) / 2, (after - before) / 2
+
+
+def lost(name: str, found: str) -> DeviceLost:
+    """For a controller that does not answer, or no longer."""
+    return DeviceLost(
+        f"{name}: {found}; need a controller that answers there; "
+        "check power, cable, and address in [devices.table] of stand.toml"
+    )
+
+
+def malformed(name: str, found: str, needed: str) -> DeviceError:
+    """For an answer that is none of the protocol."""
+    return DeviceError(
+        f"{name}: found {found}, need {needed}; "
+        "check that protocol and address in [devices.table] of stand.toml belong to this controller"
+    )
+
+
+def refused(name: str, found: str, advice: str) -> DeviceError:
+    """For a controller that refuses a command."""
+    return DeviceError(f"{name}: refused, {found}; {advice}")

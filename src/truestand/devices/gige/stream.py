@@ -39,9 +39,8 @@ TEST_TIMEOUT_S = 0.05
 class Stream:
     """Stream channel 0 of the device behind ``control``. One reader, any thread."""
 
-    def __init__(self, control: Control, depth: int = QUEUE_FRAMES) -> None:
+    def __init__(self, control: Control) -> None:
         self.control = control
-        self._depth = depth
         self._waiting: deque[Frame] = deque()
         self._changed = threading.Condition()
         self._overrun = 0
@@ -138,7 +137,7 @@ class Stream:
 
     def _enqueue(self, frames: list[Frame]) -> None:
         with self._changed:
-            room = self._depth - len(self._waiting)
+            room = QUEUE_FRAMES - len(self._waiting)
             self._waiting.extend(frames[:room])
             self._overrun += max(0, len(frames) - room)
             self._changed.notify()

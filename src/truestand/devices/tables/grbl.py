@@ -11,8 +11,7 @@ from math import degrees, radians
 from typing import Literal
 
 from truestand.core.errors import DeviceError
-from truestand.devices.axis import DriveState, timed
-from truestand.devices.tables.errors import refused
+from truestand.devices.axis import DriveState, refused, timed
 from truestand.devices.tables.line import Line
 from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
 from truestand.devices.wire import grbl

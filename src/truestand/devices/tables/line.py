@@ -7,7 +7,7 @@ import socket
 import time
 
 from truestand.core.errors import DeviceError
-from truestand.devices.tables.errors import lost, malformed
+from truestand.devices.axis import lost, malformed
 from truestand.devices.tables.recipe import host_and_port, is_network
 
 MAX_LINE = 512

@@ -17,8 +17,7 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from truestand.core.errors import LimitExceeded
-from truestand.devices.axis import DriveState, timed
-from truestand.devices.tables.errors import lost, malformed, refused
+from truestand.devices.axis import DriveState, lost, malformed, refused, timed
 from truestand.devices.tables.recipe import PORTS, ModbusRecipe, host_and_port
 
 HOME, MOVE, HALT, RESET = 1, 2, 8, 16

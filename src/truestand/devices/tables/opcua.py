@@ -16,8 +16,7 @@ from typing import Any, TypeVar
 
 from asyncua import Client, Node, ua
 
-from truestand.devices.axis import DriveState, timed
-from truestand.devices.tables.errors import lost, malformed, refused
+from truestand.devices.axis import DriveState, lost, malformed, refused, timed
 from truestand.devices.tables.recipe import OpcUaRecipe
 
 T = TypeVar("T")

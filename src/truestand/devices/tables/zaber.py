@@ -4,8 +4,7 @@ import threading
 import time
 from math import isfinite, nan, tau
 
-from truestand.devices.axis import DriveState, timed
-from truestand.devices.tables.errors import malformed, refused
+from truestand.devices.axis import DriveState, malformed, refused, timed
 from truestand.devices.tables.line import Line
 from truestand.devices.tables.recipe import PORTS, ZaberRecipe
 from truestand.devices.wire.malformed import Malformed

@@ -47,11 +47,6 @@ class Header:
     status: int = 0
     extended: bool = False
 
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return EXTENDED_HEADER if self.extended else HEADER
-
     def encode(self) -> bytes:
         """Bytes."""
         if self.extended:
@@ -86,7 +81,6 @@ class Leader:
     pixel_format: int
     width: int
     height: int
-    payload_type: int = IMAGE
 
     @property
     def payload_bytes(self) -> int:
@@ -96,7 +90,7 @@ class Leader:
     def encode(self) -> bytes:
         """What follows the header."""
         return struct.pack(
-            ">HHQIIIIIHH", 0, self.payload_type, self.timestamp, self.pixel_format, self.width, self.height, 0, 0, 0, 0
+            ">HHQIIIIIHH", 0, IMAGE, self.timestamp, self.pixel_format, self.width, self.height, 0, 0, 0, 0
         )
 
 
@@ -111,7 +105,7 @@ def decode_leader(data: bytes | memoryview) -> Leader:
     _, payload_type, timestamp, pixel_format, width, height = struct.unpack_from(">HHQIII", data)
     if payload_type & 0x3FFF != IMAGE:
         raise Malformed(f"found payload type {payload_type}, need an image ({IMAGE})")
-    return Leader(timestamp, pixel_format, width, height, payload_type)
+    return Leader(timestamp, pixel_format, width, height)
 
 
 def encode_trailer(height: int) -> bytes:

@@ -10,7 +10,6 @@ from truestand.devices.wire.malformed import Malformed
 
 SPEED_UNIT = 1.6384
 """``maxspeed`` and ``move vel`` count microsteps per second times this (2^14 / 10^4)."""
-NO_WARNING = "--"
 NOT_HOMED = ("WR", "WH")
 """Warning flags: no reference position; not homed since power on."""
 FAULTS = {
@@ -56,8 +55,8 @@ class Reply:
     id: int | None = None
     accepted: bool = True
     busy: bool = False
-    warning: str = NO_WARNING
-    """The flag of the highest priority."""
+    warning: str = "--"
+    """The flag of the highest priority; -- = none."""
     data: str = "0"
     """An answer, 0 where there is none, or the reason of a rejection."""
 

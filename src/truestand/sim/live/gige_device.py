@@ -19,6 +19,7 @@ from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import (
     CONTAINER,
+    DEFAULT_POINTS,
     LASER_OFF,
     TICKS_PER_S,
     DeviceRegister,
@@ -27,8 +28,7 @@ from truestand.sim.live.registers import (
     Registers,
 )
 from truestand.sim.live.servers import Service
-from truestand.sim.live.stream_channel import StreamChannel
-from truestand.sim.live.streamer import Streamer
+from truestand.sim.live.streaming import StreamChannel, Streamer
 
 POLL_INTERVAL_S = 0.02
 """Real time, between two looks at heartbeat and end."""
@@ -45,13 +45,12 @@ class GigeDevice(Service):
         source: SimulatedSource,
         clock: Clock,
         faults: Faults | None = None,
-        points: int = 640,
-        profiles: int = 20,
+        points: int = DEFAULT_POINTS,
         seed: int = 0,
     ) -> None:
         self.identity, self.clock, self.source = identity, clock, source
         self.faults = faults or Faults()
-        self.registers = Registers(identity, description(identity.model), points, profiles)
+        self.registers = Registers(identity, description(identity.model), points)
         self.registers.on_write = {
             Register.STREAM_PACKET_SIZE: self._set_packet_size,
             Register.TIMESTAMP_CONTROL: self._latch_timestamp,

@@ -23,6 +23,7 @@ DEFAULT_HEARTBEAT_MS = 3000
 """Of the standard."""
 MIN_PACKET_BYTES, MAX_PACKET_BYTES, DEFAULT_PACKET_BYTES = 220, 16404, 1500
 DESCRIPTION_ADDRESS = 0x00100000
+DEFAULT_POINTS, DEFAULT_PROFILES = 640, 20
 MAX_TIME_10US = 4095
 """Of exposure and idle time, in 10 us."""
 TIME_UNIT_S = 1e-5
@@ -123,7 +124,7 @@ class Registers:
     ``on_read`` gives the value of a register that changes by itself.
     """
 
-    def __init__(self, identity: Identity, description: bytes, points: int = 640, profiles: int = 20) -> None:
+    def __init__(self, identity: Identity, description: bytes, points: int = DEFAULT_POINTS) -> None:
         self.on_write: dict[int, Callable[[int], None]] = {}
         self.on_read: dict[int, Callable[[], int]] = {}
         self.streaming = False
@@ -131,7 +132,7 @@ class Registers:
         self._low = bytearray(0x1000)
         self._words: dict[int, int] = dict.fromkeys(DeviceRegister, 0)
         self._bootstrap(identity, len(description))
-        initial = default_format(points, profiles)
+        initial = default_format(points, DEFAULT_PROFILES)
         self._words.update(
             {
                 DeviceRegister.PIXEL_FORMAT: PixelFormat.MONO16,

@@ -7,14 +7,13 @@ past stays as it was, because the profiles of a sensor are computed a few millis
 """
 
 import threading
-from dataclasses import dataclass, replace
-from math import copysign, floor, inf, radians, tau
+from dataclasses import dataclass, field, replace
+from math import copysign, floor, inf, radians, sqrt, tau
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.motion_profile import MotionProfile
 from truestand.sim.poses import Array
 
 HISTORY_S = 30.0
@@ -44,11 +43,72 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
+class Segment:
+    """A stretch of constant acceleration from ``position`` and ``speed``."""
+
+    seconds: float
+    position: float
+    speed: float
+    acceleration: float
+
+
+@dataclass(slots=True)
+class MotionProfile:
+    """A trapezoidal motion profile, rad and s, planned by segments; ``position`` and ``speed`` are those at its end."""
+
+    position: float
+    speed: float
+    acceleration: float
+    """Positive, rad/s², as the deceleration."""
+    deceleration: float
+    segments: list[Segment] = field(default_factory=list)
+
+    def reach_speed(self, speed: float) -> None:
+        """Reach a speed (signed, rad/s), over rest where the direction changes."""
+        if self.speed * speed < 0:
+            self.reach_speed(0.0)
+        if self.speed != speed:
+            rate = self.acceleration if abs(speed) > abs(self.speed) else self.deceleration
+            self._add(abs(speed - self.speed) / rate, copysign(rate, speed - self.speed))
+            self.speed = speed
+
+    def reach_position(self, target: float, max_speed: float) -> None:
+        """Go to ``target`` (rad) with at most ``max_speed`` (positive, rad/s), and be at rest there.
+
+        A motion in the other direction, or one that can't stop before the target, comes to rest first.
+        """
+        stopping_point = self.position + self.speed * abs(self.speed) / (2 * self.deceleration)
+        direction = copysign(1.0, target - stopping_point)
+        if self.speed * direction < 0 or stopping_point == target:
+            self.reach_speed(0.0)
+            if stopping_point != target:
+                self.reach_position(target, max_speed)
+        elif abs(self.speed) > max_speed * (1 + 1e-9):
+            self.reach_speed(direction * max_speed)
+            self.reach_position(target, max_speed)
+        else:
+            self._accelerate_cruise_stop(target, direction, max_speed)
+
+    def _accelerate_cruise_stop(self, target: float, direction: float, max_speed: float) -> None:
+        distance = abs(target - self.position)
+        to_peak, from_peak = 1 / (2 * self.acceleration), 1 / (2 * self.deceleration)
+        peak = min(max_speed, sqrt((distance + self.speed * self.speed * to_peak) / (to_peak + from_peak)))
+        cruise = distance - (peak * peak - self.speed * self.speed) * to_peak - peak * peak * from_peak
+        self.reach_speed(direction * peak)
+        if cruise > 0:
+            self._add(cruise / peak, 0.0)
+        self.reach_speed(0.0)
+
+    def _add(self, seconds: float, acceleration: float) -> None:
+        """Add a segment; the caller sets the speed at its end, exactly."""
+        self.segments.append(Segment(seconds, self.position, self.speed, acceleration))
+        self.position += self.speed * seconds + acceleration * seconds * seconds / 2
+
+
+@dataclass(frozen=True, slots=True)
 class TableStatus:
     """Status of the controller."""
 
-    time: float
-    """Virtual s."""
     position: float
     """rad, from home, or from where it was switched on. The error of the gearing isn't in it."""
     moving: bool
@@ -121,14 +181,13 @@ class VirtualTable:
         with self._lock:
             now = self.clock.now()
             motor = self._state_at(now)
-            return TableStatus(now, motor.position - motor.origin, self._moving_from(now), motor.homed, self._fault)
+            return TableStatus(motor.position - motor.origin, self._moving_from(now), motor.homed, self._fault)
 
     def home(self) -> bool:
         """Search for the home mark below, and take it as 0."""
         with self._lock:
-            motor = replace(self._next_state(), homed=False)
-            mark = tau * floor(motor.position / tau)
-            profile = self._profile(motor)
+            motor, profile = self._plan()
+            motor, mark = replace(motor, homed=False), tau * floor(motor.position / tau)
             profile.reach_position(mark - HOME_OVERSHOOT, min(self.motion.home_speed, self.motion.top_speed))
             profile.reach_position(mark, self.motion.home_speed / 5)
             final = replace(_at_rest(motor, mark), homed=True, home_mark=mark, origin=mark)
@@ -139,17 +198,16 @@ class VirtualTable:
         if speed <= 0:
             return False
         with self._lock:
-            motor = self._next_state()
-            target, profile = position + motor.origin, self._profile(motor)
+            motor, profile = self._plan()
+            target = position + motor.origin
             profile.reach_position(target, min(speed, self.motion.top_speed))
             return self._accept(motor, profile, _at_rest(motor, target))
 
     def turn(self, speed: float) -> bool:
         """Turn endlessly at ``speed`` (rad/s, signed)."""
         with self._lock:
-            motor = self._next_state()
+            motor, profile = self._plan()
             speed = copysign(min(abs(speed), self.motion.top_speed), speed)
-            profile = self._profile(motor)
             profile.reach_speed(speed)
             return self._accept(
                 motor, profile, replace(_at_rest(motor, profile.position), speed=speed, moving=speed != 0)
@@ -158,8 +216,7 @@ class VirtualTable:
     def halt(self) -> bool:
         """Slow down to rest; ends a stalled motion too. Accepted in a fault."""
         with self._lock:
-            motor = self._next_state()
-            profile = self._profile(motor)
+            motor, profile = self._plan()
             profile.reach_speed(0.0)
             self._follow(motor, profile, _at_rest(motor, profile.position))
             return True
@@ -196,13 +253,10 @@ class VirtualTable:
                 self._stalled = False
                 self._append([replace(self._state_at(now), moving=False)])
 
-    def _next_state(self) -> _MotorState:
-        """The motor when a command of now reaches it."""
-        return replace(self._state_at(self.clock.now() + self.motion.lag), acceleration=0.0)
-
-    def _profile(self, motor: _MotorState) -> MotionProfile:
-        """A motion from the state of the motor, still empty."""
-        return MotionProfile(motor.position, motor.speed, self.motion.acceleration, self.motion.deceleration)
+    def _plan(self) -> tuple[_MotorState, MotionProfile]:
+        """The motor when a command of now reaches it, and a motion from there, still empty."""
+        motor = replace(self._state_at(self.clock.now() + self.motion.lag), acceleration=0.0)
+        return motor, MotionProfile(motor.position, motor.speed, self.motion.acceleration, self.motion.deceleration)
 
     def _accept(self, motor: _MotorState, profile: MotionProfile, final: _MotorState) -> bool:
         """Follow the profile unless the controller is in a fault; whether it does."""
