@@ -153,7 +153,7 @@ def test_control_withdrawn_by_the_device_is_lost(device, control):
     control.check()
     device.put(Register.CONTROL, bytes(4))
     end = time.monotonic() + 1
-    while not control.gone and time.monotonic() < end:
+    while not control.lost_reason and time.monotonic() < end:
         time.sleep(0.01)
     with pytest.raises(DeviceLost, match="gave up our control"):
         control.check()

@@ -156,19 +156,19 @@ class _FlankRays:
     def solve(self, start: Array) -> Array:
         """Range on the surface by the secant method; ``start`` where that lies off the flank (at its very edges)."""
         found = start.copy()
-        live = np.arange(start.size)
+        active = np.arange(start.size)
         before, now = start - FIRST_STEP_MM, start.copy()
-        off_before, off = self.distance(before, live), self.distance(now, live)
+        off_before, off = self.distance(before, active), self.distance(now, active)
         for _ in range(MAX_SECANT_STEPS):
             slope = (off - off_before) / np.where(now == before, 1.0, now - before)
             step = np.clip(-off / np.where(slope == 0, -1.0, slope), -MAX_CORRECTION_MM, MAX_CORRECTION_MM)
             before, off_before, now = now, off, now + step
-            off = self.distance(now, live)
+            off = self.distance(now, active)
             done = np.abs(off) < TOLERANCE_MM
-            found[live[done]] = now[done]
+            found[active[done]] = now[done]
             keep = ~done
-            live, before, now, off_before, off = live[keep], before[keep], now[keep], off_before[keep], off[keep]
-            if not live.size:
+            active, before, now, off_before, off = active[keep], before[keep], now[keep], off_before[keep], off[keep]
+            if not active.size:
                 break
         return np.where(self._on_flank(found) & (np.abs(found - start) < MAX_CORRECTION_MM), found, start)
 

@@ -64,9 +64,9 @@ def _table_angles(stand: Stand, a: Acquisition, rng: Generator) -> tuple[Array, 
     turned = np.where(time < a.ramp, time**2 / (2 * max(a.ramp, 1e-9)), time - a.ramp / 2)
     turned = turned * speed * a.speed_factor
     turned = turned + a.ripple / a.ripple_per_turn * np.sin(a.ripple_per_turn * turned)
-    kept = np.setdiff1d(np.arange(total), _gaps(total, a.dropped, rng))[: a.profiles]
+    arrived = np.setdiff1d(np.arange(total), _gaps(total, a.dropped, rng))[: a.profiles]
     angle = a.start_angle + stand.table.sign * turned
-    return angle[kept], kept.astype(np.int64), time[kept], speed * a.speed_factor / rate
+    return angle[arrived], arrived.astype(np.int64), time[arrived], speed * a.speed_factor / rate
 
 
 def _gaps(total: int, dropped: int, rng: Generator) -> NDArray[np.intp]:

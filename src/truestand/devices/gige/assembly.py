@@ -105,7 +105,7 @@ class Assembler:
         self._head = gvsp.EXTENDED_HEADER if extended else gvsp.HEADER
         self._data_bytes = max(gvsp.data_bytes(self._packet_size, extended), 1)
         self._count = -(-self._payload // self._data_bytes)
-        self._full = self._head + self._data_bytes if not extended else -1  # extended ids go the longer way
+        self._full = self._head + self._data_bytes if not extended else -1  # extended ids take the longer path
         self._data = self._view[self._head : self._head + self._data_bytes]
         self._free: list[tuple[bytearray, list[memoryview]]] = []
 

@@ -49,7 +49,7 @@ class Camera:
         resend: bool = True,
         frame_end_timeout: float = FRAME_END_TIMEOUT_S,
     ) -> None:
-        """Begin to receive frames of ``payload`` bytes in rows of ``row``, and tell the camera to send them.
+        """Begin to receive frames of ``payload`` bytes in rows of ``row``, and start the camera.
 
         ``packet_size`` 0 = the largest that arrives; ``resend`` counts where the camera can; ``frame_end_timeout`` (s)
         as ``Assembler``. Errors as ``Control.read``.
@@ -100,7 +100,7 @@ class Camera:
     def close(self) -> None:
         """End the stream, give control back; never raises for a camera that is gone."""
         with suppress(DeviceError):
-            if self._stream is not None and not self.control.gone:
+            if self._stream is not None and not self.control.lost_reason:
                 self.stop()
         self._end_stream()
         self.control.close()

@@ -33,9 +33,9 @@ class Control:
         self.name = name
         """As in stand.toml, for messages."""
         self.address = address
-        self.gone = ""
-        """Why the device is taken as lost, in plain words; empty = it answers."""
-        self.on_gone: Callable[[], None] = lambda: None
+        self.lost_reason = ""
+        """Why the device counts as lost, in words; empty = it answers."""
+        self.on_lost: Callable[[], None] = lambda: None
         """Called once, by the heartbeat, when the device is lost."""
         self._number = 0
         self._lock = threading.Lock()
@@ -59,7 +59,7 @@ class Control:
 
         Raises:
             DeviceLost: no answer.
-            DeviceError: another program controls it and goes on.
+            DeviceError: another program controls it.
         """
         held = self.read(Register.HEARTBEAT) / 1000.0
         end = time.monotonic() + min(held + 0.5, MAX_TAKE_S)
@@ -96,12 +96,12 @@ class Control:
                 self._lose(f"{self.address} doesn't answer any more; {ADVICE}")
             except DeviceError as wrong:
                 self._lose(f"its heartbeat ended ({wrong})")
-            if self.gone:
+            if self.lost_reason:
                 return
 
     def _lose(self, reason: str) -> None:
-        self.gone = reason
-        self.on_gone()
+        self.lost_reason = reason
+        self.on_lost()
 
     def check(self) -> None:
         """Whether the device still answers its heartbeat, without asking it.
@@ -109,8 +109,8 @@ class Control:
         Raises:
             DeviceLost: the heartbeat was not answered.
         """
-        if self.gone:
-            raise DeviceLost(f"{self.name}: {self.gone}")
+        if self.lost_reason:
+            raise DeviceLost(f"{self.name}: {self.lost_reason}")
 
     def read(self, address: int) -> int:
         """The 32 bit register at ``address``.
@@ -150,7 +150,7 @@ class Control:
 
     def resend(self, request: gvcp.Resend) -> None:
         """Request packets of the stream again; they come over the stream, without an acknowledge."""
-        with suppress(OSError):  # a device that is gone can't be asked; the heartbeat tells
+        with suppress(OSError):  # a lost device can't be asked; the heartbeat reports it
             self._socket.send(request.request(self._next()).encode())
 
     def close(self) -> None:
@@ -158,7 +158,7 @@ class Control:
         self._stop.set()
         if self._heartbeat is not None:
             self._heartbeat.join()
-        if self._controls and not self.gone:
+        if self._controls and not self.lost_reason:
             with suppress(DeviceError):
                 self.write(Register.CONTROL, 0)
         self._controls = False

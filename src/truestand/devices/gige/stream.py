@@ -25,7 +25,7 @@ TICK_S = 0.004
 RECEIVE_BYTES = 32 << 20
 """Requested from the system for packets that wait to be received; Linux grants net.core.rmem_max of it."""
 FORCE_BUFFER = 33
-"""SO_RCVBUFFORCE of Linux: past the limit, for those who may (root)."""
+"""SO_RCVBUFFORCE of Linux: beyond the limit, for privileged processes."""
 QUEUE_FRAMES = 256
 """That may wait for the reader: half a second at 500 frames/s."""
 ETHERNET_PACKET = 1500
@@ -54,7 +54,7 @@ class Stream:
         except OSError as wrong:
             self._socket.close()
             raise DeviceError(f"{control.name}: found no port to receive at {control.host} ({wrong})") from wrong
-        control.on_gone = self._wake
+        control.on_lost = self._wake
 
     def _enlarge(self) -> None:
         """The largest receive buffer that the system grants, and the longest wait for a packet."""
@@ -154,7 +154,7 @@ class Stream:
             DeviceLost: none is waiting and the heartbeat is not answered.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or not self._running or self.control.gone, timeout)
+            self._changed.wait_for(lambda: self._waiting or not self._running or self.control.lost_reason, timeout)
             if self._waiting:
                 return self._waiting.popleft()
         self.control.check()

@@ -117,7 +117,7 @@ class ScanControl(Camera):
 
     def close(self) -> None:
         """Laser off, stream ended, control given back; never raises for a sensor that is gone."""
-        if not self.control.gone:
+        if not self.control.lost_reason:
             with suppress(DeviceError):
                 self.set_laser("off")
         super().close()

@@ -158,6 +158,6 @@ class ModbusTable:
         return answer
 
     def _count_received(self, sending: bool, data: bytes) -> bytes:
-        """Count the bytes received: they tell silence from an answer that is malformed."""
+        """Count the bytes received: none is no answer, some are a malformed one."""
         self._received += 0 if sending else len(data)
         return data

@@ -66,12 +66,12 @@ class Control:
         """End the control of a client whose heartbeat stopped for longer than the timeout."""
         held = self.controller
         if held is not None and now - held.last_request > self.registers.value(Register.HEARTBEAT) / 1000:
-            self._end(silent=True)
+            self._end(heartbeat_lost=True)
 
-    def _end(self, silent: bool) -> None:
+    def _end(self, heartbeat_lost: bool) -> None:
         self.controller = None
         self.registers.put(Register.CONTROL, 0)
-        self._released(silent)
+        self._released(heartbeat_lost)
 
     def _execute(self, request: Request, sender: Address, now: float) -> tuple[int, bytes]:
         """Status and body of the answer."""
@@ -125,7 +125,7 @@ class Control:
         if value:
             self.controller = Controller(sender, now, bool(value & gvcp.EXCLUSIVE))
         elif held is not None:
-            self._end(silent=False)
+            self._end(heartbeat_lost=False)
 
     def _demand_control(self, sender: Address) -> None:
         if self.controller is None or self.controller.address != sender:

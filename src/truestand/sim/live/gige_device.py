@@ -31,7 +31,7 @@ from truestand.sim.live.servers import Service
 from truestand.sim.live.streaming import StreamChannel, Streamer
 
 POLL_INTERVAL_S = 0.02
-"""Real time, between two looks at heartbeat and end."""
+"""Real time, between two checks of heartbeat and end."""
 LATCH = 2
 """Bit of the register that controls the time stamp."""
 
@@ -138,11 +138,11 @@ class GigeDevice(Service):
                 with suppress(OSError):  # the client is gone
                     self._socket.sendto(answer, sender)
 
-    def _released(self, silent: bool) -> None:
-        """Control ended: the stream ends; where the controller fell silent, the laser goes off too."""
+    def _released(self, heartbeat_lost: bool) -> None:
+        """Control ended: the stream ends; where the heartbeat was lost, the laser goes off too."""
         self._stop_stream(1)
         self.registers.put(Register.STREAM_PORT, 0)
-        if silent:
+        if heartbeat_lost:
             self.registers.put(DeviceRegister.LASER, LASER_OFF)
 
     def _start_stream(self, value: int) -> None:

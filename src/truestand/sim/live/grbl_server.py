@@ -1,7 +1,7 @@
 """The virtual table as a motion controller with GRBL 1.1, over TCP or a pseudo terminal.
 
-It is locked until it is homed, takes jogs one after the other, and says nothing during the home search: as a real
-one. It shares nothing with the driver's codec.
+It is locked until it is homed, executes jogs one after the other, and answers nothing during the home search, as a
+real one. It shares nothing with the driver's codec.
 """
 
 import re

@@ -15,7 +15,7 @@ from truestand.devices.tables.recipe import host_and_port, is_network
 START_TIMEOUT_S = 10.0
 """For a server to start or end."""
 POLL_INTERVAL_S = 0.01
-"""Between two looks of a server at changes that it reports unasked."""
+"""Between two checks for changes that a server reports unasked."""
 Send = Callable[[bytes], object]
 Receive = Callable[[bytes], None]
 
@@ -90,7 +90,7 @@ class LineServer(ServerThread):
         self._clients: set[Send] = set()
 
     def _connected(self, send: Send) -> Receive:
-        """What takes the bytes of a new client, who gets answers by ``send``."""
+        """The function that takes the bytes of a new client; ``send`` sends it answers."""
         raise NotImplementedError
 
     def _poll(self) -> None:

@@ -36,7 +36,7 @@ from truestand.sim.poses import Array
 CLOCK_LEAD_S = 0.05
 """Real time by which the stand's clock may run ahead of the next exposure that is due."""
 STOP_POLL_INTERVAL_S = 0.02
-"""Real time: longest wait without a look at whether to stop."""
+"""Real time: longest wait without a check whether to stop."""
 MAX_BLOCK = 32
 """Profiles computed at once, where the computation is late."""
 MAX_BLOCK_S = 0.05
@@ -44,7 +44,7 @@ MAX_BLOCK_S = 0.05
 TRIGGER_RESOLUTION_S = 2e-5
 """Of the begin of a triggered exposure."""
 TRIGGER_POLL_INTERVAL_S = 5e-3
-"""Of the stand's clock, between two looks for triggers."""
+"""Of the stand's clock, between two checks for triggers."""
 HISTORY_BYTES = 64_000_000
 """Of recent frames, stored for a resend."""
 SEND_BUFFER_BYTES = 4_000_000
@@ -132,7 +132,7 @@ class StreamChannel:
             self.frames += 1
 
     def resend(self, request: Resend) -> None:
-        """Send packets again, or say that they are unavailable."""
+        """Send packets again, or a packet with the status unavailable."""
         if FaultKind.NO_RESEND in self._faults:
             return
         with self._lock:
@@ -236,7 +236,7 @@ class Exposures:
 
 
 class Streamer:
-    """Streams from ``start`` until ``stop``; ``counter`` goes on from stream to stream as that of a real sensor."""
+    """Streams from ``start`` until ``stop``; ``counter`` continues from stream to stream as that of a real sensor."""
 
     def __init__(
         self,

@@ -3,7 +3,7 @@
 The motor follows trapezoidal motion profiles, later than the controller plans them by ``Motion.lag`` (a following error
 in proportion to the speed). The table follows the motor with the error of its gearing, periodic in the angle: a speed
 ripple. The encoder sits on the table and may be mounted off centre. A command changes only what comes after it: the
-past stays as it was, because the profiles of a sensor are computed a few milliseconds late.
+past stays unchanged, because the profiles of a sensor are computed a few milliseconds late.
 """
 
 import threading
@@ -17,7 +17,7 @@ from truestand.sim.live.clock import Clock
 from truestand.sim.poses import Array
 
 HISTORY_S = 30.0
-"""Virtual time for which the past is kept."""
+"""Virtual time for which the past is stored."""
 HOME_OVERSHOOT = radians(3.0)
 """By how much the home search runs past the mark before it comes back to it slowly."""
 
