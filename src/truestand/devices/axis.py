@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import degrees, inf, isfinite, radians
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
 
@@ -196,10 +196,10 @@ class RotaryTable:
             self.sleep(POLL_INTERVAL_S)
 
 
-def timed(question: Callable[[], T]) -> tuple[T, float, float]:
-    """The answer to a question, with ``time`` and ``time_half_width`` of a ``DriveState``."""
+def timed(question: Callable[..., T], *arguments: Any) -> tuple[T, float, float]:
+    """The answer to a question, with ``time`` and ``time_half_width`` of a ``DriveState`` (s)."""
     before = time.monotonic()
-    answer = question()
+    answer = question(*arguments)
     after = time.monotonic()
     return answer, (before + after) / 2, (after - before) / 2
 

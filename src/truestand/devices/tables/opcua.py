@@ -38,8 +38,9 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors
 
 @dataclass(frozen=True, slots=True)
 class _Session:
-    """The table's nodes."""
+    """A connection and the table's nodes."""
 
+    client: Client
     table: Node
     methods: dict[str, Node]
     variables: list[Node]
@@ -78,7 +79,9 @@ class OpcUaTable:
         """Ask the server."""
         with self._lock:
             session = self._connected()
-            values, asked, half_width = timed(lambda: self._run(lambda: self._read(session.variables), self._timeout))
+            values, asked, half_width = timed(
+                self._run, lambda: session.client.read_values(session.variables), self._timeout
+            )
         position, moving, homed, fault = values
         if not (isinstance(position, float | int) and isfinite(position) and isinstance(fault, str | None)):
             raise malformed(self.name, f"position {position!r} and fault {fault!r}", "a number and a text")
@@ -123,7 +126,7 @@ class OpcUaTable:
             return await table.get_child(f"{space}:{name}")
 
         methods = {name: await of(name) for name in (r.home, r.move, r.halt, r.reset)}
-        return _Session(table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
+        return _Session(client, table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
 
     def _run(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:
         """The result of ``work`` on the event loop, within so many seconds.
@@ -173,10 +176,6 @@ class OpcUaTable:
         if not self._thread.is_alive():
             self._loop.close()
         self._loop, self._client, self._session = None, None, None
-
-    async def _read(self, variables: list[Node]) -> list[Any]:
-        assert self._client is not None
-        return await self._client.read_values(variables)
 
     async def _leave(self, disconnect: bool) -> None:
         if self._client is not None:

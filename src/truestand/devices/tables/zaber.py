@@ -54,7 +54,7 @@ class ZaberTable:
         """Ask for the warnings, then for the position; the reply to that says whether it moves."""
         with self._lock:
             flags = self._flags()
-            reply, asked, half_width = timed(lambda: self._ask("get pos"))
+            reply, asked, half_width = timed(self._ask, "get pos")
         faults = [f"{FAULTS.get(flag, 'fault')} ({flag})" for flag in flags if flag.startswith("F")]
         return DriveState(
             self._number(reply.data) * tau / self._recipe.counts_per_turn,

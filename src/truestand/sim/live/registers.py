@@ -113,8 +113,6 @@ class Identity:
     serial: str = "V0000001"
     name: str = ""
     """Defined by the user."""
-    manufacturer: str = "truestand (virtual)"
-    version: str = "1.0"
 
 
 class Registers:
@@ -164,9 +162,9 @@ class Registers:
         ):
             self.put(address, value)
         for register, text in (
-            (Register.MANUFACTURER, identity.manufacturer),
+            (Register.MANUFACTURER, "truestand (virtual)"),
             (Register.MODEL, identity.model),
-            (Register.DEVICE_VERSION, identity.version),
+            (Register.DEVICE_VERSION, "1.0"),
             (Register.MANUFACTURER_INFO, "simulated"),
             (Register.SERIAL, identity.serial),
             (Register.USER_NAME, identity.name),
