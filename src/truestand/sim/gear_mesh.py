@@ -23,6 +23,17 @@ DENT_DIGITS = 1
 
 
 @dataclass(frozen=True, slots=True)
+class Flanks:
+    """The analytic surface for which a mesh's triangles stand."""
+
+    surface: GearSurface
+    tooth: Ints
+    """(F,) index from 0; -1 = none."""
+    side: NDArray[np.int8]
+    """(F,) +1 left, -1 right, 0 none."""
+
+
+@dataclass(frozen=True, slots=True)
 class GearMesh:
     """Triangles in the gear's own frame, counter-clockwise seen from outside, and the flank to which each belongs."""
 
@@ -30,10 +41,7 @@ class GearMesh:
     """(V, 3) mm."""
     faces: NDArray[np.int64]
     """(F, 3)."""
-    tooth: Ints
-    """(F,) index from 0; -1 where a triangle belongs to no flank."""
-    side: NDArray[np.int8]
-    """(F,) +1 left, -1 right, 0 none."""
+    flanks: Flanks
 
 
 def gear_mesh(surface: GearSurface, bore: float) -> GearMesh:
@@ -51,7 +59,7 @@ def gear_mesh(surface: GearSurface, bore: float) -> GearMesh:
     of_tooth = np.full((rows + 2, around), -1, dtype=np.intp)
     of_side = np.zeros((rows + 2, around), dtype=np.int8)
     of_tooth[1:rows], of_side[1:rows] = tooth, side
-    return GearMesh(rings, walls, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2))
+    return GearMesh(rings, walls, Flanks(surface, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2)))
 
 
 def _walls(rings: int, around: int) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_mesh import gear_mesh
 from truestand.sim.gear_surface import GearSurface
 from truestand.sim.poses import Array, rigid, shifted, turned
-from truestand.sim.raycast_mesh import Body, body, gear_body
+from truestand.sim.raycast_mesh import Body, body
 from truestand.sim.shaft_surface import Face, Step, axis_of, faces_of, steps_of
 from truestand.sim.simulation import Misalignment, Workpiece
 
@@ -71,7 +71,8 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
         check_gear(part)
         surface = GearSurface(part.gear, part.errors)
         mesh = gear_mesh(surface, _bore(part.gear, artefact, surface.circles.root))
-        return Scene(steps, faces, gear_body(surface, mesh, shaft_from_gear(part, artefact, workpiece)))
+        pose = shaft_from_gear(part, artefact, workpiece)
+        return Scene(steps, faces, body(mesh.vertices, mesh.faces, pose, mesh.flanks))
     if isinstance(part, VirtualTurned):
         part_steps, part_faces = _sections(part, workpiece.clamped)
         return Scene(steps + part_steps, faces + part_faces)

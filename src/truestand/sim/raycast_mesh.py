@@ -11,7 +11,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from truestand.sim.gear_mesh import GearMesh
+from truestand.sim.gear_mesh import Flanks
 from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
 from truestand.sim.poses import Array, Bools, Ints
 from truestand.sim.raycast import MESH, Hits, Rays
@@ -27,17 +27,6 @@ EDGE_MARGIN_MM = 0.002
 """By how much a hit may lie beyond the edge of its flank."""
 CAMERA_OFFSET_MM = 0.005
 """From its triangle, of a point whose sight of the camera is tested."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flanks:
-    """The analytic surface for which a mesh's triangles stand."""
-
-    surface: GearSurface
-    tooth: Ints
-    """(F,) index from 0; -1 = none."""
-    side: NDArray[np.int8]
-    """(F,) +1 left, -1 right, 0 none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +58,6 @@ def body(vertices: Array, faces: NDArray[np.int64], shaft_from_part: Array, flan
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     radius = float(np.linalg.norm(vertices - centre, axis=1).max())
     return Body(a, normals / np.where(size > 0, size, 1.0), shaft_from_part, scene, centre, radius, flanks)
-
-
-def gear_body(surface: GearSurface, mesh: GearMesh, shaft_from_part: Array) -> Body:
-    """A body whose flanks are solved on the gear's analytic surface."""
-    return body(mesh.vertices, mesh.faces, shaft_from_part, Flanks(surface, mesh.tooth, mesh.side))
 
 
 def meet_body(rays: Rays, of: Body, hits: Hits) -> None:

@@ -30,28 +30,6 @@ class ZaberServer(LineServer):
 
     def __init__(self, table: VirtualTable, recipe: TableRecipe) -> None:
         super().__init__(recipe.address, PORTS["zaber"])
-        self.stage = _Stage(table, recipe)
-
-    def _connected(self, send: Send) -> Receive:
-        rest = b""
-
-        def receive(data: bytes) -> None:
-            """Lines end with CR, LF or both."""
-            nonlocal rest
-            *lines, rest = (rest + data).replace(b"\r", b"\n").split(b"\n")
-            rest = rest[: 2 * MAX_LINE]
-            for line in lines:
-                reply = self.stage.reply(line[line.find(b"/") :]) if b"/" in line else None
-                if reply is not None:
-                    send(reply.encode(with_checksum=self.stage.checksums))
-
-        return receive
-
-
-class _Stage:
-    """The device's side of the protocol."""
-
-    def __init__(self, table: VirtualTable, recipe: TableRecipe) -> None:
         r = recipe.zaber
         self.table = table
         self.device, self.axes = r.device, r.axis
@@ -64,6 +42,21 @@ class _Stage:
                           "motion.decelonly": "205", "resolution": "64", "limit.cycle.dist": str(r.counts_per_turn),
                           "limit.home.pos": "0", "motion.index.dist": "0", "driver.enabled": "1",
                           "parking.state": "0", "user.data.0": "0"}  # fmt: skip
+
+    def _connected(self, send: Send) -> Receive:
+        rest = b""
+
+        def receive(data: bytes) -> None:
+            """Lines end with CR, LF or both."""
+            nonlocal rest
+            *lines, rest = (rest + data).replace(b"\r", b"\n").split(b"\n")
+            rest = rest[: 2 * MAX_LINE]
+            for line in lines:
+                reply = self.reply(line[line.find(b"/") :]) if b"/" in line else None
+                if reply is not None:
+                    send(reply.encode(with_checksum=self.checksums))
+
+        return receive
 
     def reply(self, line: bytes) -> Reply | None:
         """The reply to a command; None to a line that can't be read, or is meant for another device."""
