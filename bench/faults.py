@@ -13,17 +13,17 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from lab import lab
-from truestand.sim.live.faults import Kind
+from truestand.sim.live.faults import FaultKind
 from truestand.station.stand_lock import reset_latched_fault
 
 FAULTS = {
-    "sensor unplugged": (Kind.UNPLUGGED, None),
-    "frames frozen": (Kind.FROZEN, None),
-    "garbage frames": (Kind.GARBAGE, None),
-    "latency of 3 s": (Kind.LATENCY, 3000.0),
-    "control not answered": (Kind.HEARTBEAT_IGNORED, None),
-    "encoder stuck": (Kind.STUCK_ENCODER, None),
-    "table stalled": (Kind.STALLED_TABLE, None),
+    "sensor unplugged": (FaultKind.UNPLUGGED, None),
+    "frames frozen": (FaultKind.FROZEN, None),
+    "garbage frames": (FaultKind.GARBAGE, None),
+    "latency of 3 s": (FaultKind.LATENCY, 3000.0),
+    "control not answered": (FaultKind.HEARTBEAT_IGNORED, None),
+    "encoder stuck": (FaultKind.STUCK_ENCODER, None),
+    "table stalled": (FaultKind.STALLED_TABLE, None),
 }
 
 

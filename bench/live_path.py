@@ -18,17 +18,18 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from recorded import RecordedSource
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.scans.scan_log import Kind, LogWriter, read_log
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import raw_profiles, usual_shape
 from truestand.sim.live.faults import Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.source import RecordedSource
+from truestand.sim.live.scancontrol_frames import default_format, raw_profiles
 from truestand.sim.live.table import VirtualTable
 from truestand.station import acquire as station
 from truestand.station.log import LogBuilder
@@ -49,7 +50,7 @@ def stand(core, points, told):
     server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
     rng = np.random.default_rng(1)
     z = rng.uniform(80, 110, (200, points))
-    raw = raw_profiles(rng.uniform(-10, 10, z.shape), z, (0.002, 95.0), usual_shape(points, 20))
+    raw = raw_profiles(rng.uniform(-10, 10, z.shape), z, (0.002, 95.0), default_format(points, 20))
     server.start()
     device = GigeDevice(Identity(ADDRESS), RecordedSource(raw, table, 360_000), clock, Faults(table), points=points)
     device.start()

@@ -27,7 +27,7 @@ from truestand.devices.gige.control import Control
 from truestand.devices.gige.stream import Stream
 from truestand.devices.wire import gvcp, gvsp
 from truestand.devices.wire.gvcp import Command, Register
-from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
+from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
 
 ADDRESS = "127.0.38.1"
 GO = 0xA000
@@ -43,9 +43,13 @@ def encoded(block, payload, width, packet_size):
     """The packets of a frame."""
     chunk = gvsp.data_bytes(packet_size)
     pieces = [payload[i : i + chunk] for i in range(0, len(payload), chunk)]
-    leader = Header(block, 0, Kind.LEADER).encode() + Leader(0, PixelFormat.MONO16, width, PROFILES).encode()
-    data = [Header(block, i, Kind.PAYLOAD).encode() + piece for i, piece in enumerate(pieces, 1)]
-    return [leader, *data, Header(block, len(pieces) + 1, Kind.TRAILER).encode() + gvsp.encode_trailer(PROFILES)]
+    leader = Header(block, 0, PacketFormat.LEADER).encode() + Leader(0, PixelFormat.MONO16, width, PROFILES).encode()
+    data = [Header(block, i, PacketFormat.PAYLOAD).encode() + piece for i, piece in enumerate(pieces, 1)]
+    return [
+        leader,
+        *data,
+        Header(block, len(pieces) + 1, PacketFormat.TRAILER).encode() + gvsp.encode_trailer(PROFILES),
+    ]
 
 
 def sender(core, width, rate, packet_size, ready):

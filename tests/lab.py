@@ -8,20 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from numpy.random import default_rng
-
 from patience import NOT_FOR_EVER
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.recipes.parts import read_part, read_part_simulation
 from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand, write_starters
 from truestand.sim import simulation_from, virtual_part_from
-from truestand.sim.caster import Caster
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
 from truestand.sim.live.modbus_server import ModbusServer
+from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import Identity
-from truestand.sim.live.source import LiveSource
 from truestand.sim.live.table import VirtualTable
 from truestand.station.recipe import read_devices, scan_settings
 from truestand.station.scan import ScanOutcome, take_scan
@@ -88,15 +85,13 @@ class Lab:
     def put(self, part: str | None) -> None:
         """What an operator's hands do: the shaft alone, or the part of a recipe in the folder, on the table."""
         for sensor in self.sensors:
-            sensor.source.mount(part is not None)
             if part is not None:
-                sensor.source._casters[1] = self._casters(sensor.source, self.folder / part)
+                recipe = self.folder / part
+                virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), part)
+                sensor.source.replace_part(virtual)
+            sensor.source.mount(part is not None)
 
-    def _casters(self, source: LiveSource, recipe: Path) -> Caster:
-        virtual = virtual_part_from(read_part(recipe), read_part_simulation(recipe), recipe.name)
-        return Caster(source._stand, source._casters[0].simulation, source._artefact, virtual, default_rng(7))
-
-    def fault(self, kind: Kind, strength: float | None = None):
+    def fault(self, kind: FaultKind, strength: float | None = None):
         return lambda: self.faults.begin(kind, strength)
 
 
@@ -123,7 +118,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     try:
         for i, address in enumerate(addresses):
             one = type(described)(described.table, described.sensors[i : i + 1], described.y, described.counts_per_turn)
-            source = LiveSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
+            source = SimulatedSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
             source.mount(False)
             devices.append(GigeDevice(Identity(address, serial=f"V{i}"), source, clock, faults, points=points))
             devices[-1].start()

@@ -136,11 +136,11 @@ def test_every_setting_of_the_virtual_stand_is_explained():
 def test_every_error_of_a_virtual_gear_is_explained():
     from truestand.gear.drawing import Gear
     from truestand.sim import virtual_part_from
-    from truestand.sim.part_recipe import CadPlaceRecipe, GearErrorsRecipe
+    from truestand.sim.recipe import CadPoseRecipe, GearErrorsRecipe
 
     page = ROOT / "docs" / "build-your-stand.md"
     text = page.read_text(encoding="utf-8")
-    for key in (*GearErrorsRecipe.model_fields, *CadPlaceRecipe.model_fields):
+    for key in (*GearErrorsRecipe.model_fields, *CadPoseRecipe.model_fields):
         assert (f"[[simulation.{key}]]" if key in ("dent", "worn", "chip") else f"`{key}`") in text, key
     _, example = code(page, "toml")
     made = virtual_part_from(Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0), tomllib.loads(example)["simulation"])

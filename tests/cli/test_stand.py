@@ -11,7 +11,7 @@ import pytest
 
 from command import run_process as run
 from lab import lab
-from truestand.sim.live.faults import Kind
+from truestand.sim.live.faults import FaultKind
 from truestand.store import Store
 
 
@@ -50,7 +50,7 @@ def test_list_shows_which_devices_answer(stand):
     assert done.returncode == 0, done.stderr
     table, front, back = json.loads(done.stdout)
     assert table["answers"] and front["serial"] == "V0" and back["serial"] == "V1"
-    stand.faults.begin(Kind.UNPLUGGED)
+    stand.faults.begin(FaultKind.UNPLUGGED)
     try:
         done = run("stand", "list", "--stand", stand.recipe)
     finally:
@@ -110,7 +110,7 @@ def test_acquire_ends_0_with_a_complete_scan_of_each_sensor(stand):
 def test_a_fault_ends_3_and_stays_until_reset(single):
     process = acquiring(single)
     time.sleep(1.0)
-    single.faults.begin(Kind.STALLED_TABLE)
+    single.faults.begin(FaultKind.STALLED_TABLE)
     out, err = process.communicate(timeout=20)
     assert process.returncode == 3, err
     assert out.strip() == str(single.folder / "k1.h5")

@@ -38,7 +38,7 @@ def camera(address):
     opened.close()
 
 
-def test_it_says_who_it_is(camera):
+def test_identity_of_the_camera_is_read(camera):
     found = camera.control.identity()
     assert (found["manufacturer"], found["model"], found["serial"], found["address"]) == (
         "Aravis", "Fake", "GV07", "127.0.0.1",
@@ -71,7 +71,7 @@ def test_its_features_are_read_and_written(camera):
         ("Height", "tall", r"Height refused 'tall'"),
     ],
 )
-def test_what_it_refuses_is_told(camera, feature, value, message):
+def test_refused_features_raise_error(camera, feature, value, message):
     with pytest.raises(DeviceError, match=message):
         camera.nodes.set(feature, value)
 
@@ -88,14 +88,14 @@ def test_a_feature_is_no_command_and_a_command_no_feature(camera):
     [pytest.param(2.0, id="2s"), pytest.param(10.0, id="10s", marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize(("height", "rate"), [(2, 200), (2, 1000), (128, 500)])
-def test_its_stream_arrives_and_every_loss_is_told(camera, height, rate, seconds):
+def test_stream_arrives_and_every_loss_is_counted(camera, height, rate, seconds):
     width, nodes = 640, camera.nodes
     for feature, value in (
         ("PixelFormat", "Mono8"), ("Width", width), ("Height", height), ("AcquisitionFrameRate", float(rate)),
         ("ExposureTimeAbs", 10_000.0), ("GainRaw", 0),
     ):  # fmt: skip
         nodes.set(feature, value)
-    camera.start(width * height, width)
+    camera.start_stream(width * height, width)
     frames, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         frame = camera.next_frame(0.2)
@@ -146,13 +146,13 @@ def test_the_range_camera_driver_reads_it(address):
             wrong.close()
 
 
-def test_its_death_is_told(fake, camera):
+def test_killed_camera_is_lost(fake, camera):
     """The last test: it kills the camera."""
     address, process = fake
     camera.nodes.set("AcquisitionFrameRate", 100.0)
     camera.nodes.set("PixelFormat", "Mono8")
     width, height = camera.nodes.get("Width"), camera.nodes.get("Height")
-    camera.start(width * height, width, resend=False)
+    camera.start_stream(width * height, width, resend=False)
     assert camera.next_frame(1.0) is not None
     process.kill()
     begun = time.monotonic()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
-from truestand.devices.axis import POLL, SLACK, DriveState, Limits, RotaryTable
+from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, DriveState, Limits, RotaryTable
 
 
 @dataclass
@@ -78,10 +78,10 @@ def test_a_move_that_takes_twice_its_time_and_more_is_stopped():
     with pytest.raises(MoveTimeout, match=r"longer than 6\.0 s"):
         table.move_to(1.0, 0.5)
     assert drive.told[-1] == "halt"
-    assert now[0] == pytest.approx(2 * 2.0 + SLACK, abs=3 * POLL)
+    assert now[0] == pytest.approx(2 * 2.0 + MOVE_MARGIN_S, abs=3 * POLL_INTERVAL_S)
 
 
-def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
+def test_late_clock_does_not_time_out_a_table_that_has_arrived():
     table, drive, now = table_of(at(), at(moving=True), at(1.0))
     answer = drive.state
 
@@ -94,14 +94,14 @@ def test_a_computer_that_slept_takes_no_arrived_table_for_a_late_one():
     assert drive.told == [("move", 1.0, 0.5)]
 
 
-def test_homing_and_stopping_have_times_of_their_own():
+def test_homing_and_stopping_have_their_own_timeouts():
     table, drive, now = table_of(at(moving=True), home_time=7.0, stop_time=1.5)
     with pytest.raises(MoveTimeout, match="homing"):
         table.home()
-    assert drive.told == ["home", "halt"] and now[0] == pytest.approx(7.0, abs=3 * POLL)
+    assert drive.told == ["home", "halt"] and now[0] == pytest.approx(7.0, abs=3 * POLL_INTERVAL_S)
     with pytest.raises(MoveTimeout, match="stopping"):
         table.stop()
-    assert drive.told == ["home", "halt", "halt"] and now[0] == pytest.approx(8.5, abs=6 * POLL)
+    assert drive.told == ["home", "halt", "halt"] and now[0] == pytest.approx(8.5, abs=6 * POLL_INTERVAL_S)
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
@@ -118,7 +118,7 @@ def test_nothing_beyond_the_limits_reaches_the_drive(position, speed):
 
 
 @pytest.mark.parametrize("speed", [0.0, nan, inf, -inf, 1.01, -1.01])
-def test_a_speed_that_is_none_moves_nothing(speed):
+def test_invalid_speed_moves_nothing(speed):
     table, drive, _ = table_of(at(), speed=1.0)
     with pytest.raises(LimitExceeded, match="max_speed_deg_per_s"):
         table.start_move(1.0, speed)
@@ -144,7 +144,7 @@ def test_a_lost_drive_ends_the_wait():
         table.move_to(1.0, 0.5)
 
 
-def test_reset_and_close_are_handed_on():
+def test_reset_and_close_reach_the_drive():
     table, drive, _ = table_of(at())
     table.reset()
     table.close()

@@ -6,9 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truestand.devices.gige.assembly import ASK_AFTER, GIVE_UP, GIVE_UP_AT_ONCE, MOST_OPEN, SILENCE, Assembler
+from truestand.devices.gige.assembly import (
+    FRAME_END_TIMEOUT_S,
+    GAP_TIMEOUT_S,
+    GAP_TIMEOUT_WITHOUT_RESEND_S,
+    MAX_OPEN_FRAMES,
+    RESEND_DELAY_S,
+    Assembler,
+)
 from truestand.devices.wire import grbl, gvcp, gvsp, zaber
-from truestand.devices.wire.gvsp import Header, Kind, Leader, PixelFormat
+from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
 from truestand.devices.wire.malformed import Malformed
 
 PACKET_SIZE = 136  # 100 bytes of data in a packet with standard ids
@@ -29,9 +36,9 @@ def packets(block, extended=False, data=None):
     def packet(number, kind, body):
         return Header(block, number, kind, extended=extended).encode() + body
 
-    leader = packet(0, Kind.LEADER, Leader(1, PixelFormat.MONO16, WIDTH, ROWS).encode())
-    middle = [packet(i, Kind.PAYLOAD, piece) for i, piece in enumerate(pieces, 1)]
-    return [leader, *middle, packet(len(pieces) + 1, Kind.TRAILER, gvsp.encode_trailer(ROWS))]
+    leader = packet(0, PacketFormat.LEADER, Leader(1, PixelFormat.MONO16, WIDTH, ROWS).encode())
+    middle = [packet(i, PacketFormat.PAYLOAD, piece) for i, piece in enumerate(pieces, 1)]
+    return [leader, *middle, packet(len(pieces) + 1, PacketFormat.TRAILER, gvsp.encode_trailer(ROWS))]
 
 
 class Bench:
@@ -81,20 +88,20 @@ def test_frames_come_out_as_they_were_sent(extended):
     assert (found.frames, found.lost, found.incomplete, found.duplicates, found.malformed) == (3, 0, 0, 0, 0)
 
 
-def test_a_lost_packet_is_asked_for_and_its_frame_waits_for_it():
+def test_lost_packet_is_requested_again_and_its_frame_waits():
     leader, *data, trailer = packets(1)
     bench = Bench().feed(leader, data[0], *data[2:4], data[4], trailer, *packets(2))
     assert not bench.frames
-    bench.wait(2 * ASK_AFTER)
+    bench.wait(2 * RESEND_DELAY_S)
     assert [(r.block, r.first, r.last) for r in bench.requests] == [(1, 2, 2)]
     bench.feed(data[1])
     assert bench.numbers == [0, 1] and bench.frames[0].payload == content(1)
     assert bench.statistics.resent == 1 and bench.statistics.incomplete == 0
 
 
-def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
+def test_missing_packets_are_reported_and_their_profiles_are_zeroed():
     leader, *data, trailer = packets(1)
-    bench = Bench().feed(leader, data[0], *data[2:], trailer, *packets(2)).wait(2 * GIVE_UP)
+    bench = Bench().feed(leader, data[0], *data[2:], trailer, *packets(2)).wait(2 * GAP_TIMEOUT_S)
     first, second = bench.frames
     row = 2 * WIDTH
     assert first.missing == 100 and not second.missing
@@ -102,8 +109,8 @@ def test_what_never_comes_is_reported_and_its_profiles_are_not_used_in_part():
     assert bench.statistics.incomplete == 1 and len(bench.requests) > 2, "asked again and again"
 
 
-def test_lost_frames_are_steps_of_the_number():
-    bench = Bench().feed(*packets(1), *packets(4)).wait(2 * GIVE_UP)
+def test_lost_frames_leave_gaps_in_the_numbers():
+    bench = Bench().feed(*packets(1), *packets(4)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {(r.block, r.first, r.last) for r in bench.requests} == {(2, 1, 5), (3, 1, 5)}, "they too are asked for"
     bench.feed(*packets(5))
@@ -111,31 +118,31 @@ def test_lost_frames_are_steps_of_the_number():
 
 
 def test_many_lost_frames_are_counted_without_waiting_for_all():
-    bench = Bench().feed(*packets(1), *packets(1001)).wait(2 * GIVE_UP)
+    bench = Bench().feed(*packets(1), *packets(1001)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 1000] and bench.statistics.lost == 999
-    assert len({r.block for r in bench.requests}) < MOST_OPEN
+    assert len({r.block for r in bench.requests}) < MAX_OPEN_FRAMES
 
 
-def test_the_last_packets_of_the_newest_frame_are_missed_after_a_silence():
+def test_last_packets_of_the_newest_frame_are_requested_after_a_timeout():
     leader, *data, _ = packets(1)
-    bench = Bench().feed(leader, *data[:3]).wait(SILENCE / 2)
+    bench = Bench().feed(leader, *data[:3]).wait(FRAME_END_TIMEOUT_S / 2)
     assert not bench.requests
-    bench.wait(SILENCE)
+    bench.wait(FRAME_END_TIMEOUT_S)
     assert (bench.requests[0].first, bench.requests[0].last) == (4, 5)
-    bench.wait(GIVE_UP)
+    bench.wait(GAP_TIMEOUT_S)
     assert bench.frames[0].missing == 180
 
 
-def test_a_refused_packet_ends_the_waiting():
+def test_unavailable_packet_ends_the_wait():
     leader, *data, trailer = packets(1)
-    bench = Bench().feed(leader, *data[1:], trailer).wait(2 * ASK_AFTER)
-    bench.feed(Header(1, 1, Kind.PAYLOAD, status=0x800C).encode()).wait(ASK_AFTER)
-    assert bench.frames[0].missing == 100 and bench.now < GIVE_UP
+    bench = Bench().feed(leader, *data[1:], trailer).wait(2 * RESEND_DELAY_S)
+    bench.feed(Header(1, 1, PacketFormat.PAYLOAD, status=0x800C).encode()).wait(RESEND_DELAY_S)
+    assert bench.frames[0].missing == 100 and bench.now < GAP_TIMEOUT_S
 
 
-def test_without_resend_nothing_is_asked_and_the_wait_is_short():
+def test_without_resend_no_packet_is_requested_and_the_wait_is_short():
     leader, *data, trailer = packets(1)
-    bench = Bench(resend=False).feed(leader, *data[1:], trailer).wait(2 * GIVE_UP_AT_ONCE)
+    bench = Bench(resend=False).feed(leader, *data[1:], trailer).wait(2 * GAP_TIMEOUT_WITHOUT_RESEND_S)
     assert not bench.requests and bench.frames[0].missing == 100
 
 
@@ -160,19 +167,19 @@ def test_block_ids_start_again_and_the_number_goes_on(last, wires):
     assert bench.numbers == list(range(len(wires)))
 
 
-def test_a_loss_over_the_start_of_the_ids_is_seen():
-    bench = Bench().feed(*packets(65534), *packets(2)).wait(2 * GIVE_UP)
+def test_loss_across_the_wrap_of_block_ids_is_counted():
+    bench = Bench().feed(*packets(65534), *packets(2)).wait(2 * GAP_TIMEOUT_S)
     assert bench.numbers == [0, 3] and bench.statistics.lost == 2
     assert {r.block for r in bench.requests} == {65535, 1}
 
 
 def test_garbage_and_frames_of_another_size_are_counted_and_not_used():
     bench = Bench().feed(*packets(1)[:3])
-    leader = Header(2, 0, Kind.LEADER).encode() + Leader(1, PixelFormat.MONO16, WIDTH, 2 * ROWS).encode()
+    leader = Header(2, 0, PacketFormat.LEADER).encode() + Leader(1, PixelFormat.MONO16, WIDTH, 2 * ROWS).encode()
     wrong = (
         b"", b"\x00" * 7, b"\xff" * 300, leader, packets(1)[4][:-1], packets(1)[4] + b"x", packets(1, extended=True)[3],
-        Header(1, 9, Kind.PAYLOAD).encode() + bytes(100), Header(1, 3, 5).encode() + bytes(100),
-        Header(2, 0, Kind.LEADER).encode() + bytes(12),
+        Header(1, 9, PacketFormat.PAYLOAD).encode() + bytes(100), Header(1, 3, 5).encode() + bytes(100),
+        Header(2, 0, PacketFormat.LEADER).encode() + bytes(12),
     )  # fmt: skip
     bench.feed(*wrong, *packets(1)[3:])
     assert bench.frames[0].payload == content(1) and bench.numbers == [0]
@@ -188,7 +195,7 @@ def test_what_is_no_message_is_malformed_in_every_protocol(decode):
         decode(b"<")
 
 
-def test_the_end_hands_on_what_there_is():
+def test_flush_closes_incomplete_frames():
     bench = Bench().feed(*packets(1), *packets(2)[:3])
     bench.assembler.flush(bench.now)
     bench.feed()
@@ -204,7 +211,7 @@ sent_packets = st.lists(
 
 @given(sent_packets, st.booleans())
 @settings(max_examples=300, deadline=None)
-def test_whatever_arrives_a_frame_called_complete_is_the_one_sent(arriving, extended):
+def test_frame_called_complete_equals_the_one_sent(arriving, extended):
     """Any order, loss, repetition, with garbage between."""
     wires = {i: (65533 + i - 1) % 65535 + 1 for i in range(1, 7)}
     frames = {i: packets(wires[i], extended) for i in wires}

@@ -104,7 +104,7 @@ def test_a_lost_request_is_sent_again_with_its_id(device, control):
     assert len({r.id for r in device.asked}) == 1 and len(device.asked) == 3
 
 
-def test_late_foreign_and_broken_answers_are_passed_over(device, control):
+def test_late_foreign_and_malformed_answers_are_skipped(device, control):
     device.put(0xA000, (5).to_bytes(4, "big"))
 
     def trouble(request, answer):
@@ -115,7 +115,7 @@ def test_late_foreign_and_broken_answers_are_passed_over(device, control):
     assert control.read(0xA000) == 5
 
 
-def test_a_device_may_ask_for_time(device, control):
+def test_pending_acknowledge_extends_the_timeout(device, control):
     device.put(0xA000, (9).to_bytes(4, "big"))
     pending = (600).to_bytes(4, "big")
     device.trouble = lambda request, answer: [Acknowledge(Command.PENDING, request.id, pending), 0.5, answer]
@@ -123,7 +123,7 @@ def test_a_device_may_ask_for_time(device, control):
 
 
 @pytest.mark.parametrize("status", [Status.WRITE_PROTECT, Status.INVALID_ADDRESS, 0x8FEE])
-def test_a_refusal_is_named(device, control, status):
+def test_refusal_names_its_status(device, control, status):
     device.trouble = lambda request, answer: [Acknowledge(request.command, request.id, b"", status)]
     word = "0x8fee" if status == 0x8FEE else Status(status).name.lower().replace("_", " ")
     with pytest.raises(DeviceError, match=rf"front: the device did not write 1 to register 0x00000a10 \({word}\)"):
@@ -132,7 +132,7 @@ def test_a_refusal_is_named(device, control, status):
         control.read_memory(0, 8)
 
 
-def test_silence_is_a_lost_device(device, control):
+def test_silent_device_is_lost(device, control):
     device.trouble = lambda request, answer: []
     begun = time.monotonic()
     with pytest.raises(DeviceLost, match="nobody answers"):
@@ -140,7 +140,7 @@ def test_silence_is_a_lost_device(device, control):
     assert time.monotonic() - begun < NOT_FOR_EVER
 
 
-def test_memory_comes_in_pieces(device, control):
+def test_memory_is_read_in_pieces(device, control):
     data = bytes(i % 251 for i in range(3001))
     device.put(0x8000, data)
     assert control.read_memory(0x8000, 3001) == data
@@ -148,18 +148,18 @@ def test_memory_comes_in_pieces(device, control):
     assert device.memory[0x9000 : 0x9000 + 1200] == data[:1200]
 
 
-def test_control_that_the_device_takes_away_is_told(device, control):
+def test_control_withdrawn_by_the_device_is_lost(device, control):
     control.take(500)
     control.check()
     device.put(Register.CONTROL, bytes(4))
     end = time.monotonic() + 1
-    while not control.gone and time.monotonic() < end:
+    while not control.lost_reason and time.monotonic() < end:
         time.sleep(0.01)
     with pytest.raises(DeviceLost, match="gave up our control"):
         control.check()
 
 
-def test_an_address_out_of_reach():
+def test_unreachable_address_is_lost():
     with pytest.raises(DeviceLost, match="can't be reached"):
         Control("front", "255.255.255.255")
 
@@ -189,13 +189,13 @@ def test_the_description_comes_plain_or_zipped(device, control, zipped):
         (b"<xml", "Local:m.xml;{at:x};{size:x}", "can't be understood"),
     ],
 )
-def test_a_description_that_is_none(device, control, data, url, message):
+def test_wrong_description_raises_device_error(device, control, data, url, message):
     device.describe(data, url)
     with pytest.raises(DeviceError, match=message):
         Nodes(control)
 
 
-def test_a_description_that_swells_is_refused(device, control):
+def test_description_that_unpacks_too_large_is_refused(device, control):
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("m.xml", bytes(20 << 20))
@@ -204,7 +204,7 @@ def test_a_description_that_swells_is_refused(device, control):
         description(control)
 
 
-def test_a_device_that_goes_while_a_feature_is_read_is_lost(device, control):
+def test_device_that_stops_answering_while_a_feature_is_read_is_lost(device, control):
     nodes = Nodes(control)
     device.trouble = lambda request, answer: []
     with pytest.raises(DeviceLost):
@@ -224,7 +224,7 @@ def test_without_genicam_the_message_says_what_to_do(control, monkeypatch):
         Nodes(control)
 
 
-def test_packets_from_elsewhere_are_not_looked_at(device, control):
+def test_packets_from_other_addresses_are_ignored(device, control):
     stream = Stream(control)
     stream.start(Assembler(480, 136))
     port = stream._socket.getsockname()[1]

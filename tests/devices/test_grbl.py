@@ -36,7 +36,7 @@ SAID = [
 
 
 @pytest.mark.parametrize(("line", "message"), SAID)
-def test_what_a_board_says(line, message):
+def test_messages_of_a_board_are_decoded(line, message):
     assert decode_line(line) == message
 
 
@@ -126,10 +126,10 @@ def test_the_board_answers_as_grbl(plain, text, answers):
     assert said(lines, text, len(answers)) == answers
 
 
-def test_the_board_counts_home_where_it_likes_and_another_axis_in_turns():
+def test_home_position_and_units_of_another_axis_are_converted():
     virtual = VirtualTable(Clock(20.0))
     axis = {"axis": "A", "axes": "XYZA", "degrees_per_unit": 10.0}
-    server = GrblServer(virtual, TableRecipe(protocol="grbl", address="127.0.0.1:0", grbl=axis), home_at=-3.5)
+    server = GrblServer(virtual, TableRecipe(protocol="grbl", address="127.0.0.1:0", grbl=axis), home_position=-3.5)
     server.start()
     table = open_table(TableRecipe(protocol="grbl", address=server.address, grbl=axis))
     table = on_virtual_time(table, virtual.clock)
@@ -142,7 +142,7 @@ def test_the_board_counts_home_where_it_likes_and_another_axis_in_turns():
     server.stop()
 
 
-def test_a_stop_while_it_looks_for_home_leaves_it_without_one():
+def test_halt_during_home_search_leaves_the_table_not_homed():
     with table_at("grbl", pace=1.0) as (virtual, _, table):
         timer = threading.Timer(0.2, table.drive.halt)
         timer.start()
@@ -162,7 +162,7 @@ def test_a_search_that_takes_too_long_is_stopped():
         assert not virtual.status().moving
 
 
-def test_a_board_without_homing_says_so():
+def test_home_raises_error_on_board_without_homing():
     def answer(data):
         return b"error:5\r\n" if b"$H" in data else b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
 
@@ -173,7 +173,20 @@ def test_a_board_without_homing_says_so():
         table.close()
 
 
-def test_a_board_that_reports_work_positions_is_told_what_to_set():
+def test_a_refusal_of_homing_that_arrives_before_the_next_question_is_not_lost():
+    def answer(data):
+        return b"error:5\r\n" if b"$H" in data else b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
+
+    with listener(answer) as port:
+        table = open_table(TableRecipe(protocol="grbl", address=f"127.0.0.1:{port}", timeout_s=5.0))
+        table.drive.start_home()
+        time.sleep(0.5)
+        with pytest.raises(DeviceError, match=r"homing is switched off \(\$22\)"):
+            table.state()
+        table.close()
+
+
+def test_board_that_reports_work_positions_raises_error_with_advice():
     with listener(lambda _: b"<Idle|MPos:1.0|FS:0,0>\r\n") as port, pytest.raises(DeviceError, match="axis Y"):
         recipe = {"axis": "Y"}
         open_table(TableRecipe(protocol="grbl", address=f"127.0.0.1:{port}", grbl=recipe))
@@ -181,7 +194,7 @@ def test_a_board_that_reports_work_positions_is_told_what_to_set():
         open_table(TableRecipe(protocol="grbl", address=f"127.0.0.1:{port}"))
 
 
-def test_a_reset_of_the_board_costs_its_home():
+def test_reset_of_the_board_loses_home():
     with table_at("grbl") as (_, server, table):
         table.home()
         server.realtime(b"\x18", None)
@@ -210,7 +223,7 @@ def test_a_serial_port():
 
 
 @SERIAL
-def test_a_board_that_boots_first_is_waited_for():
+def test_board_that_boots_is_given_time_to_answer():
     import tty
 
     ours, theirs = os.openpty()

@@ -41,7 +41,7 @@ def wait(client):
         time.sleep(0.01)
 
 
-def test_the_map_as_it_is_written_down(plain):
+def test_registers_follow_the_default_map(plain):
     virtual, client = plain
     assert status(client) == (0, 0, 0)
     client.write_register(0, 1 << 8 | 1, device_id=1)
@@ -68,7 +68,7 @@ def test_a_command_with_the_same_number_is_taken_once(plain):
     assert virtual.status().moving
 
 
-def test_a_fault_has_its_bit_and_its_code(plain):
+def test_fault_sets_status_bit_and_fault_code(plain):
     virtual, client = plain
     virtual.trip("drive too hot")
     assert status(client) == (4, 0, 1)
@@ -90,7 +90,7 @@ def test_another_map_is_only_a_recipe():
         assert table.state().fault == "fault 1 of the controller"
 
 
-def test_a_plc_that_watches_the_heartbeat_stops_when_nobody_looks_any_more():
+def test_plc_with_watchdog_stops_when_the_heartbeat_ends():
     from truestand.sim.live.clock import Clock
     from truestand.sim.live.modbus_server import ModbusServer
     from truestand.sim.live.table import VirtualTable
@@ -121,7 +121,7 @@ def test_a_target_that_no_register_holds_is_refused():
         assert not virtual.status().moving
 
 
-def test_a_plc_whose_program_does_not_run_is_told():
+def test_plc_without_running_program_raises_error():
     answers = {3: lambda r: bytes([3, 8]) + bytes(8), 16: lambda r: r[7:12]}
     with listener(lambda r: r[:4] + struct.pack(">H", 1 + len(a := answers[r[7]](r))) + r[6:7] + a) as port:
         table = open_table(TableRecipe(protocol="modbus", address=f"127.0.0.1:{port}"))
@@ -130,7 +130,7 @@ def test_a_plc_whose_program_does_not_run_is_told():
         table.close()
 
 
-def test_a_map_that_is_not_there_is_told():
+def test_missing_registers_raise_error_about_the_map():
     with (
         served("modbus") as (_, server, _),
         pytest.raises(DeviceError, match=r"exception 2.*map"),
@@ -172,7 +172,7 @@ def test_random_answers_never_raise_anything_else():
         ({"protocol": "can", "address": "COM3"}, "protocol"),
     ],
 )
-def test_a_wrong_recipe_is_told_in_one_line(wrong, said):
+def test_wrong_recipe_is_refused_in_one_line(wrong, said):
     with pytest.raises(BadRecipe, match=said) as told:
         checked(TableRecipe, wrong, "stand.toml")
     assert "\n" not in str(told.value)

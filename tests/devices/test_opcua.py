@@ -24,7 +24,7 @@ def plainly(address, talk):
     return asyncio.run(run())
 
 
-def test_the_object_as_it_is_written_down():
+def test_object_has_the_default_names():
     async def talk(table, space, _):
         async def read(name):
             return await (await table.get_child(f"{space}:{name}")).read_value()
@@ -51,7 +51,7 @@ def test_the_object_as_it_is_written_down():
         plainly(server.address, talk)
 
 
-def test_who_subscribes_is_told():
+def test_subscribers_are_notified():
     heard = []
 
     class Handler:
@@ -87,7 +87,7 @@ def test_other_names_are_only_a_recipe():
                 open_table(TableRecipe(protocol="opcua", address=server.address, opcua=wrong))
 
 
-def test_in_a_fault_it_refuses_and_says_why():
+def test_commands_in_a_fault_raise_error_with_the_fault():
     with served("opcua") as (virtual, _, recipe):
         table = open_table(recipe)
         virtual.trip("following error")

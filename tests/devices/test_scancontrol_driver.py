@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from patience import NOT_FOR_EVER
+from recorded import RecordedSource, Steady
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
 from truestand.core.stand import Sensor
 from truestand.devices.gige.control import Control
@@ -15,24 +16,13 @@ from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.sensors.recipe import SensorRecipe, profiles_per_frame
 from truestand.files.checking import checked
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.registers import Identity, Own
-from truestand.sim.live.source import RecordedSource
+from truestand.sim.live.registers import DeviceRegister, Identity
 
 SPEED, COUNTS = 2.0, 36000
 POINTS = 320
 SENSOR = Sensor("front", 2000.0, POINTS)
-
-
-class Steady:
-    """A table at constant speed."""
-
-    def angle_at(self, times):
-        return SPEED * np.asarray(times)
-
-    def counts_at(self, times, counts_per_turn):
-        return np.rint(self.angle_at(times) / (2 * np.pi) * counts_per_turn).astype(np.int64)
 
 
 def ramp():
@@ -49,7 +39,9 @@ def stand(request):
     """A virtual sensor on an address of its own, its faults, and the recipe that opens it."""
     last = 10 + sum(map(ord, request.node.name)) % 240
     faults = Faults()
-    device = GigeDevice(Identity(f"127.0.41.{last}", serial="V77"), RecordedSource(ramp(), Steady()), Clock(), faults)
+    device = GigeDevice(
+        Identity(f"127.0.41.{last}", serial="V77"), RecordedSource(ramp(), Steady(SPEED)), Clock(), faults
+    )
     with device:
         yield device, faults
 
@@ -84,13 +76,13 @@ def test_configure_stream_and_read(stand):
         sensor.set_laser("reduced")
         assert device.laser == 1
         sensor.stop()
-        assert not device.streaming
+        assert not device.registers.streaming
     finally:
         sensor.close()
     assert device.laser == 0 and not device.controlled
     assert [f.number for f in frames] == list(range(100)) and not any(f.missing for f in frames)
     on = Unwrapper(layout)
-    read = [on.go_on(decode(layout, f.payload)) for f in frames]
+    read = [on.unwrap(decode(layout, f.payload)) for f in frames]
     x, z = np.vstack([p.x for p in read]), np.vstack([p.z for p in read])
     lit = 40  # the first frames were exposed before the laser was on
     assert np.isnan(z[:, :7]).all() and np.isnan(x[:, :7]).all()
@@ -111,9 +103,9 @@ def test_settings_arrive(stand):
     try:
         assert sensor.start().profiles == 1
         value = device.registers.value
-        assert (value(Own.EXPOSURE), value(Own.IDLE)) == (30, 2470)
-        assert value(Own.TRIGGER) == 1 << 25 | 1 << 24 | 1 << 21 | 3 << 16
-        assert value(Own.SIZE) == 3 * POINTS << 16 | 1
+        assert (value(DeviceRegister.EXPOSURE), value(DeviceRegister.IDLE)) == (30, 2470)
+        assert value(DeviceRegister.TRIGGER) == 1 << 25 | 1 << 24 | 1 << 21 | 3 << 16
+        assert value(DeviceRegister.SIZE) == 3 * POINTS << 16 | 1
         assert value(0x0938) == 700 and value(0x0D04) == 2000
     finally:
         sensor.close()
@@ -129,9 +121,9 @@ def test_the_largest_packet_that_arrives_is_taken(stand):
         sensor.close()
 
 
-def test_lost_packets_are_brought_back(stand):
+def test_lost_packets_are_received_again(stand):
     device, faults = stand
-    faults.begin(Kind.LOSE_PACKETS, 0.05)
+    faults.begin(FaultKind.LOSE_PACKETS, 0.05)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
     try:
         layout = sensor.start()
@@ -142,13 +134,13 @@ def test_lost_packets_are_brought_back(stand):
     assert found.resent > 20
     complete = [f for f in frames if not f.missing]
     assert len(complete) >= 0.95 * len(frames)
-    counter = np.concatenate([Unwrapper(layout).go_on(decode(layout, f.payload)).counter for f in complete])
+    counter = np.concatenate([Unwrapper(layout).unwrap(decode(layout, f.payload)).counter for f in complete])
     assert (np.diff(counter) >= 1).all()
 
 
-def test_without_resend_every_loss_shows(stand):
+def test_without_resend_every_loss_is_counted(stand):
     device, faults = stand
-    faults.begin(Kind.LOSE_PACKETS, 0.1)
+    faults.begin(FaultKind.LOSE_PACKETS, 0.1)
     sensor = open_sensor(recipe(device, packet_size=1500, resend=False), SENSOR)
     try:
         layout = sensor.start()
@@ -158,13 +150,13 @@ def test_without_resend_every_loss_shows(stand):
         sensor.close()
     assert found.incomplete > 20 and found.resent == 0
     on = Unwrapper(layout)
-    kept = sum(len(on.go_on(decode(layout, f.payload)).counter) for f in frames)
+    kept = sum(len(on.unwrap(decode(layout, f.payload)).counter) for f in frames)
     assert kept < 20 * len(frames), "profiles that came in part are left out"
 
 
 @pytest.mark.parametrize("heartbeat_ms", [500, 1000])
-@pytest.mark.parametrize("fault", [Kind.UNPLUGGED, Kind.HEARTBEAT_IGNORED])
-def test_a_sensor_that_is_gone_is_told(stand, fault, heartbeat_ms):
+@pytest.mark.parametrize("fault", [FaultKind.UNPLUGGED, FaultKind.HEARTBEAT_IGNORED])
+def test_unplugged_sensor_raises_device_lost(stand, fault, heartbeat_ms):
     device, faults = stand
     sensor = open_sensor(recipe(device, heartbeat_ms=heartbeat_ms), SENSOR)
     try:
@@ -192,10 +184,10 @@ def test_garbage_and_frozen_frames_arrive_as_they_are(stand):
     try:
         layout = sensor.start()
         frames_of(sensor, 5)
-        faults.begin(Kind.FROZEN)
+        faults.begin(FaultKind.FROZEN)
         frozen = frames_of(sensor, 20)[10:]
         faults.clear()
-        faults.begin(Kind.GARBAGE)
+        faults.begin(FaultKind.GARBAGE)
         garbage = frames_of(sensor, 20)[-1]
     finally:
         sensor.close()
@@ -203,9 +195,9 @@ def test_garbage_and_frozen_frames_arrive_as_they_are(stand):
     assert decode(layout, garbage.payload).z.shape == (20, POINTS)
 
 
-def test_disorder_is_put_in_order(stand):
+def test_packets_out_of_order_give_frames_in_order(stand):
     device, faults = stand
-    faults.begin(Kind.DISORDER)
+    faults.begin(FaultKind.DISORDER)
     sensor = open_sensor(recipe(device, packet_size=1500), SENSOR)
     try:
         layout = sensor.start()
@@ -216,10 +208,10 @@ def test_disorder_is_put_in_order(stand):
     assert [f.number for f in frames] == list(range(60)) and not any(f.missing for f in frames)
     assert found.duplicates > 0
     on = Unwrapper(layout)
-    assert (np.diff(np.concatenate([on.go_on(decode(layout, f.payload)).counter for f in frames])) == 1).all()
+    assert (np.diff(np.concatenate([on.unwrap(decode(layout, f.payload)).counter for f in frames])) == 1).all()
 
 
-def test_a_slow_reader_loses_frames_and_is_told(stand):
+def test_slow_reader_loses_frames_and_they_are_counted(stand):
     device, _ = stand
     sensor = open_sensor(recipe(device, profile_rate_hz=10_000.0), SENSOR)
     try:
@@ -237,7 +229,7 @@ def test_a_slow_reader_loses_frames_and_is_told(stand):
 def test_two_sensors_stream_at_once(stand):
     first, _ = stand
     other = Identity("127.0.41.8", serial="V78")
-    with GigeDevice(other, RecordedSource(ramp(), Steady()), Clock(), Faults()) as second:
+    with GigeDevice(other, RecordedSource(ramp(), Steady(SPEED)), Clock(), Faults()) as second:
         sensors = [open_sensor(recipe(d, profile_rate_hz=500.0), SENSOR) for d in (first, second)]
         try:
             layouts = [sensor.start() for sensor in sensors]
@@ -251,7 +243,7 @@ def test_two_sensors_stream_at_once(stand):
 
 def test_only_one_program_controls_a_sensor(stand, monkeypatch):
     device, _ = stand
-    monkeypatch.setattr("truestand.devices.gige.control.LONGEST_TAKE", 0.5)
+    monkeypatch.setattr("truestand.devices.gige.control.MAX_TAKE_S", 0.5)
     first = open_sensor(recipe(device), SENSOR)
     try:
         with pytest.raises(DeviceError, match="another program"):
@@ -271,14 +263,14 @@ def test_a_crashed_program_does_not_block_the_next(stand):
     dead.close()
 
 
-def test_nobody_there():
+def test_unreachable_sensor_is_lost():
     begun = time.monotonic()
     with pytest.raises(DeviceLost, match=r"front: nobody answers at 127\.0\.41\.9; check that it is switched on"):
         open_sensor(SensorRecipe(name="front", driver="scancontrol", address="127.0.41.9", model="29xx-50"), SENSOR)
     assert time.monotonic() - begun < NOT_FOR_EVER
 
 
-def test_the_usual_settings():
+def test_default_exposure_and_idle_times():
     assert [profiles_per_frame(r) for r in (1, 50, 200, 1000, 10_000)] == [1, 1, 4, 20, 20]
     assert scancontrol.times(10_000) == (5, 5) and scancontrol.times(200) == (100, 400)
     assert scancontrol.times(200, 4000) == (400, 100)

@@ -54,7 +54,7 @@ def test_a_replay_gives_what_the_file_holds(tmp_path):
     assert sensor.next_frame(0.0) is None, "the file has ended"
     assert [f.number for f in frames] == [0, 1, 2] and sensor.statistics().frames == 3
     on = Unwrapper(layout)
-    read = [on.go_on(decode(layout, f.payload)) for f in frames]
+    read = [on.unwrap(decode(layout, f.payload)) for f in frames]
     z = np.vstack([p.z for p in read])
     assert z[11, 8] == 90.118 and np.isnan(z[:, 3]).all() and read[0].x[0, 0] == -4.5
     assert np.concatenate([p.encoder for p in read]).tolist() == [100 + 7 * i for i in range(12)]
@@ -63,7 +63,7 @@ def test_a_replay_gives_what_the_file_holds(tmp_path):
     sensor.close()
 
 
-def test_a_replay_without_columns_invents_none(tmp_path):
+def test_replay_without_columns_has_none(tmp_path):
     sensor = replay(scan_file(tmp_path, columns=False), pace=0)
     profiles = decode(sensor.start(), sensor.next_frame(0.0).payload)
     assert profiles.counter is None and profiles.time is None and profiles.encoder is None
@@ -84,11 +84,11 @@ def test_a_replay_keeps_its_pace(tmp_path, pace, seconds):
     assert sensor.start().profiles == 4 and sensor.next_frame(1.0).number == 0, "from the beginning"
 
 
-def test_a_number_of_profiles_that_nothing_divides_is_played_one_by_one(tmp_path):
+def test_prime_number_of_profiles_is_replayed_one_by_one(tmp_path):
     assert replay(scan_file(tmp_path, profiles=13), pace=0).start().profiles == 1
 
 
-def test_a_replay_of_nothing(tmp_path):
+def test_replay_without_file_or_rate_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match=r"gone\.csv"):
         replay(str(tmp_path / "gone.csv"))
     with pytest.raises(BadRecipe, match="profile_rate_hz"):
@@ -101,7 +101,7 @@ def test_a_range_camera_counts_from_its_scale():
     profiles = decode(layout, raw.tobytes())
     assert np.isnan(profiles.z[0, 0]) and np.isnan(profiles.x[0, 0]), "raw 0 is no data"
     assert profiles.z[1, 7] == pytest.approx(149.85) and profiles.x[1] == pytest.approx(-2 + 0.5 * np.arange(8))
-    assert profiles.counter is None and Unwrapper(layout).go_on(profiles).z.shape == (2, 8)
+    assert profiles.counter is None and Unwrapper(layout).unwrap(profiles).z.shape == (2, 8)
 
 
 def stamped(counter, seconds, encoder, points=8):
@@ -129,21 +129,21 @@ def test_stamps_go_on_over_their_moduli_from_frame_to_frame():
     on, counter, time, encoder = Unwrapper(SCANCONTROL), [], [], []
     for i in (0, 2, 4):
         payload = b"".join(stamped(counts[k], times[k], encoders[k]) for k in (i, i + 1))
-        profiles = on.go_on(decode(SCANCONTROL, payload))
+        profiles = on.unwrap(decode(SCANCONTROL, payload))
         counter += profiles.counter.tolist()
         time += profiles.time.tolist()
         encoder += profiles.encoder.tolist()
     assert counter == counts and time == pytest.approx(times) and encoder == encoders
 
 
-def test_a_profile_that_came_in_part_is_left_out_and_leaves_its_gap():
+def test_incomplete_profile_is_left_out_and_leaves_a_gap_in_the_counter():
     payload = stamped(7, 1.0, 5) + bytes(48)
     raw = decode(SCANCONTROL, payload)
     assert raw.counter.tolist() == [7, -1] and np.isnan(raw.z[1]).all()
     on = Unwrapper(SCANCONTROL)
-    assert on.go_on(raw).counter.tolist() == [7]
-    assert len(on.go_on(decode(SCANCONTROL, bytes(96))).x) == 0
-    assert on.go_on(decode(SCANCONTROL, stamped(10, 1.003, 6) * 2)).counter[0] == 10
+    assert on.unwrap(raw).counter.tolist() == [7]
+    assert len(on.unwrap(decode(SCANCONTROL, bytes(96))).x) == 0
+    assert on.unwrap(decode(SCANCONTROL, stamped(10, 1.003, 6) * 2)).counter[0] == 10
 
 
 def test_without_encoder_there_is_no_column():

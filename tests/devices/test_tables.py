@@ -65,7 +65,7 @@ def test_a_new_speed_and_a_new_move_while_it_moves(protocol):
 
 
 @EACH
-def test_a_position_comes_with_its_time(protocol):
+def test_position_lies_between_those_at_question_and_answer(protocol):
     with table_at(protocol, pace=1.0, motion=QUICK) as (virtual, _, table):
         table.home()
         table.start_move(FAR, 1.0)
@@ -76,7 +76,7 @@ def test_a_position_comes_with_its_time(protocol):
             answered = virtual.clock.now()
             low, high = virtual.angle_at(asked), virtual.angle_at(answered)
             assert low - 1e-3 <= state.position <= high + 1e-3
-            assert 0 < state.doubt < 0.5 and abs(state.time - time.monotonic()) < 1.0
+            assert 0 < state.time_half_width < 0.5 and abs(state.time - time.monotonic()) < 1.0
         table.stop()
 
 
@@ -95,7 +95,7 @@ def test_limits_are_refused_before_anything_moves(protocol):
 
 
 @EACH
-def test_a_stalled_table_times_out_and_is_told_to_stop(protocol):
+def test_stalled_table_times_out_and_is_halted(protocol):
     with table_at(protocol) as (virtual, _, table):
         table.home()
         table.start_move(radians(60), radians(60))
@@ -109,7 +109,7 @@ def test_a_stalled_table_times_out_and_is_told_to_stop(protocol):
 
 
 @EACH
-def test_a_fault_of_the_controller_is_told_until_reset(protocol):
+def test_fault_of_the_controller_raises_error_until_reset(protocol):
     with table_at(protocol) as (virtual, _, table):
         table.home()
         table.start_move(FAR, 1.0)
@@ -170,7 +170,7 @@ def test_a_server_that_hangs_while_it_moves_is_lost_and_found_again(protocol):
 
 
 @EACH
-def test_nobody_there_and_silence_are_lost_in_time(protocol):
+def test_unreachable_and_silent_controllers_are_lost_in_time(protocol):
     with listener(lambda _: None) as port:
         for address in (port, 1):
             begin = time.monotonic()

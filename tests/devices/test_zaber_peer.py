@@ -54,7 +54,7 @@ def test_it_homes_moves_turns_and_stops(stage):
     assert not axis.is_busy() and not virtual.status().moving
 
 
-def test_what_it_must_not_do_is_rejected_with_the_reason(stage):
+def test_invalid_commands_are_rejected_with_the_reason(stage):
     _, connection, axis = stage
     with pytest.raises(BadDataException):
         axis.move_absolute(1e12)

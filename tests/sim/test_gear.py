@@ -32,7 +32,7 @@ from truestand.sim import (
     virtual_part_from,
 )
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.real_gear import RealGear
+from truestand.sim.gear_surface import GearSurface
 
 UM = 1e-3
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0, fan=radians(30.0))
@@ -93,7 +93,7 @@ def test_the_mesh_is_watertight_and_faces_outwards(beta):
     errors = GearErrors(
         pitch=0.02, dents=(Dent(3, "left", 5.0, 12.0, 0.6, 0.05),), chips=(Chip(4, 5.0, 9.0, 1.5),), missing=(1, 24, 7)
     )
-    mesh = gear_mesh(RealGear(gear(beta), errors), 7.0)
+    mesh = gear_mesh(GearSurface(gear(beta), errors), 7.0)
     solid = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     assert solid.is_watertight
     assert solid.is_winding_consistent
@@ -113,7 +113,7 @@ def test_readings_of_a_perfect_gear_lie_on_the_involute(beta):
         assert np.ptp(height) > 15.0
 
 
-def test_every_error_is_found_as_it_was_put_in():
+def test_every_simulated_error_is_found_in_the_readings():
     left = tuple(1e-3 * np.cos(np.arange(24)))
     errors = GearErrors(
         pitch_left=left, thickness=0.012, left=FlankErrors(0.010, -0.008), right=FlankErrors(-0.006, 0.004),
@@ -134,7 +134,7 @@ def test_every_error_is_found_as_it_was_put_in():
         assert np.abs(delta - put_in).max() < 0.01 * UM
 
 
-def test_the_toothing_runs_off_its_bore_by_an_exact_shift():
+def test_eccentric_toothing_is_an_exact_shift():
     points = in_shaft(scanned(VirtualGear(gear(), GearErrors(eccentricity=0.2, eccentricity_direction=0.7))))
     back = points - np.array([[0.2 * np.cos(0.7)], [0.2 * np.sin(0.7)], [0.0]])
     found, _, _ = deviations(back, gear())
@@ -178,7 +178,7 @@ def test_the_camera_sees_one_flank_of_each_tooth(camera, hidden):
     assert below.sum() > 20_000  # the base stays in view
 
 
-def test_grazing_light_is_lost_biased_and_noisy():
+def test_steep_incidence_loses_biases_and_blurs_readings():
     part, flat = VirtualGear(gear()), Mounting(phi=radians(-41.802))
     clean = scanned(part, flat).recording
     fewer = scanned(part, flat, replace(EXACT, most_incidence=radians(78.0))).recording
@@ -209,7 +209,7 @@ def test_the_truth_of_a_perfect_gear_is_zero():
     assert (told["dents"], told["chips"], told["missing"]) == ([], [], [])
 
 
-def test_the_truth_tells_what_was_put_in():
+def test_truth_reports_the_simulated_errors():
     rng = np.random.default_rng(3)
     left, right = rng.normal(0, 0.005, (2, 24))
     errors = GearErrors(pitch_left=tuple(left), pitch_right=tuple(right), thickness=0.01,
@@ -228,7 +228,7 @@ def test_the_truth_tells_what_was_put_in():
     assert told["helix"]["f_Hbeta_left_um"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_truth_counts_the_shift_of_the_toothing_and_of_its_seat():
+def test_truth_contains_eccentricity_of_toothing_and_seat():
     """F_p of a shifted toothing is 2 e / cos alpha on each flank to first order, F_r 2 e (GEAR.md)."""
     seat = Workpiece(misalignments=(Misalignment("bearing", 0.02, 0.0),))
     for part, workpiece in (

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from aravis import AravisError, Client
+from recorded import RecordedSource, Steady
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.devices.wire import gvcp, gvsp
 from truestand.devices.wire.gvcp import Command, Register, Request, Resend, Status
@@ -23,15 +24,23 @@ from truestand.sim import (
     simulate,
     truth_record,
 )
-from truestand.sim.live import container
+from truestand.sim.live import scancontrol_frames as container
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.container import Shape, frame_bytes, raw_profiles, scale_of, usual_shape
 from truestand.sim.live.control import Control
-from truestand.sim.live.faults import Faults, Kind, fault_at
+from truestand.sim.live.faults import FaultKind, Faults, fault_at
 from truestand.sim.live.genicam_xml import description
 from truestand.sim.live.gige_device import GigeDevice
-from truestand.sim.live.registers import BY_ENCODER, ENCODER_ACTIVE, EXTERNAL, Identity, Own, Refused, Registers
-from truestand.sim.live.source import LiveSource, RecordedSource
+from truestand.sim.live.profile_source import SimulatedSource
+from truestand.sim.live.registers import (
+    ENCODER_ACTIVE,
+    EXTERNAL,
+    TRIGGER_BY_ENCODER,
+    DeviceRegister,
+    Identity,
+    RegisterError,
+    Registers,
+)
+from truestand.sim.live.scancontrol_frames import FrameFormat, default_format, frame_bytes, raw_profiles, scale_of
 
 NET = f"127.37.{os.getpid() % 250}"
 """Addresses of this process: the port is fixed, and tests run side by side."""
@@ -39,28 +48,18 @@ COUNTS = 36000
 SPEED = 0.5
 
 
-class Steady:
-    """A table at constant speed."""
-
-    def angle_at(self, times):
-        return SPEED * np.asarray(times)
-
-    def counts_at(self, times, counts_per_turn):
-        return np.rint(self.angle_at(times) / (2 * np.pi) * counts_per_turn).astype(np.int64)
-
-
-class Troubled:
+class TableDouble:
     def __init__(self):
-        self.told = []
+        self.commands = []
 
     def stick_encoder(self):
-        self.told.append("stuck")
+        self.commands.append("stuck")
 
     def stall(self):
-        self.told.append("stalled")
+        self.commands.append("stalled")
 
     def release(self):
-        self.told.append("released")
+        self.commands.append("released")
 
 
 def noise_frames(points=640, profiles=100):
@@ -68,7 +67,7 @@ def noise_frames(points=640, profiles=100):
 
 
 def device(last, source=None, faults=None, **more):
-    source = source or RecordedSource(noise_frames(more.get("points", 640)), Steady())
+    source = source or RecordedSource(noise_frames(more.get("points", 640)), Steady(SPEED))
     return GigeDevice(Identity(f"{NET}.{last}", serial="V123"), source, Clock(), faults, **more)
 
 
@@ -86,9 +85,9 @@ def stamp_of(payload, profile, length):
 
 
 def test_a_frame_holds_mm_and_stamps_as_the_vendor_reads_them():
-    shape = usual_shape(640, 3)
+    shape = default_format(640, 3)
     assert shape.rearrangement == 1 << 20 | 2 | 1 | 1 << 10 | 1 << 11 | 1 << 17 | 9 << 12
-    assert (shape.width, shape.points, shape.lines, shape.fits) == (1920, 640, 3, True)
+    assert (shape.width, shape.points, shape.lines, shape.valid) == (1920, 640, 3, True)
     x = np.linspace(-20, 20, 640) * np.ones((3, 1))
     z = np.linspace(70, 120, 640) * np.ones((3, 1))
     z[1, 5] = np.nan
@@ -115,8 +114,8 @@ def test_a_frame_holds_mm_and_stamps_as_the_vendor_reads_them():
 
 
 def test_other_rearrangements_and_those_that_do_not_fit():
-    only_z = Shape(1 << 20 | container.Z | container.STAMPED | 10 << 12, 1280, 2)
-    assert only_z.fits
+    only_z = FrameFormat(1 << 20 | container.Z | container.STAMPED | 10 << 12, 1280, 2)
+    assert only_z.valid
     z = np.full((2, 1280), 250.0)
     frame = frame_bytes(
         raw_profiles(z, z, scale_of("2910-100"), only_z), only_z, np.arange(2), np.zeros(2), np.zeros(2), np.arange(2)
@@ -124,19 +123,19 @@ def test_other_rearrangements_and_those_that_do_not_fit():
     assert len(frame) == 2 * 2560
     assert struct.unpack(">H", frame[:2]) == (32768,), "high byte first without the bit"
     for wrong in (
-        Shape(only_z.rearrangement, 640, 2),
-        Shape(only_z.rearrangement, 1280, 0),
-        Shape(only_z.rearrangement | container.X, 1280, 2),
-        Shape(0, 1280, 2),
-        Shape(only_z.rearrangement | container.EMPTY_FIELD, 1281, 2),
+        FrameFormat(only_z.rearrangement, 640, 2),
+        FrameFormat(only_z.rearrangement, 1280, 0),
+        FrameFormat(only_z.rearrangement | container.X, 1280, 2),
+        FrameFormat(0, 1280, 2),
+        FrameFormat(only_z.rearrangement | container.EMPTY_FIELD, 1281, 2),
     ):
-        assert not wrong.fits
+        assert not wrong.valid
     with pytest.raises(BadRecipe, match="29xx-50"):
         scale_of("gocator")
 
 
-def test_far_away_is_clipped_not_wrapped():
-    shape = usual_shape(160, 1)
+def test_readings_out_of_range_are_clipped_not_wrapped():
+    shape = default_format(160, 1)
     x, z = np.full((1, 160), -200.0), np.full((1, 160), 400.0)
     raw = raw_profiles(x, z, scale_of("29xx-50"), shape)
     assert (raw[0, 0] == 65535).all()
@@ -150,7 +149,7 @@ def memory():
     return Registers(Identity("127.0.0.9", serial="S9", name="front"), description("scanCONTROL 2950-50"))
 
 
-def test_bootstrap_tells_who_it_is_and_where_its_description_lies():
+def test_bootstrap_registers_hold_identity_and_address_of_the_description():
     registers = memory()
     said = gvcp.identity_of(registers.read(0, gvcp.DISCOVERY_BYTES))
     assert said["model"] == "scanCONTROL 29xx-50"
@@ -161,31 +160,31 @@ def test_bootstrap_tells_who_it_is_and_where_its_description_lies():
     assert text == description("scanCONTROL 2950-50")
 
 
-def test_registers_refuse_what_can_not_be():
+def test_registers_refuse_invalid_reads_and_writes():
     registers = memory()
     for address, value, status in (
         (Register.VERSION, 1, Status.WRITE_PROTECT),
-        (Own.PAYLOAD_SIZE, 1, Status.WRITE_PROTECT),
+        (DeviceRegister.PAYLOAD_SIZE, 1, Status.WRITE_PROTECT),
         (0x5000, 1, Status.INVALID_ADDRESS),
-        (Own.LASER, 3, Status.INVALID_PARAMETER),
-        (Own.EXPOSURE, 0, Status.INVALID_PARAMETER),
-        (Own.EXPOSURE, 5000, Status.INVALID_PARAMETER),
+        (DeviceRegister.LASER, 3, Status.INVALID_PARAMETER),
+        (DeviceRegister.EXPOSURE, 0, Status.INVALID_PARAMETER),
+        (DeviceRegister.EXPOSURE, 5000, Status.INVALID_PARAMETER),
         (Register.HEARTBEAT, 10, Status.INVALID_PARAMETER),
     ):
-        with pytest.raises(Refused) as refused:
+        with pytest.raises(RegisterError) as refused:
             registers.write(address, value)
         assert refused.value.status is status
-    with pytest.raises(Refused, match="BAD_ALIGNMENT"):
+    with pytest.raises(RegisterError, match="BAD_ALIGNMENT"):
         registers.read(2, 4)
     registers.streaming = True
-    with pytest.raises(Refused, match="BUSY"):
-        registers.write(Own.SIZE, 1920 << 16 | 5)
+    with pytest.raises(RegisterError, match="BUSY"):
+        registers.write(DeviceRegister.SIZE, 1920 << 16 | 5)
 
 
 def test_size_register_sets_the_payload_and_packet_size_its_limits():
     registers = memory()
-    registers.write(Own.SIZE, 1920 << 16 | 7)
-    assert registers.value(Own.PAYLOAD_SIZE) == 1920 * 7 * 2
+    registers.write(DeviceRegister.SIZE, 1920 << 16 | 7)
+    assert registers.value(DeviceRegister.PAYLOAD_SIZE) == 1920 * 7 * 2
     registers.write(Register.STREAM_PACKET_SIZE, gvcp.DO_NOT_FRAGMENT | gvcp.FIRE_TEST | 9003)
     assert registers.value(Register.STREAM_PACKET_SIZE) == gvcp.DO_NOT_FRAGMENT | 9000
     registers.write(Register.STREAM_PACKET_SIZE, 65535)
@@ -197,12 +196,12 @@ def ask(control, sender, command, body, number=1, now=0.0):
     return gvcp.decode_acknowledge(data)
 
 
-def test_control_belongs_to_one_and_ends_with_its_heartbeat():
+def test_control_has_one_owner_and_ends_with_its_heartbeat():
     ended, asked = [], []
     control = Control(memory(), ended.append, asked.append)
     me, other = ("127.0.0.1", 5000), ("127.0.0.1", 5001)
     take = gvcp.write_register_body((Register.CONTROL, gvcp.CONTROL))
-    laser = gvcp.write_register_body((Own.LASER, 2))
+    laser = gvcp.write_register_body((DeviceRegister.LASER, 2))
     read = gvcp.register_body(Register.CONTROL)
     assert ask(control, me, Command.WRITE_REGISTER, laser).status == Status.ACCESS_DENIED
     assert ask(control, me, Command.WRITE_REGISTER, take, 2).status == 0
@@ -226,12 +225,14 @@ def test_control_belongs_to_one_and_ends_with_its_heartbeat():
     assert ended == [True, False]
 
 
-def test_a_write_asked_twice_is_done_once_and_nonsense_is_ignored():
+def test_repeated_write_is_done_once_and_malformed_requests_are_ignored():
     control = Control(memory(), lambda silent: None, lambda asked: None)
     me, done = ("127.0.0.1", 5000), []
     ask(control, me, Command.WRITE_REGISTER, gvcp.write_register_body((Register.CONTROL, gvcp.CONTROL)))
-    control.registers.on_write[Own.ACQUISITION_START] = done.append
-    start = Request(Command.WRITE_REGISTER, 77, gvcp.write_register_body((Own.ACQUISITION_START, 1))).encode()
+    control.registers.on_write[DeviceRegister.ACQUISITION_START] = done.append
+    start = Request(
+        Command.WRITE_REGISTER, 77, gvcp.write_register_body((DeviceRegister.ACQUISITION_START, 1))
+    ).encode()
     assert control.answer(start, me, 0.0) == control.answer(start, me, 0.0)
     assert done == [1]
     for data in (b"", b"\x42", bytes(8), start[:10], b"\x42\x01\x00\x40\x00\x00\x00\x01"):
@@ -277,7 +278,7 @@ def test_the_genicam_wheel_reads_and_writes_the_description():
     nodes.LaserPower.value = "Full"
     nodes.TransmissionType.value = "TypeContainer"
     nodes.Height.value = 10
-    assert registers.value(Own.LASER) == 2
+    assert registers.value(DeviceRegister.LASER) == 2
     assert nodes.PayloadSize.value == 38400
     assert set(nodes.VirtualFault.symbolics) >= {"None", "LosePackets", "Frozen", "StalledTable"}
     assert nodes.VirtualMounted.symbolics == ("Shaft", "Part")
@@ -286,21 +287,21 @@ def test_the_genicam_wheel_reads_and_writes_the_description():
 # Sources and faults
 
 
-def test_a_live_source_sees_what_a_scan_of_the_same_angles_sees():
+def test_simulated_source_equals_a_scan_at_the_same_angles():
     optics = Optics(noise=0.0)
     stand, simulation = paper_stand(), Simulation(optics=optics, acquisition=Acquisition(profiles=50))
     made = simulate(stand, simulation, paper_shaft())
-    source = LiveSource(stand, simulation, paper_shaft(), Steady(), scale_of("29xx-50"))
-    x, z, counts = source.rows(made.truth.angle / SPEED)
+    source = SimulatedSource(stand, simulation, paper_shaft(), Steady(SPEED), scale_of("29xx-50"))
+    x, z, counts = source.readings(made.truth.angle / SPEED)
     assert np.array_equal(z, made.recording.z, equal_nan=True)
     assert np.array_equal(np.where(np.isnan(z), np.nan, x), made.recording.x, equal_nan=True)
     assert np.array_equal(counts, np.rint(made.truth.angle / (2 * np.pi) * COUNTS))
-    dark, _ = source.profiles(np.arange(3.0), usual_shape(640, 3), lit=False)
+    dark, _ = source.profiles(np.arange(3.0), default_format(640, 3), lit=False)
     assert not dark.any()
-    half, _ = source.profiles(np.arange(3.0), usual_shape(320, 3), lit=True)
+    half, _ = source.profiles(np.arange(3.0), default_format(320, 3), lit=True)
     assert half.shape == (3, 3, 320)
     assert half.any()
-    wide, _ = source.profiles(np.arange(3.0), usual_shape(1280, 3), lit=True)
+    wide, _ = source.profiles(np.arange(3.0), default_format(1280, 3), lit=True)
     assert not wide[:, :, 640:].any()
     with pytest.raises(BadRecipe, match="no part"):
         source.mount(True)
@@ -308,32 +309,32 @@ def test_a_live_source_sees_what_a_scan_of_the_same_angles_sees():
 
 def test_truth_and_mounted_part():
     part = VirtualTurned(Turned((Section("ring", -20.0, -10.0, 30.0),), "ring"))
-    source = LiveSource(paper_stand(), Simulation(), paper_shaft(), Steady(), scale_of("29xx-50"), part)
-    alone = source.rows(np.zeros(1))[1]
+    source = SimulatedSource(paper_stand(), Simulation(), paper_shaft(), Steady(SPEED), scale_of("29xx-50"), part)
+    alone = source.readings(np.zeros(1))[1]
     source.mount(True)
-    assert source.mounted
-    assert not np.allclose(alone, source.rows(np.zeros(1))[1], equal_nan=True, atol=0.1)
+    assert source.part_mounted
+    assert not np.allclose(alone, source.readings(np.zeros(1))[1], equal_nan=True, atol=0.1)
     assert truth_record(source.truth(False))["shaft"]["eccentricity_um"] == pytest.approx(878.9)
     assert "part" not in truth_record(source.truth(False))
     assert "part" in truth_record(source.truth(True))
 
 
 def test_faults_begin_and_end():
-    table = Troubled()
+    table = TableDouble()
     faults = Faults(table)
-    faults.begin(Kind.LOSE_PACKETS, 0.5)
-    faults.begin(Kind.STUCK_ENCODER)
-    assert Kind.LOSE_PACKETS in faults
-    assert faults.latest is Kind.STUCK_ENCODER
-    faults.begin(Kind.STALLED_TABLE)
-    faults.begin(Kind.NONE)
-    assert (faults.latest, table.told) == (Kind.NONE, ["stuck", "stalled", "released"])
+    faults.begin(FaultKind.LOSE_PACKETS, 0.5)
+    faults.begin(FaultKind.STUCK_ENCODER)
+    assert FaultKind.LOSE_PACKETS in faults
+    assert faults.latest is FaultKind.STUCK_ENCODER
+    faults.begin(FaultKind.STALLED_TABLE)
+    faults.begin(FaultKind.NONE)
+    assert (faults.latest, table.commands) == (FaultKind.NONE, ["stuck", "stalled", "released"])
     with pytest.raises(BadRecipe, match="share"):
-        faults.begin(Kind.LOSE_PACKETS, 2.0)
+        faults.begin(FaultKind.LOSE_PACKETS, 2.0)
     with pytest.raises(BadRecipe, match="table"):
-        Faults().begin(Kind.STALLED_TABLE)
-    assert fault_at("lose-packets:0.1@5") == (Kind.LOSE_PACKETS, 0.1, 5.0)
-    assert fault_at("unplugged@2.5") == (Kind.UNPLUGGED, None, 2.5)
+        Faults().begin(FaultKind.STALLED_TABLE)
+    assert fault_at("lose-packets:0.1@5") == (FaultKind.LOSE_PACKETS, 0.1, 5.0)
+    assert fault_at("unplugged@2.5") == (FaultKind.UNPLUGGED, None, 2.5)
     for wrong in ("unplug@2", "unplugged@x", "latency:much@1", ""):
         with pytest.raises(BadRecipe, match="KIND@SECONDS"):
             fault_at(wrong)
@@ -368,15 +369,15 @@ class Plain:
     def begin(self, exposure=100, idle=400):
         for address, value in (
             (Register.CONTROL, gvcp.CONTROL),
-            (Own.TRANSMISSION, 1),
-            (Own.LASER, 2),
-            (Own.MAINTENANCE, ENCODER_ACTIVE),
-            (Own.EXPOSURE, exposure),
-            (Own.IDLE, idle),
+            (DeviceRegister.TRANSMISSION, 1),
+            (DeviceRegister.LASER, 2),
+            (DeviceRegister.MAINTENANCE, ENCODER_ACTIVE),
+            (DeviceRegister.EXPOSURE, exposure),
+            (DeviceRegister.IDLE, idle),
             (Register.STREAM_PACKET_SIZE, 9000),
             (Register.STREAM_ADDRESS, 0x7F000001),
             (Register.STREAM_PORT, self.stream.getsockname()[1]),
-            (Own.ACQUISITION_START, 1),
+            (DeviceRegister.ACQUISITION_START, 1),
         ):
             assert self.write(address, value) == 0, hex(address)
 
@@ -386,14 +387,14 @@ class Plain:
         for _ in range(count):
             data = self.stream.recv(65536)
             header = gvsp.decode_header(data)
-            found.append((header, data[header.size :]))
+            found.append((header, data[gvsp.HEADER :]))
         return found
 
     def frames(self, count, packets=11):
         """Payloads of frames of which everything arrives, in order of packets."""
         payloads = {}
         for header, data in self.packets(count * packets):
-            if header.kind == gvsp.Kind.PAYLOAD:
+            if header.kind == gvsp.PacketFormat.PAYLOAD:
                 payloads.setdefault(header.block, {})[header.packet] = data
         return [b"".join(data for _, data in sorted(parts.items())) for parts in payloads.values()]
 
@@ -415,9 +416,9 @@ def test_it_streams_stamped_frames_in_time_and_stops():
         plain.begin(exposure=10, idle=40)  # 2,000 profiles/s, 100 frames/s
         packets = plain.packets(110)
         took = time.monotonic() - began
-        assert plain.write(Own.SIZE, 1920 << 16 | 5) == Status.BUSY
-        assert plain.write(Own.ACQUISITION_STOP, 1) == 0
-        assert not virtual.streaming
+        assert plain.write(DeviceRegister.SIZE, 1920 << 16 | 5) == Status.BUSY
+        assert plain.write(DeviceRegister.ACQUISITION_STOP, 1) == 0
+        assert not virtual.registers.streaming
         first = [header for header, _ in packets[:11]]
         assert [h.kind for h in first] == [1, *[3] * 9, 2]
         assert [h.packet for h in first] == list(range(11))
@@ -437,41 +438,43 @@ def test_it_streams_stamped_frames_in_time_and_stops():
         assert stamp_of(later, 0, 3840)[0] >= 200, "the sensor's counter goes on from stream to stream"
 
 
-def test_start_is_refused_where_nothing_could_come_out():
+def test_start_is_refused_with_inconsistent_settings():
     with device(2) as virtual, Plain(f"{NET}.2") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
-        assert plain.write(Own.ACQUISITION_START, 1) == Status.INVALID_PARAMETER, "the sensor wakes up in another mode"
-        plain.write(Own.TRANSMISSION, 1)
-        plain.write(Own.SIZE, 1280 << 16 | 5)
-        assert plain.write(Own.ACQUISITION_START, 1) == Status.INVALID_PARAMETER
-        assert not virtual.streaming
-        assert plain.write(Own.MOUNTED, 1) == 0
-        assert plain.write(Own.FAULT, 10) == Status.INVALID_PARAMETER, "no table here"
-        assert plain.write(Own.FAULT, 99) == Status.INVALID_PARAMETER
+        assert plain.write(DeviceRegister.ACQUISITION_START, 1) == Status.INVALID_PARAMETER, (
+            "the sensor wakes up in another mode"
+        )
+        plain.write(DeviceRegister.TRANSMISSION, 1)
+        plain.write(DeviceRegister.SIZE, 1280 << 16 | 5)
+        assert plain.write(DeviceRegister.ACQUISITION_START, 1) == Status.INVALID_PARAMETER
+        assert not virtual.registers.streaming
+        assert plain.write(DeviceRegister.MOUNTED, 1) == 0
+        assert plain.write(DeviceRegister.FAULT, 10) == Status.INVALID_PARAMETER, "no table here"
+        assert plain.write(DeviceRegister.FAULT, 99) == Status.INVALID_PARAMETER
         with pytest.raises(DeviceError, match=f"{NET}.2:3956"):
             device(2).start()
 
 
-def test_without_heartbeat_control_ends_stream_stops_laser_goes_off():
+def test_missing_heartbeat_ends_control_and_stream_and_switches_the_laser_off():
     with device(3) as virtual, Plain(f"{NET}.3") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 500)
-        assert (virtual.laser, virtual.streaming, virtual.controlled) == (2, True, True)
+        assert (virtual.laser, virtual.registers.streaming, virtual.controlled) == (2, True, True)
         time.sleep(0.7)
-        assert (virtual.laser, virtual.streaming, virtual.controlled) == (0, False, False)
+        assert (virtual.laser, virtual.registers.streaming, virtual.controlled) == (0, False, False)
 
 
 def test_frozen_and_garbage_frames():
     faults = Faults()
     with device(4, faults=faults), Plain(f"{NET}.4") as plain:
         plain.begin(exposure=10, idle=40)
-        faults.begin(Kind.FROZEN)
+        faults.begin(FaultKind.FROZEN)
         plain.frames(2)
         frozen = plain.frames(3)
         assert frozen[0] == frozen[1] == frozen[2]
         faults.clear()
         plain.frames(2)
-        faults.begin(Kind.GARBAGE)
+        faults.begin(FaultKind.GARBAGE)
         plain.frames(2)
         counters = [stamp_of(frame, 0, 3840)[0] for frame in plain.frames(3)]
         assert np.any(np.diff(counters) != 20)
@@ -479,7 +482,7 @@ def test_frozen_and_garbage_frames():
 
 def test_packets_out_of_order_and_twice():
     faults = Faults()
-    faults.begin(Kind.DISORDER)
+    faults.begin(FaultKind.DISORDER)
     with device(7, faults=faults), Plain(f"{NET}.7") as plain:
         plain.begin(exposure=10, idle=40)
         headers = [(h.block, h.packet) for h, _ in plain.packets(60)]
@@ -490,80 +493,74 @@ def test_packets_out_of_order_and_twice():
 def test_latency_by_the_node():
     with device(8), Plain(f"{NET}.8") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
-        plain.write(Own.LATENCY, 300)
-        plain.write(Own.FAULT, Kind.LATENCY)
-        assert plain.read(Own.FAULT) == Kind.LATENCY
+        plain.write(DeviceRegister.LATENCY, 300)
+        plain.write(DeviceRegister.FAULT, FaultKind.LATENCY)
+        assert plain.read(DeviceRegister.FAULT) == FaultKind.LATENCY
         plain.begin(exposure=10, idle=40)
         began = time.monotonic()
         plain.packets(1)
         assert time.monotonic() - began > 0.25
 
 
-def test_unplugged_it_is_silent_and_deaf_to_heartbeats_it_ends():
+def test_unplugged_device_is_silent_and_ignored_heartbeats_end_control():
     faults = Faults()
     with device(9, faults=faults) as virtual, Plain(f"{NET}.9") as plain:
         plain.begin()
         plain.write(Register.HEARTBEAT, 1000)
         plain.control.settimeout(0.3)
-        faults.begin(Kind.UNPLUGGED)
+        faults.begin(FaultKind.UNPLUGGED)
         with pytest.raises(TimeoutError):
-            plain.read(Own.FAULT)
+            plain.read(DeviceRegister.FAULT)
         faults.clear()
-        assert plain.read(Own.LASER) == 2
-        faults.begin(Kind.HEARTBEAT_IGNORED)
+        assert plain.read(DeviceRegister.LASER) == 2
+        faults.begin(FaultKind.HEARTBEAT_IGNORED)
         with pytest.raises(TimeoutError):
-            plain.read(Own.FAULT)
-        assert virtual.streaming
+            plain.read(DeviceRegister.FAULT)
+        assert virtual.registers.streaming
         time.sleep(1.0)
-        assert (virtual.streaming, virtual.controlled, virtual.laser) == (False, False, 0)
+        assert (virtual.registers.streaming, virtual.controlled, virtual.laser) == (False, False, 0)
 
 
-def test_packets_come_again_and_what_is_gone_is_said_to_be():
+def test_packets_are_sent_again_or_reported_unavailable():
     with device(5) as virtual, Plain(f"{NET}.5") as plain:
         plain.begin()
         payload = plain.frames(1)[0]
-        plain.write(Own.ACQUISITION_STOP, 1)
+        plain.write(DeviceRegister.ACQUISITION_STOP, 1)
         plain.control.sendto(Resend(1, 2, 3).request(500).encode(), plain.to)
         again = plain.packets(2)
         assert [h.packet for h, _ in again] == [2, 3]
         size = gvsp.data_bytes(9000)
         assert again[0][1] + again[1][1] == payload[size : 3 * size]
         plain.control.sendto(Resend(1, 10, 0xFFFFFF).request(501).encode(), plain.to)
-        assert [h.kind for h, _ in plain.packets(1)] == [gvsp.Kind.TRAILER]
+        assert [h.kind for h, _ in plain.packets(1)] == [gvsp.PacketFormat.TRAILER]
         plain.control.sendto(Resend(4000, 1, 3).request(502).encode(), plain.to)
         assert plain.packets(1)[0][0].status == Status.PACKET_UNAVAILABLE
-        assert virtual.resent == 3
+        assert virtual.channel.resent == 3
 
 
-def test_the_clock_waits_for_the_drawing():
+def test_clock_waits_for_slow_profile_sources():
     class Slow(RecordedSource):
         def profiles(self, times, shape, lit):
             time.sleep(0.0025 * times.size)
             return super().profiles(times, shape, lit)
 
-    with device(6, Slow(noise_frames())) as virtual, Plain(f"{NET}.6") as plain:
+    with device(6, Slow(noise_frames(), Steady(SPEED))) as virtual, Plain(f"{NET}.6") as plain:
         plain.begin(exposure=10, idle=40)  # 100 frames/s of which 20 can be drawn
         began, shown = time.monotonic(), virtual.clock.now()
         plain.frames(10)
         assert virtual.clock.now() - shown < 0.5 * (time.monotonic() - began)
-        plain.write(Own.ACQUISITION_STOP, 1)
+        plain.write(DeviceRegister.ACQUISITION_STOP, 1)
         shown = virtual.clock.now()
         time.sleep(0.1)
         assert virtual.clock.now() - shown > 0.09
 
 
-def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
-    class Turned(Steady):
-        speed = 0.0
-
-        def angle_at(self, times):
-            return self.speed * np.asarray(times)
-
-    table = Turned()
+def test_encoder_trigger_exposes_at_steps_and_waits_at_rest():
+    table = Steady(0.0)
     with device(10, RecordedSource(noise_frames(), table, 720)) as virtual, Plain(f"{NET}.10") as plain:
         plain.write(Register.CONTROL, gvcp.CONTROL)
-        plain.write(Own.SIZE, 1920 << 16 | 4)
-        plain.write(Own.TRIGGER, EXTERNAL | BY_ENCODER)
+        plain.write(DeviceRegister.SIZE, 1920 << 16 | 4)
+        plain.write(DeviceRegister.TRIGGER, EXTERNAL | TRIGGER_BY_ENCODER)
         plain.begin()
         plain.stream.settimeout(0.3)
         with pytest.raises(TimeoutError):
@@ -573,7 +570,7 @@ def test_by_encoder_it_exposes_at_the_steps_and_waits_while_nothing_turns():
         stamps = [stamp_of(frame, k, 3840) for frame in plain.frames(5, packets=4) for k in range(4)]
         assert np.array_equal(np.diff([s[3] for s in stamps[1:]]), np.ones(18))
         assert np.allclose(np.diff([s[1] for s in stamps[1:]]), 2 * np.pi / 720, atol=5e-5)
-        assert virtual.streaming
+        assert virtual.registers.streaming
 
 
 # libaravis
@@ -610,8 +607,8 @@ def test_aravis_reads_and_writes_nodes():
         assert client.number("ProfileRate", 500.0) == 500.0
         assert client.number("AcquisitionFrameRate") == 50.0
         assert client.text("LaserPower", "Reduced") == "Reduced"
-        assert client.register(Own.LASER) == 1
-        assert client.register(Own.EXPOSURE, 33) == 33
+        assert client.register(DeviceRegister.LASER) == 1
+        assert client.register(DeviceRegister.EXPOSURE, 33) == 33
         assert client.number("ExposureTime") == 330.0
         assert client.text("VirtualFault") == "None"
         assert client.integer("GevSCPSPacketSize", 9000) == 9000
@@ -622,7 +619,7 @@ def test_aravis_reads_and_writes_nodes():
         client.command("GevTimestampControlLatch")
         assert 0 < client.integer("GevTimestampValue") - first < 1_000_000_000
         with pytest.raises(AravisError):
-            client.register(Own.LASER, 7)
+            client.register(DeviceRegister.LASER, 7)
         with pytest.raises(AravisError, match="denied"), Client(f"{NET}.13") as second:
             second.call("arv_gv_device_take_control")
 
@@ -633,11 +630,11 @@ def test_aravis_gets_lost_packets_again():
         client.number("ExposureTime", 100.0)
         client.number("ProfileRate", 1000.0)
         client.text("VirtualFault", "LosePackets")
-        assert virtual.faults.strength(Kind.LOSE_PACKETS) == 0.02
+        assert virtual.faults.strength(FaultKind.LOSE_PACKETS) == 0.02
         client.start()
         frames = [client.frame() for _ in range(100)]
         client.command("AcquisitionStop")
         assert all(frame is not None and frame[0] == 0 for frame in frames)
         counters = [stamp_of(frame[2], k, 3840)[0] for frame in frames for k in range(20)]
         assert np.array_equal(counters, np.arange(len(counters)))
-        assert virtual.resent > 20
+        assert virtual.channel.resent > 20

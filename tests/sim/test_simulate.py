@@ -23,8 +23,8 @@ from truestand.sim import (
     simulation_from,
     truth_record,
 )
-from truestand.sim.cast import hidden
-from truestand.sim.shape import steps_of
+from truestand.sim.raycast import occluded_by_steps
+from truestand.sim.shaft_surface import steps_of
 
 EXACT = Optics(noise=0.0, step_z=0.0, step_x=0.0)
 SHORT = Acquisition(profiles=400)
@@ -154,20 +154,20 @@ def test_shares_of_outliers_and_dropouts_and_the_range_limits():
     assert np.isnan(clean.z).any()  # the bearing's far end is out of range
 
 
-def test_the_camera_sees_the_near_side_and_not_the_far_one():
+def test_camera_sees_the_near_side_only():
     steps = steps_of(paper_shaft(), Workpiece())
     around = np.linspace(-np.pi, np.pi, 73)
     points = np.stack([12.5 * np.cos(around), 12.5 * np.sin(around), np.full(73, -5.0)])[:, None, :]
     eye = np.array([300.0, 0.0, -5.0])[:, None, None]
-    seen = ~hidden(points, eye, steps)[0]
+    seen = ~occluded_by_steps(points, eye, steps)[0]
     assert seen[np.abs(around) < np.arccos(12.5 / 300) - 0.05].all()
     assert not seen[np.abs(around) > np.arccos(12.5 / 300) + 0.05].any()
     behind_the_base = np.array([6.97, 0.0, 3.0])[:, None, None]
     low = np.array([30.0, 0.0, -60.0])[:, None, None]
-    assert hidden(behind_the_base, low, steps).all()
+    assert occluded_by_steps(behind_the_base, low, steps).all()
 
 
-def test_what_the_camera_does_not_see_is_lost_and_nothing_else_changes():
+def test_occluded_readings_are_lost_and_no_others_change():
     keyway = Workpiece(keyways=(Keyway("base", 0.0, 6.0, 4.0),))
     all_seen, some = (
         simulate(stand(), Simulation(workpiece=keyway, optics=o, acquisition=SHORT), paper_shaft()).recording.z
@@ -178,7 +178,7 @@ def test_what_the_camera_does_not_see_is_lost_and_nothing_else_changes():
     assert np.array_equal(some[both], all_seen[both])
 
 
-def test_the_table_ripples_ramps_drops_profiles_and_says_so_in_its_columns():
+def test_columns_follow_ripple_ramp_and_dropped_profiles():
     acquisition = Acquisition(
         profiles=400, start_angle=1.0, columns=("angle", "time", "encoder", "counter"), ripple=0.05, ramp=2.0, dropped=7
     )

@@ -21,9 +21,9 @@ from truestand.devices.tables.opening import open_table
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.scans.scancontrol import decode_container, unwrap_encoder
 from truestand.sim import Optics, Simulation, paper_shaft, paper_stand
-from truestand.sim.caster import Caster
-from truestand.sim.live.faults import Kind
-from truestand.sim.live.stand import Place, virtual_stand
+from truestand.sim.live.faults import FaultKind
+from truestand.sim.live.stand import SensorEndpoint, virtual_stand
+from truestand.sim.sensor_model import SensorModel
 
 COUNTS = 360_000
 EXACT = Simulation(optics=Optics(noise=0.0))
@@ -55,7 +55,7 @@ def stand(direction="ccw"):
 
 
 def virtual(last, direction="ccw", protocol="modbus", **more):
-    place = Place("front", f"{NET}.{last}")
+    place = SensorEndpoint("front", f"{NET}.{last}")
     table = TableRecipe(protocol=protocol, address=f"{NET}.{last}:0")
     return virtual_stand(stand(direction), EXACT, paper_shaft(), table, [place], **more)
 
@@ -98,8 +98,8 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
     assert np.all(np.diff(counter) == 1)
     assert encoder[-1] - encoder[0] > COUNTS / 3
     sign = 1.0 if direction == "ccw" else -1.0
-    caster = Caster(stand(direction), EXACT, paper_shaft(), None, np.random.default_rng(0))
-    drawn = caster.rows(sign * encoder / COUNTS * tau)[1]
+    caster = SensorModel(stand(direction), EXACT, paper_shaft(), None, np.random.default_rng(0))
+    drawn = caster.profiles(sign * encoder / COUNTS * tau)[1]
     off = np.abs(z - drawn)
     assert np.nanquantile(off, 0.999) < 0.0045, "one step of the virtual optics; a count may tip a ray over an edge"
     assert np.isfinite(z).mean() > 0.7
@@ -108,7 +108,7 @@ def test_the_sensor_sees_the_shaft_where_the_table_has_turned_it(last, direction
 @pytest.mark.parametrize(("last", "protocol"), [(6, "grbl"), (7, "opcua")])
 def test_the_other_protocols_are_served_too(last, protocol):
     address = f"{NET}.{last}:0" if protocol == "grbl" else f"opc.tcp://{NET}.{last}:48400"
-    place = Place("front", f"{NET}.{last}")
+    place = SensorEndpoint("front", f"{NET}.{last}")
     recipe = TableRecipe(protocol=protocol, address=address)
     with virtual_stand(stand(), EXACT, paper_shaft(), recipe, [place]) as made:
         where = made.addresses()[0].split()[-1]
@@ -126,13 +126,13 @@ def test_faults_of_the_table_reach_the_sensor():
             sensor.start()
             made.table.turn(1.0)
             seen(sensor, 0.3)
-            made.begin(Kind.STUCK_ENCODER)
+            made.begin(FaultKind.STUCK_ENCODER)
             seen(sensor, 0.3)
             z, encoder, _ = seen(sensor, 0.3)
             assert np.ptp(encoder) == 0
             assert np.nanmax(np.ptp(z, axis=0)) > 0.01, "the table turns on"
-            made.begin(Kind.NONE)
-            made.begin(Kind.STALLED_TABLE)
+            made.begin(FaultKind.NONE)
+            made.begin(FaultKind.STALLED_TABLE)
             seen(sensor, 0.3)
             z, encoder, counter = seen(sensor, 0.3)
             assert np.ptp(encoder) == 0
@@ -142,11 +142,11 @@ def test_faults_of_the_table_reach_the_sensor():
             sensor.close()
 
 
-def test_what_can_not_be_served_is_refused():
+def test_stand_that_can_not_be_served_is_refused():
     for place, table, match in (
-        (Place("front", "192.168.1.5"), f"{NET}.4:0", "127.0.0.x"),
-        (Place("front", f"{NET}.4"), "10.0.0.1:502", "127.0.0.x"),
-        (Place("front", f"{NET}.4", "gocator"), f"{NET}.4:0", "29xx-50"),
+        (SensorEndpoint("front", "192.168.1.5"), f"{NET}.4:0", "127.0.0.x"),
+        (SensorEndpoint("front", f"{NET}.4"), "10.0.0.1:502", "127.0.0.x"),
+        (SensorEndpoint("front", f"{NET}.4", "gocator"), f"{NET}.4:0", "29xx-50"),
     ):
         with pytest.raises(BadRecipe, match=match):
             virtual_stand(
@@ -160,7 +160,7 @@ def test_what_can_not_be_served_is_refused():
         assert made.truth().table_from_sensor.shape == (4, 4)
 
 
-def test_the_command_serves_until_it_is_told_to_end(tmp_path):
+def test_command_serves_until_sigterm(tmp_path):
     (tmp_path / "stand.toml").write_text(RECIPE)
     command = [
         sys.executable, "-W", "error", "-m", "truestand", "stand", "simulate", "stand.toml", "--truth", "truth.json",
@@ -186,7 +186,7 @@ def test_the_command_serves_until_it_is_told_to_end(tmp_path):
     assert truth["shaft"]["eccentricity_um"] == pytest.approx(878.9)
 
 
-def test_the_command_refuses_a_fault_that_is_none(tmp_path):
+def test_command_refuses_an_unknown_fault(tmp_path):
     from command import run
 
     (tmp_path / "stand.toml").write_text(RECIPE)

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.ramps import Ramps, move
-from truestand.sim.live.table import HISTORY, Motion, VirtualTable
+from truestand.sim.live.table import HISTORY_S, Motion, MotionProfile, VirtualTable
 
 
 class Stepped:
@@ -31,7 +30,7 @@ def at_home(motion=None):
     return time, table
 
 
-def test_it_is_not_homed_at_start_and_counts_from_where_it_stands():
+def test_table_at_power_on_is_not_homed_and_counts_from_there():
     time = Stepped()
     table = VirtualTable(time.clock)
     status = table.status()
@@ -82,7 +81,7 @@ def test_homing_after_many_turns_takes_the_next_mark_and_leaves_the_past():
         max_size=8,
     )
 )
-def test_whatever_it_is_told_angle_speed_and_acceleration_are_those_of_a_table(commands):
+def test_speed_and_acceleration_stay_within_limits_for_any_commands(commands):
     time = Stepped()
     motion = Motion()
     table = VirtualTable(time.clock, motion)
@@ -103,18 +102,21 @@ def test_whatever_it_is_told_angle_speed_and_acceleration_are_those_of_a_table(c
 @given(
     st.floats(-50, 50), st.floats(-3, 3), st.floats(-50, 50), st.floats(1e-3, 3), st.floats(0.1, 20), st.floats(0.1, 20)
 )
-def test_a_move_ends_at_its_target_from_any_state(position, speed, target, most, up, down):
-    legs = move(position, speed, target, most, Ramps(up, down))
-    here = (position, speed)
-    for leg in legs:
-        assert (leg.position, leg.speed) == pytest.approx(here, abs=1e-6)
-        assert leg.seconds >= 0
-        here = leg.end
-    assert here == pytest.approx((target, 0.0) if legs else here, abs=1e-6)
-    assert max((abs(leg.speed) for leg in legs), default=0.0) <= max(most, abs(speed)) * (1 + 1e-6)
+def test_a_move_ends_at_its_target_from_any_state(position, speed, target, max_speed, acceleration, deceleration):
+    profile = MotionProfile(position, speed, acceleration, deceleration)
+    profile.reach_position(target, max_speed)
+    for segment in profile.segments:
+        assert (segment.position, segment.speed) == pytest.approx((position, speed), abs=1e-6)
+        assert segment.seconds >= 0
+        assert abs(segment.speed) <= max(max_speed, abs(speed)) * (1 + 1e-6)
+        position += segment.speed * segment.seconds + segment.acceleration * segment.seconds**2 / 2
+        speed = segment.speed + segment.acceleration * segment.seconds
+    end = (profile.position, profile.speed)
+    assert end == pytest.approx((position, speed), abs=1e-6)
+    assert end == pytest.approx((target, 0.0), abs=1e-6)
 
 
-def test_the_past_stays_as_it_was_whatever_is_commanded():
+def test_commands_do_not_change_the_past():
     time, table = at_home()
     table.turn(1.0)
     time.run(3.0)
@@ -126,14 +128,14 @@ def test_the_past_stays_as_it_was_whatever_is_commanded():
     assert before[-1] - before[0] == pytest.approx(2.0)
 
 
-def test_the_past_is_kept_for_a_while_and_not_for_ever():
+def test_past_of_the_table_is_stored_for_a_limited_time():
     time, table = at_home()
     for _ in range(200):
         table.move(0.1, 1.0)
         time.run(1.0)
         table.move(0.0, 1.0)
         time.run(1.0)
-    assert len(table._pieces) < 8 * HISTORY
+    assert len(table._states) < 8 * HISTORY_S
 
 
 def test_the_motor_follows_late_in_proportion_to_the_speed():
@@ -145,7 +147,7 @@ def test_the_motor_follows_late_in_proportion_to_the_speed():
     assert slow == pytest.approx(5.0 - 0.02 - 0.5 / radians(360), abs=1e-9)
 
 
-def test_a_ripple_shakes_the_speed_and_the_controller_does_not_see_it():
+def test_ripple_changes_true_speed_and_not_the_controllers_position():
     time, table = at_home(Motion(ripple=0.1, ripple_per_turn=3))
     table.turn(1.0)
     time.run(10.0)
@@ -158,7 +160,7 @@ def test_a_ripple_shakes_the_speed_and_the_controller_does_not_see_it():
     assert table.angle_at(time.clock.now()) == pytest.approx(tau)
 
 
-def test_an_encoder_off_centre_reads_a_sine_more():
+def test_eccentric_encoder_reads_a_sine_more():
     time, table = at_home(Motion(angle_error=radians(1.0)))
     table.move(radians(90), 2.0)
     time.run(5.0)
@@ -207,7 +209,7 @@ def test_a_stuck_encoder_counts_on_when_it_is_released():
     assert len(set(table.counts_at(times[:-1], 3600))) == 1
 
 
-def test_in_a_fault_it_stops_and_takes_no_command_until_reset():
+def test_table_in_a_fault_stops_and_accepts_no_command_until_reset():
     time, table = at_home()
     table.turn(1.0)
     time.run(1.0)
@@ -220,7 +222,7 @@ def test_in_a_fault_it_stops_and_takes_no_command_until_reset():
     assert table.move(1.0, 1.0)
 
 
-def test_it_says_that_it_moves_as_soon_as_it_is_told():
+def test_table_reports_moving_at_once_after_a_command():
     _, table = at_home()
     for command in (lambda: table.move(1.0, 1.0), lambda: table.turn(1.0), table.home):
         command()

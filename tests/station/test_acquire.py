@@ -10,7 +10,7 @@ import pytest
 from lab import lab
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, LimitExceeded, NoSpace
 from truestand.files.scans.read import read_recording, read_scan
-from truestand.sim.live.faults import Kind
+from truestand.sim.live.faults import FaultKind
 from truestand.station import stand as stand_module
 from truestand.station.stand_lock import reset_latched_fault, state_path
 
@@ -76,7 +76,7 @@ def test_two_sensors_give_two_scans(tmp_path):
     assert [read_scan(w.path).stand.sensor.name for w in taken.written] == ["front", "back"]
 
 
-HARMLESS = {"lost packets that come again": (Kind.LOSE_PACKETS, 0.02), "disorder": (Kind.DISORDER, None)}
+HARMLESS = {"lost packets that come again": (FaultKind.LOSE_PACKETS, 0.02), "disorder": (FaultKind.DISORDER, None)}
 
 
 @pytest.mark.stand
@@ -89,13 +89,17 @@ def test_packets_resent_or_reordered_cost_no_profile(tmp_path, kind):
 
 
 FAULTS = {
-    "unplugged": (Kind.UNPLUGGED, None, "has sent nothing|no answer|doesn't answer"),
-    "frozen": (Kind.FROZEN, None, "same profiles again: it is frozen"),
-    "garbage": (Kind.GARBAGE, None, "garbage"),
-    "latency": (Kind.LATENCY, 3000.0, "has sent nothing for"),
-    "control lost": (Kind.HEARTBEAT_IGNORED, None, "sent nothing|no answer|doesn't answer|control"),
-    "stuck encoder": (Kind.STUCK_ENCODER, None, "the encoder at sensor front counted .* % of what the table turned"),
-    "stalled table": (Kind.STALLED_TABLE, None, "stands still at .* though it was told to turn"),
+    "unplugged": (FaultKind.UNPLUGGED, None, "has sent nothing|no answer|doesn't answer"),
+    "frozen": (FaultKind.FROZEN, None, "same profiles again: it is frozen"),
+    "garbage": (FaultKind.GARBAGE, None, "garbage"),
+    "latency": (FaultKind.LATENCY, 3000.0, "has sent nothing for"),
+    "control lost": (FaultKind.HEARTBEAT_IGNORED, None, "sent nothing|no answer|doesn't answer|control"),
+    "stuck encoder": (
+        FaultKind.STUCK_ENCODER,
+        None,
+        "the encoder at sensor front counted .* % of what the table turned",
+    ),
+    "stalled table": (FaultKind.STALLED_TABLE, None, "stands still at .* though it was told to turn"),
 }
 
 
@@ -121,8 +125,8 @@ def test_a_fault_while_recording_stops_the_stand(tmp_path, name):
 @pytest.mark.stand
 def test_packets_lost_for_good_end_the_scan(tmp_path):
     def lose() -> None:
-        stand.faults.begin(Kind.NO_RESEND)
-        stand.faults.begin(Kind.LOSE_PACKETS, 0.5)
+        stand.faults.begin(FaultKind.NO_RESEND)
+        stand.faults.begin(FaultKind.LOSE_PACKETS, 0.5)
 
     with lab(tmp_path, turns=1.0, packet_size=1500) as stand:
         taken = stand.take(show=stand.failing(lose, at=0.2))
@@ -168,7 +172,7 @@ def test_a_device_that_can_not_be_stopped_is_named_and_left_to_the_guard(tmp_pat
 @pytest.mark.stand
 def test_without_recorded_frames_the_fault_is_reported_and_no_empty_log(tmp_path):
     with lab(tmp_path) as stand:
-        stand.faults.begin(Kind.LATENCY, 60_000.0)
+        stand.faults.begin(FaultKind.LATENCY, 60_000.0)
         with pytest.raises(Fault, match=r"found no profile in 3 s, .*check trigger mode.*`truestand stand reset`"):
             stand.take()
         assert stand.safe
@@ -302,7 +306,7 @@ def test_a_sensor_that_the_encoder_triggers_is_silent_at_rest(tmp_path):
 @pytest.mark.stand
 def test_a_triggered_sensor_that_falls_silent_is_a_fault(tmp_path):
     with lab(tmp_path, turns=1.0, pace=1.0, trigger="encoder", heartbeat_ms=10_000) as stand:
-        taken = stand.take(show=stand.failing(stand.fault(Kind.STUCK_ENCODER), at=0.15))
+        taken = stand.take(show=stand.failing(stand.fault(FaultKind.STUCK_ENCODER), at=0.15))
     assert "sensor front has sent nothing for 0.5 s" in taken.fault
     assert stand.since_fault is not None
 
@@ -329,7 +333,7 @@ def test_a_disk_that_fills_up_ends_the_scan_and_keeps_valid_records(tmp_path, mo
 
 def test_a_missing_sensor_is_reported_before_anything_moves(tmp_path):
     with lab(tmp_path) as stand:
-        stand.faults.begin(Kind.UNPLUGGED)
+        stand.faults.begin(FaultKind.UNPLUGGED)
         with pytest.raises(DeviceError, match="front"):
             stand.take()
     assert not list(tmp_path.glob("k1*"))

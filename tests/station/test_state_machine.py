@@ -31,7 +31,7 @@ def test_devices_that_can_not_be_stopped_are_named_lasers_first():
     "laser, words", [("full", "Laser may be ON: sensor front: a range camera can't"), ("none", "")]
 )
 def test_a_laser_that_its_sensor_can_not_switch_is_named(monkeypatch, laser, words):
-    monkeypatch.setattr(range_camera, "Camera", lambda *arguments: None)
+    monkeypatch.setattr(range_camera.Camera, "__init__", lambda self, name, *_: setattr(self, "name", name))
     recipe = SensorRecipe(
         name="front", driver="range-camera", address="127.0.0.1", x_step_mm=0.1, z_step_mm=0.1, laser=laser
     )

@@ -82,12 +82,12 @@ def test_calibrate_and_verify(at_stand):
 
 
 def test_a_fault_is_latched_told_and_reset(at_stand):
-    from truestand.sim.live.faults import Kind
+    from truestand.sim.live.faults import FaultKind
 
     client, stand, _ = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate"}).json
     followed(client, job, lambda event: event["type"] == "live" and event["live"]["done"] > 0.1)
-    stand.faults.begin(Kind.UNPLUGGED)
+    stand.faults.begin(FaultKind.UNPLUGGED)
     job, _ = followed(client, job)
     stand.faults.clear()
     assert job["state"] == "failed" and "front" in job["message"]

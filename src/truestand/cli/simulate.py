@@ -19,8 +19,8 @@ from truestand.files.recipes.recipes import read_shaft, read_simulation, read_st
 from truestand.files.scans.write_scan import check_output, write_recording
 from truestand.sim import VirtualPart, paper_shaft, simulation_from, truth_record, virtual_part_from
 from truestand.sim import simulate as simulate_scan
-from truestand.sim.live.faults import Kind, fault_at
-from truestand.sim.live.stand import Place, VirtualStand, names_of, virtual_stand
+from truestand.sim.live.faults import FaultKind, fault_at
+from truestand.sim.live.stand import SensorEndpoint, VirtualStand, virtual_stand
 from truestand.station.recipe import read_devices, sensor_of
 
 FAULT_POLL_INTERVAL_S = 0.05
@@ -118,25 +118,25 @@ def _virtual_part(recipe: Path | None) -> VirtualPart | None:
 
 def _virtual_stand(stand: Path, artefact: Path | None, part: Path | None, pace: float, seed: int) -> VirtualStand:
     described, recipes = read_devices(stand)
-    places = [_place(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
+    endpoints = [_endpoint(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
     mounted, shaft = _virtual_part(part), _shaft(artefact)
     simulation = simulation_from(read_simulation(stand))
-    return virtual_stand(described, simulation, shaft, recipes.table, places, mounted, pace, seed)
+    return virtual_stand(described, simulation, shaft, recipes.table, endpoints, mounted, pace, seed)
 
 
-def _place(recipe: SensorRecipe, sensor: Sensor) -> Place:
+def _endpoint(recipe: SensorRecipe, sensor: Sensor) -> SensorEndpoint:
     """Where the virtual sensor is."""
     if recipe.driver != "scancontrol":
         raise BadRecipe(f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only')
-    return Place(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
+    return SensorEndpoint(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
 
 
-def _serve(virtual: VirtualStand, faults: list[tuple[Kind, float | None, float]]) -> None:
+def _serve(virtual: VirtualStand, faults: list[tuple[FaultKind, float | None, float]]) -> None:
     """Serve until the process is asked to end, and begin each fault (kind, strength, s after the start) in time."""
     with interrupted_by_signals():
         try:
             with virtual:
-                typer.echo(names_of(virtual.addresses()))
+                typer.echo(" · ".join(["ready", *virtual.addresses()]))  # programs wait for this line
                 start = time.monotonic()
                 while True:
                     while faults and faults[0][2] <= time.monotonic() - start:

@@ -1,1 +1,1 @@
-"""Sensors and tables: pure codecs in ``wire/``, connections, drivers. They never import the virtual stand."""
+"""Sensors and tables: pure codecs in ``wire/``, connections, drivers. It never imports the virtual stand."""

@@ -1,6 +1,6 @@
-"""The one axis interface: a rotary table that homes, moves and stops within limits and within time.
+"""The axis interface: a rotary table that homes, moves and stops within its limits and timeouts.
 
-Drivers only start things and read the state (``Drive``); waiting, limits and timeouts are here, once. Angles are rad
+Drivers only start motions and read the state (``Drive``); waiting, limits and timeouts are here, once. Angles are rad
 as the table counts them, many turns, 0 = home; speeds rad/s. Nothing here is a safety function.
 """
 
@@ -8,19 +8,20 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import degrees, inf, isfinite, radians
-from typing import Protocol
+from typing import Any, Protocol, TypeVar
 
-from truestand.core.errors import DeviceError, LimitExceeded, MoveTimeout
+from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
 
-POLL = 0.02
-"""s between two looks at a moving table."""
-SLACK = 2.0
-"""s that a motion may take beyond twice what its speed needs: ramps, settling, a slow controller."""
+T = TypeVar("T")
+POLL_INTERVAL_S = 0.02
+"""Between two questions to a moving table."""
+MOVE_MARGIN_S = 2.0
+"""Beyond twice the time that a motion needs at its speed: acceleration, settling, a slow controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveState:
-    """What the controller says of itself, and when."""
+    """State that a controller reports, and its time."""
 
     position: float
     """rad, many turns, 0 = home."""
@@ -28,27 +29,27 @@ class DriveState:
     homed: bool
     time: float
     """s of the host's monotonic clock, the middle between question and answer."""
-    doubt: float = 0.0
+    time_half_width: float = 0.0
     """s, half of the time between question and answer."""
     fault: str = ""
-    """The controller's own fault in plain words; empty = none."""
+    """The controller's own fault in words; empty = none."""
 
 
 class Drive(Protocol):
-    """What a driver must do. Every call returns at once, or raises ``DeviceLost`` within its connection's timeout."""
+    """Interface of a table's driver. Calls return at once, or raise ``DeviceLost`` within the connection's timeout."""
 
     @property
     def name(self) -> str:
-        """For people: protocol and address."""
+        """Protocol and address, for messages."""
 
     def start_home(self) -> None:
-        """Begin to look for the home position."""
+        """Begin to search for the home position."""
 
     def start_move(self, position: float, speed: float) -> None:
         """Begin to move to ``position`` (rad) with at most ``speed`` (rad/s, positive), and stop there by itself."""
 
     def halt(self) -> None:
-        """Begin to slow down to rest, whatever is going on."""
+        """Begin to slow down to rest, whatever the state."""
 
     def reset(self) -> None:
         """Clear the controller's own latched fault, without motion."""
@@ -57,17 +58,17 @@ class Drive(Protocol):
         """Ask the controller."""
 
     def close(self) -> None:
-        """Leave the connection; no motion is commanded."""
+        """Close the connection; no motion is commanded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the table may do."""
+    """Limits and timeouts of the table."""
 
     speed: float = radians(90.0)
     """rad/s."""
     lowest: float = -inf
-    """rad; a table without stops turns for ever."""
+    """rad; a table without stops turns endlessly."""
     highest: float = inf
     tolerance: float = radians(0.05)
     """rad by which a move may miss its target."""
@@ -90,7 +91,7 @@ class RotaryTable:
         """Find the home position; position is 0 there.
 
         Raises:
-            MoveTimeout: not found in ``home_time``; the table was told to stop.
+            MoveTimeout: not found in ``home_time``; the table was halted.
             DeviceError: the controller is in a fault of its own.
         """
         self.drive.start_home()
@@ -103,10 +104,10 @@ class RotaryTable:
 
         Raises:
             LimitExceeded: beyond the limits; nothing moved.
-            MoveTimeout: did not arrive; the table was told to stop.
+            MoveTimeout: did not arrive; the table was halted.
         """
         needed = self.start_move(position, speed)
-        self.wait(2 * needed + SLACK, f"moving to {degrees(position):.3f} deg")
+        self.wait(2 * needed + MOVE_MARGIN_S, f"moving to {degrees(position):.3f} deg")
         missed = abs(self.state().position - position)
         if missed > self.limits.tolerance:
             raise MoveTimeout(
@@ -115,7 +116,7 @@ class RotaryTable:
             )
 
     def start_move(self, position: float, speed: float) -> float:
-        """Begin to go to ``position``; the table stops there by itself, even if nobody listens. Seconds it needs.
+        """Begin to go to ``position`` (rad); the table stops there by itself. Returns the time (s) that it needs.
 
         Raises:
             LimitExceeded: beyond the limits; nothing moved.
@@ -134,7 +135,11 @@ class RotaryTable:
         Raises:
             LimitExceeded: it is.
         """
-        self._allowed(speed)
+        if not 0 < speed <= self.limits.speed:
+            raise LimitExceeded(
+                f"found a speed of {degrees(speed):.3f} deg/s, the table goes up to {degrees(self.limits.speed):.3f}; "
+                "slow down or raise max_speed_deg_per_s in stand.toml"
+            )
         if not (isfinite(position) and self.limits.lowest <= position <= self.limits.highest):
             raise LimitExceeded(
                 f"found a target of {degrees(position):.3f} deg, the table goes from {degrees(self.limits.lowest):.3f} "
@@ -151,7 +156,7 @@ class RotaryTable:
         self.wait(self.limits.stop_time, "stopping", halt=False)
 
     def state(self) -> DriveState:
-        """What the table does now.
+        """State of the table now.
 
         Raises:
             DeviceLost: no answer.
@@ -163,36 +168,58 @@ class RotaryTable:
         self.drive.reset()
 
     def close(self) -> None:
-        """Leave the connection."""
+        """Close the connection."""
         self.drive.close()
 
-    def wait(self, seconds: float, what: str, halt: bool = True) -> None:
-        """Wait until the table is at rest.
+    def wait(self, seconds: float, motion: str, halt: bool = True) -> None:
+        """Wait until the table is at rest; ``motion`` names what it does, in errors.
 
         Raises:
-            MoveTimeout: still moving after ``seconds``; told to stop where ``halt``.
+            MoveTimeout: still moving after ``seconds``; halted where ``halt``.
             DeviceError: the controller reports a fault.
         """
         end = self.clock() + seconds
         while True:
-            late = self.clock() > end  # before the question: a busy computer is no late table
+            late = self.clock() > end  # before the question: a busy computer is not a late table
             state = self.state()
             if state.fault:
-                raise DeviceError(f"{self.drive.name}: {state.fault} while {what}; mend the cause, then reset")
+                raise DeviceError(f"{self.drive.name}: {state.fault} while {motion}; mend the cause, then reset")
             if not state.moving:
                 return
             if late:
                 if halt:
                     self.drive.halt()
                 raise MoveTimeout(
-                    f"{self.drive.name}: {what} took longer than {seconds:.1f} s, now at "
+                    f"{self.drive.name}: {motion} took longer than {seconds:.1f} s, now at "
                     f"{degrees(state.position):.3f} deg; look for what blocks the table, then reset"
                 )
-            self.sleep(POLL)
+            self.sleep(POLL_INTERVAL_S)
 
-    def _allowed(self, speed: float) -> None:
-        if not 0 < speed <= self.limits.speed:
-            raise LimitExceeded(
-                f"found a speed of {degrees(speed):.3f} deg/s, the table goes up to {degrees(self.limits.speed):.3f}; "
-                "slow down or raise max_speed_deg_per_s in stand.toml"
-            )
+
+def timed(question: Callable[..., T], *arguments: Any) -> tuple[T, float, float]:
+    """The answer to a question, with ``time`` and ``time_half_width`` of a ``DriveState`` (s)."""
+    before = time.monotonic()
+    answer = question(*arguments)
+    after = time.monotonic()
+    return answer, (before + after) / 2, (after - before) / 2
+
+
+def lost(name: str, found: str) -> DeviceLost:
+    """For a controller that does not answer, or no longer."""
+    return DeviceLost(
+        f"{name}: {found}; need a controller that answers there; "
+        "check power, cable, and address in [devices.table] of stand.toml"
+    )
+
+
+def malformed(name: str, found: str, needed: str) -> DeviceError:
+    """For an answer that is none of the protocol."""
+    return DeviceError(
+        f"{name}: found {found}, need {needed}; "
+        "check that protocol and address in [devices.table] of stand.toml belong to this controller"
+    )
+
+
+def refused(name: str, found: str, advice: str) -> DeviceError:
+    """For a controller that refuses a command."""
+    return DeviceError(f"{name}: refused, {found}; {advice}")

@@ -1,7 +1,6 @@
-"""Payloads to profiles: the one decoder for live frames, for logs after a crash, and for replays.
+"""Payloads to profiles: one decoder for live frames, for logs after a crash, and for replays.
 
-Counters, times and encoder counts start again at the sensor's moduli; ``Unwrapper`` lets them go on from frame to
-frame.
+Counters, times and encoder counts wrap at the sensor's moduli; ``Unwrapper`` continues them from frame to frame.
 """
 
 from dataclasses import replace
@@ -13,12 +12,12 @@ from truestand.core.errors import DeviceError
 from truestand.devices.sensor import Layout, Profiles
 from truestand.files.scans import scancontrol
 
-PLAIN_HEAD = 3
+PLAIN_COLUMNS = 3
 """Numbers before the points of a plain profile: counter, time, encoder."""
 
 
 def decode(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
-    """The profiles of a frame. A profile that came incomplete is all zero: nothing seen, and no stamp (counter -1).
+    """The profiles of a frame. An incomplete profile is all zero: nothing seen, and no stamp (counter -1).
 
     Raises:
         DeviceError: a payload of another size than the layout says.
@@ -58,11 +57,11 @@ def _range_camera(layout: Layout, payload: bytes | bytearray | memoryview) -> Pr
 
 
 def _plain(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
-    rows = np.frombuffer(payload, "<f8").reshape(layout.profiles, PLAIN_HEAD + 2 * layout.points)
-    counter, time, encoder = (None if np.isnan(column).all() else column for column in rows[:, :PLAIN_HEAD].T.copy())
+    rows = np.frombuffer(payload, "<f8").reshape(layout.profiles, PLAIN_COLUMNS + 2 * layout.points)
+    counter, time, encoder = (None if np.isnan(column).all() else column for column in rows[:, :PLAIN_COLUMNS].T.copy())
     return Profiles(
-        rows[:, PLAIN_HEAD : PLAIN_HEAD + layout.points],
-        rows[:, PLAIN_HEAD + layout.points :],
+        rows[:, PLAIN_COLUMNS : PLAIN_COLUMNS + layout.points],
+        rows[:, PLAIN_COLUMNS + layout.points :],
         None if counter is None else counter.astype(np.int64),
         time,
         None if encoder is None else encoder.astype(np.int64),
@@ -70,19 +69,19 @@ def _plain(layout: Layout, payload: bytes | bytearray | memoryview) -> Profiles:
 
 
 def encode_plain(profiles: Profiles) -> bytes:
-    """The payload of a plain frame: numbers as they are, so that a replay gives what the file holds."""
+    """The payload of a plain frame: numbers unchanged, so that a replay gives what the file holds."""
     n, points = profiles.x.shape
-    rows = np.full((n, PLAIN_HEAD + 2 * points), np.nan)
+    rows = np.full((n, PLAIN_COLUMNS + 2 * points), np.nan)
     for i, column in enumerate((profiles.counter, profiles.time, profiles.encoder)):
         if column is not None:
             rows[:, i] = column
-    rows[:, PLAIN_HEAD : PLAIN_HEAD + points] = profiles.x
-    rows[:, PLAIN_HEAD + points :] = profiles.z
+    rows[:, PLAIN_COLUMNS : PLAIN_COLUMNS + points] = profiles.x
+    rows[:, PLAIN_COLUMNS + points :] = profiles.z
     return rows.astype("<f8").tobytes()
 
 
 class Unwrapper:
-    """Counters, times and encoder counts of one stream that go on over their moduli, frame by frame, in order."""
+    """Continues counters, times and encoder counts of one stream over their moduli, frame by frame, in order."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -90,8 +89,8 @@ class Unwrapper:
         self._time: float | None = None
         self._encoder: int | None = None
 
-    def go_on(self, profiles: Profiles) -> Profiles:
-        """The profiles with columns that go on. Those without a stamp are left out: the counter's gap stands for them.
+    def unwrap(self, profiles: Profiles) -> Profiles:
+        """The profiles with unwrapped columns. Those without a stamp are left out: the counter's gap stands for them.
 
         The moduli are those of the scanCONTROL, the one sensor that has any. Time must not pause for a whole modulus,
         the encoder not step by half of its own.

@@ -1,7 +1,7 @@
-"""The one sensor interface: a line-profile sensor that streams frames of raw profiles.
+"""The sensor interface: a line-profile sensor that streams frames of raw profiles.
 
-A frame is kept as the bytes that the sensor sent: the log stores them as they are, and one decoder (``Layout``) makes
-millimetres of them, live and after a crash alike.
+A frame holds the bytes that the sensor sent: the log stores them unchanged, and one decoder (``Layout``) converts them
+to millimetres, live and after a crash alike.
 """
 
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ Laser = Literal["off", "reduced", "full"]
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame as it came: some profiles in the sensor's own layout."""
+    """One frame as received: some profiles in the sensor's own layout."""
 
     number: int
-    """Counts up from the first frame of the stream, over the transport's wrap; a step of 2 = one frame lost."""
+    """Counts from the first frame of the stream, unwrapped; a step of 2 = one frame lost."""
     received: float
-    """s of the host's monotonic clock, when its last byte was there."""
+    """s of the host's monotonic clock, when its last byte had arrived."""
     payload: bytes
     missing: int = 0
-    """Bytes that never came, even when asked for again. Each profile that lacks some is all zero in ``payload``."""
+    """Bytes that never arrived, even when requested again. Each profile that lacks some is all zero in ``payload``."""
 
 
 @dataclass(frozen=True, slots=True)
 class Profiles:
-    """What a frame means. Counters and times are unwrapped only within the frame's own columns."""
+    """Profiles of a frame, decoded."""
 
     x: Array
     """(n, points) mm; NaN = not seen."""
     z: Array
     counter: NDArray[np.int64] | None = None
-    """(n,) as the sensor counts, before unwrapping; -1 = came incomplete, without a stamp."""
+    """(n,) as the sensor counts, before unwrapping; -1 = incomplete, without a stamp."""
     time: Array | None = None
     """(n,) s of the sensor's clock, middle of the exposure, before unwrapping."""
     encoder: NDArray[np.int64] | None = None
@@ -44,10 +44,10 @@ class Profiles:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How to read a payload; it stands in the head of every log, so that a log explains itself."""
+    """How to read a payload; it stands in the header of every log, so that a log can be read by itself."""
 
     kind: Literal["scancontrol", "range-camera", "plain"]
-    """``plain``: numbers in mm as they are, from a recorded scan."""
+    """``plain``: numbers in mm, from a recorded scan."""
     model: str
     """Sensor type, which gives the scale."""
     points: int
@@ -56,7 +56,7 @@ class Layout:
     rate: float
     """Profiles per second."""
     counter_modulus: int = 0
-    """The counter starts again there; 0 = never. Likewise below."""
+    """The counter wraps there; 0 = never. Likewise below."""
     time_modulus: float = 0.0
     encoder_modulus: int = 0
     scale: tuple[float, float, float, float] | None = None
@@ -71,20 +71,20 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class StreamStatistics:
-    """How the stream went so far."""
+    """Counts of a stream so far."""
 
     frames: int = 0
     lost: int = 0
-    """Frames of which nothing arrived, or that nobody took in time."""
+    """Frames of which nothing arrived, or that the program did not take in time."""
     incomplete: int = 0
     """Frames handed on with bytes missing."""
     resent: int = 0
-    """Packets that came after they had been asked for again."""
+    """Packets that arrived after they had been requested again."""
     packets: int = 0
     duplicates: int = 0
-    """Packets that came twice, or too late for their frame."""
+    """Packets that arrived twice, or too late for their frame."""
     foreign: int = 0
-    """Packets from another address than the sensor's: not looked at."""
+    """Packets from another address than the sensor's: ignored."""
     malformed: int = 0
     """Packets that don't fit the stream: not used."""
     overrun: int = 0
@@ -92,17 +92,17 @@ class StreamStatistics:
 
 
 class LineSensor(Protocol):
-    """What a sensor driver must do. Calls raise ``DeviceLost`` within the connection's timeout, or ``DeviceError``."""
+    """Interface of a sensor driver. Calls raise ``DeviceLost`` within the connection's timeout, or ``DeviceError``."""
 
     @property
     def name(self) -> str:
         """As in stand.toml."""
 
     def identity(self) -> dict[str, str]:
-        """Maker, model, serial, firmware: what the device says of itself."""
+        """Maker, model, serial, firmware, as the device reports them."""
 
     def start(self) -> Layout:
-        """Configure (rate, points, exposure, trigger) and begin to stream; how to read the payloads."""
+        """Configure (rate, points, exposure, trigger) and begin to stream; returns how to read the payloads."""
 
     def next_frame(self, timeout: float) -> Frame | None:
         """The next frame in order, or None where none came within ``timeout`` s.
@@ -122,7 +122,7 @@ class LineSensor(Protocol):
         """End the stream; the connection stays."""
 
     def statistics(self) -> StreamStatistics:
-        """How the stream went so far."""
+        """Counts of the stream so far."""
 
     def close(self) -> None:
         """Laser off, stream ended, control given back; never raises for a device that is gone."""

@@ -1,14 +1,12 @@
-"""The virtual stand: scans of a shaft with their truth beside them, for training, demos and tests.
+"""The virtual stand: scans of a shaft with their truth, for training, demos and tests.
 
-A ray caster in the lab's frame. It shares no code with the estimator that it tests; only the types of scans, stands and
-artefacts are common (checked by import-linter).
+A ray caster in the laboratory's frame. It shares no code with the estimator that it tests; only the types of scans,
+stands and artefacts are common (checked by import-linter).
 """
 
 from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
-from truestand.sim.paper import paper_shaft, paper_simulation, paper_stand
-from truestand.sim.part_recipe import virtual_part_from
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
-from truestand.sim.recipe import simulation_from
+from truestand.sim.recipe import simulation_from, virtual_part_from
 from truestand.sim.simulate import Simulated, simulate
 from truestand.sim.simulation import (
     Acquisition,
@@ -21,6 +19,9 @@ from truestand.sim.simulation import (
     Running,
     Simulation,
     Workpiece,
+    paper_shaft,
+    paper_simulation,
+    paper_stand,
 )
 from truestand.sim.truth import Truth, truth_record
 

@@ -1,6 +1,6 @@
-"""What a real gear has beyond its drawing: mm and rad; deviations along the base tangent, positive = excess material.
+"""Errors of a real gear against its drawing: mm and rad; deviations along the base tangent, positive = excess material.
 
-Teeth are told by their number (from 1, counter-clockwise, tooth 1 the first one whose centre is at polar angle >= 0 at
+Teeth have numbers (from 1, counter-clockwise, tooth 1 the first one whose centre is at polar angle >= 0 at
 mid-face); the left flank of a tooth is the one at the larger polar angle.
 """
 
@@ -37,7 +37,7 @@ class Chip:
 
 @dataclass(frozen=True, slots=True)
 class Worn:
-    """Material gone between two roll lengths and two heights of a flank: a groove, a scratch, a worn band.
+    """Material missing between two roll lengths and two heights of a flank: a groove, a scratch, a worn band.
 
     Full depth but for smooth edges of width ``edge`` inside all four sides.
     """
@@ -65,7 +65,7 @@ class FlankErrors:
 
 @dataclass(frozen=True, slots=True)
 class GearErrors:
-    """Everything that tells a real gear from its drawing; the default is a perfect one."""
+    """All errors of a real gear; the default has none."""
 
     phase: float = radians(3.0)
     """Polar angle in C of a tooth's centre at mid-face."""

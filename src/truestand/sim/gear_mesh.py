@@ -5,43 +5,49 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.real_gear import LEFT, RIGHT, RealGear
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
+from truestand.sim.poses import Array, Ints
 
 FLANK_POINTS = 40
 """Along an involute: chords stay within 0.3 um of a flank of module 2."""
 FILLET_POINTS = 8
 LAND_POINTS = 7
 """Inner points of a tip land or of the root between two teeth."""
-ROW = 0.5
-"""mm from one row of vertices to the next over the height."""
-SHARP = 1e-4
-"""mm: height over which the end of a chip is steep."""
-DENT_CELLS = 8
-"""Rows over the radius of a dent, at most one in 0.1 mm."""
+ROW_MM = 0.5
+"""From one row of vertices to the next over the height."""
+CHIP_EDGE_MM = 1e-4
+"""Height over which the end of a chip is steep."""
+DENT_ROWS = 8
+"""Over the radius of a dent, at most one in 0.1 mm."""
 DENT_DIGITS = 1
 
 
 @dataclass(frozen=True, slots=True)
+class Flanks:
+    """The analytic surface for which a mesh's triangles stand."""
+
+    surface: GearSurface
+    tooth: Ints
+    """(F,) index from 0; -1 = none."""
+    side: NDArray[np.int8]
+    """(F,) +1 left, -1 right, 0 none."""
+
+
+@dataclass(frozen=True, slots=True)
 class GearMesh:
-    """Triangles in the gear's own frame, counter-clockwise seen from outside, and which flank each one belongs to."""
+    """Triangles in the gear's own frame, counter-clockwise seen from outside, and the flank to which each belongs."""
 
     vertices: Array
     """(V, 3) mm."""
     faces: NDArray[np.int64]
     """(F, 3)."""
-    tooth: Ints
-    """(F,) index from 0; -1 where a triangle belongs to no flank."""
-    side: NDArray[np.int8]
-    """(F,) +1 left, -1 right, 0 none."""
+    flanks: Flanks
 
 
-def gear_mesh(real: RealGear, bore: float) -> GearMesh:
+def gear_mesh(surface: GearSurface, bore: float) -> GearMesh:
     """The mesh of a gear with a bore of radius ``bore`` (mm)."""
-    heights = _rows(real)
-    outline, tooth, side = _outline(real, heights)
+    heights = _rows(surface)
+    outline, tooth, side = _outline(surface, heights)
     rows, around = heights.size, tooth.size
     turned = np.arctan2(outline[:, :, 1], outline[:, :, 0])
     inner = np.stack(
@@ -53,7 +59,7 @@ def gear_mesh(real: RealGear, bore: float) -> GearMesh:
     of_tooth = np.full((rows + 2, around), -1, dtype=np.intp)
     of_side = np.zeros((rows + 2, around), dtype=np.int8)
     of_tooth[1:rows], of_side[1:rows] = tooth, side
-    return GearMesh(rings, walls, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2))
+    return GearMesh(rings, walls, Flanks(surface, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2)))
 
 
 def _walls(rings: int, around: int) -> NDArray[np.int64]:
@@ -66,27 +72,29 @@ def _walls(rings: int, around: int) -> NDArray[np.int64]:
     return np.asarray(quads.reshape(-1, 3), dtype=np.int64)
 
 
-def _rows(real: RealGear) -> Array:
+def _rows(surface: GearSurface) -> Array:
     """Heights of the rows of vertices: even, denser over dents, with both sides of every chip's ends."""
-    low, high = real.gear.face_from, real.gear.face_to
-    heights = [np.linspace(low, high, max(2, round((high - low) / ROW) + 1))]
-    for d in real.dents:
-        even = d.height + d.radius * np.linspace(-1, 1, 2 * DENT_CELLS + 1)
+    low, high = surface.gear.face_from, surface.gear.face_to
+    heights = [np.linspace(low, high, max(2, round((high - low) / ROW_MM) + 1))]
+    for d in surface.dents:
+        even = d.height + d.radius * np.linspace(-1, 1, 2 * DENT_ROWS + 1)
         heights.append(np.round(even, DENT_DIGITS))  # so that rows of many dents fall together
-    for w in real.errors.worn:
+    for w in surface.errors.worn:
         bottom, top = w.heights
         heights.append(np.array([bottom, bottom + w.edge, top - w.edge, top]))
-    for c in real.errors.chips:
-        heights.append(np.array([c.bottom, c.bottom + SHARP, c.top - SHARP, c.top]))
+    for c in surface.errors.chips:
+        heights.append(np.array([c.bottom, c.bottom + CHIP_EDGE_MM, c.top - CHIP_EDGE_MM, c.top]))
     merged = np.unique(np.round(np.concatenate(heights), 6))
     return np.asarray(merged[(merged >= low) & (merged <= high)])
 
 
-def _outline(real: RealGear, heights: Array) -> tuple[Array, Ints, NDArray[np.int8]]:
+def _outline(surface: GearSurface, heights: Array) -> tuple[Array, Ints, NDArray[np.int8]]:
     """Vertices (rows, around, 3) of all teeth, and the flank to which the stretch after each one belongs."""
     pieces, teeth, sides = [], [], []
-    for k in range(real.gear.teeth):
-        radius, angle, side = _missing_tooth(real, k, heights) if real.is_missing(k) else _tooth(real, k, heights)
+    for k in range(surface.gear.teeth):
+        radius, angle, side = (
+            _missing_tooth(surface, k, heights) if surface.is_missing(k) else _tooth(surface, k, heights)
+        )
         pieces.append(np.stack([radius * np.cos(angle), radius * np.sin(angle),
                                 np.broadcast_to(heights[:, None], radius.shape)], axis=-1))  # fmt: skip
         teeth.append(np.where(side == 0, -1, k))
@@ -94,20 +102,20 @@ def _outline(real: RealGear, heights: Array) -> tuple[Array, Ints, NDArray[np.in
     return np.concatenate(pieces, axis=1), np.concatenate(teeth), np.concatenate(sides)
 
 
-def _tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+def _tooth(surface: GearSurface, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     """Radius and angle (rows, n) of one tooth's outline from its right fillet's foot ccw to the next root's end."""
-    c, column = real.circles, heights[:, None]
+    c, column = surface.circles, heights[:, None]
     tooth = np.full(1, k)
     roll = np.linspace(c.roll(c.start), c.roll(c.tip), FLANK_POINTS)
     grid = np.broadcast_to(np.hypot(c.base, roll), (heights.size, FLANK_POINTS))
-    capped = np.minimum(grid, real.tip_radius(tooth, column))
-    flank = {s: real.flank_angle(tooth, s, capped, column) for s in (LEFT, RIGHT)}
+    capped = np.minimum(grid, surface.tip_radius(tooth, column))
+    flank = {s: surface.flank_angle(tooth, s, capped, column) for s in (LEFT, RIGHT)}
     turn = np.linspace(0.0, np.pi / 2, FILLET_POINTS + 1)[1:]
     fillet_radius = np.broadcast_to(c.root + (c.start - c.root) * (1 - np.sin(turn)), (heights.size, FILLET_POINTS))
-    fillet = {s: flank[s][:, :1] + s * _fillet_width(real, k, s, heights) * (1 - np.cos(turn)) for s in (LEFT, RIGHT)}
+    fillet = {s: flank[s][:, :1] + s * _fillet_angle(surface) * (1 - np.cos(turn)) for s in (LEFT, RIGHT)}
     tip = capped[:, -1:]
     land, land_angle = _arc(tip, flank[RIGHT][:, -1:], flank[LEFT][:, -1:])
-    root, root_angle = _arc(np.full_like(tip, c.root), fillet[LEFT][:, -1:], _next_foot(real, k, heights))
+    root, root_angle = _arc(np.full_like(tip, c.root), fillet[LEFT][:, -1:], _next_foot(surface, k, heights))
     radius = [fillet_radius[:, ::-1], capped, land, capped[:, ::-1], fillet_radius, root]
     angle = [fillet[RIGHT][:, ::-1], flank[RIGHT], land_angle, flank[LEFT][:, ::-1], fillet[LEFT], root_angle]
     side = np.zeros(sum(r.shape[1] for r in radius), dtype=np.int8)
@@ -117,12 +125,12 @@ def _tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArra
     return np.concatenate(radius, axis=1), np.concatenate(angle, axis=1), side
 
 
-def _missing_tooth(real: RealGear, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+def _missing_tooth(surface: GearSurface, k: int, heights: Array) -> tuple[Array, Array, NDArray[np.int8]]:
     """The root circle in a tooth's place, with as many points."""
     n = 2 * (FILLET_POINTS + FLANK_POINTS + LAND_POINTS)
-    first, last = _foot(real, k, RIGHT, heights), _next_foot(real, k, heights)
+    first, last = _foot(surface, k, RIGHT, heights), _next_foot(surface, k, heights)
     angle = first + (last - first) * np.arange(n) / n
-    return np.full(angle.shape, real.circles.root), angle, np.zeros(n, dtype=np.int8)
+    return np.full(angle.shape, surface.circles.root), angle, np.zeros(n, dtype=np.int8)
 
 
 def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
@@ -132,23 +140,23 @@ def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
     return np.broadcast_to(radius, angle.shape), angle
 
 
-def _fillet_width(real: RealGear, k: int, side: int, heights: Array) -> Array:
-    """Angle (rows, 1) that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
-    c = real.circles
+def _fillet_angle(surface: GearSurface) -> float:
+    """Angle that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
+    c = surface.circles
     alpha = np.arccos(min(c.base / c.start, 1.0))
-    space = np.pi / real.gear.teeth - (c.half_tooth - np.tan(alpha) + alpha)
-    return np.full((heights.size, 1), min(0.38 * real.gear.module / c.root, 0.8 * float(space)))
+    space = np.pi / surface.gear.teeth - (c.half_tooth - np.tan(alpha) + alpha)
+    return min(0.38 * surface.gear.module / c.root, 0.8 * float(space))
 
 
-def _foot(real: RealGear, k: int, side: int, heights: Array) -> Array:
+def _foot(surface: GearSurface, k: int, side: int, heights: Array) -> Array:
     """Angle (rows, 1) at which a tooth's fillet meets the root circle."""
-    start = np.full((heights.size, 1), real.circles.start)
-    angle = real.flank_angle(np.full(1, k), side, start, heights[:, None])
-    return np.asarray(angle + side * _fillet_width(real, k, side, heights))
+    start = np.full((heights.size, 1), surface.circles.start)
+    angle = surface.flank_angle(np.full(1, k), side, start, heights[:, None])
+    return np.asarray(angle + side * _fillet_angle(surface))
 
 
-def _next_foot(real: RealGear, k: int, heights: Array) -> Array:
+def _next_foot(surface: GearSurface, k: int, heights: Array) -> Array:
     """Where the next tooth's outline begins, behind this one's."""
-    following = (k + 1) % real.gear.teeth
+    following = (k + 1) % surface.gear.teeth
     wrapped = 2 * np.pi if following == 0 else 0.0
-    return _foot(real, following, RIGHT, heights) + wrapped
+    return _foot(surface, following, RIGHT, heights) + wrapped

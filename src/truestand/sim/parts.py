@@ -1,31 +1,29 @@
-"""What can sit on the virtual stand's shaft: a gear, a turned part or one with a CAD model, each as it really is."""
+"""Parts on the virtual stand's shaft: a gear, a turned part or one with a CAD model, with its deviations."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
-from truestand.sim.cast_mesh import Body, body, gear_body
 from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_mesh import gear_mesh
-from truestand.sim.real_gear import RealGear
-from truestand.sim.shape import Face, Step, faces_of, steps_of
+from truestand.sim.gear_surface import GearSurface
+from truestand.sim.poses import Array, rigid, shifted, turned
+from truestand.sim.raycast_mesh import Body, body
+from truestand.sim.shaft_surface import Face, Step, axis_of, faces_of, steps_of
 from truestand.sim.simulation import Misalignment, Workpiece
 
-Array = NDArray[np.float64]
-
-NO_SEAT = 0.6
-"""Bore over root diameter of a gear at whose height the shaft has no cylinder."""
+DEFAULT_BORE = 0.6
+"""Share of the root diameter, of a gear at whose height the shaft has no cylinder."""
 
 
 @dataclass(frozen=True, slots=True)
 class VirtualGear:
-    """A gear and what is wrong with it."""
+    """A gear and its errors."""
 
     gear: Gear
     errors: GearErrors = field(default_factory=GearErrors)
@@ -41,7 +39,7 @@ class VirtualTurned:
 
 @dataclass(frozen=True, slots=True)
 class VirtualCad:
-    """A part that is exactly its model, put on the shaft turned and lifted against the drawing's pose."""
+    """A part that is exactly its model, on the shaft turned and lifted against the drawing's pose."""
 
     cad: Cad
     turned: float = 0.0
@@ -55,7 +53,7 @@ VirtualPart = VirtualGear | VirtualTurned | VirtualCad
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """All that rays can meet."""
+    """Everything that rays can meet, in C."""
 
     steps: tuple[Step, ...]
     faces: tuple[Face, ...]
@@ -71,15 +69,16 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
     steps, faces = steps_of(artefact, workpiece), faces_of(artefact, workpiece)
     if isinstance(part, VirtualGear):
         check_gear(part)
-        real = RealGear(part.gear, part.errors)
-        mesh = gear_mesh(real, _bore(part.gear, artefact, real.circles.root))
-        return Scene(steps, faces, gear_body(real, mesh, shaft_from_gear(part, artefact, workpiece)))
+        surface = GearSurface(part.gear, part.errors)
+        mesh = gear_mesh(surface, _bore(part.gear, artefact, surface.circles.root))
+        pose = shaft_from_gear(part, artefact, workpiece)
+        return Scene(steps, faces, body(mesh.vertices, mesh.faces, pose, mesh.flanks))
     if isinstance(part, VirtualTurned):
-        more_steps, more_faces = _turned(part, workpiece.clamped)
-        return Scene(steps + more_steps, faces + more_faces)
+        part_steps, part_faces = _sections(part, workpiece.clamped)
+        return Scene(steps + part_steps, faces + part_faces)
     if isinstance(part, VirtualCad):
-        mesh_of = part.cad.mesh
-        return Scene(steps, faces, body(mesh_of.vertices, mesh_of.faces, shaft_from_cad(part, workpiece)))
+        model = part.cad.mesh
+        return Scene(steps, faces, body(model.vertices, model.faces, shaft_from_cad(part, workpiece)))
     return Scene(steps, faces)
 
 
@@ -100,52 +99,36 @@ def check_gear(part: VirtualGear) -> None:
 
 
 def shaft_from_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> Array:
-    """Where the toothing's own frame stands in C (4, 4): off the bore's axis, on its seat, turned with the shaft."""
+    """Pose (4, 4) of the toothing in C: eccentric to the bore, on its seat, turned with the shaft."""
     gear, errors = part.gear, part.errors
     middle = gear.face_from + gear.face_width / 2
-    shifted = np.eye(4)
-    shifted[:2, 3] = (
-        errors.eccentricity * cos(errors.eccentricity_direction),
-        errors.eccentricity * sin(errors.eccentricity_direction),
-    )
+    e, direction = errors.eccentricity, errors.eccentricity_direction
     names = [c.name for c in artefact.cylinders if c.bottom <= middle <= c.top]
     off = next((m for m in workpiece.misalignments if m.surface in names), None)
-    return _turn(workpiece.clamped) @ _seated(off, artefact) @ shifted
+    seat = np.eye(4) if off is None else _seat(off, artefact)
+    return turned(workpiece.clamped) @ seat @ shifted(e * cos(direction), e * sin(direction))
 
 
 def shaft_from_cad(part: VirtualCad, workpiece: Workpiece) -> Array:
-    """Where a CAD model's frame stands in C (4, 4)."""
-    lift = np.eye(4)
-    lift[2, 3] = part.lifted
-    return _turn(workpiece.clamped + part.turned) @ lift @ part.cad.pose
+    """Pose (4, 4) of a CAD model in C."""
+    return turned(workpiece.clamped + part.turned) @ shifted(z=part.lifted) @ part.cad.pose
 
 
-def _seated(off: Misalignment | None, artefact: Artefact) -> Array:
-    """The axis of the cylinder that carries the part, as a rigid motion (4, 4); the seat's heights stay."""
-    pose = np.eye(4)
-    if off is None:
-        return pose
+def _seat(off: Misalignment, artefact: Artefact) -> Array:
+    """Pose (4, 4) of the misaligned cylinder that carries the part; the seat's heights stay."""
     seat = next(c for c in artefact.cylinders if c.name == off.surface)
-    up = np.array([off.slope_x, off.slope_y, 1.0])
-    up = up / np.linalg.norm(up)
+    up = axis_of(off)
     side = np.cross(up, [1.0, 0.0, 0.0])
     side = side / np.linalg.norm(side)
-    pose[:3, :3] = np.column_stack([np.cross(side, up), side, up])
+    rotation = np.column_stack([np.cross(side, up), side, up])
     middle = (seat.bottom + seat.top) / 2
-    pose[:3, 3] = np.array([off.offset_x, off.offset_y, middle]) - pose[:3, :3] @ np.array([0.0, 0.0, middle])
-    return pose
-
-
-def _turn(angle: float) -> Array:
-    pose = np.eye(4)
-    pose[:2, :2] = [[cos(angle), -sin(angle)], [sin(angle), cos(angle)]]
-    return pose
+    return rigid(rotation, np.array([off.offset_x, off.offset_y, middle]) - rotation @ [0.0, 0.0, middle])
 
 
 def _bore(gear: Gear, artefact: Artefact, root: float) -> float:
-    """Radius of the bore: the widest cylinder that it sits on, with its clearance."""
+    """Radius of the bore: that of the widest cylinder at the gear's height, and the clearance."""
     carried = [c.radius for c in artefact.cylinders if c.bottom < gear.face_to and c.top > gear.face_from]
-    bore = max(carried) + gear.bore_clearance / 2 if carried else NO_SEAT * root
+    bore = max(carried) + gear.bore_clearance / 2 if carried else DEFAULT_BORE * root
     if bore >= root:
         raise BadRecipe(
             f"the gear's root diameter {2 * root:g} mm leaves nothing around its seat of {2 * bore:g} mm; "
@@ -154,14 +137,10 @@ def _bore(gear: Gear, artefact: Artefact, root: float) -> float:
     return bore
 
 
-def _turned(part: VirtualTurned, clamped: float) -> tuple[tuple[Step, ...], tuple[Face, ...]]:
-    """Sections as steps, each with both its ends; what of them lies within others is never met first."""
+def _sections(part: VirtualTurned, clamped: float) -> tuple[tuple[Step, ...], tuple[Face, ...]]:
+    """Sections as steps, each with both ends; an end inside another section is never met first."""
     sections = sorted(part.turned.sections, key=lambda s: s.bottom)
     as_shaft = Artefact(tuple(Cylinder(s.name, s.diameter, s.bottom, s.top) for s in sections), part.turned.name)
-    workpiece = Workpiece(
-        part.workpiece.form, part.workpiece.keyways, part.workpiece.misalignments, part.workpiece.diameter_errors,
-        part.workpiece.patches, clamped=clamped,
-    )  # fmt: skip
-    steps = steps_of(as_shaft, workpiece)
+    steps = steps_of(as_shaft, replace(part.workpiece, clamped=clamped, chamfer=0.0, fillet=0.0))
     faces = [Face(height, 0.0, s.radius, up) for s in steps for height, up in ((s.bottom, False), (s.top, True))]
     return steps, tuple(faces)

@@ -1,4 +1,4 @@
-"""``[simulation]`` of stand.toml: mm, um, degrees outside; unknown keys refused with the nearest right one."""
+"""``[simulation]`` of stand.toml and of a part's recipe: um, mm, degrees; unknown keys refused with the nearest one."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,6 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from truestand.files.checking import Recipe, checked
+from truestand.gear.drawing import Gear
+from truestand.parts.drawings import Cad, Turned
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
+from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned, check_gear
 from truestand.sim.simulation import (
     Acquisition,
     FormWave,
@@ -24,6 +28,9 @@ from truestand.sim.simulation import (
 Share = Annotated[float, Field(ge=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Tooth = Annotated[int, Field(ge=1)]
+UM = 1000.0
+"""Per mm."""
 
 
 class FormRecipe(Recipe):
@@ -80,8 +87,8 @@ class DiameterRecipe(Recipe):
     error_um: float
 
 
-class ShapeRecipe(Recipe):
-    """What shafts and turned parts may have beyond their drawing."""
+class WorkpieceRecipe(Recipe):
+    """Deviations of shafts and turned parts from their drawing."""
 
     form: tuple[FormRecipe, ...] = ()
     keyway: tuple[KeywayRecipe, ...] = ()
@@ -91,7 +98,7 @@ class ShapeRecipe(Recipe):
     diameter: tuple[DiameterRecipe, ...] = ()
 
 
-class SimulationRecipe(ShapeRecipe):
+class SimulationRecipe(WorkpieceRecipe):
     """``[simulation]`` as a whole."""
 
     phi_deg: float = -41.802
@@ -139,16 +146,82 @@ class SimulationRecipe(ShapeRecipe):
     dropped: Annotated[int, Field(ge=0)] = 0
 
 
+class DentRecipe(Recipe):
+    """``[[simulation.dent]]``: a smooth bowl on one flank."""
+
+    tooth: Tooth
+    flank: Literal["left", "right"]
+    roll_length_mm: Positive
+    height_mm: float
+    radius_mm: Positive
+    depth_um: float
+    """Positive into the material."""
+
+
+class WornRecipe(Recipe):
+    """``[[simulation.worn]]``: a groove or a worn band on one flank, or on that flank of every tooth."""
+
+    tooth: Tooth | None = None
+    flank: Literal["left", "right"]
+    from_roll_length_mm: NotNegative
+    to_roll_length_mm: Positive
+    from_mm: float
+    to_mm: float
+    depth_um: float
+    """Positive into the material."""
+    edge_mm: Positive = 0.1
+
+
+class ChipRecipe(Recipe):
+    """``[[simulation.chip]]``: a tip broken off."""
+
+    tooth: Tooth
+    from_mm: float
+    to_mm: float
+    depth_mm: Positive
+
+
+class GearErrorsRecipe(Recipe):
+    """``[simulation]`` of gear.toml."""
+
+    phase_deg: float = 3.0
+    seed: Annotated[int, Field(ge=0)] = 0
+    pitch_um: NotNegative = 0.0
+    pitch_left_um: tuple[float, ...] = ()
+    pitch_right_um: tuple[float, ...] = ()
+    eccentricity_um: NotNegative = 0.0
+    eccentricity_direction_deg: float = 0.0
+    thickness_um: float = 0.0
+    profile_slope_um: float = 0.0
+    profile_slope_left_um: float | None = None
+    profile_slope_right_um: float | None = None
+    profile_wave_um: float = 0.0
+    profile_waves: Positive = 1.0
+    profile_crowning_um: float = 0.0
+    helix_slope_um: float = 0.0
+    helix_slope_left_um: float | None = None
+    helix_slope_right_um: float | None = None
+    helix_crowning_um: float = 0.0
+    dent: tuple[DentRecipe, ...] = ()
+    worn: tuple[WornRecipe, ...] = ()
+    chip: tuple[ChipRecipe, ...] = ()
+    missing: tuple[Tooth, ...] = ()
+
+
+class CadPoseRecipe(Recipe):
+    """``[simulation]`` of a part with a CAD model."""
+
+    turned_deg: float = 0.0
+    lifted_mm: float = 0.0
+
+
 def simulation_from(table: Mapping[str, Any]) -> Simulation:
     """The simulation that a ``[simulation]`` table describes.
 
     Raises:
         BadRecipe: a wrong or unknown key.
     """
-    return _simulation(checked(SimulationRecipe, table, "[simulation]"))
-
-
-def _simulation(r: SimulationRecipe) -> Simulation:
+    r = checked(SimulationRecipe, table, "[simulation]")
     return Simulation(
         mounting=Mounting(
             radians(r.phi_deg),
@@ -159,13 +232,13 @@ def _simulation(r: SimulationRecipe) -> Simulation:
             radians(r.azimuth_deg),
         ),
         running=Running(
-            r.eccentricity_um / 1e3,
+            r.eccentricity_um / UM,
             radians(r.eccentricity_direction_deg),
             r.tilt_mrad / 1e3,
             radians(r.tilt_direction_deg),
         ),
         workpiece=replace(
-            workpiece_of(r),
+            _workpiece(r),
             chamfer=r.chamfer_mm,
             fillet=r.fillet_mm,
             table_disc=r.table_disc_mm,
@@ -185,23 +258,21 @@ def _simulation(r: SimulationRecipe) -> Simulation:
     )
 
 
-def workpiece_of(r: ShapeRecipe) -> Workpiece:
+def _workpiece(r: WorkpieceRecipe) -> Workpiece:
     """Form, slots, flats, dirt, diameters and axes of a shaft or turned part."""
     return Workpiece(
-        form=tuple(FormWave(f.surface, f.upr, f.amplitude_um / 1e3, radians(f.phase_deg)) for f in r.form),
+        form=tuple(FormWave(f.surface, f.upr, f.amplitude_um / UM, radians(f.phase_deg)) for f in r.form),
         keyways=tuple(
             Keyway(k.surface, radians(k.azimuth_deg), k.width_mm, k.depth_mm, k.from_mm, k.to_mm) for k in r.keyway
         ),
         misalignments=tuple(
-            Misalignment(
-                m.surface, m.offset_x_um / 1e3, m.offset_y_um / 1e3, m.slope_x_mrad / 1e3, m.slope_y_mrad / 1e3
-            )
+            Misalignment(m.surface, m.offset_x_um / UM, m.offset_y_um / UM, m.slope_x_mrad / 1e3, m.slope_y_mrad / 1e3)
             for m in r.misalignment
         ),
-        diameter_errors=tuple((d.surface, d.error_um / 1e3) for d in r.diameter),
+        diameter_errors=tuple((d.surface, d.error_um / UM) for d in r.diameter),
         patches=(
             *(Patch(f.surface, radians(f.azimuth_deg), f.share) for f in r.flat),
-            *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / 1e3) for d in r.dirt),
+            *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / UM) for d in r.dirt),
         ),
     )
 
@@ -209,19 +280,19 @@ def workpiece_of(r: ShapeRecipe) -> Workpiece:
 def _optics(r: SimulationRecipe) -> Optics:
     return Optics(
         fan=radians(r.fan_deg),
-        noise=r.noise_um / 1e3,
-        correlated_noise=r.correlated_noise_um / 1e3,
+        noise=r.noise_um / UM,
+        correlated_noise=r.correlated_noise_um / UM,
         correlation=r.correlation_points,
-        speckle=r.speckle_um / 1e3,
+        speckle=r.speckle_um / UM,
         speckle_cell=r.speckle_cell_mm,
-        nonlinearity=r.nonlinearity_um / 1e3,
+        nonlinearity=r.nonlinearity_um / UM,
         nonlinearity_phase=radians(r.nonlinearity_phase_deg),
         scale_error=r.scale_error_ppm / 1e6,
-        step_z=r.step_z_um / 1e3,
-        step_x=r.step_x_um / 1e3,
+        step_z=r.step_z_um / UM,
+        step_x=r.step_x_um / UM,
         triangulation=radians(r.triangulation_deg),
         incidence_noise=r.incidence_noise,
-        incidence_bias=r.incidence_bias_um / 1e3,
+        incidence_bias=r.incidence_bias_um / UM,
         most_incidence=radians(r.most_incidence_deg),
         mixed_pixels=r.mixed_pixels,
         outliers=r.outliers,
@@ -229,4 +300,64 @@ def _optics(r: SimulationRecipe) -> Optics:
         reflection=r.reflection,
         dropouts=r.dropouts,
         patches=r.patches,
+    )
+
+
+def virtual_part_from(
+    part: Gear | Turned | Cad, table: Mapping[str, Any], where: str = "[simulation] of the part"
+) -> VirtualPart:
+    """The part of a drawing with the deviations of its recipe's ``[simulation]`` table, which errors call ``where``.
+
+    Raises:
+        BadRecipe: a wrong or unknown key, or a tooth that the gear hasn't got.
+    """
+    if isinstance(part, Gear):
+        gear = VirtualGear(part, _gear_errors(checked(GearErrorsRecipe, table, where)))
+        check_gear(gear)
+        return gear
+    if isinstance(part, Turned):
+        return VirtualTurned(part, _workpiece(checked(WorkpieceRecipe, table, where)))
+    pose = checked(CadPoseRecipe, table, where)
+    return VirtualCad(part, radians(pose.turned_deg), pose.lifted_mm)
+
+
+def _gear_errors(r: GearErrorsRecipe) -> GearErrors:
+    return GearErrors(
+        phase=radians(r.phase_deg),
+        seed=r.seed,
+        pitch=r.pitch_um / UM,
+        pitch_left=tuple(p / UM for p in r.pitch_left_um),
+        pitch_right=tuple(p / UM for p in r.pitch_right_um),
+        eccentricity=r.eccentricity_um / UM,
+        eccentricity_direction=radians(r.eccentricity_direction_deg),
+        thickness=r.thickness_um / UM,
+        left=_flank(r, r.profile_slope_left_um, r.helix_slope_left_um),
+        right=_flank(r, r.profile_slope_right_um, r.helix_slope_right_um),
+        profile_wave=r.profile_wave_um / UM,
+        profile_waves=r.profile_waves,
+        profile_crowning=r.profile_crowning_um / UM,
+        helix_crowning=r.helix_crowning_um / UM,
+        dents=tuple(
+            Dent(d.tooth, d.flank, d.roll_length_mm, d.height_mm, d.radius_mm, d.depth_um / UM) for d in r.dent
+        ),
+        worn=tuple(
+            Worn(
+                w.tooth,
+                w.flank,
+                (w.from_roll_length_mm, w.to_roll_length_mm),
+                (w.from_mm, w.to_mm),
+                w.depth_um / UM,
+                w.edge_mm,
+            )
+            for w in r.worn
+        ),
+        chips=tuple(Chip(c.tooth, c.from_mm, c.to_mm, c.depth_mm) for c in r.chip),
+        missing=r.missing,
+    )
+
+
+def _flank(r: GearErrorsRecipe, profile: float | None, helix: float | None) -> FlankErrors:
+    """The slopes of one flank: its own, else those of both."""
+    return FlankErrors(
+        (r.profile_slope_um if profile is None else profile) / UM, (r.helix_slope_um if helix is None else helix) / UM
     )

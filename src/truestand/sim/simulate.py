@@ -1,25 +1,26 @@
-"""One virtual scan: turn the table, draw what the sensor sees, add what goes wrong between them."""
+"""One virtual scan: the angles of the table, what the sensor sees there, and the recording of it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.random import default_rng
+from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
-from truestand.sim.caster import Caster
 from truestand.sim.parts import VirtualPart
-from truestand.sim.simulation import Simulation
-from truestand.sim.trouble import lose_patches, table_angles
+from truestand.sim.poses import Array
+from truestand.sim.sensor_errors import lose_patches
+from truestand.sim.sensor_model import SensorModel
+from truestand.sim.simulation import DEFAULT_COUNTS_PER_TURN, Acquisition, Simulation, speed_and_rate
 from truestand.sim.truth import Truth
 
-Array = NDArray[np.float64]
-
-BLOCK = 128
-"""Profiles cast at once."""
+BLOCK_PROFILES = 128
+"""Computed at once."""
+MAX_GAPS = 5
+"""Runs of lost profiles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,23 +47,49 @@ def simulate(
         BadRecipe: a part that can't be, or not on this shaft.
     """
     rng = default_rng(seed)
-    angle, counter, time, step = table_angles(stand, simulation.acquisition, rng)
-    caster = Caster(stand, simulation, artefact, part, rng)
-    truth = Truth(
-        stand, simulation, caster.table_from_sensor, caster.shaft_from_rotor, step, angle, artefact, part
-    )  # fmt: skip
-    x, z = _scan(caster, angle, progress)
+    angle, counter, time, step = _table_angles(stand, simulation.acquisition, rng)
+    model = SensorModel(stand, simulation, artefact, part, rng)
+    truth = Truth(stand, simulation, model.table_from_sensor, model.shaft_from_rotor, step, angle, artefact, part)
+    x, z = _scan(model, angle, progress)
     lose_patches(z, simulation.optics, rng)
     x[np.isnan(z)] = np.nan
     return Simulated(_recording(truth, x, z, counter, time), truth)
 
 
-def _scan(caster: Caster, angle: Array, progress: Callable[[int, int], None] | None) -> tuple[Array, Array]:
+def _table_angles(stand: Stand, a: Acquisition, rng: Generator) -> tuple[Array, NDArray[np.int64], Array, float]:
+    """True table angle (N,) rad, counter, time (s) of the profiles that arrive, and the mean step."""
+    speed, rate = speed_and_rate(stand)
+    total = a.profiles + a.dropped
+    time = np.arange(total) / rate
+    turned = np.where(time < a.ramp, time**2 / (2 * max(a.ramp, 1e-9)), time - a.ramp / 2)
+    turned = turned * speed * a.speed_factor
+    turned = turned + a.ripple / a.ripple_per_turn * np.sin(a.ripple_per_turn * turned)
+    arrived = np.setdiff1d(np.arange(total), _gaps(total, a.dropped, rng))[: a.profiles]
+    angle = a.start_angle + stand.table.sign * turned
+    return angle[arrived], arrived.astype(np.int64), time[arrived], speed * a.speed_factor / rate
+
+
+def _gaps(total: int, dropped: int, rng: Generator) -> NDArray[np.intp]:
+    """Indices of the profiles that get lost: in runs, none at the ends."""
+    runs = min(MAX_GAPS, dropped)
+    lost: set[int] = set()
+    for i in range(runs):
+        length = dropped // runs + (i < dropped % runs)
+        while True:
+            start = int(rng.integers(1, max(total - length - 1, 2)))
+            run = set(range(start, start + length))
+            if not run & lost:
+                lost |= run
+                break
+    return np.array(sorted(lost), dtype=np.intp)
+
+
+def _scan(model: SensorModel, angle: Array, progress: Callable[[int, int], None] | None) -> tuple[Array, Array]:
     """x and z (N, M) mm, a block of profiles at a time."""
-    x, z = np.empty((angle.size, caster.points)), np.empty((angle.size, caster.points))
-    for first in range(0, angle.size, BLOCK):
-        rows = slice(first, min(first + BLOCK, angle.size))
-        x[rows], z[rows] = caster.rows(angle[rows])
+    x, z = np.empty((angle.size, model.points)), np.empty((angle.size, model.points))
+    for first in range(0, angle.size, BLOCK_PROFILES):
+        rows = slice(first, min(first + BLOCK_PROFILES, angle.size))
+        x[rows], z[rows] = model.profiles(angle[rows])
         if progress is not None:
             progress(rows.stop, angle.size)
     return x, z
@@ -71,7 +98,7 @@ def _scan(caster: Caster, angle: Array, progress: Callable[[int, int], None] | N
 def _recording(truth: Truth, x: Array, z: Array, counter: NDArray[np.int64], time: Array) -> Recording:
     stand, columns = truth.stand, truth.simulation.acquisition.columns
     reported = stand.table.sign * truth.angle
-    counts = stand.counts_per_turn or 36000
+    counts = stand.counts_per_turn or DEFAULT_COUNTS_PER_TURN
     return Recording(
         -x if stand.sensor.mirrored else x,
         z,

@@ -1,7 +1,16 @@
-"""What the virtual stand simulates: mm, rad, s. The defaults are the paper's stand without its troubles."""
+"""What the virtual stand simulates: mm, rad, s. The defaults are the stand of the paper without its disturbances.
+
+The paper: Klarák et al., Sensors 2022, 22, 5306; stand, shaft and scan as far as it states them.
+"""
 
 from dataclasses import dataclass, field, replace
-from math import cos, radians, sin
+from math import cos, pi, radians, sin
+
+from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.stand import Sensor, Stand, Table
+
+DEFAULT_COUNTS_PER_TURN = 36000
+"""Of an encoder, where the stand states none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,12 +26,12 @@ class Mounting:
     plane_tilt: float = 0.0
     plane_offset: float = 0.0
     azimuth: float = 0.0
-    """Where the sensor stands around the table; turns what is fixed in the lab against what the sensor sees."""
+    """Azimuth of the sensor around the table, in the laboratory; directions of eccentricity and tilt count from it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """How the shaft runs: offset and tilt of its axis against the rotation axis, azimuths in the lab at angle 0."""
+    """Offset and tilt of the shaft axis against the rotation axis; azimuths in the laboratory at table angle 0."""
 
     eccentricity: float = 0.8789
     eccentricity_direction: float = 0.0
@@ -42,7 +51,7 @@ class FormWave:
 
 @dataclass(frozen=True, slots=True)
 class Keyway:
-    """A slot: material missing to ``depth`` over ``width`` about ``azimuth``, between two heights."""
+    """A slot: material missing to ``depth`` over ``width`` at ``azimuth``, between two heights."""
 
     surface: str
     azimuth: float
@@ -54,18 +63,18 @@ class Keyway:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A stretch of one surface's circumference, over its whole length: ``share`` 0..1 of a turn about ``azimuth``."""
+    """A sector of one surface, over its whole length: ``share`` 0..1 of a turn, its middle at ``azimuth``."""
 
     surface: str
     azimuth: float
     share: float
     height: float | None = None
-    """mm of dirt on it; None: it is milled flat."""
+    """mm of dirt on it; None: a milled flat."""
 
 
 @dataclass(frozen=True, slots=True)
 class Misalignment:
-    """A step whose axis is not the base's: sideways offset at its middle, and slopes."""
+    """A step whose axis deviates from that of the base: lateral offset at its middle, and slopes."""
 
     surface: str
     offset_x: float = 0.0
@@ -76,7 +85,7 @@ class Misalignment:
 
 @dataclass(frozen=True, slots=True)
 class Workpiece:
-    """What the real shaft has beyond its drawing."""
+    """Deviations of the real shaft from its drawing."""
 
     form: tuple[FormWave, ...] = ()
     keyways: tuple[Keyway, ...] = ()
@@ -89,12 +98,16 @@ class Workpiece:
     chamfer: float = 0.0
     """Leg of the 45 degree chamfer on every outer edge at a shoulder."""
     table_disc: float | None = None
-    """Height of the table's face, where it comes into view."""
+    """Height of the table's face; None: out of view."""
     clamped: float = 0.0
-    """rad by which the shaft sits turned in its clamping, ccw from above: form, slots, dirt, steps' axes go along."""
+    """Angle of the shaft in its clamping (rad), ccw from above; it turns form, slots, dirt and the axes of steps."""
 
-    def turned(self) -> "Workpiece":
-        """The same as it stands in C, which has no twist against the table."""
+    def misalignment_of(self, surface: str) -> Misalignment:
+        """The misalignment of a step; zero where none is stated."""
+        return next((m for m in self.misalignments if m.surface == surface), Misalignment(surface))
+
+    def in_shaft_frame(self) -> "Workpiece":
+        """The same with the angle of the clamping applied: azimuths in C, which has no twist against the table."""
         if not self.clamped:
             return self
         c, s = cos(self.clamped), sin(self.clamped)
@@ -116,7 +129,7 @@ class Workpiece:
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """What the sensor adds."""
+    """Optics of the sensor, and the errors that it adds to the geometry."""
 
     fan: float = 0.28
     """Full opening of the laser fan."""
@@ -124,9 +137,9 @@ class Optics:
     """White, along the range."""
     correlated_noise: float = 0.0
     correlation: int = 8
-    """Points over which the correlated noise is the same."""
+    """Points over which the correlated noise is averaged."""
     speckle: float = 0.0
-    """Repeats every turn: fixed to the surface."""
+    """Standard deviation of an error fixed to the surface: it repeats every turn."""
     speckle_cell: float = 0.1
     nonlinearity: float = 0.0
     """Amplitude of a smooth range error: one sine over the range."""
@@ -137,21 +150,21 @@ class Optics:
     step_x: float = 0.001
     """Resolution; 0 = none."""
     triangulation: float = 0.0
-    """Angle between laser and camera, sideways; 0 = the camera sees all that the laser meets."""
+    """Angle between laser and camera, sideways; 0 = no occlusion: the camera sees all that the laser meets."""
     incidence_noise: bool = False
     """White noise grows with 1 / cos of the incidence (between ray and surface normal), up to twentyfold."""
     incidence_bias: float = 0.0
     """mm: the range reads this times (1 / cos(incidence) - 1) more, up to nineteen times."""
     most_incidence: float = radians(88.0)
-    """Beyond it nothing comes back; looked at where a part is on the shaft."""
+    """Beyond this angle of incidence no reading comes back; applied where a part is on the shaft."""
     mixed_pixels: float = 0.0
     """Share of readings next to an edge that come back from between both surfaces."""
     outliers: float = 0.0
-    """Share of readings that are anywhere in the range."""
+    """Share of readings that lie anywhere in the range."""
     ghosts: float = 0.0
-    """Share of readings near the shoulder that come back from the other step."""
+    """Share of readings near the shoulder with a double reflection from the other step."""
     reflection: float = 0.0
-    """Share of readings, at random, that come back from one place that stands still."""
+    """Share of readings, at random, that come back from one place that does not turn."""
     dropouts: float = 0.0
     """Share of readings lost at random."""
     patches: int = 0
@@ -160,12 +173,12 @@ class Optics:
 
 @dataclass(frozen=True, slots=True)
 class Acquisition:
-    """How the scan is taken."""
+    """Acquisition of the scan."""
 
     profiles: int = 11000
     start_angle: float = 0.0
     columns: tuple[str, ...] = ()
-    """What the scan brings: angle, time, encoder, counter."""
+    """Columns of the scan: angle, time, encoder, counter."""
     speed_factor: float = 1.0
     """True over stated table speed."""
     ripple: float = 0.0
@@ -174,7 +187,7 @@ class Acquisition:
     ramp: float = 0.0
     """s: start-up at constant acceleration."""
     dropped: int = 0
-    """Profiles lost, in up to five gaps."""
+    """Number of profiles lost, in up to five gaps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,3 +199,30 @@ class Simulation:
     workpiece: Workpiece = field(default_factory=Workpiece)
     optics: Optics = field(default_factory=Optics)
     acquisition: Acquisition = field(default_factory=Acquisition)
+
+
+def speed_and_rate(stand: Stand) -> tuple[float, float]:
+    """Speed of the table (rad/s) and profiles per second; those of the paper where the stand states none."""
+    return stand.table.speed or pi / 10, stand.sensor.profile_rate or 200.0
+
+
+def paper_stand() -> Stand:
+    """The stand of the paper: 200 profiles/s of 640 points, 70..120 mm, pi/10 rad/s."""
+    sensor = Sensor("front", 200.0, 640, (70.0, 120.0), linearity_U=0.02)
+    return Stand(Table(speed=pi / 10), (sensor,))
+
+
+def paper_shaft() -> Artefact:
+    """The shaft of the paper: base of 25 mm and bearing of 13.94 mm."""
+    return Artefact(
+        (Cylinder("base", 25.0, -60.0, 0.0, 0.002), Cylinder("bearing", 13.94, 0.0, 35.0, 0.002, 0.002)), "shaft M"
+    )
+
+
+def paper_simulation() -> Simulation:
+    """The scan of the paper: 11,000 profiles, 2.75 turns, 878.9 um of eccentricity, a printed shaft 85 um oval."""
+    return Simulation(
+        running=Running(eccentricity=0.8789, eccentricity_direction=radians(40.0)),
+        workpiece=Workpiece(form=(FormWave("base", 2, 0.085, radians(25.0)),)),
+        optics=Optics(noise=0.005),
+    )

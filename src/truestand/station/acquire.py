@@ -272,7 +272,7 @@ class _Recording:
 
     def _table_state(self) -> DriveState:
         state = self.station.table.state()
-        self.log.append(Kind.TABLE, TABLE.pack(state.position, state.doubt, state.moving), state.time)
+        self.log.append(Kind.TABLE, TABLE.pack(state.position, state.time_half_width, state.moving), state.time)
         return state
 
     def _await_first_frames(self) -> None:

@@ -97,7 +97,7 @@ def _decoded(layout: Layout, frames: Frames) -> Stream:
     n, begin = 0, None
     for number, arrived, payload in frames.taken_out():
         begin = number if begin is None else begin
-        profiles = unwrapper.go_on(decode(layout, payload))
+        profiles = unwrapper.unwrap(decode(layout, payload))
         rows = slice(n, n := n + len(profiles.x))
         x[rows], z[rows] = profiles.x, profiles.z
         first = (number - begin) * layout.profiles

@@ -1,1 +1,1 @@
-"""Our GigE Vision client: control, stream and the camera's own list of features."""
+"""A GigE Vision client: control, stream and the features of a camera."""

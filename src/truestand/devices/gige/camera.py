@@ -1,10 +1,11 @@
-"""A GigE Vision camera as the sensor drivers use it: control, features and one stream under one roof."""
+"""A GigE Vision camera as the sensor drivers use it: control, features and one stream."""
 
 from contextlib import suppress
+from functools import cached_property
 
 from truestand.core.errors import DeviceError
-from truestand.devices.gige.assembly import SILENCE, Assembler
-from truestand.devices.gige.control import DEFAULT_HEARTBEAT, Control
+from truestand.devices.gige.assembly import FRAME_END_TIMEOUT_S, Assembler
+from truestand.devices.gige.control import DEFAULT_HEARTBEAT_MS, Control
 from truestand.devices.gige.nodes import Nodes
 from truestand.devices.gige.stream import Stream
 from truestand.devices.sensor import Frame, StreamStatistics
@@ -12,17 +13,17 @@ from truestand.devices.wire.gvcp import RESEND_SUPPORTED, Register
 
 
 class Camera:
-    """A camera that we control. Not started; ``close`` in any case."""
+    """A camera under our control, not started; ``close`` in any case. Drivers of sensors derive from it."""
 
-    def __init__(self, name: str, address: str, heartbeat_ms: int = DEFAULT_HEARTBEAT) -> None:
+    def __init__(self, name: str, address: str, heartbeat_ms: int = DEFAULT_HEARTBEAT_MS) -> None:
         """Takes control.
 
         Raises:
             DeviceLost: nobody answers.
             DeviceError: another program controls it.
         """
+        self.name = name
         self.control = Control(name, address)
-        self._nodes: Nodes | None = None
         self._stream: Stream | None = None
         try:
             self.control.take(heartbeat_ms)
@@ -30,36 +31,38 @@ class Camera:
             self.control.close()
             raise
 
-    @property
+    def identity(self) -> dict[str, str]:
+        """Maker, model, serial, firmware, as the camera says. Errors as ``Control.read``."""
+        return self.control.identity()
+
+    @cached_property
     def nodes(self) -> Nodes:
         """The camera's own features; its description is read at the first use. Errors as ``Nodes``."""
-        if self._nodes is None:
-            self._nodes = Nodes(self.control)
-        return self._nodes
+        return Nodes(self.control)
 
-    def start(
+    def start_stream(
         self,
         payload: int,
         row: int,
         packet_size: int = 0,
         delay: int = 0,
         resend: bool = True,
-        silence: float = SILENCE,
+        frame_end_timeout: float = FRAME_END_TIMEOUT_S,
     ) -> None:
-        """Begin to receive frames of ``payload`` bytes in rows of ``row``, and tell the camera to send them.
+        """Begin to receive frames of ``payload`` bytes in rows of ``row``, and start the camera.
 
-        ``packet_size`` 0 = the largest that arrives; ``resend`` counts where the camera can; ``silence`` (s) as
-        ``Assembler``. Errors as ``Control.read``.
+        ``packet_size`` 0 = the largest that arrives; ``resend`` counts where the camera can; ``frame_end_timeout`` (s)
+        as ``Assembler``. Errors as ``Control.read``.
         """
-        self.end()
+        self._end_stream()
         self._stream = Stream(self.control)
         try:
             size = self._stream.open(packet_size, delay)
             resend = resend and bool(self.control.read(Register.CAPABILITY) & RESEND_SUPPORTED)
-            self._stream.start(Assembler(payload, size, row, resend, silence))
+            self._stream.start(Assembler(payload, size, row, resend, frame_end_timeout))
             self.nodes.execute("AcquisitionStart")
         except DeviceError:
-            self.end()
+            self._end_stream()
             raise
 
     def next_frame(self, timeout: float) -> Frame | None:
@@ -74,7 +77,7 @@ class Camera:
         return self._stream.next_frame(timeout)
 
     def statistics(self) -> StreamStatistics:
-        """How the stream went so far."""
+        """Counts of the stream so far."""
         return StreamStatistics() if self._stream is None else self._stream.statistics()
 
     def stop(self) -> None:
@@ -87,17 +90,17 @@ class Camera:
             self.nodes.execute("AcquisitionStop")
             self.control.write(Register.STREAM_PORT, 0)
         finally:
-            self.end()
+            self._end_stream()
 
-    def end(self) -> None:
-        """End our side of the stream."""
+    def _end_stream(self) -> None:
+        """End the receiving side of the stream."""
         if self._stream is not None:
             self._stream.stop()
 
     def close(self) -> None:
         """End the stream, give control back; never raises for a camera that is gone."""
         with suppress(DeviceError):
-            if self._stream is not None and not self.control.gone:
+            if self._stream is not None and not self.control.lost_reason:
                 self.stop()
-        self.end()
+        self._end_stream()
         self.control.close()

@@ -1,8 +1,7 @@
 """GigE Vision control: registers and memory of one device over UDP, the right to control it, and the heartbeat.
 
-A device answers on port 3956 and only to one controller, which has to say every so often that it is still there. Every
-call ends within a second, by an answer or by ``DeviceLost``; only taking control may wait until the device has given up
-a controller that died.
+A device answers on port 3956 and only to one controller, which has to send a heartbeat. Every call ends within a
+second, by an answer or by ``DeviceLost``; only taking control may wait until the control of a crashed program ends.
 """
 
 import socket
@@ -16,17 +15,15 @@ from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import Command, Register, Status
 from truestand.devices.wire.malformed import Malformed
 
-PATIENCE = 0.14
-"""s for one answer."""
+ANSWER_TIMEOUT_S = 0.14
 ATTEMPTS = 3
 """Of each request: UDP may lose it, or its answer."""
-LONGEST_PENDING = 2.0
-"""s that a device may ask for with a PENDING acknowledge."""
-LONGEST_TAKE = 10.5
-"""s, at most, to wait for a device that somebody else controls: one that died lets go when its heartbeat runs out."""
-DEFAULT_HEARTBEAT = 1000
-"""ms."""
-GONE = "check that it is switched on, its cable, and its address in stand.toml"
+MAX_PENDING_S = 2.0
+"""That a device may ask for with a PENDING acknowledge."""
+MAX_TAKE_S = 10.5
+"""To wait for a device that another program controls: if that crashed, its control ends with its heartbeat."""
+DEFAULT_HEARTBEAT_MS = 1000
+ADVICE = "check that it is switched on, its cable, and its address in stand.toml"
 
 
 class Control:
@@ -36,36 +33,36 @@ class Control:
         self.name = name
         """As in stand.toml, for messages."""
         self.address = address
-        self.gone = ""
-        """Why the device is taken as lost, in plain words; empty = it answers."""
-        self.on_gone: Callable[[], None] = lambda: None
+        self.lost_reason = ""
+        """Why the device counts as lost, in words; empty = it answers."""
+        self.on_lost: Callable[[], None] = lambda: None
         """Called once, by the heartbeat, when the device is lost."""
         self._number = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
-        self._heart: threading.Thread | None = None
+        self._heartbeat: threading.Thread | None = None
         self._controls = False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.connect((address, gvcp.PORT))
         except OSError as wrong:
             self._socket.close()
-            raise DeviceLost(f"{name}: {address} can't be reached ({wrong}); {GONE}") from wrong
+            raise DeviceLost(f"{name}: {address} can't be reached ({wrong}); {ADVICE}") from wrong
 
     @property
     def host(self) -> str:
-        """The own IPv4 address that the device is reached from."""
+        """IPv4 address of this computer from which the device is reached."""
         return str(self._socket.getsockname()[0])
 
-    def take(self, heartbeat_ms: int = DEFAULT_HEARTBEAT) -> None:
-        """Become the one who controls the device, and keep saying so.
+    def take(self, heartbeat_ms: int = DEFAULT_HEARTBEAT_MS) -> None:
+        """Take control of the device, and hold it by a heartbeat.
 
         Raises:
             DeviceLost: no answer.
-            DeviceError: another program controls it and goes on.
+            DeviceError: another program controls it.
         """
         held = self.read(Register.HEARTBEAT) / 1000.0
-        end = time.monotonic() + min(held + 0.5, LONGEST_TAKE)
+        end = time.monotonic() + min(held + 0.5, MAX_TAKE_S)
         while not self._taken():
             if time.monotonic() > end:
                 raise DeviceError(
@@ -74,13 +71,13 @@ class Control:
             self._stop.wait(0.2)
         self._controls = True
         self.write(Register.HEARTBEAT, heartbeat_ms)
-        self._heart = threading.Thread(
-            target=self._beat, args=(heartbeat_ms / 3000.0,), name=f"heartbeat {self.name}", daemon=True
+        self._heartbeat = threading.Thread(
+            target=self._hold, args=(heartbeat_ms / 3000.0,), name=f"heartbeat {self.name}", daemon=True
         )
-        self._heart.start()
+        self._heartbeat.start()
 
     def _taken(self) -> bool:
-        """Whether the device lets us control it; one that is taken refuses, or says nothing at all."""
+        """Whether the device grants control; one that another program controls refuses, or does not answer."""
         body = gvcp.write_register_body((Register.CONTROL, gvcp.CONTROL))
         try:
             status = self._ask(Command.WRITE_REGISTER, body, attempts=1).status
@@ -90,30 +87,30 @@ class Control:
             raise self._refused("take control", status)
         return status == Status.SUCCESS
 
-    def _beat(self, period: float) -> None:
+    def _hold(self, period: float) -> None:
         while not self._stop.wait(period):
             try:
                 if not self.read(Register.CONTROL) & (gvcp.CONTROL | gvcp.EXCLUSIVE):
                     self._lose("it gave up our control, as if it had not heard us for too long; check the network")
             except DeviceLost:
-                self._lose(f"{self.address} doesn't answer any more; {GONE}")
+                self._lose(f"{self.address} doesn't answer any more; {ADVICE}")
             except DeviceError as wrong:
                 self._lose(f"its heartbeat ended ({wrong})")
-            if self.gone:
+            if self.lost_reason:
                 return
 
-    def _lose(self, why: str) -> None:
-        self.gone = why
-        self.on_gone()
+    def _lose(self, reason: str) -> None:
+        self.lost_reason = reason
+        self.on_lost()
 
     def check(self) -> None:
-        """Whether the device is still there, without asking it.
+        """Whether the device still answers its heartbeat, without asking it.
 
         Raises:
             DeviceLost: the heartbeat was not answered.
         """
-        if self.gone:
-            raise DeviceLost(f"{self.name}: {self.gone}")
+        if self.lost_reason:
+            raise DeviceLost(f"{self.name}: {self.lost_reason}")
 
     def read(self, address: int) -> int:
         """The 32 bit register at ``address``.
@@ -122,35 +119,29 @@ class Control:
             DeviceLost: no answer.
             DeviceError: refused.
         """
-        answer = self._ask(Command.READ_REGISTER, gvcp.register_body(address))
-        if answer.status or len(answer.body) != 4:
-            raise self._refused(f"read register 0x{address:08x}", answer.status)
-        return gvcp.words(answer.body)[0]
+        body = self._command(Command.READ_REGISTER, gvcp.register_body(address), f"read register 0x{address:08x}", 4)
+        return gvcp.words(body)[0]
 
     def write(self, address: int, value: int) -> None:
         """Write the 32 bit register at ``address``. Errors as ``read``."""
-        answer = self._ask(Command.WRITE_REGISTER, gvcp.write_register_body((address, value)))
-        if answer.status:
-            raise self._refused(f"write {value} to register 0x{address:08x}", answer.status)
+        body = gvcp.write_register_body((address, value))
+        self._command(Command.WRITE_REGISTER, body, f"write {value} to register 0x{address:08x}")
 
     def read_memory(self, address: int, count: int) -> bytes:
         """``count`` bytes from ``address`` on, in pieces that fit a datagram. Errors as ``read``."""
         data = bytearray()
         while len(data) < count:
-            size = min(gvcp.MOST_DATA, count - len(data)) + 3 & ~3
-            answer = self._ask(Command.READ_MEMORY, gvcp.read_memory_body(address + len(data), size))
-            if answer.status or len(answer.body) != 4 + size:
-                raise self._refused(f"read {size} bytes at 0x{address + len(data):08x}", answer.status)
-            data += answer.body[4:]
+            size, start = min(gvcp.MAX_DATA_BYTES, count - len(data)) + 3 & ~3, address + len(data)
+            body = gvcp.read_memory_body(start, size)
+            data += self._command(Command.READ_MEMORY, body, f"read {size} bytes at 0x{start:08x}", 4 + size)[4:]
         return bytes(data[:count])
 
     def write_memory(self, address: int, data: bytes) -> None:
         """Write ``data`` (a multiple of 4 bytes) from ``address`` on. Errors as ``read``."""
-        for start in range(0, len(data), gvcp.MOST_DATA):
-            piece = data[start : start + gvcp.MOST_DATA]
-            answer = self._ask(Command.WRITE_MEMORY, gvcp.write_memory_body(address + start, piece))
-            if answer.status:
-                raise self._refused(f"write {len(piece)} bytes at 0x{address + start:08x}", answer.status)
+        for start in range(0, len(data), gvcp.MAX_DATA_BYTES):
+            piece = data[start : start + gvcp.MAX_DATA_BYTES]
+            body = gvcp.write_memory_body(address + start, piece)
+            self._command(Command.WRITE_MEMORY, body, f"write {len(piece)} bytes at 0x{address + start:08x}")
 
     def identity(self) -> dict[str, str]:
         """Maker, model, serial, ... Errors as ``read``."""
@@ -158,16 +149,16 @@ class Control:
         return {**identity, "address": self.address}
 
     def resend(self, request: gvcp.Resend) -> None:
-        """Ask for packets of the stream again; they come over the stream, and nothing tells whether they will."""
-        with suppress(OSError):  # a device that is gone can't be asked; the heartbeat tells
+        """Request packets of the stream again; they come over the stream, without an acknowledge."""
+        with suppress(OSError):  # a lost device can't be asked; the heartbeat reports it
             self._socket.send(request.request(self._next()).encode())
 
     def close(self) -> None:
-        """Give control back and leave; never raises for a device that is gone."""
+        """Give control back and close; never raises for a device that is gone."""
         self._stop.set()
-        if self._heart is not None:
-            self._heart.join()
-        if self._controls and not self.gone:
+        if self._heartbeat is not None:
+            self._heartbeat.join()
+        if self._controls and not self.lost_reason:
             with suppress(DeviceError):
                 self.write(Register.CONTROL, 0)
         self._controls = False
@@ -188,11 +179,18 @@ class Control:
                 answer = self._answer(request)
                 if answer is not None:
                     return answer
-        raise DeviceLost(f"{self.name}: nobody answers at {self.address}; {GONE}")
+        raise DeviceLost(f"{self.name}: nobody answers at {self.address}; {ADVICE}")
+
+    def _command(self, command: int, body: bytes, action: str, length: int | None = None) -> bytes:
+        """The body of a command's acknowledge, of ``length`` bytes where one is given; errors name the ``action``."""
+        answer = self._ask(command, body)
+        if answer.status or length not in (None, len(answer.body)):
+            raise self._refused(action, answer.status)
+        return answer.body
 
     def _answer(self, request: gvcp.Request) -> gvcp.Acknowledge | None:
         """What came for ``request`` in time; late answers to earlier ones and garbage are passed over."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + ANSWER_TIMEOUT_S
         while (rest := end - time.monotonic()) > 0:
             try:
                 self._socket.settimeout(rest)
@@ -208,10 +206,12 @@ class Control:
                 return answer
             if answer.id == request.id and answer.command == Command.PENDING and len(answer.body) >= 4:
                 wait = int.from_bytes(answer.body[2:4], "big") / 1000.0
-                end = time.monotonic() + min(wait, LONGEST_PENDING) + PATIENCE
+                end = time.monotonic() + min(wait, MAX_PENDING_S) + ANSWER_TIMEOUT_S
         return None
 
-    def _refused(self, what: str, status: int) -> DeviceError:
+    def _refused(self, action: str, status: int) -> DeviceError:
         known = Status(status).name.lower().replace("_", " ") if status in list(Status) else f"0x{status:04x}"
         why = known if status else "an answer of the wrong length"
-        return DeviceError(f"{self.name}: the device did not {what} ({why}); check that it is the sensor of the recipe")
+        return DeviceError(
+            f"{self.name}: the device did not {action} ({why}); check that it is the sensor of the recipe"
+        )

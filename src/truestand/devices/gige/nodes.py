@@ -1,6 +1,6 @@
-"""The camera's own list of features (GenICam), read from the camera: get, set and execute by name.
+"""The features of a camera (GenICam), by the description in its memory: get, set and execute by name.
 
-EMVA's reference implementation (the ``genicam`` wheel) does the work; we lend it the camera's memory.
+EMVA's reference implementation (the ``genicam`` wheel) does the work; a port gives it the camera's memory.
 """
 
 import difflib
@@ -15,8 +15,8 @@ from truestand.core.errors import DeviceError, MissingExtra
 from truestand.devices.gige.control import Control
 from truestand.devices.wire.gvcp import Register
 
-MOST_XML = 16 << 20
-"""Bytes of a description; real ones have 0.02 to 2 MB."""
+MAX_XML_BYTES = 16 << 20
+"""Of a description; real ones have 0.02 to 2 MB."""
 Value = int | float | str | bool
 T = TypeVar("T")
 
@@ -25,28 +25,30 @@ class Nodes:
     """The features of the camera behind ``control``."""
 
     def __init__(self, control: Control) -> None:
-        """Reads and understands the camera's description.
+        """Reads the camera's description.
 
         Raises:
             MissingExtra: no ``genicam`` wheel.
             DeviceLost: no answer.
-            DeviceError: no description, or none that can be understood.
+            DeviceError: no description, or one that can't be understood.
         """
         self._worker = ThreadPoolExecutor(1, f"features {control.name}")
-        genapi = self._apart(_genapi)
+        genapi = self._in_worker(_genapi)
         self._name = control.name
-        self._wrong: type[Exception] = genapi.GenericException
+        self._genapi_error: type[Exception] = genapi.GenericException
         self._map = genapi.NodeMap()
         xml = description(control)
         try:
-            self._apart(lambda: self._map.load_xml_from_string(xml))
+            self._in_worker(lambda: self._map.load_xml_from_string(xml))
             self._port = _port(genapi, control)
-            self._apart(lambda: self._map.connect(self._port, "Device"))
-        except self._wrong as wrong:
-            raise DeviceError(f"{self._name}: its GenICam description can't be understood ({_plain(wrong)})") from wrong
+            self._in_worker(lambda: self._map.connect(self._port, "Device"))
+        except self._genapi_error as wrong:
+            raise DeviceError(
+                f"{self._name}: its GenICam description can't be understood ({_first_sentence(wrong)})"
+            ) from wrong
 
     def names(self) -> list[str]:
-        """All features and what they are made of."""
+        """Names of all features and of the nodes behind them."""
         return sorted(str(node.node.name) for node in self._map.nodes)
 
     def has(self, name: str) -> bool:
@@ -62,9 +64,9 @@ class Nodes:
         """
         node = self._node(name)
         try:
-            value: Value = self._apart(lambda: node.value)
-        except (self._wrong, AttributeError) as wrong:
-            raise DeviceError(f"{self._name}: feature {name} can't be read ({_plain(wrong)})") from wrong
+            value: Value = self._in_worker(lambda: node.value)
+        except (self._genapi_error, AttributeError) as wrong:
+            raise DeviceError(f"{self._name}: feature {name} can't be read ({_first_sentence(wrong)})") from wrong
         return value
 
     def set(self, name: str, value: Value) -> None:
@@ -76,28 +78,30 @@ class Nodes:
         """
         node = self._node(name)
         try:
-            self._apart(lambda: setattr(node, "value", value))
-        except (self._wrong, AttributeError, TypeError) as wrong:
+            self._in_worker(lambda: setattr(node, "value", value))
+        except (self._genapi_error, AttributeError, TypeError) as wrong:
             entries = [str(entry.symbolic) for entry in getattr(node, "entries", [])]
             known = f"; it knows {', '.join(entries)}" if entries else ""
-            raise DeviceError(f"{self._name}: feature {name} refused {value!r} ({_plain(wrong)}){known}") from wrong
+            raise DeviceError(
+                f"{self._name}: feature {name} refused {value!r} ({_first_sentence(wrong)}){known}"
+            ) from wrong
 
     def execute(self, name: str) -> None:
         """Execute command ``name``. Errors as ``set``."""
         node = self._node(name)
         try:
-            self._apart(node.execute)
-        except (self._wrong, AttributeError) as wrong:
-            raise DeviceError(f"{self._name}: command {name} was refused ({_plain(wrong)})") from wrong
+            self._in_worker(node.execute)
+        except (self._genapi_error, AttributeError) as wrong:
+            raise DeviceError(f"{self._name}: command {name} was refused ({_first_sentence(wrong)})") from wrong
 
-    def _apart(self, job: Callable[[], T]) -> T:
-        """Do it in a thread of its own: GenICam, and loading it, swallow a Ctrl-C that comes meanwhile."""
+    def _in_worker(self, job: Callable[[], T]) -> T:
+        """Run ``job`` in a thread of its own: GenICam, and loading it, swallow a Ctrl-C that comes meanwhile."""
         return self._worker.submit(job).result()
 
     def _node(self, name: str) -> Any:
         try:
-            return self._apart(lambda: self._map.get_node(name))
-        except self._wrong:
+            return self._in_worker(lambda: self._map.get_node(name))
+        except self._genapi_error:
             near = difflib.get_close_matches(name, self.names(), n=3, cutoff=0.5)
             advice = f"; did you mean {', '.join(near)}?" if near else ""
             raise DeviceError(f"{self._name}: the device has no feature {name}{advice}") from None
@@ -119,8 +123,8 @@ def description(control: Control) -> str:
         name, address, size = parts[0], int(parts[1], 16), int(parts[2], 16)
     except (ValueError, IndexError):
         raise DeviceError(f"{control.name}: found description {url!r}, need Local:name;address;size") from None
-    if not 0 < size <= MOST_XML:
-        raise DeviceError(f"{control.name}: found a description of {size} bytes, need 1 to {MOST_XML}")
+    if not 0 < size <= MAX_XML_BYTES:
+        raise DeviceError(f"{control.name}: found a description of {size} bytes, need 1 to {MAX_XML_BYTES}")
     data = control.read_memory(address, size)
     try:
         return (_unzipped(data) if name.lower().endswith(".zip") else data).rstrip(b"\0").decode("utf-8")
@@ -131,9 +135,9 @@ def description(control: Control) -> str:
 def _unzipped(data: bytes) -> bytes:
     """The first file of an archive, not larger than a description can be."""
     with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(archive.infolist()[0]) as file:
-        xml = file.read(MOST_XML + 1)
-    if len(xml) > MOST_XML:
-        raise ValueError(f"more than {MOST_XML} bytes")
+        xml = file.read(MAX_XML_BYTES + 1)
+    if len(xml) > MAX_XML_BYTES:
+        raise ValueError(f"more than {MAX_XML_BYTES} bytes")
     return xml
 
 
@@ -149,7 +153,7 @@ def _genapi() -> Any:
 
 
 def _port(genapi: Any, control: Control) -> Any:
-    """The camera's memory in the form that GenICam wants; errors of ours go through it as they are."""
+    """The camera's memory as a port of GenICam; errors of ours pass through it unchanged."""
 
     class Port(genapi.AbstractPort):  # type: ignore[misc]
         def read(self, address: int, length: int) -> bytes:
@@ -172,6 +176,6 @@ def _port(genapi: Any, control: Control) -> Any:
     return Port()
 
 
-def _plain(wrong: Exception) -> str:
+def _first_sentence(wrong: Exception) -> str:
     """The first sentence of GenICam's message, without its file and line."""
     return re.split(r" : \w+Exception thrown| \(file ", str(wrong))[0].strip()

@@ -1,7 +1,7 @@
-"""A GigE Vision stream: a thread that receives packets, and a bounded queue of frames for the one who records.
+"""A GigE Vision stream: a thread that receives packets, and a bounded queue of frames for the recorder.
 
 The thread does as little as it can, so that one core carries 10,000 profiles/s beside the recorder. A reader that is
-too slow loses frames, which the frame numbers and the statistics say; it never stops the stream.
+too slow loses frames, which frame numbers and statistics report; it never stops the stream.
 """
 
 import socket
@@ -20,29 +20,27 @@ from truestand.devices.sensor import Frame, StreamStatistics
 from truestand.devices.wire import gvcp, gvsp
 from truestand.devices.wire.gvcp import Register
 
-TICK = 0.004
-"""s between two looks at what is missing, and the longest wait for a packet."""
+TICK_S = 0.004
+"""Between two checks for missing packets; also the longest wait for a packet."""
 RECEIVE_BYTES = 32 << 20
-"""Asked of the system for packets that wait to be received; Linux grants net.core.rmem_max of it."""
+"""Requested from the system for packets that wait to be received; Linux grants net.core.rmem_max of it."""
 FORCE_BUFFER = 33
-"""SO_RCVBUFFORCE of Linux: past the limit, for those who may (root)."""
-DEPTH = 256
-"""Frames that may wait for the reader: half a second at 500 frames/s."""
-SMALLEST, LARGEST = 576, 16_000
-"""Packet sizes: what every network carries, and what no device exceeds."""
-USUAL = 1500
+"""SO_RCVBUFFORCE of Linux: beyond the limit, for privileged processes."""
+QUEUE_FRAMES = 256
+"""That may wait for the reader: half a second at 500 frames/s."""
+ETHERNET_PACKET = 1500
 """The packet size of a network without jumbo packets."""
-TRIED = (LARGEST, 9000, 8000, 6000, 4000, 3000, 2000)
-TEST_WAIT = 0.05
-"""s for a test packet; each is asked for twice."""
+JUMBO_PACKETS = (16_000, 9000, 8000, 6000, 4000, 3000, 2000)
+"""Packet sizes to try; no device exceeds the largest."""
+TEST_TIMEOUT_S = 0.05
+"""For a test packet; each is requested twice."""
 
 
 class Stream:
     """Stream channel 0 of the device behind ``control``. One reader, any thread."""
 
-    def __init__(self, control: Control, depth: int = DEPTH) -> None:
+    def __init__(self, control: Control) -> None:
         self.control = control
-        self._depth = depth
         self._waiting: deque[Frame] = deque()
         self._changed = threading.Condition()
         self._overrun = 0
@@ -56,7 +54,7 @@ class Stream:
         except OSError as wrong:
             self._socket.close()
             raise DeviceError(f"{control.name}: found no port to receive at {control.host} ({wrong})") from wrong
-        control.on_gone = self._wake
+        control.on_lost = self._wake
 
     def _enlarge(self) -> None:
         """The largest receive buffer that the system grants, and the longest wait for a packet."""
@@ -64,18 +62,13 @@ class Stream:
         if sys.platform == "linux":
             with suppress(OSError):
                 self._socket.setsockopt(socket.SOL_SOCKET, FORCE_BUFFER, RECEIVE_BYTES)
-        milliseconds = round(TICK * 1e3)
+        milliseconds = round(TICK_S * 1e3)
         windows = sys.platform == "win32"
         wait = struct.pack("L", milliseconds) if windows else struct.pack("ll", 0, 1000 * milliseconds)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, wait)
 
-    @property
-    def buffer_bytes(self) -> int:
-        """What the system granted for packets that wait to be received."""
-        return self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
     def open(self, packet_size: int = 0, delay: int = 0) -> int:
-        """Tell the device where to send, and how large packets; 0 = the largest that arrives. The size that it takes.
+        """Set the address and the packet size of the stream; 0 = the largest that arrives. Returns the size in use.
 
         Raises:
             DeviceLost: no answer.
@@ -89,16 +82,16 @@ class Stream:
         return self.control.read(Register.STREAM_PACKET_SIZE) & 0xFFFF
 
     def _largest(self) -> int:
-        """The largest packet that comes through; the usual size where the device knows no test packets."""
-        if not self._arrives(USUAL):
-            return USUAL
-        return next((size for size in TRIED if self._arrives(size)), USUAL)
+        """The largest packet that arrives; that of Ethernet where the device sends no test packets."""
+        if not self._arrives(ETHERNET_PACKET):
+            return ETHERNET_PACKET
+        return next((size for size in JUMBO_PACKETS if self._arrives(size)), ETHERNET_PACKET)
 
     def _arrives(self, size: int) -> bool:
         packet = bytearray(1 << 16)
         for _ in range(2):
             self.control.write(Register.STREAM_PACKET_SIZE, gvcp.FIRE_TEST | gvcp.DO_NOT_FRAGMENT | size)
-            end = time.monotonic() + TEST_WAIT
+            end = time.monotonic() + TEST_TIMEOUT_S
             while time.monotonic() < end:
                 with suppress(BlockingIOError, TimeoutError, ConnectionResetError):
                     received, source = self._socket.recvfrom_into(packet)
@@ -125,7 +118,7 @@ class Stream:
             except (BlockingIOError, TimeoutError):
                 now = clock()
             except OSError:  # e.g. the network port went down: the heartbeat tells
-                time.sleep(TICK)
+                time.sleep(TICK_S)
                 now = clock()
             else:
                 now = clock()
@@ -134,17 +127,17 @@ class Stream:
                 else:
                     assembler.foreign += 1
             if now >= due:
-                due = now + TICK
+                due = now + TICK_S
                 for request in assembler.tick(now):
                     self.control.resend(request)
             if frames:
-                self._hand_on(frames)
+                self._enqueue(frames)
         assembler.flush(clock())
-        self._hand_on(frames)
+        self._enqueue(frames)
 
-    def _hand_on(self, frames: list[Frame]) -> None:
+    def _enqueue(self, frames: list[Frame]) -> None:
         with self._changed:
-            room = self._depth - len(self._waiting)
+            room = QUEUE_FRAMES - len(self._waiting)
             self._waiting.extend(frames[:room])
             self._overrun += max(0, len(frames) - room)
             self._changed.notify()
@@ -161,23 +154,21 @@ class Stream:
             DeviceLost: none is waiting and the heartbeat is not answered.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or not self._running or self.control.gone, timeout)
+            self._changed.wait_for(lambda: self._waiting or not self._running or self.control.lost_reason, timeout)
             if self._waiting:
                 return self._waiting.popleft()
         self.control.check()
         return None
 
     def statistics(self) -> StreamStatistics:
-        """How it went so far."""
+        """Counts of the stream so far."""
         if self._assembler is None:
             return StreamStatistics()
-        so_far = self._assembler.statistics()
-        return replace(
-            so_far, frames=so_far.frames - self._overrun, lost=so_far.lost + self._overrun, overrun=self._overrun
-        )
+        found, overrun = self._assembler.statistics(), self._overrun
+        return replace(found, frames=found.frames - overrun, lost=found.lost + overrun, overrun=overrun)
 
     def stop(self) -> None:
-        """End it; frames that wait can still be taken."""
+        """End the stream; frames that wait can still be taken."""
         self._running = False
         if self._thread is not None:
             self._thread.join()

@@ -1,10 +1,8 @@
 """From a recipe to a sensor that answers. Each driver is loaded only where the recipe asks for it."""
 
-from collections.abc import Callable
-
 from truestand.core.stand import Sensor
 from truestand.devices.sensor import LineSensor
-from truestand.devices.sensors.recipe import Driver, SensorRecipe
+from truestand.devices.sensors.recipe import SensorRecipe
 
 
 def open_sensor(recipe: SensorRecipe, sensor: Sensor) -> LineSensor:
@@ -13,23 +11,18 @@ def open_sensor(recipe: SensorRecipe, sensor: Sensor) -> LineSensor:
     Raises:
         BadRecipe: rate or points stated nowhere.
         DeviceLost: nobody answers.
-        DeviceError: held by another program, or not the sensor of the recipe.
+        DeviceError: controlled by another program, or not the sensor of the recipe.
         UnreadableFile: a replay without its scan.
         MissingExtra: no GenICam on this platform.
     """
-    return _driver(recipe.driver)(recipe, sensor)
-
-
-def _driver(name: Driver) -> Callable[[SensorRecipe, Sensor], LineSensor]:
-    """Only what is needed is loaded."""
-    if name == "scancontrol":
+    if recipe.driver == "scancontrol":
         from truestand.devices.sensors.scancontrol import ScanControl
 
-        return ScanControl
-    if name == "range-camera":
+        return ScanControl(recipe, sensor)
+    if recipe.driver == "range-camera":
         from truestand.devices.sensors.range_camera import RangeCamera
 
-        return RangeCamera
+        return RangeCamera(recipe, sensor)
     from truestand.devices.sensors.replay import Replay
 
-    return Replay
+    return Replay(recipe, sensor)

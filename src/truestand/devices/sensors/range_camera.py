@@ -1,39 +1,34 @@
-"""Any GigE Vision camera that sends range as Mono16: a frame is rows of profiles, a column is a place along the line.
+"""Any GigE Vision camera that sends range as Mono16: a row of a frame is a profile, a column is a place along the line.
 
-Rate, exposure and trigger are the camera's own settings, made with its maker's tool and kept in it; only the size of a
-frame is read and the stream is switched.
+Rate, exposure and trigger are settings of the camera, made with its maker's tool and stored in it; the driver reads
+only the size of a frame, and switches the stream.
 """
 
 from truestand.core.errors import DeviceError
 from truestand.core.stand import Sensor
-from truestand.devices.gige.assembly import SILENCE
+from truestand.devices.gige.assembly import FRAME_END_TIMEOUT_S
 from truestand.devices.gige.camera import Camera
-from truestand.devices.sensor import Frame, Laser, Layout, StreamStatistics
+from truestand.devices.sensor import Laser, Layout
 from truestand.devices.sensors.recipe import SensorRecipe
 
 
-class RangeCamera:
+class RangeCamera(Camera):
     """A range camera as ``LineSensor``. It has no counter, time or encoder in its frames, and switches no laser."""
 
     def __init__(self, recipe: SensorRecipe, sensor: Sensor) -> None:
         """Connects and takes control. Errors as ``open_sensor``."""
-        self.name = recipe.name
         self._recipe = recipe
         self._points, self._rate = recipe.shape(sensor)
-        self._camera = Camera(recipe.name, recipe.address, recipe.heartbeat_ms)
-
-    def identity(self) -> dict[str, str]:
-        """Maker, model, serial, firmware, as the camera says. Errors as ``Control.read``."""
-        return self._camera.control.identity()
+        super().__init__(recipe.name, recipe.address, recipe.heartbeat_ms)
 
     def start(self) -> Layout:
-        """Look at the size of a frame, and stream.
+        """Read the size of a frame, and stream.
 
         Raises:
             DeviceLost: no answer.
             DeviceError: no Mono16, another number of columns than the recipe's, or refused.
         """
-        nodes = self._camera.nodes
+        nodes = self.nodes
         nodes.set("PixelFormat", "Mono16")
         width, height = int(nodes.get("Width")), int(nodes.get("Height"))
         if width != self._points:
@@ -45,19 +40,15 @@ class RangeCamera:
         scale = (self._recipe.x_first_mm, self._recipe.x_step_mm, self._recipe.z_zero_mm, self._recipe.z_step_mm)
         model = str(nodes.get("DeviceModelName")) if nodes.has("DeviceModelName") else self._recipe.model
         layout = Layout("range-camera", model, width, height, self._rate, scale=scale)
-        self._camera.start(
+        self.start_stream(
             layout.frame_bytes,
             2 * width,
             self._recipe.packet_size,
             self._recipe.packet_delay,
             self._recipe.resend,
-            silence=max(SILENCE, 3 * height / self._rate),
+            frame_end_timeout=max(FRAME_END_TIMEOUT_S, 3 * height / self._rate),
         )
         return layout
-
-    def next_frame(self, timeout: float) -> Frame | None:
-        """As ``LineSensor``."""
-        return self._camera.next_frame(timeout)
 
     def set_laser(self, power: Laser) -> None:
         """Nothing is switched: a person or the table's controller does that.
@@ -73,15 +64,3 @@ class RangeCamera:
                 "a range camera can't switch its laser: switch it off at its supply; where it has none, or one that is "
                 'switched and locked without truestand, say laser = "none" in [[devices.sensor]]'
             )
-
-    def stop(self) -> None:
-        """End the stream; frames that wait can still be taken. Errors as ``Control.read``."""
-        self._camera.stop()
-
-    def statistics(self) -> StreamStatistics:
-        """How the stream went so far."""
-        return self._camera.statistics()
-
-    def close(self) -> None:
-        """Stream ended, control given back; never raises for a camera that is gone."""
-        self._camera.close()

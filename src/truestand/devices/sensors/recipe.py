@@ -13,10 +13,10 @@ from truestand.files.scans import scancontrol
 
 Positive = Annotated[float, Field(gt=0)]
 Driver = Literal["scancontrol", "range-camera", "replay"]
-MOST_PROFILES = 20
-"""In a frame: so many are lost at most where a recording is cut off."""
-FRAMES_PER_SECOND = 50
-"""Enough for a live display, and little work for each."""
+MAX_PROFILES_PER_FRAME = 20
+"""So many are lost at most where a recording is cut off."""
+FRAMES_PER_S = 50
+"""Enough for a live display, with little work for each."""
 
 
 class SensorRecipe(Recipe):
@@ -35,9 +35,9 @@ class SensorRecipe(Recipe):
     exposure_us: Annotated[float, Field(ge=10, le=40_000)] | None = None
     trigger: Literal["internal", "encoder", "external"] = "internal"
     trigger_input: Literal["rs422", "digital"] = "rs422"
-    """Where encoder or trigger are wired to."""
+    """Input to which encoder or trigger are wired."""
     laser: Literal["full", "reduced", "none"] = "full"
-    """Power while a scan is taken; none: the sensor has no laser that a program may or could switch."""
+    """Power during a scan; none: the sensor has no laser that a program may switch."""
     encoder: bool = True
     """The sensor counts the table's encoder and stamps each profile with it."""
     packet_size: Annotated[int, Field(ge=0, le=16_000)] = 0
@@ -46,7 +46,7 @@ class SensorRecipe(Recipe):
     """Ticks of the device's time stamp between two packets."""
     heartbeat_ms: Annotated[int, Field(ge=500, le=10_000)] = 1000
     resend: bool = True
-    """Ask for lost packets again."""
+    """Request lost packets again."""
     x_first_mm: float = 0.0
     """Range camera: x of the first column."""
     x_step_mm: Positive | None = None
@@ -57,7 +57,7 @@ class SensorRecipe(Recipe):
     file: str = ""
     """Replay: a recorded scan."""
     pace: Annotated[float, Field(ge=0)] = 1.0
-    """Replay: times the recorded speed; 0 = as fast as it is asked."""
+    """Replay: times the recorded speed; 0 = as fast as frames are requested."""
 
     @model_validator(mode="after")
     def _complete(self) -> "SensorRecipe":
@@ -81,7 +81,7 @@ class SensorRecipe(Recipe):
 
     @property
     def power(self) -> Laser:
-        """What the laser is switched to while a scan is taken; off where there is none."""
+        """Power of the laser during a scan; off where there is none."""
         return "off" if self.laser == "none" else self.laser
 
     def shape(self, sensor: Sensor) -> tuple[int, float]:
@@ -100,5 +100,5 @@ class SensorRecipe(Recipe):
 
 
 def profiles_per_frame(rate: float) -> int:
-    """How many profiles a frame holds at ``rate`` profiles/s: 50 frames/s, 20 profiles at most."""
-    return round(min(max(rate / FRAMES_PER_SECOND, 1), MOST_PROFILES))
+    """Profiles of a frame at ``rate`` profiles/s: 50 frames/s, 20 profiles at most."""
+    return round(min(max(rate / FRAMES_PER_S, 1), MAX_PROFILES_PER_FRAME))

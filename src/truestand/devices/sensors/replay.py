@@ -1,6 +1,6 @@
-"""A recorded scan as a sensor: its profiles again, at the pace they had or as fast as they are asked for.
+"""A recorded scan as a sensor: its profiles again, at their recorded pace or as fast as they are requested.
 
-x, z, counter, time and encoder are as in the file; an angle of its own is not played, because no sensor sends one.
+x, z, counter, time and encoder are as in the file; an angle column is not played, because no sensor sends one.
 """
 
 import time
@@ -31,7 +31,7 @@ class Replay:
 
         Raises:
             UnreadableFile: no scan.
-            BadRecipe: no profile rate to play it at.
+            BadRecipe: no profile rate.
         """
         self.name = recipe.name
         self._clock, self._sleep, self._pace = clock, sleep, recipe.pace
@@ -40,7 +40,7 @@ class Replay:
         if rate is None:
             raise BadRecipe(f"sensor {self.name!r}: key 'profile_rate_hz' is missing; state how fast to play the scan")
         n, points = self._recording.x.shape
-        profiles = max(d for d in range(1, profiles_per_frame(rate) + 1) if n % d == 0)  # no frame half empty
+        profiles = max(d for d in range(1, profiles_per_frame(rate) + 1) if n % d == 0)  # every frame is full
         self._layout = Layout("plain", "replay", points, profiles, rate)
         self._next = 0
         self._begun = 0.0
@@ -74,7 +74,7 @@ class Replay:
         return frame
 
     def _profiles(self, start: int) -> Profiles:
-        """Those of the frame that starts with profile ``start``."""
+        """Those of the frame that begins with profile ``start``."""
         r, rows = self._recording, slice(start, start + self._layout.profiles)
         return Profiles(
             r.x[rows],
@@ -85,16 +85,16 @@ class Replay:
         )
 
     def set_laser(self, power: Laser) -> None:
-        """Nothing to switch."""
+        """No effect: there is no laser."""
 
     def stop(self) -> None:
-        """Play no more."""
+        """End the replay."""
         self._running = False
 
     def statistics(self) -> StreamStatistics:
-        """None is ever lost."""
+        """Counts of the frames played; none is ever lost."""
         return StreamStatistics(frames=self._next)
 
     def close(self) -> None:
-        """Nothing to leave."""
+        """End the replay."""
         self._running = False

@@ -1,7 +1,7 @@
 """A table turned by a motion controller with GRBL 1.1, on a serial port or TCP. It moves by jogs only.
 
-What GRBL doesn't know is kept here: whether it was homed since it was started, and where home is. While GRBL looks for
-home it answers nothing; it isn't lost then.
+The driver stores what GRBL doesn't know: whether it was homed since it was started, and the position of home. During
+the home search GRBL answers nothing; it isn't lost then.
 """
 
 import threading
@@ -10,22 +10,22 @@ from contextlib import suppress
 from math import degrees, radians
 from typing import Literal
 
-from truestand.devices.axis import DriveState
+from truestand.core.errors import DeviceError
+from truestand.devices.axis import DriveState, refused, timed
 from truestand.devices.tables.line import Line
-from truestand.devices.tables.messages import refused
 from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
 from truestand.devices.wire import grbl
 from truestand.devices.wire.grbl import Alarm, Message, Note, Ok, Refused, Report, Welcome
 from truestand.devices.wire.malformed import Malformed
 
-BOOT = 3.0
-"""s that a board needs which a serial port resets when it is opened."""
-SETTLE = 2.0
-"""s that it may take to come to rest before it takes another motion."""
-LOOK = 0.01
-"""s between two looks meanwhile."""
-SILENT = 0.05
-"""s to listen to a board that looks for home; a halt waits no longer."""
+BOOT_TIMEOUT_S = 3.0
+"""For a board that a serial port resets when it is opened."""
+REST_TIMEOUT_S = 2.0
+"""To come to rest before another motion."""
+POLL_INTERVAL_S = 0.01
+"""Between two questions meanwhile."""
+HOMING_TIMEOUT_S = 0.05
+"""For a report during the home search; a halt waits no longer."""
 
 
 class GrblTable:
@@ -35,7 +35,7 @@ class GrblTable:
         self.name = f"table at {address} (GRBL)"
         self._recipe = recipe
         self._line = Line(self.name, address, timeout, PORTS["grbl"], recipe.baud)
-        self._boot = timeout if is_network(address) else max(timeout, BOOT)
+        self._boot = timeout if is_network(address) else max(timeout, BOOT_TIMEOUT_S)
         self._index = recipe.axes.index(recipe.axis)
         self._lock = threading.RLock()
         self._opened = 0
@@ -45,31 +45,35 @@ class GrblTable:
         self._alarm = ""
 
     def start_home(self) -> None:
-        """Begin to look for the home position; its end is the answer."""
+        """Begin to search for the home position; the answer comes at its end."""
         with self._lock:
-            self._rest()
+            self._come_to_rest()
             self._home, self._alarm = "searching", ""
             self._line.send(grbl.HOME)
 
     def start_move(self, position: float, speed: float) -> None:
         """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
         with self._lock:
-            self._rest()
-            self._jog(grbl.jog_to(self._recipe.axis, self._zero + self._units(position), 60 * self._units(speed)))
+            self._come_to_rest()
+            target = self._zero + self._units(position)
+            self._line.send(grbl.jog_to(self._recipe.axis, target, 60 * self._units(speed)))
+            answer = self._until(self._line.timeout, Ok)
+            if isinstance(answer, Refused):
+                raise refused(self.name, str(answer), "reset, or check the board's settings ($$)")
 
     def halt(self) -> None:
-        """Begin to slow down to rest; the search for home ends at once, and home is unknown then."""
+        """Begin to slow down to rest; a home search ends at once, and home is unknown then."""
         with self._lock:
             if self._home == "searching":
                 self._home = "unknown"
                 self._line.send(grbl.RESET)
                 return
             self._line.send(grbl.JOG_CANCEL)
-            if self._report().state == "Run":  # somebody else's program
+            if self._report().state == "Run":  # a program of another client
                 self._line.send(grbl.HOLD)
 
     def reset(self) -> None:
-        """Start it anew and unlock it; it has to be homed again."""
+        """Reset and unlock the board; it has to be homed again."""
         with self._lock:
             self._home, self._alarm = "unknown", ""
             self._line.send(grbl.RESET)
@@ -81,11 +85,9 @@ class GrblTable:
     def state(self) -> DriveState:
         """Ask the board."""
         with self._lock:
-            before = time.monotonic()
-            report = self._report()
-            after = time.monotonic()
+            report, asked, half_width = timed(self._report)
             moving = report.state in ("Run", "Jog", "Home") or (report.state in ("Hold", "Door") and report.detail != 0)
-            if report.position is not None or report.state != "Home":  # a silent search has none
+            if report.position is not None or report.state != "Home":  # during a silent home search there is none
                 self._last = self._units_of(report)
             if self._home == "found" and not moving:
                 self._home, self._zero = "known", self._last
@@ -93,13 +95,13 @@ class GrblTable:
                 radians((self._last - self._zero) * self._recipe.degrees_per_unit),
                 moving,
                 self._home == "known",
-                (before + after) / 2,
-                (after - before) / 2,
+                asked,
+                half_width,
                 self._fault(report),
             )
 
     def close(self) -> None:
-        """Leave the connection."""
+        """Close the connection."""
         with self._lock:
             self._line.close()
 
@@ -118,65 +120,65 @@ class GrblTable:
         return position[self._index]
 
     def _fault(self, report: Report) -> str:
-        """An alarm that it was switched on with only wants to be homed: that is no fault."""
+        """The fault in words. An alarm from power-on is none: it only asks for homing."""
         if self._alarm or (report.state == "Alarm" and self._home == "known"):
             return self._alarm or "locked by an alarm"
         words = {"Hold": "held", "Door": "the safety door is open", "Sleep": "asleep", "Check": "in check mode"}
         return words.get(report.state, "") if report.detail in (None, 0) else ""
 
-    def _rest(self) -> None:
-        """Come to rest first: a jog that is sent while another runs would only follow it."""
-        end = time.monotonic() + SETTLE
+    def _come_to_rest(self) -> None:
+        """Before a motion: a jog that is sent while another runs would only follow it."""
+        end = time.monotonic() + REST_TIMEOUT_S
         if self._report().state == "Jog":
             self._line.send(grbl.JOG_CANCEL)
         while self._report().state in ("Jog", "Hold", "Home"):
             if time.monotonic() > end:
-                raise refused(self.name, f"it doesn't come to rest within {SETTLE:g} s", "stop it, or reset")
-            time.sleep(LOOK)
-
-    def _jog(self, command: bytes) -> None:
-        self._line.send(command)
-        answer = self._until(self._line.timeout, Ok)
-        if isinstance(answer, Refused):
-            raise refused(self.name, str(answer), "reset, or check the board's settings ($$)")
+                raise refused(self.name, f"it doesn't come to rest within {REST_TIMEOUT_S:g} s", "stop it, or reset")
+            time.sleep(POLL_INTERVAL_S)
 
     def _report(self) -> Report:
-        """The board's state now; while it looks for home it may say nothing."""
-        self._listen()
+        """The board's state now; during the home search it may say nothing."""
+        self._read_pending()
         self._line.send(grbl.ASK)
         if self._line.opened != self._opened:
             self._opened, self._home = self._line.opened, "unknown"
             answer = self._until(self._boot, Report, booting=True)
         else:
             searching = self._home == "searching"
-            answer = self._until(SILENT if searching else self._line.timeout, Report)
+            answer = self._until(HOMING_TIMEOUT_S if searching else self._line.timeout, Report)
         if isinstance(answer, Refused):
-            self._home = "unknown"
-            raise refused(self.name, str(answer), "check the board's settings ($$)")
+            raise self._refused(answer)
         return answer if isinstance(answer, Report) else Report("Home", None)
 
-    def _listen(self) -> None:
-        """What was said unasked; an old report would be taken for the answer."""
+    def _refused(self, answer: Refused) -> DeviceError:
+        """The error to raise where the board refused to home, or to report."""
+        self._home = "unknown"
+        return refused(self.name, str(answer), "check the board's settings ($$)")
+
+    def _read_pending(self) -> None:
+        """Read what came before: an old report would be taken for the answer, the refusal of a home search lost."""
         while (line := self._line.receive(0.0)) is not None:
-            with suppress(Malformed):  # the answer to a question will tell
-                self._understood(line)
+            with suppress(Malformed):  # the answer to the next question shows what is wrong
+                message = self._decoded(line)
+                if isinstance(message, Refused) and self._home == "searching":
+                    raise self._refused(message)
 
     def _until(self, seconds: float, wanted: type[Ok | Report | Welcome], booting: bool = False) -> Message:
-        """The first ``wanted`` message or refusal; a note where it is silent because it looks for home.
+        """The first ``wanted`` message or refusal; a note where the board is silent during the home search.
 
-        A board that boots says what is no GRBL, and doesn't hear the first questions.
+        A board that boots sends bytes that are no GRBL, and ignores the first questions.
 
         Raises:
             DeviceLost: silence, or a broken connection.
             DeviceError: bytes that are no GRBL.
         """
-        end, odd, patient = time.monotonic() + seconds, b"", self._home == "searching"
+        end, malformed, searching = time.monotonic() + seconds, b"", self._home == "searching"
         while time.monotonic() < end:
             line = self._line.receive(min(end, time.monotonic() + self._line.timeout))
             try:
-                message = Note("") if line is None else self._understood(line)
+                message = Note("") if line is None else self._decoded(line)
             except Malformed:
-                odd = line or b""
+                malformed = line or b""
                 if not booting:
                     break
                 continue
@@ -184,14 +186,14 @@ class GrblTable:
                 return message
             if line is None and booting:
                 self._line.send(grbl.ASK)
-        if odd:
-            raise self._line.not_understood(repr(odd[:40]), "a line of GRBL 1.1")
-        if patient:
+        if malformed:
+            raise self._line.malformed(repr(malformed[:40]), "a line of GRBL 1.1")
+        if searching:
             return Note("")
         raise self._line.silent()
 
-    def _understood(self, line: bytes) -> Message:
-        """A message; what it says of homing and alarms is kept."""
+    def _decoded(self, line: bytes) -> Message:
+        """A message; the state of homing and alarms follows it."""
         message = grbl.decode_line(line)
         if isinstance(message, Ok) and self._home == "searching":
             self._home = "found"

@@ -1,27 +1,17 @@
-"""A connection that carries lines of text: a serial port or TCP. It is opened again by the first call after it broke.
+"""A connection for lines of text: a serial port or TCP. The first call after it broke opens it again.
 
 Every call ends within the timeout: silence and a broken cable are ``DeviceLost``.
 """
 
 import socket
 import time
-from typing import Protocol
 
 from truestand.core.errors import DeviceError
-from truestand.devices.tables.messages import lost, nonsense
+from truestand.devices.axis import lost, malformed
 from truestand.devices.tables.recipe import host_and_port, is_network
 
-LONGEST = 512
-"""Bytes of one line; who sends more without an end speaks something else."""
-
-
-class _Port(Protocol):
-    def send(self, data: bytes) -> None: ...
-
-    def receive(self, seconds: float) -> bytes:
-        """What came; empty = nothing within ``seconds``."""
-
-    def close(self) -> None: ...
+MAX_LINE = 512
+"""Bytes; a device that sends more without an end speaks another protocol."""
 
 
 class Line:
@@ -31,9 +21,9 @@ class Line:
         self.name = name
         self.timeout = timeout
         self.opened = 0
-        """How often it was opened: who needs to know that a device was started anew looks here."""
+        """How often it was opened: each time the device may have been restarted."""
         self._where = (address, port, baud)
-        self._port: _Port | None = None
+        self._port: _Tcp | _Serial | None = None
         self._rest = b""
 
     def send(self, data: bytes) -> None:
@@ -56,38 +46,36 @@ class Line:
         """
         try:
             while b"\n" not in self._rest:
-                left = end - time.monotonic()
-                data = self._port.receive(max(left, 0.0)) if self._port is not None else b""
+                data = self._port.receive(max(end - time.monotonic(), 0.0)) if self._port is not None else b""
                 if not data:
                     return None
                 self._rest += data
-                if len(self._rest) > LONGEST and b"\n" not in self._rest:
-                    raise self.not_understood(f"{len(self._rest)} bytes without a line end", "lines of text")
+                if len(self._rest) > MAX_LINE and b"\n" not in self._rest:
+                    raise self.malformed(f"{len(self._rest)} bytes without a line end", "lines of text")
         except OSError as wrong:
             raise self._broken(wrong) from wrong
         line, _, self._rest = self._rest.partition(b"\n")
         return line.strip(b"\r")
 
     def silent(self) -> DeviceError:
-        """To raise where nothing came in time, or something that isn't a line."""
-        heard = len(self._rest)
-        if heard:
-            return self.not_understood(f"{heard} bytes without a line end", "lines of text")
+        """The error to raise where nothing came in time, or bytes that are no line."""
+        if self._rest:
+            return self.malformed(f"{len(self._rest)} bytes without a line end", "lines of text")
         self.close()
         return lost(self.name, f"no answer within {self.timeout:g} s")
 
-    def not_understood(self, found: str, needed: str) -> DeviceError:
-        """To raise where what came is no answer; the next call starts on a new connection."""
+    def malformed(self, found: str, needed: str) -> DeviceError:
+        """The error to raise where an answer is none of the protocol; the next call opens a new connection."""
         self.close()
-        return nonsense(self.name, found, needed)
+        return malformed(self.name, found, needed)
 
     def close(self) -> None:
-        """Leave; a later ``send`` opens it again."""
+        """Close; a later ``send`` opens it again."""
         if self._port is not None:
             self._port.close()
         self._port, self._rest = None, b""
 
-    def _open(self) -> _Port:
+    def _open(self) -> "_Tcp | _Serial":
         address, port, baud = self._where
         self._port = (
             _Tcp(*host_and_port(address, port), self.timeout)
@@ -113,6 +101,7 @@ class _Tcp:
         self._socket.sendall(data)
 
     def receive(self, seconds: float) -> bytes:
+        """What came; empty = nothing within ``seconds``. As that of ``_Serial``."""
         self._socket.settimeout(seconds)
         try:
             data = self._socket.recv(4096)

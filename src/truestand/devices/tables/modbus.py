@@ -17,20 +17,18 @@ from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
 from truestand.core.errors import LimitExceeded
-from truestand.devices.axis import DriveState
-from truestand.devices.tables.messages import lost, nonsense, refused
+from truestand.devices.axis import DriveState, lost, malformed, refused, timed
 from truestand.devices.tables.recipe import PORTS, ModbusRecipe, host_and_port
 
 HOME, MOVE, HALT, RESET = 1, 2, 8, 16
 """Bits of the command word."""
 HOMED, MOVING, FAULT = 1, 2, 4
 """Bits of the status word."""
-BEAT = 0.1
-"""s between two heartbeats."""
-LOOK = 0.002
-"""s between two looks whether a command was taken."""
+HEARTBEAT_INTERVAL_S = 0.1
+POLL_INTERVAL_S = 0.002
+"""Between two questions whether a command was accepted."""
 
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # what goes wrong is told by our own errors
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # our own errors say what goes wrong
 
 
 class ModbusTable:
@@ -41,13 +39,13 @@ class ModbusTable:
         self._map = registers
         self._timeout = timeout
         self._lock = threading.RLock()
-        self._heard = 0
-        self._beat, self._beat_time = 0, 0.0
+        self._received = 0
+        self._heartbeat, self._heartbeat_time = 0, 0.0
         host, port = host_and_port(address, PORTS["modbus"])
-        self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0, trace_packet=self._listen)
+        self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0, trace_packet=self._count_received)
 
     def start_home(self) -> None:
-        """Begin to look for the home position."""
+        """Begin to search for the home position."""
         self._command(HOME)
 
     def start_move(self, position: float, speed: float) -> None:
@@ -63,12 +61,10 @@ class ModbusTable:
         self._command(RESET)
 
     def state(self) -> DriveState:
-        """Ask the PLC; shows it the heartbeat where there is one."""
+        """Ask the PLC; sends the heartbeat where there is one."""
         with self._lock:
-            self._show_life()
-            before = time.monotonic()
-            block = self._status()
-            after = time.monotonic()
+            self._send_heartbeat()
+            block, asked, half_width = timed(self._status)
         m = self._map
         word = block[m.status]
         (counts,) = unpack(">i", pack(">HH", *self._order(block[m.position], block[m.position + 1])))
@@ -77,18 +73,18 @@ class ModbusTable:
             counts * tau / m.counts_per_turn,
             bool(word & MOVING),
             bool(word & HOMED),
-            (before + after) / 2,
-            (after - before) / 2,
+            asked,
+            half_width,
             fault,
         )
 
     def close(self) -> None:
-        """Leave the connection."""
+        """Close the connection."""
         with self._lock:
             self._client.close()
 
     def _command(self, bits: int, target: int | None = None, speed: int | None = None) -> None:
-        """Hand over a command, and wait until the PLC has taken it."""
+        """Send a command, and wait until the PLC has accepted it."""
         with self._lock:
             for register, value in ((self._map.target, target), (self._map.speed, speed)):
                 if value is not None:
@@ -103,7 +99,7 @@ class ModbusTable:
                         f"the PLC didn't repeat command number {number} in its status within {self._timeout:g} s",
                         "check that its program runs, and the map in [devices.table.modbus]",
                     )
-                time.sleep(LOOK)
+                time.sleep(POLL_INTERVAL_S)
 
     def _counts(self, angle: float) -> int:
         """Counts of an angle (rad) or speed (rad/s); what doesn't fit into 32 bit is refused."""
@@ -119,14 +115,14 @@ class ModbusTable:
         """High word and low word, to and from the order of the PLC."""
         return (first, second) if self._map.words == "high-first" else (second, first)
 
-    def _show_life(self) -> None:
+    def _send_heartbeat(self) -> None:
         now = time.monotonic()
-        if self._map.heartbeat is not None and now - self._beat_time >= BEAT:
-            self._beat, self._beat_time = self._beat % 65535 + 1, now
-            self._write(self._map.heartbeat, self._beat)
+        if self._map.heartbeat is not None and now - self._heartbeat_time >= HEARTBEAT_INTERVAL_S:
+            self._heartbeat, self._heartbeat_time = self._heartbeat % 65535 + 1, now
+            self._write(self._map.heartbeat, self._heartbeat)
 
     def _status(self) -> dict[int, int]:
-        """What the PLC writes, by register."""
+        """The registers that the PLC writes, by address."""
         m = self._map
         used = (m.status, m.position, m.position + 1, m.fault_code)
         first, count = min(used), max(used) - min(used) + 1
@@ -134,7 +130,7 @@ class ModbusTable:
         answer = self._ask(lambda: read(first, count=count, device_id=m.unit))
         values = list(answer.registers)
         if len(values) != count:
-            raise nonsense(self.name, f"{len(values)} registers", f"{count}")
+            raise malformed(self.name, f"{len(values)} registers", f"{count}")
         return dict(enumerate(values, first))
 
     def _write(self, register: int, *values: int) -> None:
@@ -147,13 +143,13 @@ class ModbusTable:
             DeviceLost: silence, or a broken connection.
             DeviceError: an answer that is none, or an exception of Modbus.
         """
-        self._heard = 0
+        self._received = 0
         try:
             answer = question()
         except (ModbusException, OSError) as wrong:
             self._client.close()
-            if self._heard:
-                raise nonsense(self.name, f"{self._heard} bytes", "a Modbus answer") from wrong
+            if self._received:
+                raise malformed(self.name, f"{self._received} bytes", "a Modbus answer") from wrong
             raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
         if answer.isError():
             raise refused(
@@ -161,7 +157,7 @@ class ModbusTable:
             )
         return answer
 
-    def _listen(self, sending: bool, data: bytes) -> bytes:
-        """Count what arrives: silence is another trouble than nonsense."""
-        self._heard += 0 if sending else len(data)
+    def _count_received(self, sending: bool, data: bytes) -> bytes:
+        """Count the bytes received: none is no answer, some are a malformed one."""
+        self._received += 0 if sending else len(data)
         return data

@@ -1,13 +1,12 @@
-"""A table that an OPC UA server shows as an object: asyncua's client in a thread with a loop of its own.
+"""A table as an object of an OPC UA server: asyncua's client in a thread with an event loop of its own.
 
-Everything that tells the state is read in one request. A connection that was lost is opened again by the next call.
+All variables of the state are read in one request. A connection that was lost is opened again by the next call.
 """
 
 import asyncio
 import logging
 import struct
 import threading
-import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,31 +16,31 @@ from typing import Any, TypeVar
 
 from asyncua import Client, Node, ua
 
-from truestand.devices.axis import DriveState
-from truestand.devices.tables.messages import lost, nonsense, refused
+from truestand.devices.axis import DriveState, lost, malformed, refused, timed
 from truestand.devices.tables.recipe import OpcUaRecipe
 
 T = TypeVar("T")
-CONNECTING = 6
-"""Timeouts that the whole of connecting may take: it is some twenty requests, each within one timeout."""
-GRACE = 0.5
-"""s more for the thread to answer."""
-GONE = (
+CONNECT_TIMEOUTS = 6
+"""That connecting as a whole may take: it is some twenty requests, each within one timeout."""
+THREAD_MARGIN_S = 0.5
+"""For the thread to answer."""
+DISCONNECTED = (
     ua.StatusCodes.BadConnectionClosed, ua.StatusCodes.BadSecureChannelClosed, ua.StatusCodes.BadSessionClosed,
     ua.StatusCodes.BadSessionIdInvalid, ua.StatusCodes.BadSecureChannelIdInvalid, ua.StatusCodes.BadTimeout,
     ua.StatusCodes.BadShutdown, ua.StatusCodes.BadServerHalted, ua.StatusCodes.BadNotConnected,
 )  # fmt: skip
-"""What a server says that leaves."""
-NOT_READ = (ValueError, TypeError, LookupError, AttributeError, AssertionError, struct.error)
-"""What asyncua raises at damaged answers, found by damaging them."""
+"""Status codes of a server that ended the connection."""
+DECODING_ERRORS = (ValueError, TypeError, LookupError, AttributeError, AssertionError, struct.error)
+"""Of asyncua at damaged answers, found by tests that damage them."""
 
-logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors say what goes wrong
 
 
 @dataclass(frozen=True, slots=True)
 class _Session:
-    """The table's nodes."""
+    """A connection and the table's nodes."""
 
+    client: Client
     table: Node
     methods: dict[str, Node]
     variables: list[Node]
@@ -61,7 +60,7 @@ class OpcUaTable:
         self._task: asyncio.Task[Any] | None = None
 
     def start_home(self) -> None:
-        """Begin to look for the home position."""
+        """Begin to search for the home position."""
         self._call(self._recipe.home)
 
     def start_move(self, position: float, speed: float) -> None:
@@ -80,19 +79,19 @@ class OpcUaTable:
         """Ask the server."""
         with self._lock:
             session = self._connected()
-            before = time.monotonic()
-            values = self._run(lambda: self._read(session.variables), self._timeout)
-            after = time.monotonic()
+            values, asked, half_width = timed(
+                self._run, lambda: session.client.read_values(session.variables), self._timeout
+            )
         position, moving, homed, fault = values
         if not (isinstance(position, float | int) and isfinite(position) and isinstance(fault, str | None)):
-            raise nonsense(self.name, f"position {position!r} and fault {fault!r}", "a number and a text")
+            raise malformed(self.name, f"position {position!r} and fault {fault!r}", "a number and a text")
         angle = radians(position) if self._recipe.unit == "deg" else float(position)
-        return DriveState(angle, bool(moving), bool(homed), (before + after) / 2, (after - before) / 2, fault or "")
+        return DriveState(angle, bool(moving), bool(homed), asked, half_width, fault or "")
 
     def close(self) -> None:
-        """Leave the server and end the thread."""
+        """Close the session and end the thread."""
         with self._lock:
-            self._drop(politely=True)
+            self._drop(disconnect=True)
 
     def _out(self, angle: float) -> ua.Variant:
         value = degrees(angle) if self._recipe.unit == "deg" else angle
@@ -109,7 +108,7 @@ class OpcUaTable:
             self._loop = asyncio.new_event_loop()
             self._thread = threading.Thread(target=self._loop.run_forever, name=self.name, daemon=True)
             self._thread.start()
-            self._session = self._run(self._connect, CONNECTING * self._timeout)
+            self._session = self._run(self._connect, CONNECT_TIMEOUTS * self._timeout)
         return self._session
 
     async def _connect(self) -> _Session:
@@ -127,10 +126,10 @@ class OpcUaTable:
             return await table.get_child(f"{space}:{name}")
 
         methods = {name: await of(name) for name in (r.home, r.move, r.halt, r.reset)}
-        return _Session(table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
+        return _Session(client, table, methods, [await of(name) for name in (r.position, r.moving, r.homed, r.fault)])
 
     def _run(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:
-        """Do it on the loop.
+        """The result of ``work`` on the event loop, within so many seconds.
 
         Raises:
             DeviceLost: silence, or a broken connection.
@@ -142,17 +141,17 @@ class OpcUaTable:
             self._drop()
             raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
         except ua.UaStatusCodeError as wrong:
-            if self._session is None or wrong.code in GONE:
+            if self._session is None or wrong.code in DISCONNECTED:
                 self._drop()
-            if wrong.code in GONE:
+            if wrong.code in DISCONNECTED:
                 raise lost(self.name, f"it left ({type(wrong).__name__})") from wrong
             raise refused(self.name, type(wrong).__name__, ADVICE) from wrong
-        except (ua.UaError, *NOT_READ) as wrong:
+        except (ua.UaError, *DECODING_ERRORS) as wrong:
             self._drop()
-            raise nonsense(self.name, repr(wrong)[:80], "an answer of OPC UA") from wrong
+            raise malformed(self.name, repr(wrong)[:80], "an answer of OPC UA") from wrong
 
     def _on_loop(self, work: Callable[[], Coroutine[Any, Any, T]], seconds: float) -> T:
-        """What comes of ``work``. No lock is held while waiting, so that an interrupt (Ctrl-C) leaves none behind."""
+        """The result of ``work``. No lock is held while waiting, so that an interrupt (Ctrl-C) leaves none behind."""
         assert self._loop is not None
         loop, done = self._loop, SimpleQueue[asyncio.Task[T]]()
 
@@ -162,29 +161,25 @@ class OpcUaTable:
 
         loop.call_soon_threadsafe(begin)
         try:
-            return done.get(timeout=seconds + GRACE).result()
+            return done.get(timeout=seconds + THREAD_MARGIN_S).result()
         except Empty as wrong:
             raise TimeoutError from wrong
 
-    def _drop(self, politely: bool = False) -> None:
-        """End connection and thread; only who is polite waits for the server to say goodbye, a timeout at most."""
+    def _drop(self, disconnect: bool = False) -> None:
+        """End connection and thread; ``disconnect`` closes the session at the server first, a timeout at most."""
         if self._loop is None:
             return
         with suppress(TimeoutError):
-            self._on_loop(lambda: self._leave(politely), self._timeout)
+            self._on_loop(lambda: self._leave(disconnect), self._timeout)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(GRACE)
+        self._thread.join(THREAD_MARGIN_S)
         if not self._thread.is_alive():
             self._loop.close()
         self._loop, self._client, self._session = None, None, None
 
-    async def _read(self, variables: list[Node]) -> list[Any]:
-        assert self._client is not None
-        return await self._client.read_values(variables)
-
-    async def _leave(self, politely: bool) -> None:
+    async def _leave(self, disconnect: bool) -> None:
         if self._client is not None:
-            if politely:
+            if disconnect:
                 with suppress(TimeoutError, OSError, ua.UaError):
                     await asyncio.wait_for(self._client.disconnect(), self._timeout)
             self._client.disconnect_socket()

@@ -5,11 +5,11 @@ from truestand.devices.tables.recipe import TableRecipe
 
 
 def open_table(recipe: TableRecipe) -> RotaryTable:
-    """The table of ``[devices.table]``, connected and asked once; nothing moves.
+    """The table of ``[devices.table]``, connected, its state read once; nothing moves.
 
     Raises:
         DeviceLost: nobody answers at the address.
-        DeviceError: who answers isn't such a table.
+        DeviceError: what answers isn't such a table.
     """
     drive = _drive(recipe)
     try:

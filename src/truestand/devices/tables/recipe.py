@@ -16,7 +16,7 @@ Positive = Annotated[float, Field(gt=0)]
 Protocol = Literal["modbus", "opcua", "zaber", "grbl"]
 Register = Annotated[int, Field(ge=0, le=65534)]
 PORTS = {"modbus": 502, "zaber": 55550, "grbl": 23}
-"""Where nothing is said: Modbus TCP, Zaber's X-MCC and virtual devices, GRBL boards with a network (telnet)."""
+"""Default network ports: Modbus TCP, Zaber's X-MCC and virtual devices, GRBL boards with a network (telnet)."""
 
 
 class ModbusRecipe(Recipe):
@@ -27,13 +27,13 @@ class ModbusRecipe(Recipe):
     | ``command`` | bits: 0 home, 1 move, 3 halt, 4 reset; high byte: the command's number, 1..255 | truestand |
     | ``target`` | int32, counts from home | truestand, before ``command`` |
     | ``speed`` | int32, counts per second | truestand, before ``command`` |
-    | ``heartbeat`` | counts up at every look, ten times a second; the PLC stops where it stands still | truestand |
-    | ``status`` | bits: 0 homed, 1 moving, 2 fault; high byte: number of the last command that was taken | PLC |
+    | ``heartbeat`` | counts up ten times a second; the PLC stops the table where it no longer changes | truestand |
+    | ``status`` | bits: 0 homed, 1 moving, 2 fault; high byte: number of the last command accepted | PLC |
     | ``position`` | int32, counts from home | PLC |
-    | ``fault_code`` | what the fault is, the maker's number | PLC |
+    | ``fault_code`` | the fault, by the maker's number | PLC |
 
     The number goes up with every command, so that two equal commands differ, and the PLC repeats it only when its
-    ``moving`` bit is up to date: no one takes a table that has not begun to move for one that has arrived.
+    ``moving`` bit is up to date: a table that has not begun to move can't be taken for one that has arrived.
     """
 
     unit: Annotated[int, Field(ge=0, le=255)] = 1
@@ -52,7 +52,7 @@ class ModbusRecipe(Recipe):
 
     @model_validator(mode="after")
     def _apart(self) -> "ModbusRecipe":
-        """Each register has one meaning, and what is read together lies together."""
+        """Each register has one meaning, and the registers of one request lie together."""
         writes = [self.command, self.target, self.target + 1, self.speed, self.speed + 1]
         writes += [] if self.heartbeat is None else [self.heartbeat]
         reads = [self.status, self.position, self.position + 1, self.fault_code]
@@ -80,7 +80,7 @@ class OpcUaRecipe(Recipe):
     home: str = "Home"
     move: str = "MoveTo"
     turn: str = "Turn"
-    """Not called any more; recipes that name it stay valid."""
+    """Not called any more; recipes that state it stay valid."""
     halt: str = "Stop"
     reset: str = "Reset"
     position: str = "Position"
@@ -124,12 +124,12 @@ class TableRecipe(Recipe):
     """``host:port``, ``opc.tcp://host:port/path``, or a serial port: ``/dev/ttyUSB0``, ``COM3``."""
     max_speed_deg_per_s: Positive = 90.0
     range_deg: tuple[float, float] | None = None
-    """For a table with stops; without it the table turns for ever."""
+    """For a table with stops; without it the table turns endlessly."""
     tolerance_deg: Positive = 0.05
     home_timeout_s: Positive = 60.0
     stop_timeout_s: Positive = 5.0
     timeout_s: Positive = 0.5
-    """Of the connection: a controller that is silent for longer is lost."""
+    """Of the connection: a controller that does not answer for longer is lost."""
     modbus: ModbusRecipe = ModbusRecipe()
     opcua: OpcUaRecipe = OpcUaRecipe()
     zaber: ZaberRecipe = ZaberRecipe()
@@ -144,7 +144,7 @@ class TableRecipe(Recipe):
 
     @model_validator(mode="after")
     def _matching(self) -> "TableRecipe":
-        """The address is one of its protocol."""
+        """The address is one of the protocol."""
         if (self.protocol == "opcua") != self.address.startswith("opc.tcp://"):
             wanted = "opc.tcp://host:port" if self.protocol == "opcua" else "host:port or a serial port"
             raise ValueError(f"address {self.address!r} is none for {self.protocol}; need {wanted}")
@@ -154,7 +154,7 @@ class TableRecipe(Recipe):
 
     @property
     def limits(self) -> Limits:
-        """What the table may do."""
+        """Limits and timeouts of the table."""
         lowest, highest = self.range_deg or (-inf, inf)
         return Limits(
             radians(self.max_speed_deg_per_s),

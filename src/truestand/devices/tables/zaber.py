@@ -4,20 +4,19 @@ import threading
 import time
 from math import isfinite, nan, tau
 
-from truestand.devices.axis import DriveState
+from truestand.devices.axis import DriveState, malformed, refused, timed
 from truestand.devices.tables.line import Line
-from truestand.devices.tables.messages import nonsense, refused
 from truestand.devices.tables.recipe import PORTS, ZaberRecipe
 from truestand.devices.wire.malformed import Malformed
-from truestand.devices.wire.zaber import MEANING, NOT_HOMED, SPEED_UNIT, Command, Reply, decode_reply
+from truestand.devices.wire.zaber import FAULTS, NOT_HOMED, SPEED_UNIT, Command, Reply, decode_reply
 
-REASONS = {
+ADVICE = {
     "BADDATA": "check counts_per_turn in [devices.table.zaber] and the stage's limit.min, limit.max and limit.speed",
     "BADAXIS": "check axis in [devices.table.zaber]",
     "PARKED": "unpark the stage with Zaber Launcher",
     "DRIVERDISABLED": "mend the cause, then reset",
 }
-"""What to do about a rejection."""
+"""By the reason of a rejection."""
 
 
 class ZaberTable:
@@ -31,7 +30,7 @@ class ZaberTable:
         self._id = 0
 
     def start_home(self) -> None:
-        """Begin to look for the home position."""
+        """Begin to search for the home position."""
         self._ask("home")
 
     def start_move(self, position: float, speed: float) -> None:
@@ -52,24 +51,22 @@ class ZaberTable:
                 self._ask("driver enable")
 
     def state(self) -> DriveState:
-        """Ask for the warnings, then for the position; whether it moves comes with the position."""
+        """Ask for the warnings, then for the position; the reply to that says whether it moves."""
         with self._lock:
             flags = self._flags()
-            before = time.monotonic()
-            reply = self._ask("get pos")
-            after = time.monotonic()
-        faults = [f"{MEANING.get(flag, 'fault')} ({flag})" for flag in flags if flag.startswith("F")]
+            reply, asked, half_width = timed(self._ask, "get pos")
+        faults = [f"{FAULTS.get(flag, 'fault')} ({flag})" for flag in flags if flag.startswith("F")]
         return DriveState(
             self._number(reply.data) * tau / self._recipe.counts_per_turn,
             reply.busy,
             not any(flag in NOT_HOMED for flag in flags),
-            (before + after) / 2,
-            (after - before) / 2,
+            asked,
+            half_width,
             ", ".join(faults),
         )
 
     def close(self) -> None:
-        """Leave the connection."""
+        """Close the connection."""
         with self._lock:
             self._line.close()
 
@@ -86,7 +83,7 @@ class ZaberTable:
         except ValueError:
             number = nan
         if not isfinite(number):
-            raise nonsense(self.name, f"position {data[:20]!r}", "a number")
+            raise malformed(self.name, f"position {data[:20]!r}", "a number")
         return number
 
     def _flags(self) -> list[str]:
@@ -106,17 +103,17 @@ class ZaberTable:
             self._line.send(Command(text, self._recipe.device, self._recipe.axis, self._id).encode())
             reply = self._reply(end)
         if not reply.accepted:
-            advice = REASONS.get(reply.data, "see Zaber's protocol manual for the reason")
+            advice = ADVICE.get(reply.data, "see Zaber's protocol manual for the reason")
             raise refused(self.name, f"{text!r} is {reply.data}", advice)
         return reply
 
     def _reply(self, end: float) -> Reply:
-        """The reply to the last command; alerts, infos and late replies to others are passed over."""
+        """The reply to the last command; alerts, infos and late replies to others are skipped."""
         while (line := self._line.receive(end)) is not None and time.monotonic() < end:
             try:
                 message = decode_reply(line)
             except Malformed as wrong:
-                raise self._line.not_understood(repr(line[:40]), "a reply of the Zaber ASCII protocol") from wrong
-            if isinstance(message, Reply) and message.kind == "@" and message.id == self._id:
+                raise self._line.malformed(repr(line[:40]), "a reply of the Zaber ASCII protocol") from wrong
+            if message is not None and message.id == self._id:
                 return message
         raise self._line.silent()

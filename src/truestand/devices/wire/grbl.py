@@ -11,9 +11,9 @@ from truestand.devices.wire.malformed import Malformed
 ASK = b"?"
 HOLD = b"!"
 JOG_CANCEL = b"\x85"
-"""Slow down, drop what else is to jog; ignored where nothing jogs."""
+"""Slow down and drop the jogs that wait; ignored where nothing jogs."""
 RESET = b"\x18"
-"""Ctrl-X: stop at once and start anew; the position is lost where it was moving."""
+"""Ctrl-X: stop at once and restart; the position is lost where it was moving."""
 HOME = b"$H\n"
 UNLOCK = b"$X\n"
 ERRORS = {
@@ -35,7 +35,7 @@ _REPORT = re.compile(r"<([A-Z][a-z]+)(?::(\d))?((?:\|[^|<>]*)*)>")
 
 @dataclass(frozen=True, slots=True)
 class Ok:
-    """A line was taken, or homing ended."""
+    """A line was accepted, or homing ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """``ALARM:n``: it stopped and stays locked."""
+    """``ALARM:n``: the board stopped and stays locked."""
 
     code: int
 
@@ -72,12 +72,12 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """It was switched on or reset."""
+    """The board was switched on or reset."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """``[MSG:...]`` and other lines that only tell something."""
+    """``[MSG:...]`` and other lines that need no action."""
 
     text: str
 
@@ -91,10 +91,10 @@ def jog_to(axis: str, position: float, feed: float) -> bytes:
 
 
 def decode_line(line: bytes) -> Message:
-    """What the board says.
+    """A message of the board.
 
     Raises:
-        Malformed: nothing that GRBL says.
+        Malformed: none of GRBL 1.1.
     """
     try:
         text = line.decode("ascii").strip()

@@ -12,8 +12,8 @@ from truestand.devices.wire.malformed import Malformed
 
 PORT = 3956
 KEY = 0x42
-MOST_DATA = 536
-"""Bytes of memory in one READMEM or WRITEMEM, so that a message fits the smallest datagram that all must accept."""
+MAX_DATA_BYTES = 536
+"""Of memory in one READMEM or WRITEMEM, so that a message fits the smallest datagram that all must accept."""
 ACK_REQUIRED = 0x01
 
 
@@ -27,11 +27,11 @@ class Command(IntEnum):
     READ_MEMORY = 0x0084
     WRITE_MEMORY = 0x0086
     PENDING = 0x0088
-    """Only its acknowledge (0x0089) is ever sent: the answer takes longer, wait so many ms."""
+    """Only its acknowledge (0x0089) is ever sent: the answer takes longer, by so many ms."""
 
 
 class Status(IntEnum):
-    """What an acknowledge says."""
+    """Status codes of an acknowledge."""
 
     SUCCESS = 0x0000
     NOT_IMPLEMENTED = 0x8001
@@ -42,7 +42,6 @@ class Status(IntEnum):
     ACCESS_DENIED = 0x8006
     BUSY = 0x8007
     PACKET_UNAVAILABLE = 0x800C
-    GENERIC = 0x8FFF
 
 
 class Register(IntEnum):
@@ -60,16 +59,13 @@ class Register(IntEnum):
     SERIAL = 0x00D8
     USER_NAME = 0x00E8
     FIRST_URL = 0x0200
-    SECOND_URL = 0x0400
     INTERFACES = 0x0600
-    MESSAGE_CHANNELS = 0x0900
     STREAM_CHANNELS = 0x0904
     CAPABILITY = 0x0934
     HEARTBEAT = 0x0938
     """ms."""
-    TICKS_HIGH = 0x093C
-    """Ticks of the time stamp per second."""
     TICKS_LOW = 0x0940
+    """Ticks of the time stamp per second, lower half."""
     TIMESTAMP_CONTROL = 0x0944
     TIMESTAMP_HIGH = 0x0948
     TIMESTAMP_LOW = 0x094C
@@ -93,9 +89,8 @@ TEXT_BYTES = {
     Register.SERIAL: 16,
     Register.USER_NAME: 16,
     Register.FIRST_URL: 512,
-    Register.SECOND_URL: 512,
 }
-"""Registers that hold text, and how long they are."""
+"""Length of the registers that hold text."""
 FIRE_TEST = 1 << 31
 DO_NOT_FRAGMENT = 1 << 30
 EXCLUSIVE, CONTROL = 1, 2
@@ -170,12 +165,12 @@ def register_body(*addresses: int) -> bytes:
 
 
 def write_register_body(*pairs: tuple[int, int]) -> bytes:
-    """Body of WRITE_REGISTER: address and value, again and again."""
+    """Body of WRITE_REGISTER: pairs of address and value."""
     return b"".join(struct.pack(">II", address, value) for address, value in pairs)
 
 
 def read_memory_body(address: int, count: int) -> bytes:
-    """Body of READ_MEMORY; ``count`` a multiple of 4, at most ``MOST_DATA``."""
+    """Body of READ_MEMORY; ``count`` a multiple of 4, at most ``MAX_DATA_BYTES``."""
     return struct.pack(">IHH", address, 0, count)
 
 
@@ -216,7 +211,7 @@ class Resend:
 
 
 def decode_resend(request: Request) -> Resend:
-    """What a PACKET_RESEND asks for.
+    """The packets that a PACKET_RESEND requests.
 
     Raises:
         Malformed: a body of the wrong size.

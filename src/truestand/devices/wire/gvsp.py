@@ -12,14 +12,14 @@ from truestand.devices.wire.malformed import Malformed
 
 HEADER, EXTENDED_HEADER = 8, 20
 IP_UDP_HEADERS = 28
-"""Bytes that the packet size of a device counts beside GVSP's own header and data."""
+"""Bytes that the packet size of a device counts beside the header of GVSP and the data."""
 BLOCKS = 65535
 """Standard block ids run from 1 to this and again from 1; some devices count from 0 to it instead."""
 FAILED = 0x8000
-"""Bit of a packet's status: the device can't send what it was asked for again."""
+"""Bit of a packet's status: the device can't send it again."""
 
 
-class Kind(IntEnum):
+class PacketFormat(IntEnum):
     """Packet formats."""
 
     LEADER = 1
@@ -28,15 +28,9 @@ class Kind(IntEnum):
 
 
 class PixelFormat(IntEnum):
-    """Those that a range sensor sends."""
+    """Pixel formats of range sensors."""
 
-    MONO8 = 0x01080001
     MONO16 = 0x01100007
-
-    @property
-    def bytes(self) -> int:
-        """Per pixel."""
-        return (self.value >> 16 & 0xFF) // 8
 
 
 IMAGE = 1
@@ -45,18 +39,13 @@ IMAGE = 1
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What stands before every packet's data."""
+    """Header of a packet."""
 
     block: int
     packet: int
     kind: int
     status: int = 0
     extended: bool = False
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return EXTENDED_HEADER if self.extended else HEADER
 
     def encode(self) -> bytes:
         """Bytes."""
@@ -92,7 +81,6 @@ class Leader:
     pixel_format: int
     width: int
     height: int
-    payload_type: int = IMAGE
 
     @property
     def payload_bytes(self) -> int:
@@ -102,7 +90,7 @@ class Leader:
     def encode(self) -> bytes:
         """What follows the header."""
         return struct.pack(
-            ">HHQIIIIIHH", 0, self.payload_type, self.timestamp, self.pixel_format, self.width, self.height, 0, 0, 0, 0
+            ">HHQIIIIIHH", 0, IMAGE, self.timestamp, self.pixel_format, self.width, self.height, 0, 0, 0, 0
         )
 
 
@@ -117,7 +105,7 @@ def decode_leader(data: bytes | memoryview) -> Leader:
     _, payload_type, timestamp, pixel_format, width, height = struct.unpack_from(">HHQIII", data)
     if payload_type & 0x3FFF != IMAGE:
         raise Malformed(f"found payload type {payload_type}, need an image ({IMAGE})")
-    return Leader(timestamp, pixel_format, width, height, payload_type)
+    return Leader(timestamp, pixel_format, width, height)
 
 
 def encode_trailer(height: int) -> bytes:

@@ -1,5 +1,5 @@
-"""What the codecs raise."""
+"""The error of the codecs."""
 
 
 class Malformed(Exception):
-    """Bytes that are no message of the protocol. Never leaves ``devices``: drivers count it or say it in own words."""
+    """Bytes that are no message of the protocol. It never leaves ``devices``."""

@@ -5,29 +5,27 @@ Source: Zaber's ASCII Protocol Manual. Checked in the tests against Zaber's own 
 
 import re
 from dataclasses import dataclass
-from typing import Literal
 
 from truestand.devices.wire.malformed import Malformed
 
 SPEED_UNIT = 1.6384
 """``maxspeed`` and ``move vel`` count microsteps per second times this (2^14 / 10^4)."""
-NO_WARNING = "--"
 NOT_HOMED = ("WR", "WH")
 """Warning flags: no reference position; not homed since power on."""
-MEANING = {
+FAULTS = {
     "FF": "critical system error", "FN": "peripheral not supported", "FZ": "peripheral inactive",
     "FO": "driver disabled by over-temperature or over-voltage", "FH": "hardware emergency stop",
     "FV": "motor temperature", "FD": "driver disabled", "FQ": "encoder error", "FS": "stalled and stopped",
     "FT": "excessive twist", "FB": "stream bounds error", "FP": "interpolated path deviation", "FE": "limit error",
 }  # fmt: skip
-"""Fault flags, which begin with F."""
+"""Meaning of the fault flags, which begin with F."""
 _COMMAND = re.compile(r"/\s*(?:(\d+)(?:\s+(\d+)(?:\s+(\d+))?)?(?=\s|$))?\s*(.*)")
 _REPLY = re.compile(r"([@!#])(\d{2}) (\d)(?: (\d{2}))?(?: (.*))?")
 _STATE = re.compile(r"(?:(OK|RJ) )?(IDLE|BUSY) ([A-Z]{2}|--)(?: (.*))?")
 
 
 def checksum(text: str) -> int:
-    """What makes the sum over all characters of a message, first one excepted, 0 modulo 256."""
+    """The number that makes the sum over all characters of a message, except the first, 0 modulo 256."""
     return -sum(text.encode("ascii")) & 0xFF
 
 
@@ -50,37 +48,26 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A reply (``@``) or an alert (``!``) as it travels."""
+    """A reply (``@``) as it travels."""
 
     device: int
     axis: int = 0
     id: int | None = None
     accepted: bool = True
     busy: bool = False
-    warning: str = NO_WARNING
-    """The gravest flag."""
+    warning: str = "--"
+    """The flag of the highest priority; -- = none."""
     data: str = "0"
-    """An answer, 0 where there is none, or why it was rejected."""
-    kind: Literal["@", "!"] = "@"
+    """An answer, 0 where there is none, or the reason of a rejection."""
 
     def encode(self, with_checksum: bool = True) -> bytes:
         """The line."""
         number = "" if self.id is None else f" {self.id:02d}"
-        flag = "" if self.kind == "!" else " OK" if self.accepted else " RJ"
+        flag = "OK" if self.accepted else "RJ"
         data = f" {self.data}" if self.data else ""
-        body = f"{self.device:02d} {self.axis}{number}{flag} {'BUSY' if self.busy else 'IDLE'} {self.warning}{data}"
+        body = f"{self.device:02d} {self.axis}{number} {flag} {'BUSY' if self.busy else 'IDLE'} {self.warning}{data}"
         end = f":{checksum(body):02X}" if with_checksum else ""
-        return f"{self.kind}{body}{end}\r\n".encode("ascii")
-
-
-@dataclass(frozen=True, slots=True)
-class Info:
-    """A line that only tells something (``#``); it follows a reply."""
-
-    device: int
-    axis: int
-    id: int | None
-    text: str
+        return f"@{body}{end}\r\n".encode("ascii")
 
 
 def decode_command(line: bytes) -> Command:
@@ -96,8 +83,8 @@ def decode_command(line: bytes) -> Command:
     return Command(text.strip(), int(device or 0), int(axis or 0), None if number is None else int(number))
 
 
-def decode_reply(line: bytes) -> Reply | Info:
-    """A reply, an alert or an info; its checksum is checked where there is one.
+def decode_reply(line: bytes) -> Reply | None:
+    """A reply, or None for an alert (``!``) or an info (``#``); its checksum is checked where there is one.
 
     Raises:
         Malformed: none of them, or damaged.
@@ -107,14 +94,15 @@ def decode_reply(line: bytes) -> Reply | Info:
     if found is None:
         raise Malformed(f"found {line[:40]!r}, need a reply that begins with @, ! or #")
     kind, device, axis, number, rest = found.groups()
-    where = (int(device), int(axis), None if number is None else int(number))
     if kind == "#":
-        return Info(*where, rest or "")
+        return None
     state = _STATE.fullmatch(rest or "")
     if state is None or (kind == "@") != (state[1] is not None):
         raise Malformed(f"found {line[:40]!r}, need OK or RJ, IDLE or BUSY, and a warning flag")
-    alert: Literal["@", "!"] = "!" if kind == "!" else "@"
-    return Reply(*where, state[1] != "RJ", state[2] == "BUSY", state[3], state[4] or "", alert)
+    if kind == "!":
+        return None
+    id_ = None if number is None else int(number)
+    return Reply(int(device), int(axis), id_, state[1] == "OK", state[2] == "BUSY", state[3], state[4] or "")
 
 
 def _checked(line: bytes) -> str:

@@ -1,1 +1,1 @@
-"""The virtual stand in motion: a table and a sensor that are reached over the protocols of the real ones."""
+"""The virtual stand as devices: a table and sensors behind the protocols of real ones."""

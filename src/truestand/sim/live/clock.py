@@ -1,7 +1,7 @@
-"""The virtual stand's time: real time, or faster; it never runs ahead of what the sensors have drawn.
+"""The virtual stand's time: real time, or faster; it never runs ahead of the profiles that sensors have computed.
 
-Everything that moves or measures on the virtual stand reads this one clock, so that what a sensor sees depends on where
-the table really is, however loaded the machine. It never goes back.
+Everything that moves or measures on the virtual stand reads this one clock, so that what a sensor sees depends on the
+true angle of the table, however loaded the machine. It never goes back.
 """
 
 import threading
@@ -19,23 +19,23 @@ class Clock:
         self._lock = threading.Lock()
         self._start = real()
         self._waited = 0.0
-        self._allowed: dict[str, float] = {}
+        self._limits: dict[str, float] = {}
 
     def now(self) -> float:
         """Virtual time, s."""
         with self._lock:
             moment = (self._real() - self._start) * self.pace - self._waited
-            limit = min(self._allowed.values(), default=inf)
+            limit = min(self._limits.values(), default=inf)
             if moment > limit:
                 self._waited += moment - limit
                 moment = limit
             return moment
 
     def allow(self, sensor: str, until: float) -> None:
-        """Let the clock run up to ``until`` as far as ``sensor`` is concerned; inf where it streams nothing."""
+        """Limit the clock to ``until`` (s) for ``sensor``; inf where it does not stream."""
         with self._lock:
-            self._allowed[sensor] = until
+            self._limits[sensor] = until
 
     def real_until(self, moment: float) -> float:
-        """Real seconds until the clock may show ``moment``; 0 where it is past."""
+        """Real time (s) until the clock may show ``moment``; 0 where it is past."""
         return max(0.0, (moment - self.now()) / self.pace)

@@ -1,4 +1,4 @@
-"""The virtual sensor's control channel: who may do what, and the answer to each request. No sockets, no threads."""
+"""The virtual sensor's control channel: access rights, and the answer to each request. No sockets, no threads."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import Acknowledge, Command, Register, Request, Resend, Status
 from truestand.devices.wire.malformed import Malformed
-from truestand.sim.live.registers import Refused, Registers
+from truestand.sim.live.registers import RegisterError, Registers
 
 Address = tuple[str, int]
-"""IPv4 address and port of whoever asks."""
+"""IPv4 address and port of a client."""
 
-MOST_MEMORY = 1024
-"""Bytes in one READ_MEMORY."""
+MAX_MEMORY_BYTES = 1024
+"""In one READ_MEMORY."""
 
 
 @dataclass(slots=True)
 class Controller:
-    """Whoever holds control."""
+    """The client that holds control."""
 
     address: Address
-    heard: float
-    """s, when it last said anything."""
+    last_request: float
+    """s: the time of its last request."""
     exclusive: bool
 
 
@@ -30,8 +30,8 @@ class Control:
 
     Args:
         registers: the device's memory.
-        released: called when control ends, with True where the heartbeat stayed away.
-        resend: called with what PACKET_RESEND asks for.
+        released: called when control ends, with True where the heartbeat stopped.
+        resend: called with the packets that PACKET_RESEND requests.
     """
 
     def __init__(
@@ -40,40 +40,40 @@ class Control:
         self.registers = registers
         self.controller: Controller | None = None
         self._released, self._resend = released, resend
-        self._last: tuple[Address, int, int] | None = None
-        self._answer = b""
+        self._last_request: tuple[Address, int, int] | None = None
+        self._last_answer = b""
 
     def answer(self, data: bytes, sender: Address, now: float) -> bytes | None:
-        """The acknowledge for a datagram, None where it needs none or means nothing. ``now`` in s, any origin."""
+        """The acknowledge for a datagram; None where it needs none or is no request. ``now`` in s, any origin."""
         try:
             request = gvcp.decode_request(data)
             held = self.controller
             if held is not None and held.address == sender:
-                held.heard = now
+                held.last_request = now
             if request.command == Command.PACKET_RESEND:
                 self._resend(gvcp.decode_resend(request))
                 return None
-            if self._last == (sender, request.id, request.command) and request.command in _WRITES:
-                return self._answer  # asked again because the answer got lost: not to be done twice
-            status, body = self._done(request, sender, now)
+            if self._last_request == (sender, request.id, request.command) and request.command in _WRITES:
+                return self._last_answer  # sent again because the answer got lost: not to be done twice
+            status, body = self._execute(request, sender, now)
         except Malformed:
             return None
-        self._last = (sender, request.id, request.command)
-        self._answer = Acknowledge(request.command, request.id, body, status).encode()
-        return self._answer if request.flags & gvcp.ACK_REQUIRED else None
+        self._last_request = (sender, request.id, request.command)
+        self._last_answer = Acknowledge(request.command, request.id, body, status).encode()
+        return self._last_answer if request.flags & gvcp.ACK_REQUIRED else None
 
     def expire(self, now: float) -> None:
-        """Take control away where the heartbeat stayed away for too long."""
+        """End the control of a client whose heartbeat stopped for longer than the timeout."""
         held = self.controller
-        if held is not None and now - held.heard > self.registers.value(Register.HEARTBEAT) / 1000:
-            self._end(silent=True)
+        if held is not None and now - held.last_request > self.registers.value(Register.HEARTBEAT) / 1000:
+            self._end(heartbeat_lost=True)
 
-    def _end(self, silent: bool) -> None:
+    def _end(self, heartbeat_lost: bool) -> None:
         self.controller = None
         self.registers.put(Register.CONTROL, 0)
-        self._released(silent)
+        self._released(heartbeat_lost)
 
-    def _done(self, request: Request, sender: Address, now: float) -> tuple[int, bytes]:
+    def _execute(self, request: Request, sender: Address, now: float) -> tuple[int, bytes]:
         """Status and body of the answer."""
         try:
             if request.command == Command.DISCOVERY:
@@ -83,53 +83,53 @@ class Control:
             if request.command in _WRITES:
                 return Status.SUCCESS, self._write(request, sender, now)
             return Status.NOT_IMPLEMENTED, b""
-        except Refused as refused:
+        except RegisterError as refused:
             return refused.status, b""
 
     def _read(self, request: Request, sender: Address) -> bytes:
         held = self.controller
         if held is not None and held.exclusive and held.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
         words = gvcp.words(request.body)
         if request.command == Command.READ_REGISTER:
             return b"".join(self.registers.read(address, 4) for address in words)
-        if len(words) != 2 or not 0 < words[1] <= MOST_MEMORY:
-            raise Refused(Status.INVALID_PARAMETER)
+        if len(words) != 2 or not 0 < words[1] <= MAX_MEMORY_BYTES:
+            raise RegisterError(Status.INVALID_PARAMETER)
         return request.body[:4] + self.registers.read(words[0], words[1])
 
     def _write(self, request: Request, sender: Address, now: float) -> bytes:
         words = gvcp.words(request.body)
         if request.command == Command.WRITE_REGISTER:
             if len(words) % 2:
-                raise Refused(Status.INVALID_PARAMETER)
+                raise RegisterError(Status.INVALID_PARAMETER)
             for address, value in zip(words[::2], words[1::2], strict=True):
                 self._write_word(address, value, sender, now)
             return (len(words) // 2).to_bytes(4, "big")
         if not words:
-            raise Refused(Status.INVALID_PARAMETER)
-        self._may_write(sender)
+            raise RegisterError(Status.INVALID_PARAMETER)
+        self._demand_control(sender)
         if words[0] <= Register.CONTROL < words[0] + len(request.body) - 4:
-            raise Refused(Status.WRITE_PROTECT)  # control is taken by WRITE_REGISTER
+            raise RegisterError(Status.WRITE_PROTECT)  # control is taken by WRITE_REGISTER
         self.registers.write_memory(words[0], request.body[4:])
         return (len(request.body) - 4).to_bytes(4, "big")
 
     def _write_word(self, address: int, value: int, sender: Address, now: float) -> None:
         if address != Register.CONTROL:
-            self._may_write(sender)
+            self._demand_control(sender)
             self.registers.write(address, value)
             return
         held = self.controller
         if held is not None and held.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
         self.registers.write(address, value)
         if value:
             self.controller = Controller(sender, now, bool(value & gvcp.EXCLUSIVE))
         elif held is not None:
-            self._end(silent=False)
+            self._end(heartbeat_lost=False)
 
-    def _may_write(self, sender: Address) -> None:
+    def _demand_control(self, sender: Address) -> None:
         if self.controller is None or self.controller.address != sender:
-            raise Refused(Status.ACCESS_DENIED)
+            raise RegisterError(Status.ACCESS_DENIED)
 
 
 _READS = (Command.READ_REGISTER, Command.READ_MEMORY)

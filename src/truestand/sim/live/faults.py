@@ -1,12 +1,12 @@
-"""Faults on request: what a sensor, its network and the table may do wrong."""
+"""Faults on request, of a sensor, its network and the table."""
 
 from enum import IntEnum
-from typing import Protocol
 
 from truestand.core.errors import BadRecipe
+from truestand.sim.live.table import VirtualTable
 
 
-class Kind(IntEnum):
+class FaultKind(IntEnum):
     """A fault; the numbers are those of the node VirtualFault."""
 
     NONE = 0
@@ -15,7 +15,7 @@ class Kind(IntEnum):
     LATENCY = 2
     """Strength: ms by which frames come later."""
     FROZEN = 3
-    """The same content again and again, in frames with new numbers."""
+    """Frames with new numbers and always the same content."""
     GARBAGE = 4
     """Frames of random bytes."""
     DISORDER = 5
@@ -23,87 +23,73 @@ class Kind(IntEnum):
     UNPLUGGED = 6
     """Not a byte on any socket, in or out."""
     HEARTBEAT_IGNORED = 7
-    """Commands are neither answered nor counted as a heartbeat; what streams goes on until the heartbeat's timeout."""
+    """Commands are neither answered nor counted as a heartbeat; the stream goes on until the heartbeat's timeout."""
     NO_RESEND = 8
-    """Packets that are asked for again do not come."""
+    """Requests to send packets again are not answered."""
     STUCK_ENCODER = 9
     STALLED_TABLE = 10
 
 
-STRENGTH = {Kind.LOSE_PACKETS: 0.02, Kind.LATENCY: 200.0}
-"""Where none is given."""
-WORDS = {kind.name.lower().replace("_", "-"): kind for kind in Kind}
+DEFAULT_STRENGTH = {FaultKind.LOSE_PACKETS: 0.02, FaultKind.LATENCY: 200.0}
+NAMES = {kind.name.lower().replace("_", "-"): kind for kind in FaultKind}
 """As on the command line."""
 
 
-class FaultyTable(Protocol):
-    """The table's part."""
-
-    def stick_encoder(self) -> None:
-        """The encoder counts no further."""
-
-    def stall(self) -> None:
-        """The table stands still, whatever it is told."""
-
-    def release(self) -> None:
-        """All well again."""
-
-
 class Faults:
-    """What is wrong at the moment; read by the device's threads, so each change is one assignment."""
+    """The active faults; read by the device's threads, so each change is one assignment."""
 
-    def __init__(self, table: FaultyTable | None = None) -> None:
+    def __init__(self, table: VirtualTable | None = None) -> None:
         self._table = table
-        self._active: dict[Kind, float] = {}
+        self._active: dict[FaultKind, float] = {}
 
-    def __contains__(self, kind: Kind) -> bool:
+    def __contains__(self, kind: FaultKind) -> bool:
         return kind in self._active
 
-    def strength(self, kind: Kind) -> float:
-        """Of an active fault; 0 where there is none."""
+    def strength(self, kind: FaultKind) -> float:
+        """Strength of a fault; 0 where it is not active."""
         return self._active.get(kind, 0.0)
 
     @property
-    def latest(self) -> Kind:
-        """The fault set last."""
-        return next(reversed(self._active), Kind.NONE)
+    def latest(self) -> FaultKind:
+        """The fault that began last."""
+        return next(reversed(self._active), FaultKind.NONE)
 
-    def begin(self, kind: Kind, strength: float | None = None) -> None:
+    def begin(self, kind: FaultKind, strength: float | None = None) -> None:
         """Add a fault; ``NONE`` ends all.
 
         Raises:
             BadRecipe: a share of packets beyond 0..1, a fault of the table where there is none.
         """
-        if kind is Kind.NONE:
+        if kind is FaultKind.NONE:
             self.clear()
             return
-        given = STRENGTH.get(kind, 1.0) if strength is None else strength
-        if given < 0 or (kind is Kind.LOSE_PACKETS and given > 1):
+        given = DEFAULT_STRENGTH.get(kind, 1.0) if strength is None else strength
+        if given < 0 or (kind is FaultKind.LOSE_PACKETS and given > 1):
             raise BadRecipe(f"found a strength of {given:g} for {kind.name}, need a share 0..1 or ms")
-        if kind in (Kind.STUCK_ENCODER, Kind.STALLED_TABLE):
+        if kind in (FaultKind.STUCK_ENCODER, FaultKind.STALLED_TABLE):
             if self._table is None:
                 raise BadRecipe(f"{kind.name} is a fault of the table, and this stand has none")
-            self._table.stick_encoder() if kind is Kind.STUCK_ENCODER else self._table.stall()
+            self._table.stick_encoder() if kind is FaultKind.STUCK_ENCODER else self._table.stall()
         self._active = {**self._active, kind: given}
 
     def clear(self) -> None:
-        """All well again."""
+        """End all faults."""
         self._active = {}
         if self._table is not None:
             self._table.release()
 
 
-def fault_at(text: str) -> tuple[Kind, float | None, float]:
-    """A fault, its strength and its moment (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
+def fault_at(text: str) -> tuple[FaultKind, float | None, float]:
+    """A fault, its strength and its time (s) from KIND@SECONDS or KIND:STRENGTH@SECONDS.
 
     Raises:
         BadRecipe: something else.
     """
-    what, at, when = text.partition("@")
-    name, _, strength = what.partition(":")
+    kind, at, seconds = text.partition("@")
+    name, _, strength = kind.partition(":")
     try:
-        return WORDS[name], float(strength) if strength else None, float(when) if at else 0.0
+        return NAMES[name], float(strength) if strength else None, float(seconds) if at else 0.0
     except (KeyError, ValueError):
         raise BadRecipe(
-            f"found --fault {text}, need KIND@SECONDS or KIND:STRENGTH@SECONDS with KIND one of {', '.join(WORDS)}"
+            f"found --fault {text}, need KIND@SECONDS or KIND:STRENGTH@SECONDS with KIND one of {', '.join(NAMES)}"
         ) from None

@@ -1,11 +1,11 @@
-"""The virtual sensor's description of itself (GenICam), served out of its own memory."""
+"""The GenICam description of the virtual sensor, which it serves out of its memory."""
 
 import re
 
 from truestand.devices.wire.gvcp import Register
 from truestand.devices.wire.gvsp import PixelFormat
-from truestand.sim.live.faults import Kind
-from truestand.sim.live.registers import LARGEST_PACKET, LONGEST, SMALLEST_PACKET, Own
+from truestand.sim.live.faults import FaultKind
+from truestand.sim.live.registers import MAX_PACKET_BYTES, MAX_TIME_10US, MIN_PACKET_BYTES, DeviceRegister
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 <RegisterDescription ModelName="{model}" VendorName="truestand" ToolTip="Virtual laser line sensor"
@@ -36,48 +36,47 @@ def _device() -> dict[str, str]:
         ("DeviceID", Register.SERIAL, 16, "RO"),
         ("DeviceUserID", Register.USER_NAME, 16, "RW"),
     )
-    return {name: _node("StringReg", name, _where(address, mode, size)) for name, address, size, mode in texts}
+    return {name: _node("StringReg", name, _location(address, mode, size)) for name, address, size, mode in texts}
 
 
 def _image() -> dict[str, str]:
     return {
-        "Width": _integer("Width", _bits(Own.SIZE, 16, 31), 1, 32767),
-        "Height": _integer("Height", _bits(Own.SIZE, 0, 15), 1, 4095),
-        "PixelFormat": _enumeration("PixelFormat", Own.PIXEL_FORMAT, {"Mono16": PixelFormat.MONO16}),
-        "PayloadSize": _integer("PayloadSize", _bits(Own.PAYLOAD_SIZE, mode="RO")),
-        "ProfileRearrangement": _integer("ProfileRearrangement", _bits(Own.REARRANGEMENT)),
-        "TransmissionType": _enumeration("TransmissionType", Own.TRANSMISSION, {"TypeProfile": 0, "TypeContainer": 1}),
+        "Width": _integer("Width", _bits(DeviceRegister.SIZE, 16, 31), 1, 32767),
+        "Height": _integer("Height", _bits(DeviceRegister.SIZE, 0, 15), 1, 4095),
+        "PixelFormat": _enumeration("PixelFormat", DeviceRegister.PIXEL_FORMAT, {"Mono16": PixelFormat.MONO16}),
+        "PayloadSize": _integer("PayloadSize", _bits(DeviceRegister.PAYLOAD_SIZE, mode="RO")),
+        "ProfileRearrangement": _integer("ProfileRearrangement", _bits(DeviceRegister.REARRANGEMENT)),
+        "TransmissionType": _enumeration(
+            "TransmissionType", DeviceRegister.TRANSMISSION, {"TypeProfile": 0, "TypeContainer": 1}
+        ),
     }
 
 
 def _acquisition() -> dict[str, str]:
-    exposure = _integer("ExposureTimeRaw", _bits(Own.EXPOSURE), 1, LONGEST)
-    idle = _integer("IdleTimeRaw", _bits(Own.IDLE), 1, LONGEST)
-    times = (_ten_us("ExposureTime", "ExposureTimeRaw"), _ten_us("IdleTime", "IdleTimeRaw"))
-    both = '<pVariable Name="EXPOSURE">ExposureTimeRaw</pVariable>'
+    exposure = '<pVariable Name="EXPOSURE">ExposureTimeRaw</pVariable>'
     rate = _node(
         "Converter", "ProfileRate",
-        f"{both}<FormulaTo>FLOOR(100000 / FROM - EXPOSURE + 0.5)</FormulaTo>"
+        f"{exposure}<FormulaTo>FLOOR(100000 / FROM - EXPOSURE + 0.5)</FormulaTo>"
         "<FormulaFrom>100000.0 / (TO + EXPOSURE)</FormulaFrom><pValue>IdleTimeRaw</pValue><Unit>Hz</Unit>"
         "<Slope>Decreasing</Slope>",
     )  # fmt: skip
     frames = _node(
         "SwissKnife", "AcquisitionFrameRate",
-        f'{both}<pVariable Name="IDLE">IdleTimeRaw</pVariable><pVariable Name="HEIGHT">Height</pVariable>'
+        f'{exposure}<pVariable Name="IDLE">IdleTimeRaw</pVariable><pVariable Name="HEIGHT">Height</pVariable>'
         "<Formula>100000.0 / ((EXPOSURE + IDLE) * HEIGHT)</Formula>",
     )  # fmt: skip
     return {
-        "AcquisitionMode": _enumeration("AcquisitionMode", Own.ACQUISITION_MODE, {"Continuous": 0}),
-        "AcquisitionStart": _command("AcquisitionStart", Own.ACQUISITION_START),
-        "AcquisitionStop": _command("AcquisitionStop", Own.ACQUISITION_STOP),
-        "ExposureTimeRaw": exposure,
-        "IdleTimeRaw": idle,
-        "ExposureTime": times[0],
-        "IdleTime": times[1],
+        "AcquisitionMode": _enumeration("AcquisitionMode", DeviceRegister.ACQUISITION_MODE, {"Continuous": 0}),
+        "AcquisitionStart": _command("AcquisitionStart", DeviceRegister.ACQUISITION_START),
+        "AcquisitionStop": _command("AcquisitionStop", DeviceRegister.ACQUISITION_STOP),
+        "ExposureTimeRaw": _integer("ExposureTimeRaw", _bits(DeviceRegister.EXPOSURE), 1, MAX_TIME_10US),
+        "IdleTimeRaw": _integer("IdleTimeRaw", _bits(DeviceRegister.IDLE), 1, MAX_TIME_10US),
+        "ExposureTime": _ten_us("ExposureTime", "ExposureTimeRaw"),
+        "IdleTime": _ten_us("IdleTime", "IdleTimeRaw"),
         "ProfileRate": rate,
         "AcquisitionFrameRate": frames,
-        "LaserPower": _enumeration("LaserPower", Own.LASER, {"Off": 0, "Reduced": 1, "Full": 2}),
-        "TriggerRegister": _integer("TriggerRegister", _bits(Own.TRIGGER)),
+        "LaserPower": _enumeration("LaserPower", DeviceRegister.LASER, {"Off": 0, "Reduced": 1, "Full": 2}),
+        "TriggerRegister": _integer("TriggerRegister", _bits(DeviceRegister.TRIGGER)),
     }
 
 
@@ -89,7 +88,7 @@ def _transport() -> dict[str, str]:
         "GevStreamChannelCount": _integer("GevStreamChannelCount", _bits(Register.STREAM_CHANNELS, mode="RO")),
         "GevSCPHostPort": _integer("GevSCPHostPort", _bits(Register.STREAM_PORT, 0, 15), 0, 65535),
         "GevSCPSPacketSize": _integer(
-            "GevSCPSPacketSize", _bits(packet, 0, 15), SMALLEST_PACKET, LARGEST_PACKET, step=4
+            "GevSCPSPacketSize", _bits(packet, 0, 15), MIN_PACKET_BYTES, MAX_PACKET_BYTES, step=4
         ),
         "GevSCPSDoNotFragment": _node(
             "Boolean", "GevSCPSDoNotFragment", "<pValue>GevSCPSDoNotFragmentReg</pValue>"
@@ -102,18 +101,18 @@ def _transport() -> dict[str, str]:
         "GevTimestampControlLatch": _command("GevTimestampControlLatch", Register.TIMESTAMP_CONTROL, value=2),
         "GevTimestampValue": _node(
             "IntReg", "GevTimestampValue",
-            _where(Register.TIMESTAMP_HIGH, "RO", 8) + _UNCACHED + "<Sign>Unsigned</Sign>" + _BIG,
+            _location(Register.TIMESTAMP_HIGH, "RO", 8) + _UNCACHED + "<Sign>Unsigned</Sign>" + _BIG,
         ),
     }  # fmt: skip
 
 
 def _virtual() -> dict[str, str]:
-    faults = {"".join(word.capitalize() for word in kind.name.split("_")): int(kind) for kind in Kind}
+    faults = {"".join(word.capitalize() for word in kind.name.split("_")): int(kind) for kind in FaultKind}
     return {
-        "VirtualFault": _enumeration("VirtualFault", Own.FAULT, faults),
-        "VirtualLoss": _integer("VirtualLoss", _bits(Own.LOSS), 0, 1000),
-        "VirtualLatency": _integer("VirtualLatency", _bits(Own.LATENCY), 0, 60000),
-        "VirtualMounted": _enumeration("VirtualMounted", Own.MOUNTED, {"Shaft": 0, "Part": 1}),
+        "VirtualFault": _enumeration("VirtualFault", DeviceRegister.FAULT, faults),
+        "VirtualLoss": _integer("VirtualLoss", _bits(DeviceRegister.LOSS), 0, 1000),
+        "VirtualLatency": _integer("VirtualLatency", _bits(DeviceRegister.LATENCY), 0, 60000),
+        "VirtualMounted": _enumeration("VirtualMounted", DeviceRegister.MOUNTED, {"Shaft": 0, "Part": 1}),
     }
 
 
@@ -124,7 +123,7 @@ def _node(kind: str, name: str, content: str) -> str:
     return f'<{kind} Name="{name}">{content}</{kind}>\n'
 
 
-def _where(address: int, mode: str, size: int = 4) -> str:
+def _location(address: int, mode: str, size: int = 4) -> str:
     return (
         f"<Address>0x{address:08x}</Address><Length>{size}</Length><AccessMode>{mode}</AccessMode><pPort>Device</pPort>"
     )
@@ -133,16 +132,16 @@ def _where(address: int, mode: str, size: int = 4) -> str:
 def _bits(address: int, low: int = 0, high: int = 31, mode: str = "RW") -> str:
     """Bits of a register, bit 0 = the lowest (GenICam counts big-endian registers from the other end)."""
     bits = f"<LSB>{31 - low}</LSB><MSB>{31 - high}</MSB>"
-    return _where(address, mode) + _UNCACHED + bits + "<Sign>Unsigned</Sign>" + _BIG
+    return _location(address, mode) + _UNCACHED + bits + "<Sign>Unsigned</Sign>" + _BIG
 
 
-def _integer(name: str, where: str, lowest: int = 0, highest: int = 0xFFFFFFFF, step: int = 1) -> str:
+def _integer(name: str, location: str, lowest: int = 0, highest: int = 0xFFFFFFFF, step: int = 1) -> str:
     limits = f"<Min>{lowest}</Min><Max>{highest}</Max><Inc>{step}</Inc>"
-    return _node("Integer", name, f"<pValue>{name}Reg</pValue>{limits}") + _node("MaskedIntReg", f"{name}Reg", where)
+    return _node("Integer", name, f"<pValue>{name}Reg</pValue>{limits}") + _node("MaskedIntReg", f"{name}Reg", location)
 
 
 def _ten_us(name: str, of: str) -> str:
-    """us, kept in 10 us."""
+    """A time in us of a register that counts 10 us."""
     formulas = "<FormulaTo>FLOOR(FROM / 10 + 0.5)</FormulaTo><FormulaFrom>TO * 10.0</FormulaFrom>"
     return _node("Converter", name, f"{formulas}<pValue>{of}</pValue><Unit>us</Unit><Slope>Increasing</Slope>")
 
@@ -155,7 +154,7 @@ def _enumeration(name: str, address: int, entries: dict[str, int]) -> str:
 
 
 def _command(name: str, address: int, bit: int | None = None, value: int = 1) -> str:
-    where = _bits(address) if bit is None else _bits(address, bit, bit)
+    location = _bits(address) if bit is None else _bits(address, bit, bit)
     return _node("Command", name, f"<pValue>{name}Reg</pValue><CommandValue>{value}</CommandValue>") + _node(
-        "MaskedIntReg", f"{name}Reg", where
+        "MaskedIntReg", f"{name}Reg", location
     )

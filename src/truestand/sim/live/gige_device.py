@@ -1,13 +1,12 @@
-"""A virtual scanCONTROL: a GigE Vision device on a loopback address, which streams what its source sees.
+"""A virtual scanCONTROL: a GigE Vision device on a loopback address, which streams the profiles of its source.
 
-Not a safety function, and no model of a laser: with the laser off it sees nothing, that is all.
+Not a safety function, and no model of a laser: with the laser off it sees nothing.
 """
 
 import socket
 import threading
 import time
-from types import TracebackType
-from typing import Self
+from contextlib import suppress
 from zlib import crc32
 
 from truestand.core.errors import DeviceError, TruestandError
@@ -15,76 +14,74 @@ from truestand.devices.wire import gvcp
 from truestand.devices.wire.gvcp import PORT, Register, Status
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.control import Control
-from truestand.sim.live.faults import Faults, Kind
+from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.genicam_xml import description
-from truestand.sim.live.outlet import Outlet
-from truestand.sim.live.registers import CONTAINER, LASER_OFF, TICKS, Identity, Own, Refused, Registers
-from truestand.sim.live.source import Source
-from truestand.sim.live.streamer import Streamer
+from truestand.sim.live.profile_source import SimulatedSource
+from truestand.sim.live.registers import (
+    CONTAINER,
+    DEFAULT_POINTS,
+    LASER_OFF,
+    TICKS_PER_S,
+    DeviceRegister,
+    Identity,
+    RegisterError,
+    Registers,
+)
+from truestand.sim.live.servers import Service
+from truestand.sim.live.streaming import StreamChannel, Streamer
 
-LOOK = 0.02
-"""Real s between two looks at heartbeat and end."""
-LATCH, RESET = 2, 1
-"""Bits of the register that controls the time stamp."""
+POLL_INTERVAL_S = 0.02
+"""Real time, between two checks of heartbeat and end."""
+LATCH = 2
+"""Bit of the register that controls the time stamp."""
 
 
-class GigeDevice:
-    """One virtual sensor. ``start`` binds its sockets, ``close`` leaves them; also as a context."""
+class GigeDevice(Service):
+    """One virtual sensor."""
 
     def __init__(
         self,
         identity: Identity,
-        source: Source,
+        source: SimulatedSource,
         clock: Clock,
         faults: Faults | None = None,
-        points: int = 640,
-        profiles: int = 20,
+        points: int = DEFAULT_POINTS,
         seed: int = 0,
     ) -> None:
         self.identity, self.clock, self.source = identity, clock, source
         self.faults = faults or Faults()
-        self.registers = Registers(identity, description(identity.model), points, profiles)
+        self.registers = Registers(identity, description(identity.model), points)
         self.registers.on_write = {
             Register.STREAM_PACKET_SIZE: self._set_packet_size,
-            Register.TIMESTAMP_CONTROL: self._stamp,
-            Own.ACQUISITION_START: self._start_stream,
-            Own.ACQUISITION_STOP: self._stop_stream,
-            Own.MOUNTED: self._mount,
-            Own.FAULT: self._fault,
+            Register.TIMESTAMP_CONTROL: self._latch_timestamp,
+            DeviceRegister.ACQUISITION_START: self._start_stream,
+            DeviceRegister.ACQUISITION_STOP: self._stop_stream,
+            DeviceRegister.MOUNTED: self._mount,
+            DeviceRegister.FAULT: self._begin_fault,
         }
         self.registers.on_read = {
-            Own.MOUNTED: lambda: int(self.source.mounted),
-            Own.FAULT: lambda: int(self.faults.latest),
+            DeviceRegister.MOUNTED: lambda: int(self.source.part_mounted),
+            DeviceRegister.FAULT: lambda: int(self.faults.latest),
         }
         self._seed = seed
         self._power_on = 3.0 + crc32(identity.serial.encode()) % 100_000 / 1000
-        """What the sensor's own clock shows when the stand's shows 0: like a real one's, it means nothing."""
+        """s: the sensor's clock when the stand's shows 0; arbitrary, as that of a real one."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
 
     @property
     def frames(self) -> int:
         """Frames sent since the start."""
-        return self._outlet.frames
-
-    @property
-    def resent(self) -> int:
-        """Packets sent again since the start."""
-        return self._outlet.resent
-
-    @property
-    def streaming(self) -> bool:
-        """Whether it streams."""
-        return self.registers.streaming
+        return self.channel.frames
 
     @property
     def laser(self) -> int:
         """0 off, 1 reduced, 2 full."""
-        return self.registers.value(Own.LASER)
+        return self.registers.value(DeviceRegister.LASER)
 
     @property
     def controlled(self) -> bool:
-        """Whether somebody holds control."""
+        """Whether a client holds control."""
         return self._control.controller is not None
 
     def start(self) -> None:
@@ -103,34 +100,25 @@ class GigeDevice:
                 f"virtual sensor: can't listen at {address}:{PORT} ({wrong.strerror}); take another loopback address "
                 "(127.0.0.x), or end the program that holds this one"
             ) from wrong
-        self._socket.settimeout(LOOK)
-        self._outlet = Outlet(address, self.registers, self.faults, self._seed)
+        self._socket.settimeout(POLL_INTERVAL_S)
+        self.channel = StreamChannel(address, self.registers, self.faults, self._seed)
         self._streamer = Streamer(
-            f"sensor {address}", self.clock, self.source, self.registers, self._outlet, self._power_on
+            f"sensor {address}", self.clock, self.source, self.registers, self.channel, self._power_on
         )
-        self._control = Control(self.registers, self._released, self._outlet.resend)
+        self._control = Control(self.registers, self._released, self.channel.resend)
         self._thread = threading.Thread(target=self._serve, name=f"control {address}")
         self._thread.start()
 
     def close(self) -> None:
-        """End stream and answers, leave the sockets."""
+        """End the stream, close the sockets."""
         if self._thread is None:
             return
         self._stop.set()
         self._thread.join()
         self._thread = None
         self._streamer.stop()
-        self._outlet.close()
+        self.channel.close()
         self._socket.close()
-
-    def __enter__(self) -> Self:
-        self.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _serve(self) -> None:
         while not self._stop.is_set():
@@ -141,32 +129,27 @@ class GigeDevice:
                 continue
             except OSError:  # an earlier answer met a closed port
                 continue
-            if Kind.UNPLUGGED in self.faults:
+            if FaultKind.UNPLUGGED in self.faults:
                 continue
-            if Kind.HEARTBEAT_IGNORED in self.faults and not _is_resend(data):
+            if FaultKind.HEARTBEAT_IGNORED in self.faults and not _is_resend(data):
                 continue
             answer = self._control.answer(data, sender, time.monotonic())
             if answer is not None:
-                self._answer(answer, sender)
+                with suppress(OSError):  # the client is gone
+                    self._socket.sendto(answer, sender)
 
-    def _answer(self, answer: bytes, sender: tuple[str, int]) -> None:
-        try:
-            self._socket.sendto(answer, sender)
-        except OSError:  # whoever asked is gone
-            return
-
-    def _released(self, silent: bool) -> None:
-        """Control ended: the stream ends; where the controller fell silent, the laser goes off too."""
+    def _released(self, heartbeat_lost: bool) -> None:
+        """Control ended: the stream ends; where the heartbeat was lost, the laser goes off too."""
         self._stop_stream(1)
         self.registers.put(Register.STREAM_PORT, 0)
-        if silent:
-            self.registers.put(Own.LASER, LASER_OFF)
+        if heartbeat_lost:
+            self.registers.put(DeviceRegister.LASER, LASER_OFF)
 
     def _start_stream(self, value: int) -> None:
         if not value:
             return
-        if not self.registers.shape.fits or self.registers.value(Own.TRANSMISSION) != CONTAINER:
-            raise Refused(Status.INVALID_PARAMETER)
+        if not self.registers.format.valid or self.registers.value(DeviceRegister.TRANSMISSION) != CONTAINER:
+            raise RegisterError(Status.INVALID_PARAMETER)
         self._streamer.start()
         self.registers.streaming = True
 
@@ -177,11 +160,11 @@ class GigeDevice:
 
     def _set_packet_size(self, value: int) -> None:
         if value & gvcp.FIRE_TEST:
-            self._outlet.fire_test(value)
+            self.channel.fire_test(value)
 
-    def _stamp(self, value: int) -> None:
+    def _latch_timestamp(self, value: int) -> None:
         if value & LATCH:
-            ticks = int((self.clock.now() + self._power_on) * TICKS)
+            ticks = int((self.clock.now() + self._power_on) * TICKS_PER_S)
             self.registers.put(Register.TIMESTAMP_HIGH, ticks >> 32)
             self.registers.put(Register.TIMESTAMP_LOW, ticks & 0xFFFFFFFF)
 
@@ -189,17 +172,18 @@ class GigeDevice:
         try:
             self.source.mount(bool(value))
         except TruestandError:
-            raise Refused(Status.INVALID_PARAMETER) from None
+            raise RegisterError(Status.INVALID_PARAMETER) from None
 
-    def _fault(self, value: int) -> None:
-        strength = {Kind.LOSE_PACKETS: Own.LOSS, Kind.LATENCY: Own.LATENCY}
+    def _begin_fault(self, value: int) -> None:
+        strength = {
+            FaultKind.LOSE_PACKETS: self.registers.value(DeviceRegister.LOSS) / 1000,
+            FaultKind.LATENCY: self.registers.value(DeviceRegister.LATENCY),
+        }
         try:
-            kind = Kind(value)
-            of = strength.get(kind)
-            given = self.registers.value(of) if of is not None else 0
-            self.faults.begin(kind, (given / 1000 if kind is Kind.LOSE_PACKETS else given) or None)
+            kind = FaultKind(value)
+            self.faults.begin(kind, strength.get(kind) or None)
         except (ValueError, TruestandError):
-            raise Refused(Status.INVALID_PARAMETER) from None
+            raise RegisterError(Status.INVALID_PARAMETER) from None
 
 
 def _is_resend(data: bytes) -> bool:

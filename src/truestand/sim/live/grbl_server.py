@@ -1,20 +1,25 @@
 """The virtual table as a motion controller with GRBL 1.1, over TCP or a pseudo terminal.
 
-It is locked until it is homed, takes jogs one after the other, and says nothing while it looks for home: as the real
-one. It shares nothing with the driver's codec.
+It is locked until it is homed, executes jogs one after the other, and answers nothing during the home search, as a
+real one. It shares nothing with the driver's codec.
 """
 
+import re
 from collections import deque
 from math import degrees, radians
 
 from truestand.devices.tables.recipe import PORTS, TableRecipe
-from truestand.sim.live.lines import LineServing, Send
+from truestand.sim.live.servers import LineServer, Receive, Send
 from truestand.sim.live.table import VirtualTable
 
 WELCOME = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 LOCKED = b"[MSG:'$H'|'$X' to unlock]\r\n"
-MOST = 80
-"""Characters of a line."""
+MAX_LINE = 80
+"""Characters."""
+REALTIME = (b"?", b"!", b"~", b"\x18", b"\x85")
+"""Characters that count at once, wherever they stand: report, hold, resume, reset, cancel the jog."""
+WORD = re.compile(r"(.)([0-9.+-]*)")
+"""A letter and its number."""
 ANSWERS = {
     "": b"ok\r\n",
     "$": b"[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\nok\r\n",
@@ -24,25 +29,43 @@ ANSWERS = {
 }
 
 
-class GrblServer(LineServing):
-    """Serves one table; ``home_at`` is the machine position that homing sets, in the board's units."""
+class GrblServer(LineServer):
+    """Serves one table; ``home_position`` is the machine position that homing sets, in the board's units."""
 
-    def __init__(self, table: VirtualTable, recipe: TableRecipe, home_at: float = 0.0) -> None:
+    def __init__(self, table: VirtualTable, recipe: TableRecipe, home_position: float = 0.0) -> None:
         super().__init__(recipe.address, PORTS["grbl"])
-        self.table, self.map, self.home_at = table, recipe.grbl, home_at
+        self.table, self.map, self.home_position = table, recipe.grbl, home_position
         self._locked, self._held = not table.status().homed, False
         self._homing: Send | None = None
-        self._asked: set[Send] = set()
+        """The client that gets the answer at the end of the home search."""
+        self._report_requests: set[Send] = set()
         self._lines: deque[tuple[Send, str]] = deque()
         self._jogs: deque[tuple[float, bool, float]] = deque()
 
-    def _talk(self, send: Send) -> "_Talk":
-        return _Talk(self, send)
+    def _connected(self, send: Send) -> Receive:
+        line = b""
+
+        def receive(data: bytes) -> None:
+            """Take realtime characters out of the lines."""
+            nonlocal line
+            for byte in (bytes([number]) for number in data):
+                if byte in REALTIME:
+                    line = b"" if byte == b"\x18" else line
+                    self.realtime(byte, send)
+                elif byte in (b"\n", b"\r"):
+                    text, line = line.decode("ascii", "replace").strip().upper(), b""
+                    if text or byte == b"\n":
+                        self._lines.append((send, text))
+                        self._poll()
+                elif len(line) < MAX_LINE:
+                    line += byte
+
+        return receive
 
     def realtime(self, byte: bytes, send: Send) -> None:
-        """A character that counts at once, wherever it stands."""
+        """Execute a realtime character at once."""
         if byte == b"?":
-            self._asked.add(send)
+            self._report_requests.add(send)
         elif byte == b"\x18":
             self._restart()
         elif byte in (b"!", b"\x85"):
@@ -53,17 +76,12 @@ class GrblServer(LineServing):
                 self.table.halt()
         elif byte == b"~":
             self._held = False
-        self._look()
+        self._poll()
 
-    def line(self, text: str, send: Send) -> None:
-        """A line; it waits for the search to end."""
-        self._lines.append((send, text))
-        self._look()
-
-    def _look(self) -> None:
+    def _poll(self) -> None:
         status = self.table.status()
         if self._homing is not None and not status.moving:
-            self._homed(self._homing, status.homed)
+            self._end_homing(self._homing, status.homed)
         if status.fault and not self._locked:
             self._alarm(1)
         if self._jogs and not status.moving:
@@ -71,11 +89,11 @@ class GrblServer(LineServing):
         while self._lines and self._homing is None:
             send, text = self._lines.popleft()
             send(self._answer(text, send))
-        while self._asked and self._homing is None:
-            self._asked.pop()(self._report())
+        while self._report_requests and self._homing is None:
+            self._report_requests.pop()(self._report())
 
     def _answer(self, text: str, send: Send) -> bytes:
-        """What a line brings; nothing yet for a search that began."""
+        """The answer to a line; empty for a home search that began: its answer comes at its end."""
         if text in ANSWERS:
             return ANSWERS[text]
         if text == "$H":
@@ -90,10 +108,12 @@ class GrblServer(LineServing):
             return self._jog(text[3:].replace(" ", ""))
         return b"error:3\r\n" if text.startswith("$") else b"error:20\r\n"
 
-    def _jog(self, words: str) -> bytes:
-        """``G90 G21 G53 X10 F100``: taken, and done after the others."""
-        relative, target, feed = False, None, None
-        for letter, number in _words(words):
+    def _jog(self, text: str) -> bytes:
+        """``G90 G21 G53 X10 F100``: accepted, and executed after the others."""
+        relative, target, feed, words = False, None, None, _words(text)
+        if words is None:
+            return b"error:2\r\n"
+        for letter, number in words:
             if letter == "G" and number in (20, 21, 53, 90, 91):
                 relative = relative or number == 91
             elif letter == "F":
@@ -101,7 +121,7 @@ class GrblServer(LineServing):
             elif letter == self.map.axis:
                 target = number
             else:
-                return b"error:2\r\n" if letter == "?" else b"error:16\r\n"
+                return b"error:16\r\n"
         if feed is None or feed <= 0 or target is None:
             return b"error:22\r\n" if target is not None else b"error:16\r\n"
         self._jogs.append((target, relative, feed / 60))
@@ -110,14 +130,14 @@ class GrblServer(LineServing):
         return b"ok\r\n"
 
     def _start(self, target: float, relative: bool, speed: float) -> None:
-        here, scale = self._units(), self.map.degrees_per_unit
-        way = target if relative else target - here
-        self.table.move(self.table.status().position + radians(way * scale), radians(speed * scale))
+        scale = self.map.degrees_per_unit
+        distance = target if relative else target - self._units()
+        self.table.move(self.table.status().position + radians(distance * scale), radians(speed * scale))
 
     def _units(self) -> float:
         """Machine position."""
         status = self.table.status()
-        return degrees(status.position) / self.map.degrees_per_unit + (self.home_at if status.homed else 0.0)
+        return degrees(status.position) / self.map.degrees_per_unit + (self.home_position if status.homed else 0.0)
 
     def _jogging(self) -> bool:
         return bool(self._jogs) or self.table.status().moving
@@ -127,10 +147,10 @@ class GrblServer(LineServing):
         position = ",".join(f"{self._units() if axis == self.map.axis else 0.0:.3f}" for axis in self.map.axes)
         return f"<{state}|MPos:{position}|FS:0,0|WCO:0.000,0.000,0.000>\r\n".encode()
 
-    def _homed(self, send: Send, found: bool) -> None:
-        """The end of a search: it answers now."""
+    def _end_homing(self, send: Send, homed: bool) -> None:
+        """Answer the home command at the end of its search."""
         self._homing = None
-        if found:
+        if homed:
             self._locked = False
             send(b"ok\r\n")
         else:
@@ -139,52 +159,26 @@ class GrblServer(LineServing):
     def _alarm(self, code: int) -> None:
         self._locked = True
         self._jogs.clear()
-        self._say(f"ALARM:{code}\r\n".encode())
+        self._broadcast(f"ALARM:{code}\r\n".encode())
 
     def _restart(self) -> None:
-        searching, self._homing = self._homing, None
-        if searching or self._jogging():
+        homing, self._homing = self._homing, None
+        if homing or self._jogging():
             self.table.halt()
-            self._alarm(6 if searching else 3)
+            self._alarm(6 if homing else 3)
         self._lines.clear()
         self._held = False
         self.table.reset()
-        self._say(WELCOME + (LOCKED if self._locked else b""))
+        self._broadcast(WELCOME + (LOCKED if self._locked else b""))
 
-    def _say(self, data: bytes) -> None:
-        for send in tuple(self._talks):
+    def _broadcast(self, data: bytes) -> None:
+        for send in tuple(self._clients):
             send(data)
 
 
-class _Talk:
-    def __init__(self, board: GrblServer, send: Send) -> None:
-        self._board, self._send, self._rest = board, send, b""
-
-    def hear(self, data: bytes) -> None:
-        """Realtime characters are taken out of the lines."""
-        for number in data:
-            byte = bytes([number])
-            if byte in (b"?", b"!", b"~", b"\x18", b"\x85"):
-                self._rest = b"" if byte == b"\x18" else self._rest
-                self._board.realtime(byte, self._send)
-            elif byte in (b"\n", b"\r"):
-                text, self._rest = self._rest.decode("ascii", "replace").strip().upper(), b""
-                if text or byte == b"\n":
-                    self._board.line(text, self._send)
-            elif len(self._rest) < MOST:
-                self._rest += byte
-
-
-def _words(text: str) -> list[tuple[str, float]]:
-    """Letters and their numbers; ("?", 0) for what is none."""
-    words: list[tuple[str, float]] = []
-    while text:
-        end = 1
-        while end < len(text) and text[end] in "0123456789.-+":
-            end += 1
-        try:
-            words.append((text[0], float(text[1:end])))
-        except ValueError:
-            return [("?", 0.0)]
-        text = text[end:]
-    return words
+def _words(text: str) -> list[tuple[str, float]] | None:
+    """Letters and their numbers; None where one of these is no number."""
+    try:
+        return [(letter, float(digits)) for letter, digits in WORD.findall(text)]
+    except ValueError:
+        return None

@@ -1,4 +1,4 @@
-"""The memory of the virtual sensor: bootstrap, its own and a scanCONTROL's registers, the description. No sockets."""
+"""The memory of the virtual sensor: registers of GigE Vision and of a scanCONTROL, the description. No sockets."""
 
 import ipaddress
 from collections.abc import Callable
@@ -16,20 +16,20 @@ from truestand.devices.wire.gvcp import (
     Status,
 )
 from truestand.devices.wire.gvsp import PixelFormat
-from truestand.sim.live.container import Shape, usual_shape
+from truestand.sim.live.scancontrol_frames import FrameFormat, default_format
 
-TICKS = 1_000_000_000
-"""Per second."""
-HEARTBEAT = 3000
-"""ms; the standard's default."""
-SMALLEST_PACKET, LARGEST_PACKET, FIRST_PACKET = 220, 16404, 1500
-DESCRIPTION_AT = 0x00100000
-LONGEST = 4095
+TICKS_PER_S = 1_000_000_000
+DEFAULT_HEARTBEAT_MS = 3000
+"""Of the standard."""
+MIN_PACKET_BYTES, MAX_PACKET_BYTES, DEFAULT_PACKET_BYTES = 220, 16404, 1500
+DESCRIPTION_ADDRESS = 0x00100000
+DEFAULT_POINTS, DEFAULT_PROFILES = 640, 20
+MAX_TIME_10US = 4095
 """Of exposure and idle time, in 10 us."""
-TEN_US = 1e-5
+TIME_UNIT_S = 1e-5
 
 
-class Own(IntEnum):
+class DeviceRegister(IntEnum):
     """Registers of the virtual sensor; those from 0xf0f00000 on are a scanCONTROL's own."""
 
     ACQUISITION_MODE = 0xA000
@@ -55,12 +55,12 @@ class Own(IntEnum):
 
 
 PROFILE, CONTAINER = 0, 1
-"""What may be transmitted. A sensor wakes up with PROFILE, which the virtual one can't stream."""
+"""Values of TRANSMISSION. A sensor starts up with PROFILE, which the virtual one can't stream."""
 LASER_OFF, LASER_FULL = 0, 2
-EXTERNAL, TRIGGER_MODE, BY_ENCODER = 1 << 25, 3 << 16, 3 << 16
-"""Of TRIGGER: wait for a trigger; of which kind; the encoder's steps."""
+EXTERNAL, TRIGGER_MODE, TRIGGER_BY_ENCODER = 1 << 25, 3 << 16, 3 << 16
+"""Bits of TRIGGER: wait for a trigger; mask of its kind; steps of the encoder."""
 ENCODER_ACTIVE = 1 << 3
-"""Of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
+"""Bit of MAINTENANCE: the stamps hold the encoder's count, not the state of the digital inputs (here 0)."""
 
 WRITABLE: dict[int, tuple[int, int]] = {
     Register.HEARTBEAT: (500, 600_000),
@@ -70,31 +70,33 @@ WRITABLE: dict[int, tuple[int, int]] = {
     Register.STREAM_PACKET_SIZE: (0, 0xFFFFFFFF),
     Register.STREAM_DELAY: (0, 0xFFFFFFFF),
     Register.STREAM_ADDRESS: (0, 0xFFFFFFFF),
-    Own.ACQUISITION_MODE: (0, 0),
-    Own.ACQUISITION_START: (0, 1),
-    Own.ACQUISITION_STOP: (0, 1),
-    Own.PIXEL_FORMAT: (PixelFormat.MONO16, PixelFormat.MONO16),
-    Own.TRANSMISSION: (PROFILE, CONTAINER),
-    Own.FAULT: (0, 255),
-    Own.MOUNTED: (0, 1),
-    Own.LOSS: (0, 1000),
-    Own.LATENCY: (0, 60_000),
-    Own.IDLE: (1, LONGEST),
-    Own.REARRANGEMENT: (0, 0xFFFFFFFF),
-    Own.EXPOSURE: (1, LONGEST),
-    Own.LASER: (LASER_OFF, LASER_FULL),
-    Own.TRIGGER: (0, 0xFFFFFFFF),
-    Own.MAINTENANCE: (0, 0xFFFFFFFF),
-    Own.DIGITAL_IO: (0, 0xFFFFFFFF),
-    Own.SIZE: (0, 0xFFFFFFFF),
+    DeviceRegister.ACQUISITION_MODE: (0, 0),
+    DeviceRegister.ACQUISITION_START: (0, 1),
+    DeviceRegister.ACQUISITION_STOP: (0, 1),
+    DeviceRegister.PIXEL_FORMAT: (PixelFormat.MONO16, PixelFormat.MONO16),
+    DeviceRegister.TRANSMISSION: (PROFILE, CONTAINER),
+    DeviceRegister.FAULT: (0, 255),
+    DeviceRegister.MOUNTED: (0, 1),
+    DeviceRegister.LOSS: (0, 1000),
+    DeviceRegister.LATENCY: (0, 60_000),
+    DeviceRegister.IDLE: (1, MAX_TIME_10US),
+    DeviceRegister.REARRANGEMENT: (0, 0xFFFFFFFF),
+    DeviceRegister.EXPOSURE: (1, MAX_TIME_10US),
+    DeviceRegister.LASER: (LASER_OFF, LASER_FULL),
+    DeviceRegister.TRIGGER: (0, 0xFFFFFFFF),
+    DeviceRegister.MAINTENANCE: (0, 0xFFFFFFFF),
+    DeviceRegister.DIGITAL_IO: (0, 0xFFFFFFFF),
+    DeviceRegister.SIZE: (0, 0xFFFFFFFF),
 }
 """Lowest and highest value of each register that can be written."""
-STILL = (Own.REARRANGEMENT, Own.SIZE, Own.TRANSMISSION, Own.PIXEL_FORMAT, Own.ACQUISITION_MODE)
-"""Not to be written while the sensor streams."""
+LOCKED_WHILE_STREAMING = (
+    DeviceRegister.REARRANGEMENT, DeviceRegister.SIZE, DeviceRegister.TRANSMISSION, DeviceRegister.PIXEL_FORMAT,
+    DeviceRegister.ACQUISITION_MODE,
+)  # fmt: skip
 
 
-class Refused(Exception):
-    """A read or write that the device does not do; never leaves ``sim.live``."""
+class RegisterError(Exception):
+    """A read or write that the device refuses; never leaves ``sim.live``."""
 
     def __init__(self, status: Status) -> None:
         super().__init__(status.name)
@@ -103,86 +105,84 @@ class Refused(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What the device says of itself."""
+    """Identification of the device."""
 
     address: str
     """IPv4."""
     model: str = "scanCONTROL 29xx-50"
     serial: str = "V0000001"
     name: str = ""
-    """Given by the user."""
-    manufacturer: str = "truestand (virtual)"
-    version: str = "1.0"
+    """Defined by the user."""
 
 
 class Registers:
     """The device's memory.
 
-    ``on_write`` maps an address to what happens before a new value is kept; it may refuse by ``Refused``. ``on_read``
-    gives the value of a register that changes by itself.
+    ``on_write`` maps an address to what happens before a new value is stored; it may refuse it with ``RegisterError``.
+    ``on_read`` gives the value of a register that changes by itself.
     """
 
-    def __init__(self, identity: Identity, description: bytes, points: int = 640, profiles: int = 20) -> None:
+    def __init__(self, identity: Identity, description: bytes, points: int = DEFAULT_POINTS) -> None:
         self.on_write: dict[int, Callable[[int], None]] = {}
         self.on_read: dict[int, Callable[[], int]] = {}
         self.streaming = False
         self._description = description.ljust(-(-len(description) // 4) * 4, b"\0")
         self._low = bytearray(0x1000)
-        self._words: dict[int, int] = dict.fromkeys(Own, 0)
+        self._words: dict[int, int] = dict.fromkeys(DeviceRegister, 0)
         self._bootstrap(identity, len(description))
-        shape = usual_shape(points, profiles)
+        initial = default_format(points, DEFAULT_PROFILES)
         self._words.update(
             {
-                Own.PIXEL_FORMAT: PixelFormat.MONO16,
-                Own.REARRANGEMENT: shape.rearrangement,
-                Own.SIZE: shape.width << 16 | shape.height,
-                Own.EXPOSURE: 100,
-                Own.IDLE: 400,
-                Own.PAYLOAD_SIZE: shape.frame_bytes,
+                DeviceRegister.PIXEL_FORMAT: PixelFormat.MONO16,
+                DeviceRegister.REARRANGEMENT: initial.rearrangement,
+                DeviceRegister.SIZE: initial.width << 16 | initial.height,
+                DeviceRegister.EXPOSURE: 100,
+                DeviceRegister.IDLE: 400,
+                DeviceRegister.PAYLOAD_SIZE: initial.frame_bytes,
             }
         )
 
     def _bootstrap(self, identity: Identity, size: int) -> None:
-        address = int(ipaddress.IPv4Address(identity.address))
-        for where, value in (
+        ip = int(ipaddress.IPv4Address(identity.address))
+        for address, value in (
             (Register.VERSION, 0x00010002),
             (Register.DEVICE_MODE, 0x80000001),
             (Register.MAC_HIGH, 0x0200),  # locally administered
-            (Register.MAC_LOW, address),
+            (Register.MAC_LOW, ip),
             (0x0010, 0x80000004),
             (0x0014, 0x00000004),
-            (Register.CURRENT_IP, address),
+            (Register.CURRENT_IP, ip),
             (0x0034, 0xFF000000),
             (Register.INTERFACES, 1),
             (Register.STREAM_CHANNELS, 1),
             (Register.CAPABILITY, 1 << 31 | 1 << 30 | RESEND_SUPPORTED | 0b11),
-            (Register.HEARTBEAT, HEARTBEAT),
-            (Register.TICKS_LOW, TICKS),
-            (Register.STREAM_PACKET_SIZE, FIRST_PACKET),
+            (Register.HEARTBEAT, DEFAULT_HEARTBEAT_MS),
+            (Register.TICKS_LOW, TICKS_PER_S),
+            (Register.STREAM_PACKET_SIZE, DEFAULT_PACKET_BYTES),
         ):
-            self.put(where, value)
+            self.put(address, value)
         for register, text in (
-            (Register.MANUFACTURER, identity.manufacturer),
+            (Register.MANUFACTURER, "truestand (virtual)"),
             (Register.MODEL, identity.model),
-            (Register.DEVICE_VERSION, identity.version),
+            (Register.DEVICE_VERSION, "1.0"),
             (Register.MANUFACTURER_INFO, "simulated"),
             (Register.SERIAL, identity.serial),
             (Register.USER_NAME, identity.name),
-            (Register.FIRST_URL, f"Local:truestand_virtual.xml;{DESCRIPTION_AT:x};{size:x}"),
+            (Register.FIRST_URL, f"Local:truestand_virtual.xml;{DESCRIPTION_ADDRESS:x};{size:x}"),
         ):
             raw = text.encode()[: TEXT_BYTES[register] - 1]
             self._low[register : register + TEXT_BYTES[register]] = raw.ljust(TEXT_BYTES[register], b"\0")
 
     def value(self, address: int) -> int:
-        """A register as it stands.
+        """The value of a register.
 
         Raises:
-            Refused: there is none.
+            RegisterError: there is none.
         """
         return int.from_bytes(self.read(address, 4), "big")
 
     def put(self, address: int, value: int) -> None:
-        """Set a register from within: no limits, nothing happens."""
+        """Set a register from within the device: no limits, no action."""
         if address < len(self._low):
             self._low[address : address + 4] = value.to_bytes(4, "big")
         else:
@@ -192,53 +192,53 @@ class Registers:
         """``count`` bytes.
 
         Raises:
-            Refused: not there, or not on a boundary of four bytes.
+            RegisterError: not there, or not on a boundary of four bytes.
         """
         if address % 4 or count % 4:
-            raise Refused(Status.BAD_ALIGNMENT)
+            raise RegisterError(Status.BAD_ALIGNMENT)
         if address + count <= len(self._low):
             return bytes(self._low[address : address + count])
-        offset = address - DESCRIPTION_AT
+        offset = address - DESCRIPTION_ADDRESS
         if offset >= 0 and offset + count <= len(self._description):
             return self._description[offset : offset + count]
         try:
             return b"".join(self._word(at).to_bytes(4, "big") for at in range(address, address + count, 4))
         except KeyError:
-            raise Refused(Status.INVALID_ADDRESS) from None
+            raise RegisterError(Status.INVALID_ADDRESS) from None
 
     def _word(self, address: int) -> int:
         return self.on_read[address]() if address in self.on_read else self._words[address]
 
     def write(self, address: int, value: int) -> None:
-        """Write a register, and let happen what that brings about.
+        """Write a register, and do what that brings about.
 
         Raises:
-            Refused: not there, not to be written, not with this value, not now.
+            RegisterError: not there, not to be written, not with this value, not now.
         """
         if address not in WRITABLE:
             self.read(address, 4)
-            raise Refused(Status.WRITE_PROTECT)
+            raise RegisterError(Status.WRITE_PROTECT)
         lowest, highest = WRITABLE[address]
         if not lowest <= value <= highest:
-            raise Refused(Status.INVALID_PARAMETER)
-        if self.streaming and address in STILL:
-            raise Refused(Status.BUSY)
+            raise RegisterError(Status.INVALID_PARAMETER)
+        if self.streaming and address in LOCKED_WHILE_STREAMING:
+            raise RegisterError(Status.BUSY)
         if address == Register.STREAM_PACKET_SIZE:
             value = value & FIRE_TEST | _packet_size(value)
         if address in self.on_write:
             self.on_write[address](value)
         self.put(address, value & ~FIRE_TEST if address == Register.STREAM_PACKET_SIZE else value)
-        if address == Own.SIZE:
-            self.put(Own.PAYLOAD_SIZE, self.shape.frame_bytes)
+        if address == DeviceRegister.SIZE:
+            self.put(DeviceRegister.PAYLOAD_SIZE, self.format.frame_bytes)
 
     def write_memory(self, address: int, data: bytes) -> None:
-        """Write registers one after the other, or the user's name.
+        """Write registers one after the other, or the user-defined name.
 
         Raises:
-            Refused: as ``write``.
+            RegisterError: as ``write``.
         """
         if address % 4 or len(data) % 4:
-            raise Refused(Status.BAD_ALIGNMENT)
+            raise RegisterError(Status.BAD_ALIGNMENT)
         end = Register.USER_NAME + TEXT_BYTES[Register.USER_NAME]
         if address >= Register.USER_NAME and address + len(data) <= end:
             self._low[address : address + len(data)] = data
@@ -247,18 +247,18 @@ class Registers:
             self.write(address + offset, int.from_bytes(data[offset : offset + 4], "big"))
 
     @property
-    def shape(self) -> Shape:
-        """What a frame consists of."""
-        size = self.value(Own.SIZE)
-        return Shape(self.value(Own.REARRANGEMENT), size >> 16, size & 0xFFFF)
+    def format(self) -> FrameFormat:
+        """Format of a frame."""
+        size = self.value(DeviceRegister.SIZE)
+        return FrameFormat(self.value(DeviceRegister.REARRANGEMENT), size >> 16, size & 0xFFFF)
 
     @property
     def timing(self) -> tuple[float, float]:
         """Exposure and idle time, s."""
-        return self.value(Own.EXPOSURE) * TEN_US, self.value(Own.IDLE) * TEN_US
+        return self.value(DeviceRegister.EXPOSURE) * TIME_UNIT_S, self.value(DeviceRegister.IDLE) * TIME_UNIT_S
 
 
 def _packet_size(value: int) -> int:
-    """As the device keeps it: bytes within its limits, a multiple of four; a test packet is asked for but once."""
-    size = min(max(value & 0xFFFF, SMALLEST_PACKET), LARGEST_PACKET) & ~3
+    """As the device stores it: bytes within its limits, a multiple of four; a test packet is requested only once."""
+    size = min(max(value & 0xFFFF, MIN_PACKET_BYTES), MAX_PACKET_BYTES) & ~3
     return value & DO_NOT_FRAGMENT | size

@@ -1,10 +1,11 @@
-"""The surface of a real gear in its own frame, axis up: involute helicoids with everything that is wrong with them.
+"""The surface of a real gear in its own frame, axis up: involute helicoids with all errors.
 
-Worked out here on its own. With sigma = +1 on left flanks and -1 on right ones, tooth k (from 0) has its flank at
+Worked out here apart from ``gear.geometry``, to check each other. With sigma = +1 on left flanks and -1 on right ones,
+tooth k (from 0) has its flank at
 
     theta = first + 2 pi k / z + sigma (psi_b - inv alpha_y + delta / rb) + (h - middle) twist,   cos alpha_y = rb / r,
 
-where delta(k, sigma, L, h) is the material in excess along the base tangent, L = sqrt(r² - rb²) the roll length.
+where delta(k, sigma, L, h) is the excess material along the base tangent, L = sqrt(r² - rb²) the roll length.
 """
 
 from dataclasses import dataclass
@@ -12,33 +13,30 @@ from math import acos, cos, hypot, pi, sin, sqrt, tan
 
 import numpy as np
 from numpy.random import default_rng
-from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
 from truestand.sim.gear_errors import Dent, GearErrors, Worn
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
+from truestand.sim.poses import Array, Ints
 
 LEFT, RIGHT = 1, -1
-FILLET = 0.3
-"""Of the module: how far above the root circle flanks must end, for the fillet."""
-SHORTEST_ROLL = 0.05
-"""Of the module: where profiles of undercut teeth begin."""
+FILLET_MODULES = 0.3
+"""How far above the root circle flanks must end, for the fillet."""
+MIN_ROLL_MODULES = 0.05
+"""Roll length where profiles of undercut teeth begin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Circles:
-    """What a drawing's numbers say about the involute. Lengths mm."""
+    """Radii and angles of a drawing's involute; mm, rad."""
 
     base: float
-    """Radius, like the others."""
+    """Radius, as the next five."""
     reference: float
     tip: float
     root: float
     form: float
-    """Where the profile begins: flanks have errors and are told of from here on."""
+    """Where the profile begins: flanks have errors and are evaluated from here on."""
     start: float
     """Where the involute surface begins; below, a radial line and the fillet."""
     half_tooth: float
@@ -64,7 +62,7 @@ def circles_of(gear: Gear) -> Circles:
     thickness = m / cos(beta) * (pi / 2 + 2 * gear.profile_shift * tan(gear.pressure_angle))
     half_tooth = thickness / (2 * reference) + tan(alpha) - float(alpha)
     tip, root = gear.tip_diameter / 2, gear.root_diameter / 2
-    start = max(hypot(base, 0.01 * m), root + FILLET * m)
+    start = max(hypot(base, 0.01 * m), root + FILLET_MODULES * m)
     circles = Circles(
         base, reference, tip, root, _form_radius(gear, base, reference, float(alpha), start), start, half_tooth,
         2 * tan(beta) / (2 * reference),
@@ -87,15 +85,22 @@ def _form_radius(gear: Gear, base: float, reference: float, alpha: float, start:
     if gear.evaluation.control_diameter is not None:
         return max(gear.evaluation.control_diameter / 2, start)
     roll = reference * sin(alpha) - (1.0 - gear.profile_shift) * gear.module / sin(alpha)
-    return max(hypot(base, max(roll, SHORTEST_ROLL * gear.module)), start)
+    return max(hypot(base, max(roll, MIN_ROLL_MODULES * gear.module)), start)
 
 
-def _gone(worn: Worn, tooth: Ints, roll: Array, height: Array) -> Array:
-    """How deep a worn stretch is (mm, along the base tangent)."""
-    here = 1.0 if worn.tooth is None else np.asarray(tooth == worn.tooth - 1, dtype=np.float64)
+def _worn_depth(worn: Worn, tooth: Ints, roll: Array, height: Array) -> Array:
+    """Material missing in a worn area (mm, along the base tangent)."""
+    on_tooth = 1.0 if worn.tooth is None else np.asarray(tooth == worn.tooth - 1, dtype=np.float64)
     return np.asarray(
-        worn.depth * here * _plateau(roll, worn.rolls, worn.edge) * _plateau(height, worn.heights, worn.edge)
+        worn.depth * on_tooth * _plateau(roll, worn.rolls, worn.edge) * _plateau(height, worn.heights, worn.edge)
     )
+
+
+def _dent_depth(dent: Dent, tooth: Ints, roll: Array, height: Array) -> Array:
+    """Material missing in a dent (mm, along the base tangent)."""
+    away = ((roll - dent.roll_length) ** 2 + (height - dent.height) ** 2) / dent.radius**2
+    inside = (away < 1.0) & (tooth == dent.tooth - 1)
+    return np.where(inside, dent.depth * (1.0 - np.minimum(away, 1.0)) ** 2, 0.0)
 
 
 def _plateau(at: Array, ends: tuple[float, float], edge: float) -> Array:
@@ -104,8 +109,8 @@ def _plateau(at: Array, ends: tuple[float, float], edge: float) -> Array:
     return np.asarray(share * share * (3.0 - 2.0 * share))
 
 
-class RealGear:
-    """A gear as it really is, in the frame of its bore: axis Z, heights as in C.
+class GearSurface:
+    """Surface of a gear with its errors, in the frame of its bore: axis Z, heights as in C.
 
     Teeth have indices from 0 here; ``first`` (rad) is the centre of tooth 0 at mid-face.
     """
@@ -118,15 +123,15 @@ class RealGear:
         self.dents = [d for d in errors.dents if not self.is_missing(d.tooth - 1)]
 
     def _offsets(self) -> dict[int, Array]:
-        """delta (z,) of every flank that is the same all over the flank: its position and the tooth's thickness."""
+        """The constant part of delta (z,) of every flank: its position and the thickness of its tooth."""
         e, c = self.errors, self.circles
         rng = default_rng(e.seed)
         offsets = {}
         for side, listed in ((LEFT, e.pitch_left), (RIGHT, e.pitch_right)):
-            moved = rng.normal(0.0, e.pitch, self.gear.teeth) if e.pitch else np.zeros(self.gear.teeth)
+            position = rng.normal(0.0, e.pitch, self.gear.teeth) if e.pitch else np.zeros(self.gear.teeth)
             if listed:
-                moved = moved + np.array(listed)
-            offsets[side] = (side * moved + e.thickness / 2) * c.base / c.reference
+                position = position + np.array(listed)
+            offsets[side] = (side * position + e.thickness / 2) * c.base / c.reference
         return offsets
 
     def is_missing(self, tooth: int) -> bool:
@@ -138,15 +143,15 @@ class RealGear:
         return np.asarray(self.first + 2 * np.pi / self.gear.teeth * tooth)
 
     def delta(self, tooth: Ints, side: int, radius: Array, height: Array) -> Array:
-        """Material in excess of the unmodified involute helicoid, along the base tangent, mm."""
+        """Excess material over the unmodified involute helicoid, along the base tangent, mm."""
         roll = np.sqrt(np.maximum(radius**2 - self.circles.base**2, 0.0))
         excess = self.offsets[side][tooth] + self._profile(side, roll) + self._helix(side, height)
         for dent in self.dents:
             if (dent.flank == "left") == (side == LEFT):
-                excess = excess - self._dented(dent, tooth, roll, height)
+                excess = excess - _dent_depth(dent, tooth, roll, height)
         for worn in self.errors.worn:
             if (worn.flank == "left") == (side == LEFT):
-                excess = excess - _gone(worn, tooth, roll, height)
+                excess = excess - _worn_depth(worn, tooth, roll, height)
         return np.asarray(excess)
 
     def _profile(self, side: int, roll: Array) -> Array:
@@ -168,11 +173,6 @@ class RealGear:
         rise = (e.left if side == LEFT else e.right).helix_slope - m.helix_slope
         return np.asarray(rise * along - (e.helix_crowning + m.helix_crowning) * (2 * along) ** 2)
 
-    def _dented(self, dent: Dent, tooth: Ints, roll: Array, height: Array) -> Array:
-        away = ((roll - dent.roll_length) ** 2 + (height - dent.height) ** 2) / dent.radius**2
-        here = (away < 1.0) & (tooth == dent.tooth - 1)
-        return np.where(here, dent.depth * (1.0 - np.minimum(away, 1.0)) ** 2, 0.0)
-
     def flank_angle(self, tooth: Ints, side: int, radius: Array, height: Array) -> Array:
         """Polar angle (not wrapped) of a flank at radius and height."""
         c = self.circles
@@ -180,17 +180,17 @@ class RealGear:
         half = c.half_tooth - np.tan(alpha) + alpha + self.delta(tooth, side, radius, height) / c.base
         return np.asarray(self.centre(tooth) + side * half + (height - self.middle) * c.twist)
 
-    def outside(self, x: Array, y: Array, height: Array, tooth: Ints, side: int) -> Array:
-        """How far points lie outside one flank's surface, along the base tangent, mm; negative: in the material."""
+    def distance(self, x: Array, y: Array, height: Array, tooth: Ints, side: int) -> Array:
+        """Distance of points from one flank's surface, along the base tangent, mm; negative: in the material."""
         c = self.circles
         radius = np.maximum(np.hypot(x, y), c.base)
         off = np.arctan2(y, x) - self.flank_angle(tooth, side, radius, height)
         return np.asarray(side * c.base * ((off + np.pi) % (2 * np.pi) - np.pi))
 
     def tip_radius(self, tooth: Ints, height: Array) -> Array:
-        """Radius at which a tooth ends, chips counted."""
+        """Radius (mm) of a tooth's tip, reduced where it is chipped."""
         radius = np.full(np.broadcast(tooth, height).shape, self.circles.tip)
         for chip in self.errors.chips:
-            off = (tooth == chip.tooth - 1) & (height > chip.bottom) & (height < chip.top)
-            radius = np.where(off, self.circles.tip - chip.depth, radius)
+            chipped = (tooth == chip.tooth - 1) & (height > chip.bottom) & (height < chip.top)
+            radius = np.where(chipped, self.circles.tip - chip.depth, radius)
         return radius

@@ -1,17 +1,15 @@
-"""The real shaft: each step a cylinder about its own axis, with form, chamfers and keyways; shoulders between them."""
+"""Surface of the real shaft: each step a cylinder about its own axis, with form, chamfers, keyways; shoulders."""
 
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
-from truestand.sim.simulation import FormWave, Keyway, Patch, Workpiece
+from truestand.sim.poses import Array
+from truestand.sim.simulation import FormWave, Keyway, Misalignment, Patch, Workpiece
 
-Array = NDArray[np.float64]
-
-CORNER = 0.02
+FILLET_CORNER = 0.02
 """Share of a fillet next to its corner, where it is all but a face."""
 
 
@@ -23,7 +21,7 @@ class Step:
     bottom: float
     top: float
     origin: Array
-    """(3,) a point on its axis at height 0."""
+    """(3,) mm: the point of its axis at height 0."""
     axis: Array
     """(3,) unit."""
     form: tuple[FormWave, ...]
@@ -41,31 +39,28 @@ class Step:
         return not (self.form or self.patches or cut)
 
     def surface(self, psi: Array, height: Array) -> tuple[Array, Array]:
-        """Radius of the surface and its slope over height, where the polar angle is psi."""
+        """Radius (mm) of the surface and its slope over height, at polar angle psi and height."""
         radius = np.full(psi.shape, self.radius)
         for wave in self.form:
             radius += wave.amplitude * np.cos(wave.upr * psi - wave.phase)
         for patch in self.patches:
             radius = _patched(radius, psi, patch)
         slope = np.zeros(psi.shape)
-        if self.chamfer_top:
-            into = height - (self.top - self.chamfer_top)
-            on = into > 0
-            radius -= np.where(on, into, 0.0)
-            slope -= on
-        if self.chamfer_bottom:
-            into = (self.bottom + self.chamfer_bottom) - height
-            on = into > 0
-            radius -= np.where(on, into, 0.0)
-            slope += on
-        for size, into, way in (
+        for chamfer, depth, sign in (
+            (self.chamfer_bottom, (self.bottom + self.chamfer_bottom) - height, 1.0),
+            (self.chamfer_top, height - (self.top - self.chamfer_top), -1.0),
+        ):
+            if chamfer:
+                radius -= np.maximum(depth, 0.0)
+                slope += sign * (depth > 0)
+        for fillet, distance, sign in (
             (self.fillet_bottom, height - self.bottom, -1.0),
             (self.fillet_top, self.top - height, 1.0),
         ):
-            if size:
-                wider, steep = _fillet(size, into)
+            if fillet:
+                wider, steep = _fillet(fillet, distance)
                 radius += wider
-                slope += way * steep
+                slope += sign * steep
         return radius, slope
 
     def in_keyway(self, psi: Array, height: Array) -> Array:
@@ -87,11 +82,11 @@ def _patched(radius: Array, psi: Array, patch: Patch) -> Array:
     return np.where(on, np.minimum(chord, radius), radius)
 
 
-def _fillet(size: float, into: Array) -> tuple[Array, Array]:
-    """By how much a fillet widens the step ``into`` mm from its corner, and how steeply."""
-    x = np.clip(into / size, CORNER, 1.0)
+def _fillet(size: float, distance: Array) -> tuple[Array, Array]:
+    """By how much a fillet widens the step at a distance (mm) from its corner, and how steeply."""
+    x = np.clip(distance / size, FILLET_CORNER, 1.0)
     root = np.sqrt(x * (2.0 - x))
-    steep = np.where((into > 0) & (into < size), (1.0 - x) / root, 0.0)
+    steep = np.where((distance > 0) & (distance < size), (1.0 - x) / root, 0.0)
     return size * (1.0 - root), steep
 
 
@@ -105,29 +100,29 @@ class Face:
     up: bool
 
 
+def axis_of(misalignment: Misalignment) -> Array:
+    """Direction (3,) of a misaligned step's axis in C, unit."""
+    axis = np.array([misalignment.slope_x, misalignment.slope_y, 1.0])
+    return np.asarray(axis / np.linalg.norm(axis))
+
+
 def steps_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Step, ...]:
-    """The shaft's steps as they really are."""
-    workpiece = workpiece.turned()
+    """The shaft's steps with the deviations of the workpiece."""
+    workpiece = workpiece.in_shaft_frame()
     errors = dict(workpiece.diameter_errors)
     cylinders = artefact.cylinders
     steps = []
     for i, c in enumerate(cylinders):
         below = cylinders[i - 1].radius if i else 0.0
         above = cylinders[i + 1].radius if i + 1 < len(cylinders) else 0.0
-        off = next((m for m in workpiece.misalignments if m.surface == c.name), None)
-        origin, axis = np.zeros(3), np.array([0.0, 0.0, 1.0])
-        if off is not None:
-            middle = (c.bottom + c.top) / 2
-            axis = np.array([off.slope_x, off.slope_y, 1.0])
-            origin = np.array([off.offset_x - off.slope_x * middle, off.offset_y - off.slope_y * middle, 0.0])
-            axis = axis / np.linalg.norm(axis)
+        off, middle = workpiece.misalignment_of(c.name), (c.bottom + c.top) / 2
         steps.append(
             Step(
                 c.radius + errors.get(c.name, 0.0) / 2,
                 c.bottom,
                 c.top,
-                origin,
-                axis,
+                np.array([off.offset_x - off.slope_x * middle, off.offset_y - off.slope_y * middle, 0.0]),
+                axis_of(off),
                 tuple(f for f in workpiece.form if f.surface == c.name),
                 tuple(k for k in workpiece.keyways if k.surface == c.name),
                 workpiece.chamfer if i and c.radius > below else 0.0,
@@ -143,12 +138,12 @@ def steps_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Step, ...]:
 def faces_of(artefact: Artefact, workpiece: Workpiece) -> tuple[Face, ...]:
     """Shoulders, both ends, and the table's face where it is in view."""
     c = artefact.cylinders
-    cut = workpiece.chamfer
-    faces = [Face(c[0].bottom, 0.0, c[0].radius, up=False), Face(c[-1].top, 0.0, c[-1].radius - cut, up=True)]
+    chamfer = workpiece.chamfer
+    faces = [Face(c[0].bottom, 0.0, c[0].radius, up=False), Face(c[-1].top, 0.0, c[-1].radius - chamfer, up=True)]
     for lower, upper in pairwise(c):
         inner, outer = sorted((lower.radius, upper.radius))
         inner += float(_fillet(workpiece.fillet, np.zeros(1))[0][0]) if workpiece.fillet else 0.0
-        faces.append(Face(lower.top, inner, outer - cut, up=lower.radius > upper.radius))
+        faces.append(Face(lower.top, inner, outer - chamfer, up=lower.radius > upper.radius))
     if workpiece.table_disc is not None:
         faces.append(Face(workpiece.table_disc, 0.0, 200.0, up=True))
     return tuple(faces)

@@ -1,6 +1,6 @@
 """Frames as a scanCONTROL sends them in container mode: mm to bytes.
 
-One profile is one line of u16: a field of ``points`` after the other (Z, X, ..., an empty one for the stamp), and its
+One profile is one row of u16: a field of ``points`` after the other (Z, X, ..., an empty one for the stamp), and its
 last 16 bytes hold the stamp, bytes most significant first: profile counter, when the shutter opened and closed, twice
 the encoder count. Source: the vendor's open SDK (facts only); written apart from the decoder, to check each other.
 """
@@ -13,25 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.errors import BadRecipe
+from truestand.sim.poses import Array
 
-Array = NDArray[np.float64]
 Raw = NDArray[np.uint16]
 """(n, fields, points)."""
-Ints = NDArray[np.int64]
+Counts = NDArray[np.int64]
 
 MIDDLE = 32768
 """Raw number of 0 mm (x) and of the middle of the range (z)."""
-STAMP = 16
-"""Bytes."""
-COUNTERS, ENCODERS = 1 << 24, 1 << 16
-"""Where profile counter and doubled encoder count start again."""
+STAMP_BYTES = 16
+COUNTER_MODULUS, ENCODER_MODULUS = 1 << 24, 1 << 16
+"""Of the profile counter, and of twice the encoder count."""
 SECONDS, CYCLES, TICKS = 128, 8000, 3072
 """A time is 7 bit of seconds, 13 bit of 1/8000 s, 12 bit of 1/24.576 MHz."""
 Z, X, EMPTY_FIELD, STAMPED, LOW_FIRST, STRIPES = 1 << 0, 1 << 1, 1 << 10, 1 << 11, 1 << 17, 0xF << 20
 """Bits of the rearrangement register."""
 FIELDS = 0x3FF
-POINTS_AT = 12
-"""Bit where round(log2(points)) stands, in 4 bit."""
+POINTS_SHIFT = 12
+"""Lowest of the 4 bit of round(log2(points))."""
 
 _SCALES = {
     "25xx-25": (0.001, 65.0), "25xx-50": (0.002, 95.0), "25xx-100": (0.005, 250.0),
@@ -56,8 +55,8 @@ def scale_of(model: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
-    """What a frame consists of: the rearrangement register and the two halves of the size register."""
+class FrameFormat:
+    """Format of a frame: the rearrangement register and the two halves of the size register."""
 
     rearrangement: int
     width: int
@@ -67,28 +66,28 @@ class Shape:
 
     @property
     def fields(self) -> int:
-        """Numbers a point, without the empty field for the stamp."""
+        """Values of a point: fields without the empty one for the stamp."""
         return (self.rearrangement & FIELDS).bit_count() * (self.rearrangement & STRIPES).bit_count()
 
     @property
     def lines(self) -> int:
-        """Fields with the empty one."""
+        """Fields of a profile with the empty one."""
         return self.fields + bool(self.rearrangement & EMPTY_FIELD)
 
     @property
     def points(self) -> int:
-        """Of a profile."""
+        """Points of a profile."""
         return self.width // max(self.lines, 1)
 
     @property
     def frame_bytes(self) -> int:
-        """Of the whole frame."""
+        """Size of the frame."""
         return 2 * self.width * self.height
 
     @property
-    def fits(self) -> bool:
-        """Whether rearrangement and size say the same, and something."""
-        power = self.rearrangement >> POINTS_AT & 0xF
+    def valid(self) -> bool:
+        """Whether rearrangement and size are consistent and not empty."""
+        power = self.rearrangement >> POINTS_SHIFT & 0xF
         return bool(
             self.fields
             and self.height
@@ -98,20 +97,20 @@ class Shape:
         )
 
 
-def usual_shape(points: int, profiles: int) -> Shape:
+def default_format(points: int, profiles: int) -> FrameFormat:
     """Z, X and stamp of ``points`` points, ``profiles`` a frame."""
-    bits = 1 << 20 | X | Z | EMPTY_FIELD | STAMPED | LOW_FIRST | round(log2(points)) << POINTS_AT
-    return Shape(bits, 3 * points, profiles)
+    bits = 1 << 20 | X | Z | EMPTY_FIELD | STAMPED | LOW_FIRST | round(log2(points)) << POINTS_SHIFT
+    return FrameFormat(bits, 3 * points, profiles)
 
 
-def raw_profiles(x: Array, z: Array, scale: tuple[float, float], shape: Shape) -> Raw:
+def raw_profiles(x: Array, z: Array, scale: tuple[float, float], frame: FrameFormat) -> Raw:
     """Profiles (n, fields, points) of x and z (n, points) mm, not yet stamped; what is not seen is 0."""
     step, middle = scale
-    raw = np.zeros((x.shape[0], shape.lines, shape.points), np.uint16)
+    raw = np.zeros((x.shape[0], frame.lines, frame.points), np.uint16)
     unseen = np.isnan(x) | np.isnan(z)
     line = 0
     for bit, values in ((Z, z - middle), (X, x)):
-        if shape.rearrangement & bit:
+        if frame.rearrangement & bit:
             with np.errstate(invalid="ignore"):
                 steps = np.clip(np.rint(values / step) + MIDDLE, 1, 65535)
             raw[:, line] = np.where(unseen, 0.0, steps).astype(np.uint16)
@@ -119,30 +118,30 @@ def raw_profiles(x: Array, z: Array, scale: tuple[float, float], shape: Shape) -
     return raw
 
 
-def frame_bytes(raw: Raw, shape: Shape, counter: Ints, opened: Array, closed: Array, encoder: Ints) -> bytes:
+def frame_bytes(raw: Raw, frame: FrameFormat, counter: Counts, opened: Array, closed: Array, encoder: Counts) -> bytes:
     """The profiles (n, fields, points) with their stamps, as they travel.
 
     Args:
         raw: as ``raw_profiles`` makes them.
-        shape: what the frame consists of.
+        frame: format of the frame.
         counter: (n,) profile counter, not yet wrapped.
         opened: (n,) s of the sensor's clock when the exposure began, not yet wrapped.
         closed: (n,) when it ended.
         encoder: (n,) encoder counts, not yet doubled and wrapped.
     """
-    order = "<u2" if shape.rearrangement & LOW_FIRST else ">u2"
+    order = "<u2" if frame.rearrangement & LOW_FIRST else ">u2"
     lines = raw.astype(order).reshape(raw.shape[0], -1).view(np.uint8)
-    if shape.rearrangement & STAMPED:
-        lines[:, -STAMP:] = stamps(counter, opened, closed, encoder)
+    if frame.rearrangement & STAMPED:
+        lines[:, -STAMP_BYTES:] = stamps(counter, opened, closed, encoder)
     return lines.tobytes()
 
 
-def stamps(counter: Ints, opened: Array, closed: Array, encoder: Ints) -> NDArray[np.uint8]:
-    """The stamps (n, 16)."""
+def stamps(counter: Counts, opened: Array, closed: Array, encoder: Counts) -> NDArray[np.uint8]:
+    """The stamps (n, 16) of ``frame_bytes``."""
     words = np.zeros((counter.size, 4), ">u4")
-    words[:, 0] = counter % COUNTERS
+    words[:, 0] = counter % COUNTER_MODULUS
     words[:, 1], words[:, 3] = _times(opened), _times(closed)
-    words[:, 2] = 2 * encoder % ENCODERS << 16
+    words[:, 2] = 2 * encoder % ENCODER_MODULUS << 16
     return words.view(np.uint8)
 
 

@@ -1,26 +1,34 @@
-"""What one sensor of the virtual stand sees at given table angles: cast the fan, add what the optics add."""
+"""Profiles of one sensor of the virtual stand at given table angles: hits of its rays with the errors of its optics."""
 
 from math import tan
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
-from truestand.sim.cast import Hits, Rays, first_hits, hidden, rays_in_shaft
-from truestand.sim.cast_mesh import hidden_by, meet_body
-from truestand.sim.incidence import cosines, grazing, mixed
 from truestand.sim.parts import VirtualPart, scene_of
+from truestand.sim.poses import Array, sensor_pose, shaft_from_rotor
+from truestand.sim.raycast import Hits, Rays, first_hits, occluded_by_steps, rays_in_shaft
+from truestand.sim.raycast_mesh import meet_body, occluded_by_body
+from truestand.sim.sensor_errors import (
+    Speckle,
+    incidence_cosines,
+    incidence_noise,
+    noise,
+    quantised,
+    range_error,
+    with_false_readings,
+    with_incidence_bias,
+    with_mixed_pixels,
+)
 from truestand.sim.simulation import Simulation
-from truestand.sim.trouble import Speckle, false_and_lost, noise, quantised, range_error
-from truestand.sim.truth import rotor_from_shaft, sensor_pose
 
-Array = NDArray[np.float64]
+DEFAULT_POINTS = 640
 
 
-class Caster:
-    """Draws profiles on demand; ``rng`` gives the noise, in the order of the calls.
+class SensorModel:
+    """Computes profiles on demand; ``rng`` gives the noise, in the order of the calls.
 
     Raises:
         BadRecipe: a part that can't be, or not on this shaft.
@@ -32,9 +40,9 @@ class Caster:
         self.simulation = simulation
         self.table_from_sensor = sensor_pose(simulation.mounting, artefact)
         """(4, 4)."""
-        self.shaft_from_rotor = _shaft_from_rotor(simulation)
+        self.shaft_from_rotor = shaft_from_rotor(simulation.running, simulation.mounting.azimuth)
         """(4, 4)."""
-        self.points = stand.sensor.points or 640
+        self.points = stand.sensor.points or DEFAULT_POINTS
         self.mirrored = stand.sensor.mirrored
         """The sensor reports -x."""
         self._limits = stand.sensor.range or (0.0, 1e6)
@@ -42,25 +50,27 @@ class Caster:
         self._scene = scene_of(artefact, simulation.workpiece, part)
         self._has_part = part is not None
         self._shoulder = artefact.base.top
-        reach = tan(simulation.optics.fan / 2)
-        self._slopes = np.linspace(-reach, reach, self.points)
+        half_width = tan(simulation.optics.fan / 2)
+        self._slopes = np.linspace(-half_width, half_width, self.points)
         pose = self.table_from_sensor
-        self._ways = pose[:3, 0, None] * self._slopes + pose[:3, 2, None]  # one unit of range along each ray
+        self._directions = pose[:3, 0, None] * self._slopes + pose[:3, 2, None]
+        """(3, M) in T: one unit of range along each ray."""
         self._speckle = Speckle(simulation.optics, rng)
 
-    def rows(self, angle: Array) -> tuple[Array, Array]:
+    def profiles(self, angle: Array) -> tuple[Array, Array]:
         """x, not yet mirrored, and z (n, M) mm at true table angles (n,) rad; NaN in z = not seen."""
         optics, rng, limits = self.simulation.optics, self._rng, self._limits
-        rays = rays_in_shaft(self.table_from_sensor[:3, 3], self._ways, angle, self.shaft_from_rotor)
+        rays = rays_in_shaft(self.table_from_sensor[:3, 3], self._directions, angle, self.shaft_from_rotor)
         hits = self._hits(rays)
         true = self._visible(hits, rays, angle)
         added: Array | float = 0.0
         if self._has_part or optics.incidence_noise or optics.incidence_bias:
-            true, added = grazing(true, cosines(rays, hits, self._scene), optics, rng)
-        true = mixed(true, optics.mixed_pixels, rng)
+            cosine = incidence_cosines(rays, hits, self._scene)
+            true, added = with_incidence_bias(true, cosine, optics), incidence_noise(cosine, optics, rng)
+        true = with_mixed_pixels(true, optics.mixed_pixels, rng)
         seen = true + range_error(true, optics, limits) + noise(true.shape, optics, rng)
         seen = seen + self._speckle(hits.psi, hits.height) + added
-        seen = false_and_lost(seen, hits.height, optics, limits, self._shoulder, rng)
+        seen = with_false_readings(seen, hits.height, optics, limits, self._shoulder, rng)
         with np.errstate(invalid="ignore"):
             seen[(seen < limits[0]) | (seen > limits[1])] = np.nan
         x = quantised(np.where(np.isfinite(true), true, seen) * self._slopes, optics.step_x)
@@ -81,18 +91,10 @@ class Caster:
             return distance
         pose = self.table_from_sensor
         sideways = self.simulation.mounting.standoff * tan(triangulation)
-        camera = pose[:3, 3] + sideways * pose[:3, 1]
-        eye = rays_in_shaft(camera, np.zeros((3, 1)), angle, self.shaft_from_rotor).origin
+        camera_in_table = pose[:3, 3] + sideways * pose[:3, 1]
+        camera = rays_in_shaft(camera_in_table, np.zeros((3, 1)), angle, self.shaft_from_rotor).origin
         points = rays.origin + distance * rays.direction
-        unseen = hidden(points, eye, self._scene.steps)
+        occluded = occluded_by_steps(points, camera, self._scene.steps)
         if self._scene.body is not None:
-            unseen |= hidden_by(points, eye, hits, self._scene.body)
-        return np.where(unseen, np.nan, distance)
-
-
-def _shaft_from_rotor(simulation: Simulation) -> Array:
-    back = rotor_from_shaft(simulation.running, simulation.mounting.azimuth)
-    pose = np.eye(4)
-    pose[:3, :3] = back[:3, :3].T
-    pose[:3, 3] = -back[:3, :3].T @ back[:3, 3]
-    return pose
+            occluded |= occluded_by_body(points, camera, hits, self._scene.body)
+        return np.where(occluded, np.nan, distance)
