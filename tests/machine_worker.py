@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from machine_records import calibration, inspection
+from small_records import calibration, inspection
 from truestand.store import Store
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from page_lab import Client, make_page, served
+from web_lab import Client, make_page, served
 
 
 @pytest.fixture

@@ -6,12 +6,12 @@ import threading
 
 import pytest
 
-from page_lab import Client, make_page, served, snapshot
-from truestand.web.doors import Who
-from truestand.web.folder import Folder
 from truestand.web.models import JobBody, RecipeBody
 from truestand.web.problem import Problem
+from truestand.web.recipes import Folder
 from truestand.web.routes import jobs, recipes
+from truestand.web.routing import Who
+from web_lab import Client, make_page, served, snapshot
 
 OUTSIDE = [
     "../secret.toml", "..%2fsecret.toml", "%2e%2e/secret.toml", "..\\secret.toml", "/etc/passwd.toml",
@@ -105,8 +105,8 @@ def test_what_is_no_recipe_is_not_listed(stand):
         stand.read("huge.toml")
 
 
-ESCAPES = ["../pyproject.toml", "%2e%2e/doors.py", "..%2fdoors.py", "js/../../doors.py", "/etc/passwd", ".git/config",
-           "static/../app.py", "__init__.py", "index.html/..", "js"]  # fmt: skip
+ESCAPES = ["../pyproject.toml", "%2e%2e/routing.py", "..%2frouting.py", "js/../../routing.py", "/etc/passwd",
+           ".git/config", "static/../app.py", "__init__.py", "index.html/..", "js"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ESCAPES)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from page_lab import SERVERS, Client, raw
-from page_worker import RATE, kept_waiting
 from patience import NOT_FOR_EVER
+from scripted_worker import RATE, kept_waiting
 from truestand.web import connections
 from truestand.web.connections import Keeper, protocols
+from web_lab import SERVERS, Client, raw
 
 HERE = Path(__file__).parent.parent
 SECONDS = 8.0
@@ -70,12 +70,12 @@ def behave(good, server, seconds):
 @pytest.mark.stand
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
 def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
-    with process("page_lab.py", tmp_path) as (server, port):
+    with process("web_lab.py", tmp_path) as (server, port):
         good = Client(int(port))
         good.session()
         job = good.post("/api/jobs", {"kind": "calibrate", "serial": "long"}).json
         before = memory(server.pid)
-        with process("page_hostile.py", port, good.cookie, good.csrf):
+        with process("hostile_clients.py", port, good.cookie, good.csrf):
             took, seen = behave(good, server.pid, SECONDS)
             grown = memory(server.pid) - before
             (folder,) = (tmp_path / "results.jobs").iterdir()

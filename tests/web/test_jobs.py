@@ -7,12 +7,12 @@ import time
 
 import pytest
 
-from page_lab import WORKER, make_page, served
 from truestand.core.errors import Fault, TruestandError
 from truestand.station.worker import EventWriter
 from truestand.web import runner as runners
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
+from web_lab import WORKER, make_page, served
 
 STEPS = (("acquire", "Scan the shaft"), ("evaluate", "Calibrate"), ("report", "Write"), ("keep", "Keep"))
 
@@ -150,7 +150,7 @@ def test_a_second_abort_some_seconds_later_ends_a_worker_that_does_not_obey(runn
 def test_ending_the_page_stops_the_stand_first(tmp_path):
     page = make_page(tmp_path)
     with served(page) as port:
-        from page_lab import Client
+        from web_lab import Client
 
         client = Client(port)
         client.session()

@@ -10,12 +10,12 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from command import run
-from page_lab import PASSWORD, Client, make_page, served
 from truestand.core.errors import BadRecipe
 from truestand.web.routes import live
 from truestand.web.sessions import Sessions
 from truestand.web.throttle import RULES, Throttle
 from truestand.web.users import Gatekeeper, make_user, read_users, users_path, write_users
+from web_lab import PASSWORD, Client, make_page, served
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 

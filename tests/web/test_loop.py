@@ -7,9 +7,9 @@ import tomllib
 
 import pytest
 
-from page_lab import Client, make_page, served
 from truestand.store import Store
 from truestand.web.tasks import ask
+from web_lab import Client, make_page, served
 
 
 def demand_thread():

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from machine_lab import keep, make_page
-from machine_records import calibration, inspection
+from interface_lab import keep, make_page
+from small_records import calibration, inspection
 from truestand.core.errors import BadRecipe, MissingExtra
-from truestand.web.machines import mqtt
-from truestand.web.machines.attach import Wanted, machines
-from truestand.web.machines.mqtt import PASSWORD, broker_of
+from truestand.web.interfaces import mqtt
+from truestand.web.interfaces.mqtt import PASSWORD, broker_of
+from truestand.web.interfaces.startup import Wanted, machines
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
 needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (Debian: apt-get install mosquitto)")
@@ -191,12 +191,12 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
     port = free_port()
     script = (
         "import asyncio, sys\n"
-        "import machine_lab\n"
+        "import interface_lab\n"
         "from pathlib import Path\n"
-        "from truestand.web.machines.attach import Wanted, machines\n"
-        "from truestand.web.machines.mqtt import broker_of\n"
+        "from truestand.web.interfaces.startup import Wanted, machines\n"
+        "from truestand.web.interfaces.mqtt import broker_of\n"
         "async def main():\n"
-        "    page = machine_lab.make_page(Path(sys.argv[1]))\n"
+        "    page = interface_lab.make_page(Path(sys.argv[1]))\n"
         "    async with machines(page, Wanted(mqtt=broker_of(sys.argv[2]))):\n"
         "        await asyncio.sleep(60)\n"
         "asyncio.run(main())\n"

@@ -14,18 +14,18 @@ from asyncua import ua
 from asyncua.server import address_space
 
 from command import run
-from machine_lab import keep, make_page, plc, served
-from machine_records import calibration, inspection, line, verification
-from page_lab import PASSWORD
+from interface_lab import keep, make_page, plc, served
+from small_records import calibration, inspection, line, verification
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
 from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, reset_latch
-from truestand.web.machines.attach import wanted
-from truestand.web.machines.lines import lines_of
-from truestand.web.machines.opcua import Shown
-from truestand.web.machines.people import People, peer
+from truestand.web.interfaces.access import People, peer
+from truestand.web.interfaces.lines import lines_of
+from truestand.web.interfaces.opcua import Shown
+from truestand.web.interfaces.startup import wanted
 from truestand.web.users import write_users
+from web_lab import PASSWORD
 
 LINES = "LastResult/Characteristics"
 

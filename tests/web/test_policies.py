@@ -4,9 +4,9 @@ import pytest
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
-from page_lab import Client, served
 from truestand.web.app import routed
-from truestand.web.doors import Door, Doors, Policy, SocketDoor, demand_policies
+from truestand.web.routing import Door, Doors, Policy, SocketDoor, demand_policies
+from web_lab import Client, served
 
 TABLE = {
     ("GET", "/"): None,
@@ -68,7 +68,7 @@ def test_no_writing_route_takes_an_unlimited_body(page):
 @pytest.fixture(scope="module")
 def people(tmp_path_factory):
     """A visitor, an operator and an engineer at one page."""
-    from page_lab import make_page
+    from web_lab import make_page
 
     page = make_page(tmp_path_factory.mktemp("people"), (("olga", "operator"), ("erik", "engineer")))
     with served(page) as port:

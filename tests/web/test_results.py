@@ -13,8 +13,8 @@ from truestand.core.errors import UnreadableFile
 from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
-from truestand.web.kept import Kept
-from truestand.web.machines.lines import lines_of
+from truestand.web.interfaces.lines import lines_of
+from truestand.web.result_index import Kept
 from truestand.web.routes import evidence
 from truestand.web.routes.home import _over
 from truestand.web.security import REPORT_CSP

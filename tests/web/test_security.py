@@ -8,11 +8,11 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from page_lab import PASSWORD, Client, make_page, raw, served
 from truestand.core.errors import BadRecipe
 from truestand.web.security import CSP, HEADERS, names_of
 from truestand.web.serving import Binding, serve
 from truestand.web.users import make_user, write_users
+from web_lab import PASSWORD, Client, make_page, raw, served
 
 WRITES = [
     ("POST", "/api/login"),
@@ -190,8 +190,8 @@ def test_a_token_counts_for_its_own_cookie_only(client):
 
 def test_reading_changes_nothing(client, page, tmp_path):
     """Every GET route there is, on a stand in fault."""
-    from page_lab import snapshot
     from truestand.web.app import routed
+    from web_lab import snapshot
 
     (tmp_path / ".stand.toml.state").write_text(json.dumps({"state": "fault", "since": "now", "reason": "a test"}))
     before = snapshot(tmp_path)

@@ -6,9 +6,9 @@ import time
 import pytest
 
 from lab import lab
-from page_lab import Client, make_page, served
 from truestand.web.hub import Hub
 from truestand.web.runner import Runner
+from web_lab import Client, make_page, served
 
 pytestmark = pytest.mark.stand  # test_morning.py goes the same way through the browser in every run
 WITHIN = 180.0

@@ -14,9 +14,9 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from page_lab import SERVERS, make_page, served
 from patience import NOT_FOR_EVER
 from truestand.web import connections
+from web_lab import SERVERS, make_page, served
 
 
 @pytest.fixture(scope="module")

@@ -74,8 +74,8 @@ def serve(
         return
     from truestand.core.errors import BadRecipe
     from truestand.files.recipes.recipes import read_stand
-    from truestand.web.machines.attach import machines, wanted
-    from truestand.web.page import Settings
+    from truestand.web.app_state import Settings
+    from truestand.web.interfaces.startup import machines, wanted
     from truestand.web.serving import Binding, make_page
     from truestand.web.serving import serve as run
 

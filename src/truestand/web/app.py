@@ -14,10 +14,10 @@ from starlette.types import ASGIApp
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe, TruestandError
-from truestand.web.doors import Doors, Policy, demand_policies
-from truestand.web.page import Page
+from truestand.web.app_state import Page
 from truestand.web.problem import Problem
 from truestand.web.routes import devices, downloads, evidence, files, home, jobs, live, recipes, results, session
+from truestand.web.routing import Doors, Policy, demand_policies
 from truestand.web.security import Names, Shield
 
 THREADS = 8

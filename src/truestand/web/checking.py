@@ -8,7 +8,7 @@ from truestand.core.errors import BadRecipe, TruestandError
 from truestand.files.recipes.parts import part_of
 from truestand.files.recipes.recipes import read_devices_table, read_shaft, read_stand, read_toml
 from truestand.station.recipe import read_devices
-from truestand.web.folder import kind_of
+from truestand.web.recipes import kind_of
 
 
 def is_heavy(text: str) -> bool:

@@ -15,10 +15,10 @@ import uvicorn
 
 from truestand.core.errors import BadRecipe
 from truestand.web.app import create_app
+from truestand.web.app_state import Page, Settings
 from truestand.web.connections import HEAD, Keeper, protocols
 from truestand.web.hub import Hub
-from truestand.web.kept import Kept
-from truestand.web.page import Page, Settings
+from truestand.web.result_index import Kept
 from truestand.web.runner import Runner
 from truestand.web.security import names_of
 from truestand.web.tasks import ask

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 
 import pytest
 
-import page_lab
-from page_lab import Client, served
+import web_lab
 from truestand.station.latch import Latch
 from truestand.store import Store
+from web_lab import Client, served
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 
@@ -77,7 +77,7 @@ def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
 @contextmanager
 def server(folder, port=0):
     """A page in a process of its own; the process and its port."""
-    command = [sys.executable, page_lab.__file__, str(folder), str(port)]
+    command = [sys.executable, web_lab.__file__, str(folder), str(port)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process, int(process.stdout.readline())

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import Page, ThePage
 from truestand.web.models import Device, Reset
-from truestand.web.page import Page, ThePage
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy
 
 WITHIN = 60.0
 """s for all devices to answer or not."""

@@ -5,11 +5,11 @@ from starlette.responses import FileResponse, Response
 
 from truestand.files.records.characteristics_csv import csv_of
 from truestand.files.records.inspection_record import characteristics_from
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import ThePage
 from truestand.web.models import Entry
-from truestand.web.page import ThePage
 from truestand.web.problem import Problem
 from truestand.web.routes.results import entry_of
+from truestand.web.routing import Doors, Policy
 from truestand.web.security import REPORT_CSP
 
 LABORATORY = "laboratory.toml"

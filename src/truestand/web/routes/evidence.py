@@ -7,10 +7,10 @@ from fastapi import Query
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse
 
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import ThePage
 from truestand.web.models import Audit
-from truestand.web.page import ThePage
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy
 
 SHOWN = 200_000
 """Points that software WebGL turns smoothly."""

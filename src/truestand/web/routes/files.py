@@ -5,8 +5,8 @@ from pathlib import Path
 
 from starlette.responses import FileResponse
 
-from truestand.web.doors import Doors, Policy
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy
 
 STATIC = Path(__file__).parent.parent / "static"
 TYPES = {

@@ -5,10 +5,10 @@ from datetime import UTC, datetime
 from typing import Any
 
 from truestand.station.latch import latched_fault, not_stopped
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import Page, ThePage
 from truestand.web.models import CalibrationState, Home
-from truestand.web.page import Page, ThePage
 from truestand.web.routes.recipes import parts_of
+from truestand.web.routing import Doors, Policy
 
 LAST = 8
 

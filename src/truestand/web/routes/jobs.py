@@ -9,11 +9,11 @@ from starlette.concurrency import run_in_threadpool
 
 from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
-from truestand.web.doors import Doors, Policy, Who
-from truestand.web.folder import Listed
+from truestand.web.app_state import Page, ThePage, TheWho
 from truestand.web.models import Job, JobBody
-from truestand.web.page import Page, ThePage, TheWho
 from truestand.web.problem import Problem
+from truestand.web.recipes import Listed
+from truestand.web.routing import Doors, Policy, Who
 from truestand.web.runner import Busy
 
 KEEP = ("keep", "Keep the result")

@@ -5,9 +5,9 @@ from contextlib import suppress
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import Page, page_of
 from truestand.web.hub import Listener
-from truestand.web.page import Page, page_of
+from truestand.web.routing import Doors, Policy
 
 MOST = 100
 """Listeners."""

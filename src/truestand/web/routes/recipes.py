@@ -4,11 +4,11 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from truestand.web.app_state import Page, ThePage
 from truestand.web.checking import is_heavy, problem_of
-from truestand.web.doors import Doors, Policy
 from truestand.web.models import Checked, Part, Recipe, RecipeBody, RecipeText
-from truestand.web.page import Page, ThePage
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy
 
 BODY = 260_000
 """Bytes: a recipe of 200,000 characters, escaped."""

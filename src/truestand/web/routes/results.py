@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 from fastapi import Query
 
 from truestand.files.records.inspection_record import with_limits
-from truestand.web.doors import Doors, Policy
+from truestand.web.app_state import Page, ThePage
 from truestand.web.models import Entry, History, Result
-from truestand.web.page import Page, ThePage
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy
 
 MOST = 500
 Number = Annotated[int, Query(ge=1)]

@@ -9,10 +9,10 @@ from starlette.responses import Response
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_toml
-from truestand.web.doors import Doors, Policy, Who
+from truestand.web.app_state import Page, ThePage, TheWho
 from truestand.web.models import LoginBody, SessionTold
-from truestand.web.page import Page, ThePage, TheWho
 from truestand.web.problem import Problem
+from truestand.web.routing import Doors, Policy, Who
 from truestand.web.sessions import COOKIE, new_cookie
 
 

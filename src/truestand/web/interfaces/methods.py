@@ -7,9 +7,9 @@ from asyncua import ua
 from pydantic import ValidationError
 
 from truestand.core.errors import BadRecipe, TruestandError
-from truestand.web.machines.people import caller
+from truestand.web.app_state import Page
+from truestand.web.interfaces.access import caller
 from truestand.web.models import JobBody
-from truestand.web.page import Page
 from truestand.web.problem import Problem
 from truestand.web.routes import devices, jobs
 

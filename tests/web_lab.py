@@ -13,15 +13,15 @@ from pathlib import Path
 from websockets.sync.client import connect
 
 from truestand.files.recipes.recipes import write_starters
+from truestand.web.app_state import Page, Settings
 from truestand.web.hub import Hub
-from truestand.web.kept import Kept
-from truestand.web.page import Page, Settings
+from truestand.web.result_index import Kept
 from truestand.web.runner import Runner
 from truestand.web.serving import Binding, Server, bind, config
 from truestand.web.tasks import ask
 from truestand.web.users import Gatekeeper, make_user, users_path, write_users
 
-WORKER = (sys.executable, str(Path(__file__).with_name("page_worker.py")))
+WORKER = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 PASSWORD = "correct horse battery"
 SERVERS = {}
 """By port, to look into."""
@@ -152,7 +152,7 @@ def snapshot(folder):
 
 
 def main(folder, port=0):
-    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER [PORT]`` prints the port."""
+    """Serve a page with the fake worker until the input ends: ``python web_lab.py FOLDER [PORT]`` prints the port."""
     page, at = make_page(Path(folder)), Binding(port=int(port))
     listening = bind(at)
     server = Server(config(page, at), page.runner, lambda: print(listening_port(server), flush=True))

@@ -16,10 +16,10 @@ from typing import Any
 from truestand.core.errors import TruestandError
 from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, latched_fault
+from truestand.web.app_state import Page
 from truestand.web.hub import Listener
-from truestand.web.machines.lines import Line, lines_of
+from truestand.web.interfaces.lines import Line, lines_of
 from truestand.web.models import CalibrationState, Entry
-from truestand.web.page import Page
 from truestand.web.problem import Problem
 from truestand.web.routes.home import calibration_state
 

@@ -8,10 +8,10 @@ from typing import Annotated, Protocol
 from fastapi import Depends
 from starlette.requests import HTTPConnection, Request
 
-from truestand.web.doors import Who
-from truestand.web.folder import Folder
 from truestand.web.hub import Hub
+from truestand.web.recipes import Folder
 from truestand.web.results import Results
+from truestand.web.routing import Who
 from truestand.web.runner import Runner
 from truestand.web.sessions import Sessions
 from truestand.web.throttle import Throttle

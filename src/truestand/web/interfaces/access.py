@@ -13,8 +13,8 @@ from asyncua.server.internal_session import InternalSession
 from asyncua.server.user_managers import UserManager
 
 from truestand.core.errors import TruestandError
-from truestand.web.doors import Who
-from truestand.web.page import Page
+from truestand.web.app_state import Page
+from truestand.web.routing import Who
 from truestand.web.users import Role
 
 ALLOWED = frozenset(ua.NodeId(ua.Int32(number)) for number in USER_TYPES)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 from truestand.core.errors import BadRecipe, MissingExtra
-from truestand.web.machines.state import Teller, Told, as_json
+from truestand.web.interfaces.status import Teller, Told, as_json
 
 if TYPE_CHECKING:
     from aiomqtt import Client

@@ -17,11 +17,11 @@ from asyncua.common.connection import TransportLimits
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
-from truestand.web.machines.lines import Line
-from truestand.web.machines.methods import START, Methods
-from truestand.web.machines.nodes import TEXTS, Kind, Nodes, Value
-from truestand.web.machines.people import Peers, People, Rules
-from truestand.web.machines.state import EVALUATIONS, Json, Teller, Told
+from truestand.web.interfaces.access import Peers, People, Rules
+from truestand.web.interfaces.lines import Line
+from truestand.web.interfaces.methods import START, Methods
+from truestand.web.interfaces.nodes import TEXTS, Kind, Nodes, Value
+from truestand.web.interfaces.status import EVALUATIONS, Json, Teller, Told
 
 NAMESPACE = "urn:truestand"
 MESSAGE = 1 << 20

@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from truestand.core.errors import BadRecipe
-from truestand.web.machines.mqtt import Broker, broker_of, mqtt_publisher
-from truestand.web.machines.state import Teller
-from truestand.web.page import Page
+from truestand.web.app_state import Page
+from truestand.web.interfaces.mqtt import Broker, broker_of, mqtt_publisher
+from truestand.web.interfaces.status import Teller
 from truestand.web.serving import is_loopback
 
 
@@ -63,7 +63,7 @@ async def machines(page: Page, wanted: Wanted) -> AsyncIterator[tuple[str, ...]]
         addresses = []
         await stack.enter_async_context(teller.telling())
         if wanted.opcua is not None:
-            from truestand.web.machines.opcua import opcua_server  # asyncua: half a second, 50 MB
+            from truestand.web.interfaces.opcua import opcua_server  # asyncua: half a second, 50 MB
 
             server = opcua_server(teller, wanted.opcua)
             addresses.append(await stack.enter_async_context(server))

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from asyncua import Client
 
-import page_lab
+import web_lab
 from truestand.store import Store
-from truestand.web.machines.attach import Wanted, machines
+from truestand.web.interfaces.startup import Wanted, machines
 from truestand.web.runner import Runner
 
 WORKER = (sys.executable, str(Path(__file__).with_name("machine_worker.py")))
 
 
 def make_page(folder, users=()):
-    page = page_lab.make_page(folder, users)
+    page = web_lab.make_page(folder, users)
     page.runner = Runner(page.hub, WORKER)
     return page
 
