@@ -9,21 +9,18 @@ from asyncua import Client
 
 import web_lab
 from truestand.store import Store
-from truestand.web.interfaces.startup import Wanted, machines
-from truestand.web.runner import Runner
+from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
 
 WORKER = (sys.executable, str(Path(__file__).with_name("machine_worker.py")))
 
 
-def make_page(folder, users=()):
-    page = web_lab.make_page(folder, users)
-    page.runner = Runner(page.hub, WORKER)
-    return page
+def make_state(folder, users=()):
+    return web_lab.make_state(folder, users, WORKER)
 
 
-def keep(page, kind, record):
+def keep(state, kind, record):
     """The number of a result that some other program puts into the store."""
-    return Store.open(page.settings.store, create=True).add(kind, record).number
+    return Store.open(state.settings.store, create=True).add(kind, record).number
 
 
 class Plc:
@@ -51,13 +48,13 @@ class Plc:
 
 
 @asynccontextmanager
-async def served(page):
+async def served(state):
     """The address of the page's OPC UA server."""
-    async with machines(page, Wanted("opc.tcp://127.0.0.1:0")) as (address,):
+    async with open_interfaces(state, InterfaceSettings("opc.tcp://127.0.0.1:0")) as (address,):
         try:
             yield address
         finally:
-            await asyncio.to_thread(page.runner.close)
+            await asyncio.to_thread(state.runner.close)
 
 
 @asynccontextmanager

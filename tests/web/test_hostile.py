@@ -14,7 +14,7 @@ import pytest
 from patience import NOT_FOR_EVER
 from scripted_worker import RATE, kept_waiting
 from truestand.web import connections
-from truestand.web.connections import Keeper, protocols
+from truestand.web.connections import ConnectionMonitor, protocols
 from web_lab import SERVERS, Client, raw
 
 HERE = Path(__file__).parent.parent
@@ -93,7 +93,7 @@ def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
 
 
 def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
-    monkeypatch.setattr(connections, "HEAD", 0.5)
+    monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
     for sent in (
         b"",
         b"GET / HTTP/1.1\r\nHost:",
@@ -105,8 +105,8 @@ def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
 
 
 def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
-    monkeypatch.setattr(connections, "TAKE", 0.5)
-    kept = SERVERS[client.port].keeper.seen
+    monkeypatch.setattr(connections, "WRITE_TIMEOUT_S", 0.5)
+    kept = SERVERS[client.port].monitor.activity
     with socket.create_connection(("127.0.0.1", client.port)) as lazy:
         lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         for _ in range(4):
@@ -120,16 +120,16 @@ def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
 
 
 def test_a_slow_body_ends_its_request(client, monkeypatch):
-    from truestand.web import body
+    from truestand.web import routing
 
-    monkeypatch.setattr(body, "SLOWEST", 0.3)
+    monkeypatch.setattr(routing, "BODY_TIMEOUT_S", 0.3)
     head = f"POST /api/login HTTP/1.1\r\nHost: 127.0.0.1:{client.port}\r\nContent-Length: 50\r\n"
     head += f"Cookie: truestand={client.cookie}\r\nX-CSRF-Token: {client.csrf}\r\n\r\n"
     assert raw(client.port, head.encode() + b"{").split()[1] == b"408"
 
 
 def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatch):
-    monkeypatch.setattr(connections, "MOST", 20)
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 20)
     with client.live() as listening:
         crowd = [socket.create_connection(("127.0.0.1", client.port)) for _ in range(100)]
         try:
@@ -141,5 +141,5 @@ def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatc
 
 
 def test_protocols_of_two_servers_have_two_keepers():
-    first, second = protocols(Keeper()), protocols(Keeper())
-    assert first[0].keeper is first[1].keeper is not second[0].keeper
+    first, second = protocols(ConnectionMonitor()), protocols(ConnectionMonitor())
+    assert first[0].monitor is first[1].monitor is not second[0].monitor

@@ -32,9 +32,9 @@ def test_a_job_is_seen_from_start_to_end(client):
         until(socket, lambda e: e["type"] == "job" and e["job"]["state"] == "aborted")
 
 
-def test_who_comes_later_sees_how_it_stands(client, page):
+def test_who_comes_later_sees_how_it_stands(client, state):
     client.post("/api/jobs", {"kind": "calibrate", "serial": "fail"})
-    page.runner._reader.join(20)
+    state.runner._reader.join(20)
     with client.live() as socket:
         event = json.loads(socket.recv(timeout=5))
         assert event["type"] == "job" and event["job"]["state"] == "failed"
@@ -53,11 +53,11 @@ def test_nothing_is_taken_from_listeners(client):
 
 
 def test_too_many_listeners_are_asked_to_come_later(client, monkeypatch):
-    monkeypatch.setattr(live, "MOST", 1)
+    monkeypatch.setattr(live, "MAX_LISTENERS", 1)
     with client.live() as first:
         with client.live() as second, pytest.raises(ConnectionClosed) as refused:
             second.recv(timeout=5)
-        assert refused.value.rcvd.code == live.LATER
+        assert refused.value.rcvd.code == live.TRY_AGAIN_LATER
         first.ping().wait(5)
 
 

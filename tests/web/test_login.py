@@ -13,9 +13,8 @@ from command import run
 from truestand.core.errors import BadRecipe
 from truestand.web.routes import live
 from truestand.web.sessions import Sessions
-from truestand.web.throttle import RULES, Throttle
-from truestand.web.users import Gatekeeper, make_user, read_users, users_path, write_users
-from web_lab import PASSWORD, Client, make_page, served
+from truestand.web.users import THROTTLE_RULES, Authenticator, Throttle, make_user, read_users, users_path, write_users
+from web_lab import PASSWORD, Client, make_state, served
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 
@@ -62,10 +61,10 @@ def test_wrong_names_and_passwords_are_told_alike(visitor):
 
 def test_a_name_that_nobody_has_takes_as_long(tmp_path):
     write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
-    gatekeeper, took = Gatekeeper(tmp_path / "u"), {}
+    authenticator, took = Authenticator(tmp_path / "u"), {}
     for name in ("olga", "eve") * 3:
         began = time.thread_time()
-        assert gatekeeper.check(name, "wrong password") is None
+        assert authenticator.check(name, "wrong password") is None
         took[name] = min(took.get(name, 9.0), time.thread_time() - began)
     assert 0.5 < took["olga"] / took["eve"] < 2.0
 
@@ -73,7 +72,8 @@ def test_a_name_that_nobody_has_takes_as_long(tmp_path):
 def test_guessing_is_slowed_down(visitor):
     visitor.session()
     answers = [visitor.post("/api/login", {"user": "olga", "password": f"guess {k}"}) for k in range(8)]
-    assert [a.status for a in answers[: RULES["address"].free]] == [401] * RULES["address"].free
+    free = THROTTLE_RULES["address"].free_failures
+    assert [a.status for a in answers[:free]] == [401] * free
     assert answers[-1].status == 429 and int(answers[-1].headers["Retry-After"]) >= 1
     assert visitor.login("olga").status == 429  # even with the right password
 
@@ -88,9 +88,9 @@ def test_throttle_forgets_and_spares_others():
     clock.now += 1.0
     assert throttle.attempt(here) == 0.0 and throttle.attempt(here) == 2.0
     for _ in range(40):
-        clock.now += RULES["address"].longest
+        clock.now += THROTTLE_RULES["address"].max_wait_s
         assert throttle.attempt(here) == 0.0
-    assert throttle.attempt(here) == RULES["address"].longest
+    assert throttle.attempt(here) == THROTTLE_RULES["address"].max_wait_s
     clock.now += 1e4
     assert throttle.attempt(here) == 0.0
 
@@ -100,7 +100,7 @@ def test_nobody_is_locked_out_for_long_by_others():
     throttle = Throttle(clock)
     for k in range(2000):
         throttle.attempt(("address", str(k)), ("user", "olga"))
-    assert throttle.attempt(("address", "own"), ("user", "olga")) <= RULES["user"].longest
+    assert throttle.attempt(("address", "own"), ("user", "olga")) <= THROTTLE_RULES["user"].max_wait_s
 
 
 def test_an_own_account_does_not_reset_the_count_of_an_address():
@@ -122,7 +122,7 @@ def test_sessions_end_when_idle_and_in_any_case():
         clock.now += 500.0
         assert sessions.user(cookie) == "olga"
     clock.now += 500.0
-    assert sessions.user(cookie, seen=False) == "olga"  # a page that only listens is not use
+    assert sessions.user(cookie, is_use=False) == "olga"  # a page that only listens is not use
     clock.now += 101.0
     assert sessions.user(cookie) is None
     cookie = sessions.begin("olga")
@@ -141,31 +141,31 @@ def test_sessions_take_bounded_memory():
     assert sessions.user(first) is None
 
 
-def test_a_visitor_is_not_remembered(visitor, guarded_page):
+def test_a_visitor_is_not_remembered(visitor, guarded_state):
     for _ in range(20):
         Client(visitor.port).session()
-    assert not guarded_page.sessions._sessions
+    assert not guarded_state.sessions._sessions
 
 
-def test_a_removed_user_is_out_at_once(visitor, guarded_page):
+def test_a_removed_user_is_out_at_once(visitor, guarded_state):
     visitor.login("olga")
     assert visitor.get("/api/home").status == 200
-    users = read_users(guarded_page.gatekeeper.path)
+    users = read_users(guarded_state.authenticator.path)
     del users["olga"]
-    write_users(guarded_page.gatekeeper.path, users)
+    write_users(guarded_state.authenticator.path, users)
     assert visitor.get("/api/home").status == 401
 
 
 def test_users_are_read_again_where_the_time_of_the_file_is_the_same(tmp_path):
-    gatekeeper, time_ns = Gatekeeper(tmp_path / "u"), 1_800_000_000_000_000_000
+    authenticator, time_ns = Authenticator(tmp_path / "u"), 1_800_000_000_000_000_000
     for name in ("olga", "anna"):
         write_users(tmp_path / "u", {name: make_user(name, "operator", PASSWORD)})
         os.utime(tmp_path / "u", ns=(time_ns, time_ns))
-        assert set(gatekeeper.users) == {name}
+        assert set(authenticator.users) == {name}
 
 
 def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
-    monkeypatch.setattr(live, "LOGIN", 0.2)
+    monkeypatch.setattr(live, "LOGIN_CHECK_INTERVAL_S", 0.2)
     visitor.login("olga")
     with visitor.live() as socket:
         assert visitor.post("/api/logout").status == 200
@@ -177,8 +177,8 @@ def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
 
 
 def test_no_secret_gets_into_what_the_server_prints(tmp_path, capfd):
-    page = make_page(tmp_path, (("olga", "operator"),))
-    with served(page) as port:
+    state = make_state(tmp_path, (("olga", "operator"),))
+    with served(state) as port:
         visitor = Client(port)
         visitor.login("olga", "wrong password")
         visitor.login("olga")
@@ -258,7 +258,7 @@ def test_users_are_added_and_removed_at_the_command_line(tmp_path, monkeypatch):
     done = serve("--add-user", "erik", "--role", "engineer", typed=f"{PASSWORD}\n")
     assert done.returncode == 0 and "erik (engineer)" in done.stdout and PASSWORD not in done.stdout + done.stderr
     path = users_path(tmp_path / "results")
-    assert Gatekeeper(path).check("erik", PASSWORD).role == "engineer"
+    assert Authenticator(path).check("erik", PASSWORD).role == "engineer"
     assert serve("--add-user", "olga", typed="short\n").returncode == 2
     assert serve("--remove-user", "eve").returncode == 2
     removed = serve("--remove-user", "erik")
@@ -268,21 +268,21 @@ def test_users_are_added_and_removed_at_the_command_line(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
 def test_others_are_not_served_without_users(tmp_path, host):
-    make_page(tmp_path)
+    make_state(tmp_path)
     done = run("serve", "--stand", tmp_path / "stand.toml", "--host", host, "--port", "0")
     assert done.returncode == 2
     assert "--add-user" in done.stderr and done.stderr.count("\n") == 1
 
 
 def test_with_its_last_user_removed_a_page_lets_nobody_in(tmp_path):
-    page = make_page(tmp_path)
-    path = users_path(page.settings.store)
-    assert page.who(None).role == "engineer"
+    state = make_state(tmp_path)
+    path = users_path(state.settings.store)
+    assert state.principal(None).role == "engineer"
     write_users(path, {"olga": make_user("olga", "operator", PASSWORD)})  # while the page is served
-    assert page.who(None).role is None
+    assert state.principal(None).role is None
     write_users(path, {})
-    assert not page.gatekeeper.users and page.login_needed and page.who(None).role is None
-    assert make_page(tmp_path).who(None).role is None  # as after a restart
+    assert not state.authenticator.users and state.authenticator.login_needed and state.principal(None).role is None
+    assert make_state(tmp_path).principal(None).role is None  # as after a restart
     path.unlink()
-    assert page.who(None).role is None
-    assert make_page(tmp_path).who(None).role == "engineer"
+    assert state.principal(None).role is None
+    assert make_state(tmp_path).principal(None).role == "engineer"

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from interface_lab import keep, make_page
+from interface_lab import keep, make_state
 from small_records import calibration, inspection
 from truestand.core.errors import BadRecipe, MissingExtra
 from truestand.web.interfaces import mqtt
-from truestand.web.interfaces.mqtt import PASSWORD, broker_of
-from truestand.web.interfaces.startup import Wanted, machines
+from truestand.web.interfaces.mqtt import PASSWORD_VARIABLE, broker_of
+from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
 needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (Debian: apt-get install mosquitto)")
@@ -54,20 +54,20 @@ def free_port():
 
 
 @pytest.fixture
-def page(tmp_path):
+def state(tmp_path):
     """Its stand is called by its folder."""
     folder = tmp_path / "line+1"
     folder.mkdir()
-    return make_page(folder)
+    return make_state(folder)
 
 
 @asynccontextmanager
-async def telling(page, port, **more):
+async def telling(state, port, **more):
     found = broker_of(f"mqtt://127.0.0.1:{port}/plant", environment={}, **more)
-    async with machines(page, Wanted(mqtt=found)) as (address,):
+    async with open_interfaces(state, InterfaceSettings(mqtt=found)) as (address,):
         assert address == f"mqtt://127.0.0.1:{port}/{BASE}"
         yield
-        await asyncio.to_thread(page.runner.close)
+        await asyncio.to_thread(state.runner.close)
 
 
 class Reader:
@@ -102,14 +102,14 @@ async def reading(port, **more):
 
 
 @needs_broker
-def test_all_topics_are_there_for_who_comes_later(page, tmp_path):
+def test_all_topics_are_there_for_who_comes_later(state, tmp_path):
     aiomqtt()
     port = free_port()
-    keep(page, "calibration", calibration(valid_until="2099-01-01"))
-    number = keep(page, "inspection", inspection())
+    keep(state, "calibration", calibration(valid_until="2099-01-01"))
+    number = keep(state, "inspection", inspection())
 
     async def run():
-        async with telling(page, port):
+        async with telling(state, port):
             await asyncio.sleep(1.0)
             async with reading(port) as reader:
                 await reader.until(lambda told: len(told) == 6)
@@ -134,26 +134,26 @@ def test_all_topics_are_there_for_who_comes_later(page, tmp_path):
 
 
 @needs_broker
-def test_a_job_is_told_and_then_its_result(page, tmp_path):
+def test_a_job_is_told_and_then_its_result(state, tmp_path):
     aiomqtt()
     port = free_port()
 
     async def run():
-        async with telling(page, port), reading(port) as reader:
+        async with telling(state, port), reading(port) as reader:
             await reader.until(lambda told: "result" in told)
-            order = {"kind": "calibrate", "store": str(page.settings.store), "operator": "olga", "serial": "hold"}
-            job = page.runner.start(order, "shaft", None, (("acquire", "Scan"),))
+            order = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold"}
+            job = state.runner.start(order, "shaft", None, (("acquire", "Scan"),))
             await reader.until(lambda told: (told["job"] or {}).get("done") == 0.5)
             assert reader.newest["state"]["state"] == "running"
             heard = len(reader.heard)
             await asyncio.sleep(1.5)
             assert len(reader.heard) - heard < 10  # 20 live events a second are no news
-            page.runner.abort(job["id"])
+            state.runner.abort(job["id"])
             await reader.until(lambda told: told["job"]["state"] == "aborted")
-            while page.runner.busy:
+            while state.runner.busy:
                 await asyncio.sleep(0.02)
-            await asyncio.to_thread(page.runner._reader.join)
-            page.runner.start(order | {"serial": None}, "shaft", None, (("acquire", "Scan"),))
+            await asyncio.to_thread(state.runner._reader.join)
+            state.runner.start(order | {"serial": None}, "shaft", None, (("acquire", "Scan"),))
             await reader.until(lambda told: (told["result"] or {}).get("number") == 1)
             assert reader.newest["result/characteristics"]["number"] == 1
             await reader.until(lambda told: told["state"]["calibrated"])
@@ -163,18 +163,18 @@ def test_a_job_is_told_and_then_its_result(page, tmp_path):
 
 
 @needs_broker
-def test_a_broker_that_comes_late_or_restarts_is_told_all(page, tmp_path, monkeypatch, capsys):
+def test_a_broker_that_comes_late_or_restarts_is_told_all(state, tmp_path, monkeypatch, capsys):
     aiomqtt()
-    monkeypatch.setattr(mqtt, "WAITS", (0.1,))
+    monkeypatch.setattr(mqtt, "RECONNECT_DELAYS_S", (0.1,))
     port = free_port()
-    keep(page, "inspection", inspection())
+    keep(state, "inspection", inspection())
 
     async def see(port):
         async with reading(port) as reader:
             await reader.until(lambda told: len(told) == 6 and told["online"] == "online")
 
     async def run():
-        async with telling(page, port):
+        async with telling(state, port):
             await asyncio.sleep(0.5)
             for _ in range(2):
                 with broker(tmp_path, port):
@@ -193,11 +193,11 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
         "import asyncio, sys\n"
         "import interface_lab\n"
         "from pathlib import Path\n"
-        "from truestand.web.interfaces.startup import Wanted, machines\n"
+        "from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces\n"
         "from truestand.web.interfaces.mqtt import broker_of\n"
         "async def main():\n"
-        "    page = interface_lab.make_page(Path(sys.argv[1]))\n"
-        "    async with machines(page, Wanted(mqtt=broker_of(sys.argv[2]))):\n"
+        "    state = interface_lab.make_state(Path(sys.argv[1]))\n"
+        "    async with open_interfaces(state, InterfaceSettings(mqtt=broker_of(sys.argv[2]))):\n"
         "        await asyncio.sleep(60)\n"
         "asyncio.run(main())\n"
     )
@@ -219,7 +219,7 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
 
 
 @needs_broker
-def test_a_password_out_of_a_file(page, tmp_path):
+def test_a_password_out_of_a_file(state, tmp_path):
     aiomqtt()
     port = free_port()
     passwords = tmp_path / "passwords"
@@ -231,7 +231,10 @@ def test_a_password_out_of_a_file(page, tmp_path):
     found = broker_of(f"mqtt://stand@127.0.0.1:{port}/plant", tmp_path / "secret", environment={})
 
     async def run():
-        async with machines(page, Wanted(mqtt=found)), reading(port, username="stand", password="s3cret") as reader:
+        async with (
+            open_interfaces(state, InterfaceSettings(mqtt=found)),
+            reading(port, username="stand", password="s3cret") as reader,
+        ):
             await reader.until(lambda told: "result" in told)
 
     with broker(tmp_path, port, "allow_anonymous false", f"password_file {passwords}", "user root"):
@@ -239,7 +242,7 @@ def test_a_password_out_of_a_file(page, tmp_path):
 
 
 def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
-    told = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD: "s3cret"})
+    told = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD_VARIABLE: "s3cret"})
     assert (told.host, told.port, told.prefix, told.user, told.password) == (
         "broker.example", 1883, "plant/a/", "stand", "s3cret")  # fmt: skip
     assert "s3cret" not in repr(told) and "s3cret" not in str(told)
@@ -254,11 +257,11 @@ def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
         broker_of("mqtt://b", tmp_path / "missing")
 
 
-def test_without_the_extra_it_says_what_to_install(page, monkeypatch):
+def test_without_the_extra_it_says_what_to_install(state, monkeypatch):
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
 
     async def run():
-        async with machines(page, Wanted(mqtt=broker_of("mqtt://127.0.0.1", environment={}))):
+        async with open_interfaces(state, InterfaceSettings(mqtt=broker_of("mqtt://127.0.0.1", environment={}))):
             pass
 
     with pytest.raises(MissingExtra, match=r"truestand\[mqtt\]"):

@@ -8,10 +8,10 @@ import pytest
 
 from truestand.web.models import JobBody, RecipeBody
 from truestand.web.problem import Problem
-from truestand.web.recipes import Folder
+from truestand.web.recipes import RecipeFolder
 from truestand.web.routes import jobs, recipes
-from truestand.web.routing import Who
-from web_lab import Client, make_page, served, snapshot
+from truestand.web.users import Principal
+from web_lab import Client, make_state, served, snapshot
 
 OUTSIDE = [
     "../secret.toml", "..%2fsecret.toml", "%2e%2e/secret.toml", "..\\secret.toml", "/etc/passwd.toml",
@@ -36,7 +36,7 @@ def stand(tmp_path):
     (folder / "secret.toml").rename(folder / "gear.toml")
     (folder / "sub").mkdir()
     (folder / "sub" / "inner.toml").write_text("x = 1")
-    return Folder(folder)
+    return RecipeFolder(folder)
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
@@ -45,7 +45,7 @@ def test_a_name_that_leads_elsewhere_is_no_recipe(stand, name):
     for use in (stand.file, stand.read, lambda n: stand.write(n, "x = 1")):
         with pytest.raises(Problem) as refused:
             use(name)
-        assert refused.value.status == 404
+        assert refused.value.status_code == 404
     assert snapshot(stand.path.parent) == before
 
 
@@ -56,7 +56,7 @@ def test_nor_over_http(stand, name, method):
 
     folder = stand.path.with_name("page")
     folder.mkdir()
-    with served(make_page(folder)) as port:
+    with served(make_state(folder)) as port:
         client = Client(port)
         client.session()
         before = snapshot(stand.path.parent)
@@ -175,15 +175,15 @@ def test_a_recipe_is_not_saved_where_a_job_started_while_it_was_checked(client, 
         begun.append(Client(client.port, client.cookie, client.csrf).post("/api/jobs", HOLD).json["id"])
 
     text = client.get("/api/recipes/gear.toml").json["text"]
-    monkeypatch.setattr(recipes, "problem_of", check)
+    monkeypatch.setattr(RecipeFolder, "problem_of", check)
     answer = client.ask("PUT", "/api/recipes/gear.toml", {"text": text.replace("demo wheel", "another")})
     assert answer.status == 409 and "job running" in answer.problem
     assert (tmp_path / "gear.toml").read_text(encoding="utf-8") == text
     client.post(f"/api/jobs/{begun[0]}/abort")
 
 
-def test_a_job_does_not_start_while_a_recipe_is_written(page, monkeypatch):
-    writing, go, write = threading.Event(), threading.Event(), Folder.write
+def test_a_job_does_not_start_while_a_recipe_is_written(state, monkeypatch):
+    writing, go, write = threading.Event(), threading.Event(), RecipeFolder.write
 
     def slow(folder, name, text):
         writing.set()
@@ -191,19 +191,19 @@ def test_a_job_does_not_start_while_a_recipe_is_written(page, monkeypatch):
         write(folder, name, text)
 
     async def meet():
-        text = page.folder.read("shaft.toml").replace("shaft M", "shaft N")
-        saving = asyncio.create_task(recipes.save("shaft.toml", RecipeBody(text=text), page))
+        text = state.folder.read("shaft.toml").replace("shaft M", "shaft N")
+        saving = asyncio.create_task(recipes.save("shaft.toml", RecipeBody(text=text), state))
         await asyncio.to_thread(writing.wait, 20)
-        starting = asyncio.create_task(jobs.start(JobBody(kind="calibrate"), page, Who(None, "engineer")))
+        starting = asyncio.create_task(jobs.start(JobBody(kind="calibrate"), state, Principal(None, "engineer")))
         for _ in range(20):
             await asyncio.sleep(0)
-        assert page.runner.current() is None
+        assert state.runner.current() is None
         go.set()
-        assert (await saving, (await starting)["title"]) == ({"problem": None}, "shaft N")
+        assert ((await saving).problem, (await starting)["title"]) == (None, "shaft N")
 
-    monkeypatch.setattr(Folder, "write", slow)
+    monkeypatch.setattr(RecipeFolder, "write", slow)
     try:
         asyncio.run(meet())
     finally:
         go.set()
-        page.runner.close()
+        state.runner.close()

@@ -14,9 +14,9 @@ from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.interfaces.lines import lines_of
-from truestand.web.result_index import Kept
-from truestand.web.routes import evidence
-from truestand.web.routes.home import _over
+from truestand.web.result_index import ResultIndex
+from truestand.web.routes import results
+from truestand.web.routes.stand import is_past
 from truestand.web.security import REPORT_CSP
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -32,8 +32,8 @@ def inspection(verdict="conforms", name="demo wheel", **more):
 
 
 @pytest.fixture
-def store(page):
-    return Store.open(page.settings.store, create=True)
+def store(state):
+    return Store.open(state.settings.store, create=True)
 
 
 def cloud(path, profiles=600, points=500, seed=1):
@@ -52,13 +52,13 @@ def numbers(answer):
     return [entry["number"] for entry in answer.json]
 
 
-def test_an_empty_stand_has_no_results(client, page):
+def test_an_empty_stand_has_no_results(client, state):
     assert client.get("/api/results").json == []
     assert client.get("/api/results/1").status == 404
     assert client.get("/api/home").json["calibration"]["state"] == "none"
     assert client.get("/api/history").json == {"quantities": []}
     assert client.get("/api/audit").json == {"findings": []}
-    assert not page.settings.store.exists()
+    assert not state.settings.store.exists()
 
 
 def test_results_are_listed_newest_first_and_by_page(client, store):
@@ -91,13 +91,13 @@ def test_corrections_keep_the_original(client, store):
     assert client.get("/api/results/4").json["record"] == {}
 
 
-@pytest.mark.parametrize(("record", "state"), [(calibration(), "valid"), (calibration("untrusted"), "untrusted"),
+@pytest.mark.parametrize(("record", "expected"), [(calibration(), "valid"), (calibration("untrusted"), "untrusted"),
                                                (calibration(until="2001-01-01"), "expired"),
                                                (calibration(until="2999-01-01T00:00:00Z"), "valid")])  # fmt: skip
-def test_home_says_what_the_calibration_is_worth(client, store, record, state):
+def test_home_says_what_the_calibration_is_worth(client, store, record, expected):
     store.add("calibration", record)
     told = client.get("/api/home").json
-    assert told["calibration"]["state"] == state and told["calibration"]["reasons"] == record["reasons"]
+    assert told["calibration"]["state"] == expected and told["calibration"]["reasons"] == record["reasons"]
     assert [e["number"] for e in told["last"]] == [1]
 
 
@@ -105,7 +105,8 @@ def test_a_day_counts_to_its_end():
     from datetime import UTC, datetime
 
     now = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
-    assert not _over("2026-11-21", now) and _over("2026-11-20", now) and not _over(None, now) and _over("soon", now)
+    over = {until: is_past(until, now) for until in ("2026-11-20", "2026-11-21", None, "soon")}
+    assert over == {"2026-11-20": True, "2026-11-21": False, None: False, "soon": True}
 
 
 def test_a_report_runs_nothing(client, store, tmp_path):
@@ -128,7 +129,7 @@ def test_names_from_the_store_are_data(client, store):
         assert answer.headers["content-type"] == "application/json" and EVIL in answer.body.decode()
 
 
-def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
+def test_a_cloud_comes_as_numbers(client, state, store, tmp_path):
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
     answer = client.get("/api/results/1/cloud?points=20000")
     assert answer.status == 200 and answer.headers["content-type"] == "application/octet-stream"
@@ -137,13 +138,13 @@ def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
     x, y, z, deviation = np.frombuffer(answer.body[4:], "<f4").reshape(4, n)
     assert np.isfinite([x, y, z]).all() and np.isnan(deviation).any()
     assert np.count_nonzero(deviation == -80.0) == 4  # the dent of four points among 300,000 is still there
-    assert len(list(page.settings.cache_folder.iterdir())) == 1
+    assert len(list(state.settings.cache_folder.iterdir())) == 1
     assert client.get("/api/results/1/cloud?points=20000").body == answer.body
     assert client.get("/api/results/1/cloud?points=9000000").status == 422
     assert client.get("/api/results/2/cloud").status == 404
 
 
-def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page, store, tmp_path):
+def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(state, store, tmp_path):
     for name in ("first", "second"):
         (tmp_path / name).write_text(name)
         store.add("inspection", inspection(serial=name), {"cloud": tmp_path / name})
@@ -160,14 +161,14 @@ def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page,
                 Path(arguments[1]).write_text("made")
             return []
 
-        page.ask = ask
-        audit = asyncio.create_task(evidence.audit(page))
+        state.run_task = ask
+        audit = asyncio.create_task(results.audit(state))
         async with asyncio.timeout(20):
-            await evidence.cloud(1, page)
-            making = asyncio.create_task(evidence.cloud(2, page))
+            await results.cloud(1, state)
+            making = asyncio.create_task(results.cloud(2, state))
             while len(asked) < 3:
                 await asyncio.sleep(0.01)
-            await evidence.cloud(1, page)
+            await results.cloud(1, state)
         assert sorted(asked) == ["audit", "cloud", "cloud"] and not audit.done() and not making.done()
         making.cancel()
         over.set()
@@ -228,16 +229,16 @@ def test_a_damaged_cloud_is_refused(tmp_path, damage):
         open_cloud(path)
 
 
-def test_the_cache_forgets_what_was_not_looked_at(client, page, store, tmp_path, monkeypatch):
-    monkeypatch.setattr(evidence, "CACHED", 2)
+def test_the_cache_forgets_what_was_not_looked_at(client, state, store, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "MAX_CACHED_CLOUDS", 2)
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply", 100, 100)})
     for points in (1000, 2000, 3000, 4000):
         client.get(f"/api/results/1/cloud?points={points}")
-    assert sorted(int(p.stem.split("-")[1]) for p in page.settings.cache_folder.iterdir()) == [3000, 4000]
+    assert sorted(int(p.stem.split("-")[1]) for p in state.settings.cache_folder.iterdir()) == [3000, 4000]
 
 
 def test_a_store_is_read_again_only_where_something_came(store):
-    kept = Kept(store.folder)
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
     before = kept._entries
@@ -248,7 +249,7 @@ def test_a_store_is_read_again_only_where_something_came(store):
 
 
 def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
-    kept = Kept(store.folder)
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration(), time="2026-01-02T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
@@ -257,7 +258,7 @@ def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
 
 
 def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
-    kept = Kept(store.folder)
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration())
     assert len(kept.entries()) == 1
     store.folder.rename(tmp_path / "before")
@@ -267,9 +268,9 @@ def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
     assert [(e.number, e.serial) for e in kept.entries()] == [(2, "2"), (1, "1")]
 
 
-def test_a_damaged_store_is_told(client, page, store):
+def test_a_damaged_store_is_told(client, state, store):
     store.add("calibration", calibration())
-    (page.settings.store / "store.db").write_bytes(b"no database")
+    (state.settings.store / "store.db").write_bytes(b"no database")
     answer = client.get("/api/results")
     assert answer.status == 409 and "audit" in answer.problem
 
@@ -425,16 +426,15 @@ def test_a_verification_speaks_of_its_calibration_only(client, store):
     assert told() == ("valid", None)
 
 
-def test_who_starts_later_knows_of_the_verification(page, store):
+def test_who_starts_later_knows_of_the_verification(state, store):
     store.add("calibration", calibration())
     verification(store, "does_not_hold")
-    assert Kept(page.settings.store).verification().verdict == "does_not_hold"
+    assert ResultIndex(state.settings.store).verification().verdict == "does_not_hold"
 
 
-@pytest.mark.parametrize(
-    ("record", "state"), [(calibration("untrusted"), "untrusted"), (calibration(until="2001-01-01"), "does_not_hold")]
-)
-def test_the_worst_is_told_of_a_calibration(client, store, record, state):
+@pytest.mark.parametrize(("record", "expected"), [(calibration("untrusted"), "untrusted"),
+                                                  (calibration(until="2001-01-01"), "does_not_hold")])  # fmt: skip
+def test_the_worst_is_told_of_a_calibration(client, store, record, expected):
     store.add("calibration", record)
     verification(store, "does_not_hold")
-    assert client.get("/api/home").json["calibration"]["state"] == state
+    assert client.get("/api/home").json["calibration"]["state"] == expected

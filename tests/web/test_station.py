@@ -6,9 +6,8 @@ import time
 import pytest
 
 from lab import lab
-from truestand.web.hub import Hub
-from truestand.web.runner import Runner
-from web_lab import Client, make_page, served
+from truestand.web.runner import WORKER
+from web_lab import Client, make_state, served
 
 pytestmark = pytest.mark.stand  # test_morning.py goes the same way through the browser in every run
 WITHIN = 180.0
@@ -20,13 +19,11 @@ def at_stand(tmp_path_factory):
     """A client, the virtual stand and its page."""
     folder = tmp_path_factory.mktemp("stand")
     with lab(folder, turns=1.1, points=320, pace=2.5) as stand:
-        page = make_page(folder)
-        page.hub = Hub()
-        page.runner = Runner(page.hub)
-        with served(page) as port:
+        state = make_state(folder, worker=WORKER)
+        with served(state) as port:
             client = Client(port)
             client.session()
-            yield client, stand, page
+            yield client, stand, state
 
 
 def followed(client, job, until=lambda event: False):
@@ -52,19 +49,19 @@ def test_devices_are_asked(at_stand):
 
 
 def test_an_abort_stops_the_stand_and_keeps_what_came(at_stand):
-    client, stand, page = at_stand
+    client, stand, state = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate"}).json
     followed(client, job, lambda event: event["type"] == "live" and event["live"]["done"] > 0.2)
     client.post(f"/api/jobs/{job['id']}/abort")
     job, _ = followed(client, job)
     assert job["state"] == "aborted" and job["number"] is None
     assert stand.safe
-    assert list(page.settings.jobs_folder.glob("*-calibrate/*.h5"))
+    assert list(state.settings.jobs_folder.glob("*-calibrate/*.h5"))
     assert client.get("/api/home").json["fault"] is None
 
 
 def test_calibrate_and_verify(at_stand):
-    client, _, page = at_stand
+    client, _, state = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate", "operator": "Anna"}).json
     job, live = followed(client, job)
     assert job["state"] == "done" and job["number"] == 1, job["message"]
@@ -78,7 +75,7 @@ def test_calibrate_and_verify(at_stand):
     job, _ = followed(client, job)
     assert job["state"] == "done" and job["number"] == 2, job["message"]
     assert client.get("/api/audit", timeout=60).json == {"findings": []}
-    assert not list(page.settings.jobs_folder.glob("*-verify"))  # the store has it
+    assert not list(state.settings.jobs_folder.glob("*-verify"))  # the store has it
 
 
 def test_a_fault_is_latched_told_and_reset(at_stand):

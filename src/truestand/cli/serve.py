@@ -74,9 +74,9 @@ def serve(
         return
     from truestand.core.errors import BadRecipe
     from truestand.files.recipes.recipes import read_stand
-    from truestand.web.app_state import Settings
-    from truestand.web.interfaces.startup import machines, wanted
-    from truestand.web.serving import Binding, make_page
+    from truestand.web.app_state import Settings, make_state
+    from truestand.web.interfaces.startup import interface_settings, open_interfaces
+    from truestand.web.serving import Binding
     from truestand.web.serving import serve as run
 
     if (tls_certificate is None) != (tls_key is None):
@@ -84,8 +84,8 @@ def serve(
     read_stand(stand)
     settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), kept.absolute())
     binding = Binding(host, port, tuple(name or ()), tuple(proxy or ()), tls_certificate, tls_key)
-    page = make_page(settings)
-    beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
+    page = make_state(settings)
+    beside = open_interfaces(page, interface_settings(page, opcua, mqtt, mqtt_password_file))
     run(page, binding, lambda address: _told(stand, address, quiet), open_browser, beside)
 
 

@@ -1,37 +1,35 @@
-"""All that the routes work with: one stand, its folder, its worker, its results, and who may do what."""
+"""What all routes work with: one stand, its folder, its job runner, its results, and who may do what."""
 
 import asyncio
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated, Any
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection, Request
 
 from truestand.web.hub import Hub
-from truestand.web.recipes import Folder
-from truestand.web.results import Results
-from truestand.web.routing import Who
-from truestand.web.runner import Runner
+from truestand.web.recipes import RecipeFolder
+from truestand.web.result_index import ResultIndex
+from truestand.web.runner import WORKER, JobRunner
 from truestand.web.sessions import Sessions
-from truestand.web.throttle import Throttle
-from truestand.web.users import Gatekeeper
+from truestand.web.tasks import run_task
+from truestand.web.users import Authenticator, Principal, Throttle, users_path
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What ``truestand serve`` was told."""
+    """The files of a stand, as ``truestand serve`` was given them."""
 
     stand: Path
     artefact: Path
     store: Path
-    cache: Path | None = None
-    """Default: beside the store."""
 
     @property
     def cache_folder(self) -> Path:
         """For what can be made again."""
-        return self.cache or self.store.with_name(f"{self.store.name}.cache")
+        return self.store.with_name(f"{self.store.name}.cache")
 
     @property
     def jobs_folder(self) -> Path:
@@ -39,67 +37,55 @@ class Settings:
         return self.store.with_name(f"{self.store.name}.jobs")
 
 
-class Ask(Protocol):
-    """One-shot helpers in a process of their own (tasks.py)."""
-
-    async def __call__(self, *arguments: str, text: str = "", within: float = 30.0) -> object:
-        """Their answer."""
-
-
 @dataclass(slots=True)
-class Page:
-    """The page of one stand."""
+class AppState:
+    """The state that all requests share."""
 
     settings: Settings
-    results: Results
-    runner: Runner
+    results: ResultIndex
     hub: Hub
-    gatekeeper: Gatekeeper
-    ask: Ask
+    runner: JobRunner
+    authenticator: Authenticator
+    run_task: Callable[..., Awaitable[Any]] = run_task
     sessions: Sessions = field(default_factory=Sessions)
     throttle: Throttle = field(default_factory=Throttle)
-    devices: asyncio.Lock = field(default_factory=asyncio.Lock)
+    devices_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while something other than a job talks to the stand's devices."""
-    clouds: asyncio.Lock = field(default_factory=asyncio.Lock)
+    cloud_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while a cloud is thinned out: one at a time, for its memory."""
-    audits: asyncio.Lock = field(default_factory=asyncio.Lock)
+    audit_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while the store is audited."""
-    recipes: asyncio.Lock = field(default_factory=asyncio.Lock)
+    recipe_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while a recipe is written, and while a job reads what it starts with: neither comes between the other."""
 
     @property
-    def folder(self) -> Folder:
+    def folder(self) -> RecipeFolder:
         """The recipes."""
-        return Folder(self.settings.stand.parent)
+        return RecipeFolder(self.settings.stand.parent)
 
-    @property
-    def login_needed(self) -> bool:
-        """Whether there are users, or were."""
-        return self.gatekeeper.login_needed
-
-    def who(self, cookie: str | None, seen: bool = True) -> Who:
-        """Who a cookie belongs to; on a page that never had users everyone is an engineer."""
-        if not self.login_needed:
-            return Who(None, "engineer")
-        user = self.gatekeeper.users.get(self.sessions.user(cookie, seen) or "")
-        return Who(None, None) if user is None else Who(user.name, user.role)
-
-    def is_csrf(self, cookie: str | None, token: str | None) -> bool:
-        """Whether that is the cookie's token against forged writes."""
-        return self.sessions.is_csrf(cookie, token)
+    def principal(self, cookie: str | None, is_use: bool = True) -> Principal:
+        """Who a cookie belongs to; ``is_use``: its session is idle no longer."""
+        return self.authenticator.principal(self.sessions.user(cookie, is_use))
 
 
-def page_of(request: HTTPConnection) -> Page:
-    """The page that a request is for."""
-    page: Page = request.app.state.page
-    return page
+def make_state(settings: Settings, worker: Sequence[str] = WORKER) -> AppState:
+    """The state of a stand's page; ``worker``: the command that runs a job."""
+    hub = Hub()
+    authenticator = Authenticator(users_path(settings.store))
+    return AppState(settings, ResultIndex(settings.store), hub, JobRunner(hub, worker), authenticator)
 
 
-def who_of(request: Request) -> Who:
-    """Who asks; the route's policy has let them in."""
-    who: Who = request.state.who
-    return who
+def app_state(connection: HTTPConnection) -> AppState:
+    """The state of the application that a request is for."""
+    state: AppState = connection.app.state.shared
+    return state
 
 
-ThePage = Annotated[Page, Depends(page_of)]
-TheWho = Annotated[Who, Depends(who_of)]
+def _principal(request: Request) -> Principal:
+    """Who sends the request, as its route's policy found it."""
+    principal: Principal = request.state.principal
+    return principal
+
+
+StateDep = Annotated[AppState, Depends(app_state)]
+PrincipalDep = Annotated[Principal, Depends(_principal)]

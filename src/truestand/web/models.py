@@ -1,4 +1,4 @@
-"""What goes over the wire, with types: the page's REST interface as /api/openapi.json documents it."""
+"""Bodies of requests and answers: the page's REST interface as /api/openapi.json documents it."""
 
 from typing import Annotated, Any, Literal
 
@@ -19,14 +19,14 @@ class Body(BaseModel):
 
 
 class LoginBody(Body):
-    """Who logs in."""
+    """A login."""
 
     user: Text
     password: Annotated[str, Field(max_length=1024)]
 
 
 class JobBody(Body):
-    """What is to be done."""
+    """A job to start."""
 
     kind: JobKind
     part: Text | None = None
@@ -47,7 +47,7 @@ class ProblemBody(BaseModel):
     problem: str
 
 
-class SessionTold(BaseModel):
+class SessionInfo(BaseModel):
     """Who asks, and what a page needs to know at first."""
 
     user: str | None
@@ -93,7 +93,7 @@ class Job(BaseModel):
     status: str | None
 
 
-class Has(BaseModel):
+class AvailableFiles(BaseModel):
     """What can be fetched of a result."""
 
     report: bool
@@ -115,7 +115,7 @@ class Entry(BaseModel):
     verdict: str | None
     status: str | None
     corrected_by: int | None
-    has: Has
+    has: AvailableFiles
 
 
 class CalibrationState(BaseModel):

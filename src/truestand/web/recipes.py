@@ -1,4 +1,4 @@
-"""The recipes of the stand's folder, and nothing outside of it.
+"""The recipes of the stand's folder, and nothing outside of it: listed, read, checked, written.
 
 A name is one plain file name that ends in .toml; a path, a link or anything else is refused, so there is nothing to
 resolve: ``folder/name`` lies in the folder itself.
@@ -6,43 +6,45 @@ resolve: ``folder/name`` lies in the folder itself.
 
 import re
 import stat
+import tempfile
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from truestand.core.errors import BadRecipe
+from truestand.core.errors import BadRecipe, TruestandError
 from truestand.files.atomic import write_text_atomic
-from truestand.files.recipes.parts import KINDS
-from truestand.files.recipes.recipes import read_toml
+from truestand.files.recipes.parts import KINDS, part_of
+from truestand.files.recipes.recipes import read_devices_table, read_shaft, read_stand, read_toml
+from truestand.station.recipe import read_devices
 from truestand.web.problem import Problem
 
 Kind = Literal["stand", "artefact", "part"]
+PartKind = Literal["gear", "turned", "cad"]
 NAME = re.compile(r"[^\W_][\w .+-]{0,79}\.toml")
-LARGEST = 200_000
-"""Bytes of a recipe that is read."""
+MAX_RECIPE_BYTES = 200_000
 
 
 @dataclass(frozen=True, slots=True)
-class Listed:
+class RecipeFile:
     """A recipe by what it says of itself."""
 
     file: str
     kind: Kind
     title: str
-    part_kind: str = ""
-    """gear, turned or cad."""
-    called: str = ""
-    """The part's name in records."""
+    part_kind: PartKind | None = None
+    part_name: str = ""
+    """In records."""
 
     @property
     def name(self) -> str:
-        """Without its suffix."""
+        """The file's name without its suffix."""
         return self.file.removesuffix(".toml")
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
+class RecipeFolder:
     """Where stand.toml lies."""
 
     path: Path
@@ -56,7 +58,7 @@ class Folder:
         if not NAME.fullmatch(name) or ".." in name:
             raise Problem(404, "found no such recipe, need a plain file name like gear.toml")
         path = self.path / name
-        if _mode(path) not in (None, stat.S_IFREG):
+        if _file_type(path) not in (None, stat.S_IFREG):
             raise Problem(404, f"found {name} is no plain file; links and folders aren't followed")
         return path
 
@@ -69,23 +71,27 @@ class Folder:
         path = self.file(name)
         if not path.exists():
             raise Problem(404, f"found no {name} in the stand's folder, need one; see the list of recipes")
-        if path.stat().st_size > LARGEST:
-            raise Problem(422, f"found {name} larger than {LARGEST} bytes, need less; edit it elsewhere")
+        if path.stat().st_size > MAX_RECIPE_BYTES:
+            raise Problem(422, f"found {name} larger than {MAX_RECIPE_BYTES} bytes, need less; edit it elsewhere")
         try:
             return path.read_text(encoding="utf-8-sig")
         except UnicodeDecodeError as wrong:
             raise Problem(422, f"{name}: no UTF-8 text at byte {wrong.start}; save it as UTF-8") from wrong
 
     def write(self, name: str, text: str) -> None:
-        """Replace a recipe, or begin one."""
+        """Replace a recipe, or begin one.
+
+        Raises:
+            Problem: 404 for anything that could lead elsewhere.
+        """
         write_text_atomic(self.file(name), text)
 
-    def recipes(self) -> list[Listed]:
-        """What there is, by file name; files that are no recipes are left out."""
+    def recipes(self) -> list[RecipeFile]:
+        """All of them, by file name; files that are no recipes are left out."""
         names = (p.name for p in sorted(self.path.glob("*.toml")) if NAME.fullmatch(p.name) and _is_small(p))
-        return [found for name in names if (found := self._listed(name)) is not None]
+        return [recipe for name in names if (recipe := self._described(name)) is not None]
 
-    def part(self, name: str) -> Listed:
+    def part(self, name: str) -> RecipeFile:
         """The part of that name (without suffix).
 
         Raises:
@@ -96,30 +102,69 @@ class Folder:
             raise Problem(404, f"found no part {name!r}, need one of the list of parts; add its recipe")
         return found
 
-    def _listed(self, name: str) -> Listed | None:
+    def problem_of(self, name: str, text: str) -> str | None:
+        """What the worker would find wrong with a text, were it saved as ``name``; None: nothing."""
+        with tempfile.TemporaryDirectory() as place:
+            path, home = Path(place) / name, self.path / name
+            path.write_bytes(text.encode("utf-8", "surrogatepass"))
+            try:
+                _read_as_worker(path, home)
+            except TruestandError as wrong:
+                return str(wrong).replace(f"{path}: ", "").replace(f"{home}: ", "")
+        return None
+
+    def _described(self, name: str) -> RecipeFile | None:
         try:
-            told = read_toml(self.path / name)
+            recipe = read_toml(self.path / name)
         except BadRecipe:
-            return Listed(name, "part", f"{name} (can't be read)") if name != "stand.toml" else None
-        kind = kind_of(told)
+            return RecipeFile(name, "part", f"{name} (can't be read)") if name != "stand.toml" else None
+        kind = kind_of(recipe)
         if kind is None:
             return None
-        title = str(told.get("name") or name.removesuffix(".toml"))
+        title = str(recipe.get("name") or name.removesuffix(".toml"))
         if kind != "part":
-            return Listed(name, kind, title)
-        unnamed = {"gear": "gear", "turned": "turned part", "cad": Path(str(told.get("file", ""))).stem}
-        return Listed(name, kind, title, told["kind"], str(told.get("name") or unnamed[told["kind"]]))
+            return RecipeFile(name, kind, title)
+        unnamed = {"gear": "gear", "turned": "turned part", "cad": Path(str(recipe.get("file", ""))).stem}
+        return RecipeFile(name, kind, title, recipe["kind"], str(recipe.get("name") or unnamed[recipe["kind"]]))
 
 
-def kind_of(told: Mapping[str, Any]) -> Kind | None:
+def kind_of(recipe: Mapping[str, Any]) -> Kind | None:
     """What a recipe describes, by its keys; None: nothing that truestand knows."""
-    if told.get("kind") in KINDS:
+    if recipe.get("kind") in KINDS:
         return "part"
-    return "artefact" if "cylinder" in told else "stand" if "sensor" in told else None
+    return "artefact" if "cylinder" in recipe else "stand" if "sensor" in recipe else None
 
 
-def _mode(path: Path) -> int | None:
-    """What kind of file it is itself, be it a link; None: there is nothing."""
+def loads_model(text: str) -> bool:
+    """Whether a CAD model would have to be loaded, which may take seconds and a gigabyte."""
+    try:
+        return tomllib.loads(text).get("kind") == "cad"
+    except (ValueError, RecursionError):
+        return False
+
+
+def _read_as_worker(path: Path, home: Path) -> None:
+    """As the worker will read it once it is ``home``: the files that it names lie beside that.
+
+    Raises:
+        TruestandError: it can't.
+    """
+    recipe = read_toml(path)
+    kind = kind_of(recipe)
+    if kind is None:
+        raise BadRecipe("found no recipe, need [[sensor]] for a stand, [[cylinder]] for a shaft, or a part's kind")
+    if kind == "part":
+        part_of(recipe, home)
+    elif kind == "artefact":
+        read_shaft(path)
+    else:
+        read_stand(path)
+        if read_devices_table(path):
+            read_devices(path)
+
+
+def _file_type(path: Path) -> int | None:
+    """Of the file itself, be it a link; None: there is nothing."""
     try:
         return stat.S_IFMT(path.lstat().st_mode)
     except OSError:
@@ -127,4 +172,4 @@ def _mode(path: Path) -> int | None:
 
 
 def _is_small(path: Path) -> bool:
-    return _mode(path) == stat.S_IFREG and path.stat().st_size <= LARGEST
+    return _file_type(path) == stat.S_IFREG and path.stat().st_size <= MAX_RECIPE_BYTES

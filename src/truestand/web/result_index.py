@@ -2,20 +2,21 @@
 
 import threading
 from collections.abc import Collection, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from truestand.store import Entry as Stored
 from truestand.store import Store
-from truestand.web.models import Entry, Has, Quantity
+from truestand.web.models import AvailableFiles, Entry, Quantity
 from truestand.web.trends import calibration_trends, inspection_trends
 
-SHOWN = ("calibration", "verification", "inspection")
+KINDS = ("calibration", "verification", "inspection")
 ROLES = ("record", "report", "cloud")
 
 
-class Kept:
-    """The store of a folder, be it there yet or not."""
+class ResultIndex:
+    """The results of a folder's store, be it there yet or not, each with its record and files."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._lock = folder, threading.Lock()
@@ -25,50 +26,59 @@ class Kept:
         self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
 
     def entries(
-        self, kinds: Collection[str] = (), parts: Collection[str] = (), limit: int = 50, before: int | None = None
+        self,
+        kinds: Collection[str] = KINDS,
+        parts: Collection[str] = (),
+        limit: int | None = 50,
+        before: int | None = None,
     ) -> list[Entry]:
-        """Results and what corrected them, newest first."""
-        known = self._known()
-        found: list[Entry] = []
-        for number in sorted(known.results, reverse=True):
-            if len(found) == limit:
-                break
-            if before is not None and number >= before:
-                continue
-            kind = known.kind(number)
-            if kind in (kinds or SHOWN) and (not parts or known.results[number].part in parts):
-                found.append(known.told(number))
-        return found
+        """Results and what corrected them, newest first: at most ``limit`` before entry ``before``.
+
+        Raises:
+            TruestandError: the store can't be read; so do all methods here.
+        """
+        known = self._updated()
+        numbers = (
+            number
+            for number, result in sorted(known.results.items(), reverse=True)
+            if (before is None or number < before)
+            and known.kind(number) in kinds
+            and (not parts or result.part in parts)
+        )
+        return [known.as_entry(number) for number in islice(numbers, limit)]
 
     def entry(self, number: int) -> Entry | None:
         """One result."""
-        known = self._known()
-        return known.told(number) if number in known.results else None
+        known = self._updated()
+        return known.as_entry(number) if number in known.results else None
 
     def calibration(self) -> Entry | None:
-        """The newest that was not withdrawn, as last corrected."""
-        known = self._known()
+        """The calibration in force: the newest that was not withdrawn, as last corrected."""
+        known = self._updated()
         newest = next(known.standing("calibration"), None)
-        return None if newest is None else known.told(newest.number)
+        return None if newest is None else known.as_entry(newest.number)
 
     def verification(self) -> Entry | None:
-        """The newest of that calibration, but one that is undecided takes back no *does not hold*."""
-        known = self._known()
+        """The verification that counts for that calibration; None: it was not verified.
+
+        The newest, but one that is undecided takes back no *does not hold*.
+        """
+        known = self._updated()
         calibration = next(known.standing("calibration"), None)
         if calibration is None:
             return None
-        records = {e.record for e in known.origins(calibration.number)}
+        records = {e.record for e in known.with_origins(calibration.number)}
         found = [
             v for v in known.standing("verification")
-            if known.origins(v.number)[-1].evidence.get("calibration") in records
+            if known.with_origins(v.number)[-1].evidence.get("calibration") in records
         ]  # fmt: skip
         decided = [v for v in found if v.status != "undecided"][:1]
-        counts = [v for v in decided if v.status == "does_not_hold"] or found
-        return known.told(counts[0].number) if counts else None
+        counting = [v for v in decided if v.status == "does_not_hold"] or found
+        return known.as_entry(counting[0].number) if counting else None
 
     def record(self, number: int) -> Mapping[str, Any]:
-        """The record, checked against its hash; of a withdrawal there is none."""
-        stored = self._known().results[number]
+        """Its calibration.json, inspection.json or verification.json, checked against its hash; empty: withdrawn."""
+        stored = self._updated().results[number]
         if stored.record is None:
             return {}
         record = self._records.get(stored.record)
@@ -79,15 +89,14 @@ class Kept:
         return record
 
     def file(self, number: int, role: str) -> Path | None:
-        """Where a file of a result lies."""
-        stored = self._known().results.get(number)
+        """Where a file of a result lies: record, report, cloud; None: it has none."""
+        stored = self._updated().results.get(number)
         path = None if stored is None else Store(self._folder).evidence(stored).get(role)
         return path if role in ROLES and path is not None and path.exists() else None
 
-    def history(self, kind: str, parts: Collection[str]) -> list[Quantity]:
-        """Trends, made anew only where something came to the store."""
-        known = self._known()
-        if not known.results:
+    def trends(self, kind: str, parts: Collection[str]) -> list[Quantity]:
+        """Of calibrations, or of the inspections of a part; computed again only where something came to the store."""
+        if not self._updated().results:
             return []
         key = (self._head, kind, tuple(sorted(parts)))
         found = self._trends.get(key)
@@ -97,7 +106,7 @@ class Kept:
             self._trends = {k: v for k, v in self._trends.items() if k[0] == self._head} | {key: found}
         return found
 
-    def _known(self) -> "_Known":
+    def _updated(self) -> "_Results":
         """All entries, brought up to date."""
         with self._lock:
             if (self._folder / "store.db").exists():
@@ -106,7 +115,7 @@ class Kept:
                 if head != self._head:
                     self._add(store)
                     self._head = head
-            return _Known(self._entries)
+            return _Results(self._entries)
 
     def _add(self, store: Store) -> None:
         """What came since, by number, for a clock may be set back; everything where it isn't the store that was known.
@@ -121,14 +130,14 @@ class Kept:
             self._entries = store.entries()
 
 
-class _Known:
-    """Results with what became of them."""
+class _Results:
+    """Results with their corrections."""
 
     def __init__(self, entries: list[Stored]) -> None:
-        self.results = {e.number: e for e in entries if e.kind in SHOWN or e.kind == "correction"}
+        self.results = {e.number: e for e in entries if e.kind in (*KINDS, "correction")}
         self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
 
-    def origins(self, number: int) -> list[Stored]:
+    def with_origins(self, number: int) -> list[Stored]:
         """A result and what it corrects, the original last."""
         found = [self.results[number]]
         while found[-1].kind == "correction" and found[-1].about in self.results:
@@ -137,22 +146,18 @@ class _Known:
 
     def kind(self, number: int) -> str:
         """A correction is of the kind that it corrects."""
-        return self.origins(number)[-1].kind
+        return self.with_origins(number)[-1].kind
 
     def standing(self, kind: str) -> Iterator[Stored]:
         """Results of a kind that were not withdrawn, as last corrected; the newest original first."""
         for number in sorted((n for n, e in self.results.items() if e.kind == kind), reverse=True):
-            last = self.results[self.last(number)]
-            if last.record is not None:
-                yield last
+            last = number
+            while last in self.corrected:
+                last = self.corrected[last]
+            if self.results[last].record is not None:
+                yield self.results[last]
 
-    def last(self, number: int) -> int:
-        """The last correction's number, or its own."""
-        while number in self.corrected:
-            number = self.corrected[number]
-        return number
-
-    def told(self, number: int) -> Entry:
+    def as_entry(self, number: int) -> Entry:
         """As clients see it."""
         entry, kind = self.results[number], self.kind(number)
         certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
@@ -168,5 +173,7 @@ class _Known:
             verdict=None if kind == "calibration" else entry.status,
             status=entry.status if kind == "calibration" else None,
             corrected_by=self.corrected.get(number),
-            has=Has(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified),
+            has=AvailableFiles(
+                report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified
+            ),
         )

@@ -1,21 +1,29 @@
-"""Every route of the page with its policy. There is no other way to register one, and none goes without."""
+"""Routes with their policies: there is no other way to register one, and none goes without.
 
+A route lets nobody in before its policy has been asked, nor reads a byte of the body. A body is read whole before
+anything is made of it, within its route's limit, and in time.
+"""
+
+import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, TypeVar
 
-from fastapi import APIRouter, WebSocket
+from fastapi import WebSocket
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.requests import HTTPConnection, Request
 from starlette.responses import Response
+from starlette.types import Message, Receive
 
-from truestand.web.body import with_body
+from truestand.web.app_state import app_state
 from truestand.web.models import ProblemBody
 from truestand.web.problem import Problem
-from truestand.web.sessions import COOKIE, sound
+from truestand.web.sessions import COOKIE, valid_cookie
 from truestand.web.users import Role
 
-READING = ("GET", "HEAD")
+READ_METHODS = ("GET", "HEAD")
+BODY_TIMEOUT_S = 15.0
+Endpoint = TypeVar("Endpoint", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,47 +32,33 @@ class Policy:
 
     role: Role | None
     """None: anyone. An engineer may do all that an operator may."""
-    body: int = 1_000
-    """Bytes; what reads takes none."""
+    max_body_bytes: int = 1_000
+    """Read methods take none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Who:
-    """Who asks."""
-
-    user: str | None
-    role: Role | None
+ANYONE, OPERATOR, ENGINEER = Policy(None), Policy("operator"), Policy("engineer")
 
 
-class Guard(Protocol):
-    """What tells who asks, and whether a write was meant."""
+class GuardedRoute(APIRoute):
+    """An HTTP route behind its policy."""
 
-    def who(self, cookie: str | None, seen: bool = True) -> Who:
-        """Who a cookie belongs to."""
-
-    def is_csrf(self, cookie: str | None, token: str | None) -> bool:
-        """Whether that is the cookie's token against forged writes."""
-
-
-class Door(APIRoute):
-    """A route that lets nobody in before its policy has been asked, nor reads a byte of the body."""
-
-    def __init__(self, path: str, endpoint: Callable[..., Any], *, policy: Policy, **told: Any) -> None:
+    def __init__(self, path: str, endpoint: Callable[..., Any], *, policy: Policy, **options: Any) -> None:
         self.policy = policy
-        super().__init__(path, endpoint, **told)
+        super().__init__(path, endpoint, **options)
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
-        """FastAPI's handler behind the policy."""
+        """FastAPI's handler, called after the policy with a body that is already there."""
         inner = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            admit(request, self.policy, write=request.method not in READING)
-            return await inner(await with_body(request, 0 if request.method in READING else self.policy.body))
+            reads = request.method in READ_METHODS
+            authorize(request, self.policy, write=not reads)
+            return await inner(await _with_body(request, 0 if reads else self.policy.max_body_bytes))
 
         return handle
 
 
-class SocketDoor(APIWebSocketRoute):
+class GuardedWebSocketRoute(APIWebSocketRoute):
     """A WebSocket whose policy is asked before it opens."""
 
     def __init__(self, path: str, endpoint: Callable[..., Any], *, policy: Policy) -> None:
@@ -72,7 +66,7 @@ class SocketDoor(APIWebSocketRoute):
 
         async def guarded(websocket: WebSocket) -> None:
             try:
-                admit(websocket, policy, write=False)
+                authorize(websocket, policy, write=False)
             except Problem:
                 await websocket.close(1008)  # before it was accepted: the client sees 403
                 return
@@ -81,58 +75,99 @@ class SocketDoor(APIWebSocketRoute):
         super().__init__(path, guarded)
 
 
-def admit(connection: HTTPConnection, policy: Policy, write: bool) -> Who:
-    """Who is let in.
+def authorize(connection: HTTPConnection, policy: Policy, write: bool) -> None:
+    """Note who sends a request, as ``connection.state.principal``, and let them in.
 
     Raises:
-        Problem: 401 not logged in, 403 not allowed to.
+        Problem: 401 not logged in, 403 not allowed to, or a write without its CSRF token.
     """
-    guard: Guard = connection.app.state.page
-    cookie = sound(connection.cookies.get(COOKIE))
-    who = guard.who(cookie)
-    connection.state.who, connection.state.cookie = who, cookie
-    if policy.role is not None and who.role is None:
+    state = app_state(connection)
+    cookie = valid_cookie(connection.cookies.get(COOKIE))
+    principal = state.principal(cookie)
+    connection.state.principal, connection.state.cookie = principal, cookie
+    if policy.role is not None and principal.role is None:
         raise Problem(401, "found no login, need one; log in and try again")
-    if policy.role == "engineer" and who.role != "engineer":
-        raise Problem(403, f"found role {who.role}, need engineer; ask one of them")
-    if write and not guard.is_csrf(cookie, connection.headers.get("x-csrf-token")):
+    if policy.role == "engineer" and principal.role != "engineer":
+        raise Problem(403, f"found role {principal.role}, need engineer; ask one of them")
+    if write and not state.sessions.is_csrf(cookie, connection.headers.get("x-csrf-token")):
         raise Problem(403, "found no valid X-CSRF-Token, need the one of GET /api/session; load the page again")
-    return who
 
 
-@dataclass(frozen=True, slots=True)
-class Doors:
-    """Where routes are registered."""
-
-    router: APIRouter
+class Routes(list[GuardedRoute | GuardedWebSocketRoute]):
+    """The routes of one topic, registered by decorating their functions."""
 
     def add(
-        self,
-        method: str,
-        path: str,
-        endpoint: Callable[..., Any],
-        policy: Policy,
-        summary: str,
-        responses: Sequence[int] = (),
-        **told: Any,
-    ) -> None:
-        """A route; ``responses``: the refusals that it may answer beyond its policy's, for the documentation."""
-        statuses = {*responses, *((401, 403) if policy.role else ()), *(() if method in READING else (403, 422))}
-        refusals: dict[int | str, dict[str, Any]] = {s: {"model": ProblemBody} for s in sorted(statuses)}
-        route = Door(path, endpoint, policy=policy, methods=[method], summary=summary, responses=refusals, **told)
-        self.router.routes.append(route)
+        self, method: str, path: str, policy: Policy, summary: str, refusals: Sequence[int] = (), **options: Any
+    ) -> Callable[[Endpoint], Endpoint]:
+        """Register the function; ``refusals``: statuses that it may answer beyond its policy's, for OpenAPI."""
+        statuses = {*refusals, *((401, 403) if policy.role else ()), *(() if method in READ_METHODS else (403, 422))}
+        responses: dict[int | str, dict[str, Any]] = {s: {"model": ProblemBody} for s in sorted(statuses)}
 
-    def add_socket(self, path: str, endpoint: Callable[[WebSocket], Awaitable[None]], policy: Policy) -> None:
-        """A WebSocket."""
-        self.router.routes.append(SocketDoor(path, endpoint, policy=policy))
+        def register(endpoint: Endpoint) -> Endpoint:
+            route = GuardedRoute(
+                path, endpoint, policy=policy, methods=[method], summary=summary, responses=responses, **options
+            )
+            self.append(route)
+            return endpoint
+
+        return register
+
+    def add_websocket(
+        self, path: str, policy: Policy
+    ) -> Callable[[Callable[[WebSocket], Awaitable[None]]], Callable[[WebSocket], Awaitable[None]]]:
+        """Register a WebSocket."""
+
+        def register(endpoint: Callable[[WebSocket], Awaitable[None]]) -> Callable[[WebSocket], Awaitable[None]]:
+            self.append(GuardedWebSocketRoute(path, endpoint, policy=policy))
+            return endpoint
+
+        return register
 
 
-def demand_policies(routes: Sequence[object]) -> None:
+def require_policies(routes: Sequence[object]) -> None:
     """Refuse to serve a route that was not registered here.
 
     Raises:
         RuntimeError: there is one.
     """
-    open_ones = [str(getattr(r, "path", r)) for r in routes if not isinstance(r, Door | SocketDoor)]
-    if open_ones:
-        raise RuntimeError(f"routes without a policy: {', '.join(open_ones)}; register them with Doors.add")
+    unguarded = [str(getattr(r, "path", r)) for r in routes if not isinstance(r, GuardedRoute | GuardedWebSocketRoute)]
+    if unguarded:
+        raise RuntimeError(f"routes without a policy: {', '.join(unguarded)}; register them with Routes.add")
+
+
+async def _with_body(request: Request, limit: int) -> Request:
+    """The same request with its body, of at most ``limit`` bytes, already there.
+
+    Raises:
+        Problem: 413 too large, 408 too slow.
+    """
+    stated = request.headers.get("content-length", "0")
+    chunked = "transfer-encoding" in request.headers
+    if (stated.isdecimal() and int(stated) > limit) or (chunked and limit == 0):
+        raise _too_large(limit)
+    complete = Request(request.scope, _limited(request.receive, limit))
+    if limit > 0:
+        try:
+            async with asyncio.timeout(BODY_TIMEOUT_S):
+                await complete.body()
+        except TimeoutError:
+            raise Problem(408, f"found a body slower than {BODY_TIMEOUT_S:g} s, need it at once; try again") from None
+    return complete
+
+
+def _limited(receive: Receive, limit: int) -> Receive:
+    size = 0
+
+    async def limited() -> Message:
+        nonlocal size
+        message = await receive()
+        size += len(message.get("body", b""))
+        if size > limit:
+            raise _too_large(limit)
+        return message
+
+    return limited
+
+
+def _too_large(limit: int) -> Problem:
+    return Problem(413, f"found a body of more than {limit} bytes, need {'less' if limit else 'none'}; shorten it")

@@ -13,26 +13,27 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 COOKIE = "truestand"
-IDLE, LONGEST = 3600.0, 12 * 3600.0
-"""s after which a session ends: without a request, and in any case (a shift)."""
-MOST = 500
-"""Sessions; the one idle for longest gives way."""
-_COOKIE = re.compile(r"[A-Za-z0-9_-]{43}")
+IDLE_TIMEOUT_S = 3600.0
+MAX_AGE_S = 12 * 3600.0
+"""A shift."""
+MAX_SESSIONS = 500
+"""The one idle for longest gives way."""
+_COOKIE_PATTERN = re.compile(r"[A-Za-z0-9_-]{43}")
 
 
 @dataclass(slots=True)
 class Session:
-    """One who logged in."""
+    """A login."""
 
     user: str
     began: float
-    seen: float
+    last_used: float
 
 
 class Sessions:
-    """By the cookie's value."""
+    """Logins by the cookie's value."""
 
-    def __init__(self, idle: float = IDLE, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, idle: float = IDLE_TIMEOUT_S, clock: Callable[[], float] = time.monotonic) -> None:
         self._idle, self._clock = idle, clock
         self._secret = secrets.token_bytes(32)
         self._lock = threading.Lock()
@@ -42,7 +43,7 @@ class Sessions:
         """A new session's cookie."""
         cookie, now = new_cookie(), self._clock()
         with self._lock:
-            self._sweep(now)
+            self._remove_expired(now)
             self._sessions[cookie] = Session(user, now, now)
         return cookie
 
@@ -51,18 +52,18 @@ class Sessions:
         with self._lock:
             self._sessions.pop(cookie or "", None)
 
-    def user(self, cookie: str | None, seen: bool = True) -> str | None:
-        """Who this cookie belongs to. ``seen``: it counts as use."""
+    def user(self, cookie: str | None, is_use: bool = True) -> str | None:
+        """Who this cookie belongs to. ``is_use``: the session is idle no longer."""
         with self._lock:
             session = self._sessions.get(cookie or "")
             if session is None:
                 return None
             now = self._clock()
-            if self._over(session, now):
+            if self._expired(session, now):
                 del self._sessions[cookie or ""]
                 return None
-            if seen:
-                session.seen = now
+            if is_use:
+                session.last_used = now
             return session.user
 
     def csrf(self, cookie: str) -> str:
@@ -75,14 +76,14 @@ class Sessions:
             return False
         return hmac.compare_digest(self.csrf(cookie), token)
 
-    def _over(self, session: Session, now: float) -> bool:
-        return now - session.seen > self._idle or now - session.began > LONGEST
+    def _expired(self, session: Session, now: float) -> bool:
+        return now - session.last_used > self._idle or now - session.began > MAX_AGE_S
 
-    def _sweep(self, now: float) -> None:
-        for cookie in [c for c, s in self._sessions.items() if self._over(s, now)]:
+    def _remove_expired(self, now: float) -> None:
+        for cookie in [c for c, s in self._sessions.items() if self._expired(s, now)]:
             del self._sessions[cookie]
-        while len(self._sessions) >= MOST:
-            del self._sessions[min(self._sessions, key=lambda c: self._sessions[c].seen)]
+        while len(self._sessions) >= MAX_SESSIONS:
+            del self._sessions[min(self._sessions, key=lambda c: self._sessions[c].last_used)]
 
 
 def new_cookie() -> str:
@@ -90,6 +91,6 @@ def new_cookie() -> str:
     return secrets.token_urlsafe(32)
 
 
-def sound(cookie: str | None) -> str | None:
+def valid_cookie(cookie: str | None) -> str | None:
     """A cookie's value as this server could have given it, or nothing."""
-    return cookie if cookie is not None and _COOKIE.fullmatch(cookie) else None
+    return cookie if cookie is not None and _COOKIE_PATTERN.fullmatch(cookie) else None

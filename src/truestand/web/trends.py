@@ -1,4 +1,4 @@
-"""Trends as the page draws them: each quantity with its U, its control limits, and what stands out."""
+"""Trends as the page draws them: each quantity with its U, its control limits and findings."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,12 +11,12 @@ from truestand.store import Entry, Store
 from truestand.store.history import inspections, series
 from truestand.web.models import Point, Quantity, TrendFinding
 
-MOST = 300
-"""Inspections, the newest: a record each is read."""
+MAX_INSPECTIONS = 300
+"""The newest: a record each is read."""
 
 
 @dataclass(slots=True)
-class _Line:
+class _Series:
     """One characteristic over several inspections."""
 
     unit: str
@@ -30,28 +30,28 @@ class _Line:
 def calibration_trends(store: Store) -> list[Quantity]:
     """The quantities of all calibrations that were not withdrawn; of several sensors, each for itself."""
     names = {key: name for key, name, *_ in WORDS} | {"rms_um": "Residual, rms"}
-    found = series(store)
-    several = len({s.sensor for s in found}) > 1
+    all_series = series(store)
+    several = len({s.sensor for s in all_series}) > 1
     return [
         _quantity(
             f"{s.sensor} {s.quantity}" if several else s.quantity,
             f"{s.sensor}: {names[s.quantity]}" if several else names[s.quantity],
             s.unit, s.entries, s.chart,
         )
-        for s in found
+        for s in all_series
     ]  # fmt: skip
 
 
 def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
-    taken = [i.standing for i in inspections(store) if {i.standing.entry.part, i.standing.last.part} & set(parts)]
-    standing = sorted((s for s in taken if not s.withdrawn), key=lambda s: s.entry.number)[-MOST:]
-    lines: dict[str, _Line] = {}
-    for one in standing:
-        record = store.record(one.last)
+    matching = [i.standing for i in inspections(store) if {i.standing.entry.part, i.standing.last.part} & set(parts)]
+    standing = sorted((s for s in matching if not s.withdrawn), key=lambda s: s.entry.number)[-MAX_INSPECTIONS:]
+    lines: dict[str, _Series] = {}
+    for inspection in standing:
+        record = store.record(inspection.last)
         for name, unit, c in _measured(record):
-            line = lines.setdefault(name, _Line("µm" if unit == "um" else unit))
-            line.entries.append(one.entry)
+            line = lines.setdefault(name, _Series("µm" if unit == "um" else unit))
+            line.entries.append(inspection.entry)
             line.values.append(float(c[f"value_{unit}"]))
             line.U.append(c.get(f"U_{unit}"))
             line.limits = limits_of(c, record)
@@ -71,16 +71,16 @@ def _measured(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str
 def _quantity(
     name: str, label: str, unit: str, entries: Collection[Entry], chart: ControlChart, limits: Limits | None = None
 ) -> Quantity:
-    read = list(zip(entries, chart.points, strict=True))
+    pairs = list(zip(entries, chart.points, strict=True))
     return Quantity(
         name=name,
         label=label,
         unit=unit,
-        points=[Point(number=e.number, time=e.time, value=p.value, U=p.U) for e, p in read],
+        points=[Point(number=e.number, time=e.time, value=p.value, U=p.U) for e, p in pairs],
         centre=chart.mean,
         lower=chart.lower,
         upper=chart.upper,
         limit=None if limits is None or unit == "mm" else limits[0] if limits[1] is None else limits[1],
         limits=limits,
-        findings=[TrendFinding(number=e.number, text="; ".join(p.flags)) for e, p in read if p.flags],
+        findings=[TrendFinding(number=e.number, text="; ".join(p.flags)) for e, p in pairs if p.flags],
     )

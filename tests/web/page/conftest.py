@@ -33,9 +33,9 @@ class Mock:
     def __init__(self, port: int) -> None:
         self.url = f"http://127.0.0.1:{port}/"
 
-    def play(self, **wanted):
+    def play(self, **interface_settings):
         """Back to the start, with these differences."""
-        self.post("mock", **wanted)
+        self.post("mock", **interface_settings)
 
     def post(self, path, **body):
         headers = {"Content-Type": "application/json", "X-CSRF-Token": "csrf-of-the-mock"}

@@ -88,8 +88,8 @@ def test_cloud_tells_a_point_and_rescales(cloud_tab):
 def test_charts_draw_under_the_policy(open_tab, path):
     tab = open_tab(path, expect=["willReadFrequently"])
     tab.locator(".plot .main-svg").first.wait_for(timeout=FIRST_CHART)
-    wanted = {"61": 1, "49": 3}.get(path.split("/")[2], 3)
-    expect(tab.locator(".plot .plot-container")).to_have_count(wanted, timeout=FIRST_CHART)
+    interface_settings = {"61": 1, "49": 3}.get(path.split("/")[2], 3)
+    expect(tab.locator(".plot .plot-container")).to_have_count(interface_settings, timeout=FIRST_CHART)
     svg = tab.locator(".plot .main-svg").first
     assert svg.bounding_box()["width"] > 600
     assert tab.locator(".plot .points path").count() > 0 or tab.locator(".plot .point").count() > 0

@@ -24,9 +24,9 @@ def tab(chromium):
 
 
 @pytest.fixture
-def store(page):
+def store(state):
     """With a calibration that is valid."""
-    found = Store.open(page.settings.store, create=True)
+    found = Store.open(state.settings.store, create=True)
     found.add("calibration", {"format": "truestand.calibration", "version": 1, "status": "valid", "reasons": []})
     return found
 
@@ -38,9 +38,9 @@ def verify(store, verdict, reasons=(), number=1):
     return store.add("verification", record, {"calibration": against})
 
 
-def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store, tab):
+def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(state, store, tab):
     verify(store, "does_not_hold", [MOVED])
-    with served(page) as port:
+    with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
         expect(tab.locator(".stamp")).to_contain_text(MOVED)
@@ -53,9 +53,9 @@ def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_a_verification_that_is_undecided_says_so(page, store, tab):
+def test_a_verification_that_is_undecided_says_so(state, store, tab):
     verify(store, "undecided", ["sensor, radially: found 9.80 um with U 2.00 um, limit 10.00 um"])
-    with served(page) as port:
+    with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
         expect(tab.locator(".door.primary")).to_have_text("Calibrate")
@@ -64,8 +64,8 @@ def test_a_verification_that_is_undecided_says_so(page, store, tab):
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
-    with served(page) as port:
+def test_the_job_that_finds_so_leads_to_the_calibration(state, store, tab):
+    with served(state) as port:
         client = Client(port)
         client.session()
         client.post("/api/jobs", {"kind": "verify", "serial": "moved"})
@@ -115,9 +115,9 @@ def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
         tab.get_by_role("button", name="Start").wait_for()
 
 
-def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
+def test_a_job_that_went_on_meanwhile_is_seen_again(state, tab):
     tab.route_web_socket("**/api/live", silent)
-    with served(page) as port:
+    with served(state) as port:
         watch_a_job(tab, port)
         tab.context.set_offline(True)
         expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
@@ -133,10 +133,10 @@ def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
 LIT = "Laser may be ON: sensor front"
 
 
-def test_a_laser_that_may_be_on_is_told_first_and_large(page, tab):
-    with served(page) as port:
+def test_a_laser_that_may_be_on_is_told_first_and_large(state, tab):
+    with served(state) as port:
         watch_a_job(tab, port)
-        latch = Latch(page.settings.stand)
+        latch = Latch(state.settings.stand)
         latch.fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
         latch.close()
         tab.get_by_role("button", name="Stop").click()

@@ -1,1 +1,1 @@
-"""What other machines are told, over OPC UA and MQTT: the page's own answers in their languages."""
+"""Interfaces for other machines, OPC UA and MQTT: the answers of the page's routes in their protocols."""

@@ -17,15 +17,16 @@ from asyncua.common.connection import TransportLimits
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
-from truestand.web.interfaces.access import Peers, People, Rules
+from truestand.web.interfaces.access import AccessRules, OpcUaUserManager, PeerRecordingServer
 from truestand.web.interfaces.lines import Line
 from truestand.web.interfaces.methods import START, Methods
 from truestand.web.interfaces.nodes import TEXTS, Kind, Nodes, Value
-from truestand.web.interfaces.status import EVALUATIONS, Json, Teller, Told
+from truestand.web.interfaces.status import EVALUATIONS, Json, Snapshot, StatusPublisher
+from truestand.web.users import Authenticator
 
 NAMESPACE = "urn:truestand"
-MESSAGE = 1 << 20
-"""Bytes of a client's message."""
+MAX_MESSAGE_BYTES = 1 << 20
+"""Of a client."""
 STAND = {
     "State": Kind.String, "Step": Kind.String, "Done": Kind.Double, "Message": Kind.String, "Fault": Kind.String,
     "Refused": Kind.String, "Calibrated": Kind.Boolean, "CalibrationStatus": Kind.String,
@@ -46,43 +47,42 @@ LINE = {
 COUNT = {"ResultCount": Kind.Int64, "ResultReady": Kind.Int64}
 LINES = "LastResult/Characteristics"
 
-logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors tell what goes wrong
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors say what goes wrong
 
 
 @asynccontextmanager
-async def opcua_server(teller: Teller, url: str) -> AsyncIterator[str]:
-    """A server that shows what the teller tells, as long as this is open; its address.
+async def opcua_server(status: StatusPublisher, url: str) -> AsyncIterator[str]:
+    """A server that shows every snapshot, as long as this is open; its address.
 
     Raises:
-        BadRecipe: an address that can't be had.
+        BadRecipe: an address that is taken, or none of this machine's.
     """
-    people = People(teller.page)
-    server = Server(Peers(people))
+    server = Server(PeerRecordingServer(OpcUaUserManager(status.state)))
     try:
-        await _build(server, people, url)
-        shown = Shown(Nodes(server, await server.register_namespace(NAMESPACE)))
-        await shown.build(Methods(teller.page, shown.refuse))
-        await shown.show(teller.newest)
+        await _configure(server, status.state.authenticator, url)
+        nodes = StandNodes(Nodes(server, await server.register_namespace(NAMESPACE)))
+        await nodes.build(Methods(status.state, nodes.show_refusal))
+        await nodes.show(status.newest)
         await _start(server, url)
-        showing = asyncio.create_task(_follow(teller, shown))
+        following = asyncio.create_task(_follow(status, nodes))
         try:
             yield _address(server, url)
         finally:
-            showing.cancel()
-            await asyncio.gather(showing, return_exceptions=True)
+            following.cancel()
+            await asyncio.gather(following, return_exceptions=True)
     finally:
         await server.stop()  # its executor for methods too, which is there before it starts
         gc.unfreeze()
 
 
-class Shown:
-    """The nodes and what they show."""
+class StandNodes:
+    """The stand's nodes, which show snapshots."""
 
     def __init__(self, nodes: Nodes) -> None:
         self._nodes = nodes
 
     async def build(self, methods: Methods) -> None:
-        """All that is always there."""
+        """Add the nodes that are always there."""
         n = self._nodes
         for path in ("Stand", "Stand/Live", "LastResult"):
             await n.add_object(path)
@@ -95,17 +95,17 @@ class Shown:
         await n.add_method("Stand/ResetFault", methods.reset, {}, {"fault": "that was reset; empty: none"})
         await n.write("Stand", {"Refused": "", "ResultReady": 0, "ResultCount": 0})
 
-    async def refuse(self, why: str) -> None:
-        """Why the last call was refused, or nothing."""
-        await self._nodes.write("Stand", {"Refused": why})
+    async def show_refusal(self, text: str) -> None:
+        """Why the last call was refused; empty where it was not."""
+        await self._nodes.write("Stand", {"Refused": text})
 
-    async def show(self, told: Told) -> None:
-        """Show all of it; that a result is ready last of all."""
-        await self._nodes.write("Stand", _stand(told))
-        await self._show_live(told.live or {})
-        await self._nodes.write("LastResult", _result(told.result or {}))
-        await self._show_lines(told.lines)
-        await self._nodes.write("Stand", {"ResultCount": told.count, "ResultReady": told.number})
+    async def show(self, snapshot: Snapshot) -> None:
+        """Write all values; ``ResultReady`` last, so that who is notified of it finds the whole result."""
+        await self._nodes.write("Stand", _stand(snapshot))
+        await self._show_live(snapshot.live or {})
+        await self._nodes.write("LastResult", _result(snapshot.result or {}))
+        await self._show_lines(snapshot.lines)
+        await self._nodes.write("Stand", {"ResultCount": snapshot.count, "ResultReady": snapshot.number})
 
     async def _show_live(self, live: Json) -> None:
         await self._nodes.write("Stand/Live", {"State": live.get("state"), "Position_deg": live.get("position_deg")})
@@ -114,38 +114,38 @@ class Shown:
             if path not in self._nodes:
                 await self._nodes.add_object(path)
                 await self._nodes.add_variables(path, SENSOR)
-            told = (sensor.get(key) for key in ("frames_per_s", "profiles", "lost"))
-            await self._nodes.write(path, dict(zip(SENSOR, told, strict=True)))
+            values = (sensor.get(key) for key in ("frames_per_s", "profiles", "lost"))
+            await self._nodes.write(path, dict(zip(SENSOR, values, strict=True)))
 
     async def _show_lines(self, lines: tuple[Line, ...]) -> None:
-        """One object each; those of the last result that this one hasn't are gone."""
-        wanted = {f"{LINES}/{line.name.replace('/', '_')}": line for line in lines}
-        await self._nodes.remove(LINES, {at for at in self._nodes.children(LINES) if at not in wanted})
-        for path, line in wanted.items():
+        """One object each; those of the result before that this one lacks are removed."""
+        by_path = {f"{LINES}/{line.name.replace('/', '_')}": line for line in lines}
+        await self._nodes.remove(LINES, {at for at in self._nodes.children(LINES) if at not in by_path})
+        for path, line in by_path.items():
             if path not in self._nodes:
                 await self._nodes.add_object(path)
                 await self._nodes.add_variables(path, LINE)
-                await asyncio.sleep(0)  # some 3 ms each: let the page live
+                await asyncio.sleep(0)  # some 3 ms each: let the event loop answer others
             await self._nodes.write(path, _line(line))
 
 
-async def _follow(teller: Teller, shown: Shown) -> None:
-    async for told in teller.changes():
-        await shown.show(told)
+async def _follow(status: StatusPublisher, nodes: StandNodes) -> None:
+    async for snapshot in status.changes():
+        await nodes.show(snapshot)
 
 
-async def _build(server: Server, people: People, url: str) -> None:
-    """All that a server needs before anybody can reach it; the standard's address space takes asyncua a second."""
-    with _no_collection():
+async def _configure(server: Server, authenticator: Authenticator, url: str) -> None:
+    """Before anybody can reach the server; the standard's address space takes asyncua a second."""
+    with _without_garbage_collection():
         await server.init()
     await server.set_application_uri(f"{NAMESPACE}:{socket.gethostname()}")
     await server.set_build_info(NAMESPACE, "truestand", "truestand", __version__, "0", datetime.now(UTC))
     server.set_server_name("truestand")
     server.set_endpoint(url)
-    server.set_security_policy([ua.SecurityPolicyType.NoSecurity], Rules(people))
+    server.set_security_policy([ua.SecurityPolicyType.NoSecurity], AccessRules(authenticator))
     server.set_identity_tokens([ua.AnonymousIdentityToken, ua.UserNameIdentityToken])
     server.iserver.allow_remote_admin = False
-    server.limits = TransportLimits(max_chunk_count=MESSAGE // 65535 + 1, max_message_size=MESSAGE)
+    server.limits = TransportLimits(max_chunk_count=MAX_MESSAGE_BYTES // 65535 + 1, max_message_size=MAX_MESSAGE_BYTES)
 
 
 async def _start(server: Server, url: str) -> None:
@@ -157,8 +157,8 @@ async def _start(server: Server, url: str) -> None:
         ) from wrong
 
 
-def _stand(told: Told) -> dict[str, Value]:
-    s, job = told.state, told.job or {}
+def _stand(snapshot: Snapshot) -> dict[str, Value]:
+    s, job = snapshot.state, snapshot.job or {}
     return {
         "State": s["state"], "Step": s["step"], "Done": s["done"], "Message": s["message"], "Fault": s["fault"],
         "Calibrated": s["calibrated"], "CalibrationStatus": s["calibration_status"],
@@ -183,24 +183,24 @@ def _line(line: Line) -> dict[str, Value]:
     }  # fmt: skip
 
 
-def _time(told: str | None) -> datetime | None:
+def _time(text: str | None) -> datetime | None:
     """An ISO time as OPC UA has it; one without a zone is UTC."""
-    if told is None:
+    if text is None:
         return None
-    time = datetime.fromisoformat(told)
+    time = datetime.fromisoformat(text)
     return time.astimezone(UTC) if time.tzinfo else time.replace(tzinfo=UTC)
 
 
 def _address(server: Server, url: str) -> str:
     """With the port that was free, where it was 0."""
-    told = urlsplit(url)
+    parts = urlsplit(url)
     assert server.bserver is not None
-    host = f"[{told.hostname}]" if ":" in (told.hostname or "") else told.hostname
-    return f"opc.tcp://{host}:{server.bserver.port}{told.path}"
+    host = f"[{parts.hostname}]" if ":" in (parts.hostname or "") else parts.hostname
+    return f"opc.tcp://{host}:{server.bserver.port}{parts.path}"
 
 
 @contextmanager
-def _no_collection() -> Iterator[None]:
+def _without_garbage_collection() -> Iterator[None]:
     """While the address space is built; it then stays, and is never looked through for garbage again."""
     collecting = gc.isenabled()
     gc.disable()

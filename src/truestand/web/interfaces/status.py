@@ -1,41 +1,39 @@
-"""What all machines are told, from the functions that answer the page's routes: so all say the same.
+"""The stand's status for all interfaces, from the functions that answer the page's routes: so all say the same.
 
-One task looks: at the page's hub for jobs and live values, and every few seconds whether the store or the fault's mark
-on the disk has changed, for what other programs do. Every interface takes the newest from it, never a backlog.
+One task polls: the page's hub for jobs and live values, and every few seconds whether the store or the file of a
+latched fault has changed, for what other programs do. Every interface takes the newest snapshot, never a backlog.
 """
 
 import asyncio
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from truestand.core.errors import TruestandError
 from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, latched_fault
-from truestand.web.app_state import Page
+from truestand.web.app_state import AppState
 from truestand.web.hub import Listener
 from truestand.web.interfaces.lines import Line, lines_of
 from truestand.web.models import CalibrationState, Entry
-from truestand.web.problem import Problem
-from truestand.web.routes.home import calibration_state
+from truestand.web.routes.stand import calibration_state
 
-LOOK = 2.0
-"""s between two looks at the disk."""
-AGAIN = 60.0
-"""s after which all is read again though nothing seems changed: a calibration expires by itself."""
-RESULTS = ("calibration", "inspection", "verification")
+POLL_INTERVAL_S = 2.0
+"""Between two looks at the disk."""
+REFRESH_INTERVAL_S = 60.0
+"""After which all is read again though no file has changed: a calibration expires with time."""
 EVALUATIONS = {"conforms": 1, "does_not_conform": 2, "undecided": 3}
 """ResultEvaluationEnum of OPC 40001-101: in tolerance, out of it, not decidable for its uncertainty; 0: undefined."""
 Json = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """All that there is to tell, as JSON objects."""
+class Snapshot:
+    """The stand's status at one moment, as JSON objects."""
 
     state: Json = field(default_factory=dict)
     calibration: Json = field(default_factory=dict)
@@ -55,84 +53,83 @@ class Told:
         return 0 if self.result is None else int(self.result["number"])
 
 
-class Teller:
-    """Looks, and tells everyone who wants to know."""
+class StatusPublisher:
+    """Polls the stand's status and publishes snapshots of it."""
 
-    def __init__(self, page: Page, look: float = LOOK) -> None:
-        self.page, self._look = page, look
-        self._told, self._version = Told(), 0
+    def __init__(self, state: AppState) -> None:
+        self.state = state
+        self._snapshot, self._version = Snapshot(), 0
         self._changed = asyncio.Condition()
-        self._seen: object = None
-        self._again = 0.0
+        self._signature: object = None
+        self._refresh_at = 0.0
 
     @property
-    def newest(self) -> Told:
-        """As it is known now."""
-        return self._told
+    def newest(self) -> Snapshot:
+        """The newest snapshot."""
+        return self._snapshot
 
     @asynccontextmanager
-    async def telling(self) -> AsyncIterator[None]:
-        """While this is open, it looks; all is known from the beginning."""
-        listener = self.page.hub.listen()
-        await self._take([], stored=True)
-        looking = asyncio.create_task(self._run(listener))
+    async def running(self) -> AsyncIterator[Self]:
+        """While this is open, it polls; the first snapshot is there from the beginning."""
+        listener = self.state.hub.listen()
+        await self._update([], stored=True)
+        polling = asyncio.create_task(self._poll(listener))
         try:
-            yield
-            await self._take([], stored=True)  # how the last job ended
+            yield self
+            await self._update([], stored=True)  # how the last job ended
         finally:
-            looking.cancel()
-            await asyncio.gather(looking, return_exceptions=True)
-            self.page.hub.leave(listener)
+            polling.cancel()
+            await asyncio.gather(polling, return_exceptions=True)
+            self.state.hub.leave(listener)
 
-    async def changes(self) -> AsyncIterator[Told]:
-        """The newest, and again whenever it has changed."""
+    async def changes(self) -> AsyncIterator[Snapshot]:
+        """The newest snapshot, and again whenever it has changed."""
         seen = 0
         while True:
             async with self._changed:
                 while self._version == seen:
                     await self._changed.wait()
-                seen, told = self._version, self._told
-            yield told
+                seen, snapshot = self._version, self._snapshot
+            yield snapshot
 
-    async def _run(self, listener: Listener) -> None:
+    async def _poll(self, listener: Listener) -> None:
         while True:
             messages: list[str] = []
             with suppress(TimeoutError):
-                async with asyncio.timeout(self._look):
+                async with asyncio.timeout(POLL_INTERVAL_S):
                     messages = await listener.next()
-            news = [json.loads(message) for message in messages]
-            await self._take(news, stored=any(one["type"] == "job" for one in news) or await self._is_new())
+            events = [json.loads(message) for message in messages]
+            stored = any(event["type"] == "job" for event in events) or await self._disk_changed()
+            await self._update(events, stored)
 
-    async def _take(self, news: list[Json], stored: bool) -> None:
-        """Put together what is true now and tell it where it is new."""
-        page, old = self.page, self._told
-        job, busy = page.runner.current(), page.runner.busy
-        lives = [_without_profiles(one["live"]) for one in news if one["type"] == "live"]
-        told = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
+    async def _update(self, events: list[Json], stored: bool) -> None:
+        """Publish a snapshot of what is true now; ``stored``: the disk is read again too."""
+        old = self._snapshot
+        job, busy = self.state.runner.current(), self.state.runner.busy
+        lives = [_without_profiles(event["live"]) for event in events if event["type"] == "live"]
+        snapshot = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
         fault = old.state.get("fault")
         if stored:
-            told, fault = await asyncio.to_thread(_stored, page, told, busy)
-        await self._tell(replace(told, state=_state(told, busy, fault)))
-
-    async def _tell(self, told: Told) -> None:
+            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state, busy)
+        snapshot = replace(snapshot, state=_state(snapshot, busy, fault))
         async with self._changed:
-            if told != self._told:
-                self._told, self._version = told, self._version + 1
+            if snapshot != self._snapshot:
+                self._snapshot, self._version = snapshot, self._version + 1
                 self._changed.notify_all()
 
-    async def _is_new(self) -> bool:
-        """Whether the disk has changed, or may have."""
+    async def _disk_changed(self) -> bool:
+        """Whether the disk has changed, or a refresh is due."""
         now = asyncio.get_running_loop().time()
-        settings = self.page.settings
-        seen = await asyncio.to_thread(_signature, settings.store, latch_path(settings.stand))
-        new = seen != self._seen or now > self._again
-        if new:
-            self._seen, self._again = seen, now + AGAIN
-        return new
+        settings = self.state.settings
+        signature = await asyncio.to_thread(_signature, settings.store, latch_path(settings.stand))
+        changed = signature != self._signature or now > self._refresh_at
+        if changed:
+            self._signature, self._refresh_at = signature, now + REFRESH_INTERVAL_S
+        return changed
 
 
-def _state(told: Told, busy: bool, fault: str | None) -> Json:
-    job, calibration = told.job or {}, told.calibration
+def _state(snapshot: Snapshot, busy: bool, fault: str | None) -> Json:
+    job, calibration = snapshot.job or {}, snapshot.calibration
     return {
         "state": "running" if busy else "fault" if fault else "idle",
         "step": job.get("step") if busy else None,
@@ -145,32 +142,31 @@ def _state(told: Told, busy: bool, fault: str | None) -> Json:
     }
 
 
-def _stored(page: Page, old: Told, busy: bool) -> tuple[Told, str | None]:
-    """What the store tells, and the fault that is latched; what can't be read is told as the reason."""
-    fault = None if busy else latched_fault(page.settings.stand) or None
+def _with_stored(old: Snapshot, state: AppState, busy: bool) -> tuple[Snapshot, str | None]:
+    """The snapshot with what the store holds, and the latched fault; what can't be read becomes the reason."""
+    fault = None if busy else latched_fault(state.settings.stand) or None
     try:
-        calibration = calibration_state(page, datetime.now(UTC))
-        newest = page.results.entries(kinds=RESULTS, limit=1)
-        told = replace(old, calibration=calibration.model_dump(mode="json"))
-        if not newest:
-            return replace(told, result=None, lines=(), count=0), fault
-        if newest[0].number != old.number:
-            count = len(page.results.entries(kinds=RESULTS, limit=1 << 31))
-            record = page.results.record(newest[0].number)
-            told = replace(told, lines=lines_of(newest[0].kind, record), count=count)
-        return replace(told, result=_result(page, newest[0])), fault
-    except (TruestandError, Problem, OSError) as wrong:
+        calibration = calibration_state(state, datetime.now(UTC))
+        results = state.results.entries(limit=1)
+        snapshot = replace(old, calibration=calibration.model_dump(mode="json"))
+        if not results:
+            return replace(snapshot, result=None, lines=(), count=0), fault
+        newest = results[0]
+        if newest.number != old.number:
+            count = len(state.results.entries(limit=None))
+            lines = lines_of(newest.kind, state.results.record(newest.number))
+            snapshot = replace(snapshot, lines=lines, count=count)
+        return replace(snapshot, result=_result(state, newest)), fault
+    except (TruestandError, OSError) as wrong:
         unknown = CalibrationState(state="none", reasons=[f"the store can't be read: {wrong}"])
         return replace(old, calibration=unknown.model_dump(mode="json")), fault
 
 
-def _result(page: Page, entry: Entry) -> Json:
-    record = page.results.record(entry.number)
-    path = page.results.file(entry.number, "record")
-    told = entry.model_dump(mode="json", exclude={"has"})
-    reasons = [str(reason) for reason in record.get("reasons") or []]
-    return told | {
-        "reasons": reasons,
+def _result(state: AppState, entry: Entry) -> Json:
+    record = state.results.record(entry.number)
+    path = state.results.file(entry.number, "record")
+    return entry.model_dump(mode="json", exclude={"has"}) | {
+        "reasons": [str(reason) for reason in record.get("reasons") or []],
         "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
         "record_sha256": None if path is None else sha256_of(path),
     }
@@ -181,17 +177,12 @@ def _without_profiles(live: Json) -> Json:
     return live | {"sensors": sensors}
 
 
-def _signature(store: Path, mark: Path) -> object:
-    """What changes with every write to the store or to the fault's mark."""
-    files = [mark, *(sorted(store.iterdir()) if store.is_dir() else ())]
+def _signature(store: Path, latch: Path) -> object:
+    """What changes with every write to the store or to the file of a latched fault."""
+    files = [latch, *(sorted(store.iterdir()) if store.is_dir() else ())]
     found = []
     for path in files:
         with suppress(OSError):
             stat = path.stat()
             found.append((path.name, stat.st_mtime_ns, stat.st_size))
     return tuple(found)
-
-
-def as_json(lines: tuple[Line, ...]) -> list[Json]:
-    """Lines as JSON objects."""
-    return [asdict(line) for line in lines]

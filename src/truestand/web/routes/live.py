@@ -5,59 +5,50 @@ from contextlib import suppress
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from truestand.web.app_state import Page, page_of
+from truestand.web.app_state import AppState, app_state
 from truestand.web.hub import Listener
-from truestand.web.routing import Doors, Policy
+from truestand.web.routing import OPERATOR, Routes
 
-MOST = 100
-"""Listeners."""
-PATIENCE = 20.0
-"""s for a listener to take one message."""
-LOGIN = 15.0
-"""s between two looks whether the listener is still logged in."""
-POLICY, LATER = 1008, 1013
-"""WebSocket close codes (RFC 6455; 1013 as registered by IANA: try again later)."""
-
-
-def add(doors: Doors) -> None:
-    """Register."""
-    doors.add_socket("/api/live", live, Policy("operator"))
+MAX_LISTENERS = 100
+SEND_TIMEOUT_S = 20.0
+"""For a listener to take one message."""
+LOGIN_CHECK_INTERVAL_S = 15.0
+POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013
+"""WebSocket close codes (RFC 6455; 1013 as registered by IANA)."""
+routes = Routes()
 
 
+@routes.add_websocket("/api/live", OPERATOR)
 async def live(websocket: WebSocket) -> None:
     """Send until the listener leaves, says anything, is too slow, or is logged out."""
-    page = page_of(websocket)
+    state = app_state(websocket)
     await websocket.accept()
-    if page.hub.listeners >= MOST:
-        await websocket.close(LATER)
+    if state.hub.listeners >= MAX_LISTENERS:
+        await websocket.close(TRY_AGAIN_LATER)
         return
-    listener = page.hub.listen()
-    tasks = [asyncio.create_task(_send(websocket, listener, page)), asyncio.create_task(_hear(websocket))]
+    listener = state.hub.listen()
+    # nothing is expected from a listener: any message ends it, as its leaving does
+    tasks = [asyncio.create_task(_send(websocket, listener, state)), asyncio.create_task(websocket.receive())]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
-        page.hub.leave(listener)
+        state.hub.leave(listener)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
     with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
         async with asyncio.timeout(1.0):
-            await websocket.close(POLICY)
+            await websocket.close(POLICY_VIOLATION)
 
 
-async def _send(websocket: WebSocket, listener: Listener, page: Page) -> None:
+async def _send(websocket: WebSocket, listener: Listener, state: AppState) -> None:
     """What is new, as long as it is taken in time and the login lasts."""
-    while page.who(websocket.state.cookie, seen=False).role is not None:
+    while state.principal(websocket.state.cookie, is_use=False).role is not None:
         try:
-            async with asyncio.timeout(LOGIN):
+            async with asyncio.timeout(LOGIN_CHECK_INTERVAL_S):
                 messages = await listener.next()
         except TimeoutError:
             continue
         for message in messages:
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(SEND_TIMEOUT_S):
                 await websocket.send_text(message)
-
-
-async def _hear(websocket: WebSocket) -> None:
-    """Nothing is expected: any message, or the end, is the end."""
-    await websocket.receive()
