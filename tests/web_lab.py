@@ -15,8 +15,8 @@ from websockets.sync.client import connect
 from truestand.files.recipes.recipes import write_starters
 from truestand.web import app_state
 from truestand.web.app_state import Settings
+from truestand.web.authentication import make_user, users_path, write_users
 from truestand.web.serving import Binding, Server, bind, config
-from truestand.web.users import make_user, users_path, write_users
 
 WORKER = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 PASSWORD = "correct horse battery"

@@ -9,7 +9,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from truestand.web.hub import Hub
-from truestand.web.routes import live
+from truestand.web.routes import jobs
 
 
 def until(socket, accepts, within=10.0):
@@ -53,11 +53,11 @@ def test_nothing_is_taken_from_listeners(client):
 
 
 def test_too_many_listeners_are_asked_to_come_later(client, monkeypatch):
-    monkeypatch.setattr(live, "MAX_LISTENERS", 1)
+    monkeypatch.setattr(jobs, "MAX_LISTENERS", 1)
     with client.live() as first:
         with client.live() as second, pytest.raises(ConnectionClosed) as refused:
             second.recv(timeout=5)
-        assert refused.value.rcvd.code == live.TRY_AGAIN_LATER
+        assert refused.value.rcvd.code == jobs.TRY_AGAIN_LATER
         first.ping().wait(5)
 
 

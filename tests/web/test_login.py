@@ -11,9 +11,17 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from command import run
 from truestand.core.errors import BadRecipe
-from truestand.web.routes import live
-from truestand.web.sessions import Sessions
-from truestand.web.users import THROTTLE_RULES, Authenticator, Throttle, make_user, read_users, users_path, write_users
+from truestand.web.authentication import (
+    THROTTLE_RULES,
+    Authenticator,
+    Sessions,
+    Throttle,
+    make_user,
+    read_users,
+    users_path,
+    write_users,
+)
+from truestand.web.routes import jobs
 from web_lab import PASSWORD, Client, make_state, served
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
@@ -165,7 +173,7 @@ def test_users_are_read_again_where_the_time_of_the_file_is_the_same(tmp_path):
 
 
 def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
-    monkeypatch.setattr(live, "LOGIN_CHECK_INTERVAL_S", 0.2)
+    monkeypatch.setattr(jobs, "LOGIN_CHECK_INTERVAL_S", 0.2)
     visitor.login("olga")
     with visitor.live() as socket:
         assert visitor.post("/api/logout").status == 200

@@ -11,7 +11,7 @@ import pytest
 
 from lab import lab
 from patience import NOT_FOR_EVER
-from truestand.web.users import make_user, users_path, write_users
+from truestand.web.authentication import make_user, users_path, write_users
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",

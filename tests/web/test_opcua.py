@@ -20,11 +20,11 @@ from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
 from truestand.files.scans.read import sha256_of
 from truestand.station.latch import latch_path, reset_latch
+from truestand.web.authentication import write_users
 from truestand.web.interfaces.access import OpcUaUserManager, peer
 from truestand.web.interfaces.lines import lines_of
 from truestand.web.interfaces.opcua import StandNodes
 from truestand.web.interfaces.startup import interface_settings
-from truestand.web.users import write_users
 from web_lab import PASSWORD
 
 LINES = "LastResult/Characteristics"

@@ -6,11 +6,11 @@ import threading
 
 import pytest
 
+from truestand.web.authentication import Principal
 from truestand.web.models import JobBody, RecipeBody
 from truestand.web.problem import Problem
 from truestand.web.recipes import RecipeFolder
 from truestand.web.routes import jobs, recipes
-from truestand.web.users import Principal
 from web_lab import Client, make_state, served, snapshot
 
 OUTSIDE = [

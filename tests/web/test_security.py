@@ -9,9 +9,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from truestand.core.errors import BadRecipe
+from truestand.web.authentication import make_user, write_users
 from truestand.web.security import CSP, HEADERS, allowed_hosts
 from truestand.web.serving import Binding, serve
-from truestand.web.users import make_user, write_users
 from web_lab import PASSWORD, Client, make_state, raw, served
 
 WRITES = [

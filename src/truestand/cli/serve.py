@@ -104,7 +104,7 @@ def _told(stand: Path, address: str, quiet: bool) -> None:
 def _change_users(store: Path, add: str | None, role: RoleName, remove: str | None, quiet: bool) -> None:
     """Write the file of users; a page that serves takes note by itself."""
     from truestand.core.errors import BadRecipe
-    from truestand.web.users import make_user, read_users, users_path, write_users
+    from truestand.web.authentication import make_user, read_users, users_path, write_users
 
     path = users_path(store.absolute())
     users = read_users(path)

@@ -16,7 +16,7 @@ from truestand._version import __version__
 from truestand.core.errors import BadRecipe, TruestandError
 from truestand.web.app_state import AppState
 from truestand.web.problem import Problem
-from truestand.web.routes import files, jobs, live, recipes, results, session, stand
+from truestand.web.routes import files, jobs, recipes, results, session, stand
 from truestand.web.routing import ANYONE, Routes, require_policies
 from truestand.web.security import AllowedHosts, SecurityMiddleware
 
@@ -53,7 +53,7 @@ def create_api(state: AppState) -> FastAPI:
     )
     app.state.shared = state
     # files last: any name that no other route has is looked for there
-    for topic in (routes, *(module.routes for module in (session, stand, jobs, live, results, recipes, files))):
+    for topic in (routes, *(module.routes for module in (session, stand, jobs, results, recipes, files))):
         app.router.routes.extend(topic)
     require_policies(app.routes)
     return app

@@ -9,13 +9,12 @@ from typing import Annotated, Any
 from fastapi import Depends
 from starlette.requests import HTTPConnection, Request
 
+from truestand.web.authentication import Authenticator, Principal, Sessions, Throttle, users_path
 from truestand.web.hub import Hub
 from truestand.web.recipes import RecipeFolder
 from truestand.web.result_index import ResultIndex
 from truestand.web.runner import WORKER, JobRunner
-from truestand.web.sessions import Sessions
 from truestand.web.tasks import run_task
-from truestand.web.users import Authenticator, Principal, Throttle, users_path
 
 
 @dataclass(frozen=True, slots=True)

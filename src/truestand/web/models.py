@@ -4,10 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from truestand.web.users import Role
+from truestand.web.authentication import Role
 
 JobKind = Literal["calibrate", "inspect", "verify"]
-Verdict = Literal["conforms", "does_not_conform", "undecided"]
 Text = Annotated[str, Field(max_length=120)]
 Toml = Annotated[str, Field(max_length=200_000)]
 

@@ -16,10 +16,9 @@ from starlette.responses import Response
 from starlette.types import Message, Receive
 
 from truestand.web.app_state import app_state
+from truestand.web.authentication import COOKIE, Role, valid_cookie
 from truestand.web.models import ProblemBody
 from truestand.web.problem import Problem
-from truestand.web.sessions import COOKIE, valid_cookie
-from truestand.web.users import Role
 
 READ_METHODS = ("GET", "HEAD")
 BODY_TIMEOUT_S = 15.0

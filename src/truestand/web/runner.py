@@ -47,9 +47,8 @@ class RunningJob:
     kind: str
     part: str | None
     title: str
-    steps: dict[str, str]
-    """Labels by name."""
-    states: dict[str, str]
+    steps: dict[str, dict[str, str]]
+    """Name, label and state, by name."""
     id: str = field(default_factory=lambda: secrets.token_hex(6))
     state: State = "running"
     step: str | None = None
@@ -70,7 +69,7 @@ class RunningJob:
             "id": self.id, "kind": self.kind, "part": self.part, "title": self.title, "state": self.state,
             "step": self.step, "done": self._done(), "message": self.message, "number": self.number,
             "verdict": self.verdict, "status": self.status,
-            "steps": [{"name": n, "label": label, "state": self.states[n]} for n, label in self.steps.items()],
+            "steps": [dict(step) for step in self.steps.values()],
         }  # fmt: skip
 
     def update(self, event: Mapping[str, Any]) -> None:
@@ -78,8 +77,7 @@ class RunningJob:
         kind = event.get("event")
         if kind == "step":
             name, state = str(event["name"]), str(event["state"])
-            self.steps.setdefault(name, name.replace("_", " ").capitalize())
-            self.states[name] = state
+            self.steps.setdefault(name, _step(name, name.replace("_", " ").capitalize()))["state"] = state
             if state == "running":
                 self.step, self.step_done = name, 0.0
         elif kind == "live":
@@ -103,15 +101,16 @@ class RunningJob:
             why = f": {error}" if error else ""
             self.state = "aborted" if self.aborted_at is not None else "failed"
             self.message = f"the worker ended with code {code}{why}; see that table and laser are off, then reset"
-        for name, state in self.states.items():
-            if state == "running":
-                self.states[name] = "done" if self.state == "done" else "failed"
+        for step in self.steps.values():
+            if step["state"] == "running":
+                step["state"] = "done" if self.state == "done" else "failed"
 
     def _done(self) -> float:
         if self.state == "done":
             return 1.0
-        ended = sum(state == "done" for state in self.states.values())
-        step_done = self.step_done if self.states.get(self.step or "") == "running" else 0.0
+        ended = sum(step["state"] == "done" for step in self.steps.values())
+        runs = self.step is not None and self.steps[self.step]["state"] == "running"
+        step_done = self.step_done if runs else 0.0
         return round((ended + min(max(step_done, 0.0), 1.0)) / max(len(self.steps), 1), 4)
 
 
@@ -151,8 +150,8 @@ class JobRunner:
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                 start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
-            waiting = {name: "waiting" for name, _ in steps}
-            job = RunningJob(process, request["kind"], part, title, dict(steps), waiting, folder=request.get("folder"))
+            waiting = {name: _step(name, label) for name, label in steps}
+            job = RunningJob(process, request["kind"], part, title, waiting, folder=request.get("folder"))
             with self._lock:
                 self._job = job
             self._hub.publish("live", None)
@@ -228,6 +227,10 @@ class JobRunner:
             payload = job.payload()
             self._hub.publish("job", json.dumps({"type": "job", "job": payload}))
         return payload
+
+
+def _step(name: str, label: str) -> dict[str, str]:
+    return {"name": name, "label": label, "state": "waiting"}
 
 
 def _enlarge_pipe(process: subprocess.Popen[bytes]) -> None:

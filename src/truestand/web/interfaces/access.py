@@ -14,7 +14,7 @@ from asyncua.server.user_managers import UserManager
 
 from truestand.core.errors import TruestandError
 from truestand.web.app_state import AppState
-from truestand.web.users import NOBODY, Authenticator, Principal
+from truestand.web.authentication import NOBODY, Authenticator, Principal
 
 ALLOWED_REQUESTS = frozenset(ua.NodeId(ua.Int32(number)) for number in USER_TYPES)
 """Reading, subscribing, calling: none that changes the address space."""

@@ -109,9 +109,7 @@ async def mqtt_publisher(status: StatusPublisher, broker: Broker, stand: str, lo
         yield f"{'mqtts' if broker.tls else 'mqtt'}://{broker}/{publisher.base}"
     finally:
         publisher.end()
-        with suppress(TimeoutError):
-            async with asyncio.timeout(SHUTDOWN_TIMEOUT_S):
-                await asyncio.shield(running)
+        await asyncio.wait({running}, timeout=SHUTDOWN_TIMEOUT_S)
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
 

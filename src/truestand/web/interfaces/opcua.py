@@ -7,8 +7,9 @@ import asyncio
 import gc
 import logging
 import socket
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from urllib.parse import urlsplit
 
@@ -17,34 +18,44 @@ from asyncua.common.connection import TransportLimits
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
+from truestand.web.authentication import Authenticator
 from truestand.web.interfaces.access import AccessRules, OpcUaUserManager, PeerRecordingServer
 from truestand.web.interfaces.lines import Line
 from truestand.web.interfaces.methods import START, Methods
 from truestand.web.interfaces.nodes import TEXTS, Kind, Nodes, Value
 from truestand.web.interfaces.status import EVALUATIONS, Json, Snapshot, StatusPublisher
-from truestand.web.users import Authenticator
 
 NAMESPACE = "urn:truestand"
 MAX_MESSAGE_BYTES = 1 << 20
 """Of a client."""
-STAND = {
-    "State": Kind.String, "Step": Kind.String, "Done": Kind.Double, "Message": Kind.String, "Fault": Kind.String,
-    "Refused": Kind.String, "Calibrated": Kind.Boolean, "CalibrationStatus": Kind.String,
-    "CalibratedUntil": Kind.String, "JobId": Kind.String, "JobState": Kind.String,
+Variables = Mapping[str, tuple[Kind, str]]
+"""Of an object by name: the type, and the key under which the snapshot has the value."""
+STAND: Variables = {
+    "State": (Kind.String, "state"), "Step": (Kind.String, "step"), "Done": (Kind.Double, "done"),
+    "Message": (Kind.String, "message"), "Fault": (Kind.String, "fault"), "Calibrated": (Kind.Boolean, "calibrated"),
+    "CalibrationStatus": (Kind.String, "calibration_status"), "CalibratedUntil": (Kind.String, "calibrated_until"),
+    "JobId": (Kind.String, "job_id"), "JobState": (Kind.String, "job_state"),
 }  # fmt: skip
-LIVE = {"State": Kind.String, "Position_deg": Kind.Double}
-SENSOR = {"FramesPerSecond": Kind.Double, "Profiles": Kind.Int64, "Lost": Kind.Int64}
-RESULT = {
-    "Number": Kind.Int64, "Kind": Kind.String, "Time": Kind.DateTime, "Part": Kind.String, "Serial": Kind.String,
-    "Order": Kind.String, "Operator": Kind.String, "Verdict": Kind.String, "Status": Kind.String,
-    "ResultEvaluation": Kind.Int32, "Reasons": TEXTS, "RecordHash": Kind.String, "CorrectedBy": Kind.Int64,
+LIVE: Variables = {"State": (Kind.String, "state"), "Position_deg": (Kind.Double, "position_deg")}
+SENSOR: Variables = {
+    "FramesPerSecond": (Kind.Double, "frames_per_s"), "Profiles": (Kind.Int64, "profiles"),
+    "Lost": (Kind.Int64, "lost"),
 }  # fmt: skip
-LINE = {
-    "Value": Kind.Double, "U": Kind.Double, "Lower": Kind.Double, "Upper": Kind.Double, "Unit": Kind.String,
-    "Verdict": Kind.String, "ResultEvaluation": Kind.Int32, "Status": Kind.String, "Coverage": Kind.Double,
-    "Standard": Kind.String,
+RESULT: Variables = {
+    "Number": (Kind.Int64, "number"), "Kind": (Kind.String, "kind"), "Time": (Kind.DateTime, "time"),
+    "Part": (Kind.String, "part"), "Serial": (Kind.String, "serial"), "Order": (Kind.String, "order"),
+    "Operator": (Kind.String, "operator"), "Verdict": (Kind.String, "verdict"), "Status": (Kind.String, "status"),
+    "ResultEvaluation": (Kind.Int32, "evaluation"), "Reasons": (TEXTS, "reasons"),
+    "RecordHash": (Kind.String, "record_sha256"), "CorrectedBy": (Kind.Int64, "corrected_by"),
 }  # fmt: skip
-COUNT = {"ResultCount": Kind.Int64, "ResultReady": Kind.Int64}
+LINE: Variables = {
+    "Value": (Kind.Double, "value"), "U": (Kind.Double, "U"), "Lower": (Kind.Double, "lower"),
+    "Upper": (Kind.Double, "upper"), "Unit": (Kind.String, "unit"), "Verdict": (Kind.String, "verdict"),
+    "ResultEvaluation": (Kind.Int32, "evaluation"), "Status": (Kind.String, "status"),
+    "Coverage": (Kind.Double, "coverage"), "Standard": (Kind.String, "standard"),
+}  # fmt: skip
+LATEST = {"Refused": Kind.String, "ResultCount": Kind.Int64, "ResultReady": Kind.Int64}
+"""Of the stand, written one by one."""
 LINES = "LastResult/Characteristics"
 
 logging.getLogger("asyncua").addHandler(logging.NullHandler())  # our own errors say what goes wrong
@@ -88,8 +99,9 @@ class StandNodes:
             await n.add_object(path)
         for path in ("Stand/Live/Sensors", LINES):
             await n.add_object(path, folder=True)
-        for path, kinds in (("Stand", STAND | COUNT), ("Stand/Live", LIVE), ("LastResult", RESULT)):
-            await n.add_variables(path, kinds)
+        for path, variables in (("Stand", STAND), ("Stand/Live", LIVE), ("LastResult", RESULT)):
+            await n.add_variables(path, _kinds(variables))
+        await n.add_variables("Stand", LATEST)
         await n.add_method("Stand/StartJob", methods.start, START, {"id": "of the job"})
         await n.add_method("Stand/Abort", methods.abort, {}, {"id": "of the job that was aborted"})
         await n.add_method("Stand/ResetFault", methods.reset, {}, {"fault": "that was reset; empty: none"})
@@ -101,21 +113,22 @@ class StandNodes:
 
     async def show(self, snapshot: Snapshot) -> None:
         """Write all values; ``ResultReady`` last, so that who is notified of it finds the whole result."""
-        await self._nodes.write("Stand", _stand(snapshot))
+        job, result = snapshot.job or {}, snapshot.result or {}
+        stand = snapshot.state | {"job_id": job.get("id"), "job_state": job.get("state")}
+        await self._nodes.write("Stand", _values(STAND, stand))
         await self._show_live(snapshot.live or {})
-        await self._nodes.write("LastResult", _result(snapshot.result or {}))
+        await self._nodes.write("LastResult", _values(RESULT, result | {"time": _time(result.get("time"))}))
         await self._show_lines(snapshot.lines)
         await self._nodes.write("Stand", {"ResultCount": snapshot.count, "ResultReady": snapshot.number})
 
     async def _show_live(self, live: Json) -> None:
-        await self._nodes.write("Stand/Live", {"State": live.get("state"), "Position_deg": live.get("position_deg")})
+        await self._nodes.write("Stand/Live", _values(LIVE, live))
         for sensor in live.get("sensors") or ():
             path = f"Stand/Live/Sensors/{sensor['name'].replace('/', '_')}"
             if path not in self._nodes:
                 await self._nodes.add_object(path)
-                await self._nodes.add_variables(path, SENSOR)
-            values = (sensor.get(key) for key in ("frames_per_s", "profiles", "lost"))
-            await self._nodes.write(path, dict(zip(SENSOR, values, strict=True)))
+                await self._nodes.add_variables(path, _kinds(SENSOR))
+            await self._nodes.write(path, _values(SENSOR, sensor))
 
     async def _show_lines(self, lines: tuple[Line, ...]) -> None:
         """One object each; those of the result before that this one lacks are removed."""
@@ -124,9 +137,10 @@ class StandNodes:
         for path, line in by_path.items():
             if path not in self._nodes:
                 await self._nodes.add_object(path)
-                await self._nodes.add_variables(path, LINE)
+                await self._nodes.add_variables(path, _kinds(LINE))
                 await asyncio.sleep(0)  # some 3 ms each: let the event loop answer others
-            await self._nodes.write(path, _line(line))
+            evaluation = EVALUATIONS.get(line.verdict or "", 0)
+            await self._nodes.write(path, _values(LINE, asdict(line) | {"evaluation": evaluation}))
 
 
 async def _follow(status: StatusPublisher, nodes: StandNodes) -> None:
@@ -157,30 +171,12 @@ async def _start(server: Server, url: str) -> None:
         ) from wrong
 
 
-def _stand(snapshot: Snapshot) -> dict[str, Value]:
-    s, job = snapshot.state, snapshot.job or {}
-    return {
-        "State": s["state"], "Step": s["step"], "Done": s["done"], "Message": s["message"], "Fault": s["fault"],
-        "Calibrated": s["calibrated"], "CalibrationStatus": s["calibration_status"],
-        "CalibratedUntil": s["calibrated_until"], "JobId": job.get("id"), "JobState": job.get("state"),
-    }  # fmt: skip
+def _kinds(variables: Variables) -> dict[str, Kind]:
+    return {name: kind for name, (kind, _) in variables.items()}
 
 
-def _result(r: Json) -> dict[str, Value]:
-    return {
-        "Number": r.get("number"), "Kind": r.get("kind"), "Time": _time(r.get("time")), "Part": r.get("part"),
-        "Serial": r.get("serial"), "Order": r.get("order"), "Operator": r.get("operator"),
-        "Verdict": r.get("verdict"), "Status": r.get("status"), "ResultEvaluation": r.get("evaluation"),
-        "Reasons": r.get("reasons"), "RecordHash": r.get("record_sha256"), "CorrectedBy": r.get("corrected_by"),
-    }  # fmt: skip
-
-
-def _line(line: Line) -> dict[str, Value]:
-    return {
-        "Value": line.value, "U": line.U, "Lower": line.lower, "Upper": line.upper, "Unit": line.unit,
-        "Verdict": line.verdict, "ResultEvaluation": EVALUATIONS.get(line.verdict or "", 0), "Status": line.status,
-        "Coverage": line.coverage, "Standard": line.standard,
-    }  # fmt: skip
+def _values(variables: Variables, source: Json) -> dict[str, Value]:
+    return {name: source.get(key) for name, (_, key) in variables.items()}
 
 
 def _time(text: str | None) -> datetime | None:

@@ -1,23 +1,36 @@
-"""Jobs: start one, see how far it is, abort it."""
+"""Jobs: start one, see how far it is, abort it; and the WebSocket that follows it.
 
+The WebSocket sends the newest of the job and its live profile to any number of listeners of any speed.
+"""
+
+import asyncio
 import re
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
-from truestand.web.app_state import AppState, PrincipalDep, StateDep
+from truestand.web.app_state import AppState, PrincipalDep, StateDep, app_state
+from truestand.web.authentication import Principal
+from truestand.web.hub import Listener
 from truestand.web.models import Job, JobBody
 from truestand.web.problem import Problem
 from truestand.web.recipes import RecipeFile
 from truestand.web.routing import OPERATOR, Routes
-from truestand.web.users import Principal
 
 KEEP = ("keep", "Keep the result")
 STARTING = replace(OPERATOR, max_body_bytes=8_000)
+MAX_LISTENERS = 100
+SEND_TIMEOUT_S = 20.0
+"""For a listener to take one message."""
+LOGIN_CHECK_INTERVAL_S = 15.0
+POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013
+"""WebSocket close codes (RFC 6455; 1013 as registered by IANA)."""
 _PLAIN_TEXT = re.compile(r"[^\x00-\x1f\x7f]*")
 routes = Routes()
 
@@ -45,6 +58,29 @@ def abort(id: str, state: StateDep) -> dict[str, Any]:
     if job is None:
         raise Problem(404, "found no such job; it may be over, see the current one")
     return job
+
+
+@routes.add_websocket("/api/live", OPERATOR)
+async def live(websocket: WebSocket) -> None:
+    """Send until the listener leaves, says anything, is too slow, or is logged out."""
+    state = app_state(websocket)
+    await websocket.accept()
+    if state.hub.listeners >= MAX_LISTENERS:
+        await websocket.close(TRY_AGAIN_LATER)
+        return
+    listener = state.hub.listen()
+    # nothing is expected from a listener: any message ends it, as its leaving does
+    tasks = [asyncio.create_task(_send(websocket, listener, state)), asyncio.create_task(websocket.receive())]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        state.hub.leave(listener)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
+        async with asyncio.timeout(1.0):
+            await websocket.close(POLICY_VIOLATION)
 
 
 def _start(body: JobBody, state: AppState, principal: Principal) -> dict[str, Any]:
@@ -92,3 +128,16 @@ def _title(state: AppState, part: RecipeFile | None) -> str:
     if part is not None:
         return part.title
     return str(read_toml(state.settings.artefact).get("name") or state.settings.artefact.stem)
+
+
+async def _send(websocket: WebSocket, listener: Listener, state: AppState) -> None:
+    """What is new, as long as it is taken in time and the login lasts."""
+    while state.principal(websocket.state.cookie, is_use=False).role is not None:
+        try:
+            async with asyncio.timeout(LOGIN_CHECK_INTERVAL_S):
+                messages = await listener.next()
+        except TimeoutError:
+            continue
+        for message in messages:
+            async with asyncio.timeout(SEND_TIMEOUT_S):
+                await websocket.send_text(message)

@@ -10,11 +10,10 @@ from truestand._version import __version__
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_toml
 from truestand.web.app_state import AppState, PrincipalDep, StateDep
+from truestand.web.authentication import COOKIE, Principal, new_cookie
 from truestand.web.models import LoginBody, SessionInfo
 from truestand.web.problem import Problem
 from truestand.web.routing import ANYONE, Routes
-from truestand.web.sessions import COOKIE, new_cookie
-from truestand.web.users import Principal
 
 routes = Routes()
 
