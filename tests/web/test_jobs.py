@@ -168,7 +168,7 @@ def test_a_stubborn_worker_does_not_outlive_the_page(folder, monkeypatch):
     wait_for(lambda: runner.current()["done"] > 0)
     monkeypatch.setattr(runners, "SHUTDOWN_TIMEOUT_S", 0.5)
     runner.close()
-    assert runner._job.process.poll() is not None
+    assert runner._running.process.poll() is not None
 
 
 def test_the_order_says_all_that_the_worker_needs(client, state, tmp_path):
