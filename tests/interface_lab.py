@@ -1,21 +1,22 @@
 """A stand with a fake worker, and other machines that talk to it."""
 
 import asyncio
-import sys
+import json
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 from asyncua import Client
 
 import web_lab
+from small_records import calibration, inspection
 from truestand.store import Store
 from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
 
-WORKER = (sys.executable, str(Path(__file__).with_name("machine_worker.py")))
-
 
 def make_state(folder, users=()):
-    return web_lab.make_state(folder, users, WORKER)
+    (folder / "worker").mkdir(parents=True, exist_ok=True)
+    for kind, record in (("calibrate", calibration()), ("inspect", inspection())):
+        (folder / "worker" / f"{kind}.json").write_text(json.dumps(record))
+    return web_lab.make_state(folder, users)
 
 
 def keep(state, kind, record):

@@ -141,7 +141,8 @@ def test_a_job_is_told_and_then_its_result(state, tmp_path):
     async def run():
         async with telling(state, port), reading(port) as reader:
             await reader.until(lambda told: "result" in told)
-            order = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold"}
+            order = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold",
+                     "stand": str(state.settings.stand), "folder": str(tmp_path / "first")}  # fmt: skip
             job = state.runner.start(order, "shaft", None, (("acquire", "Scan"),))
             await reader.until(lambda told: (told["job"] or {}).get("done") == 0.5)
             assert reader.newest["state"]["state"] == "running"
@@ -153,7 +154,9 @@ def test_a_job_is_told_and_then_its_result(state, tmp_path):
             while state.runner.busy:
                 await asyncio.sleep(0.02)
             await asyncio.to_thread(state.runner._reader.join)
-            state.runner.start(order | {"serial": None}, "shaft", None, (("acquire", "Scan"),))
+            state.runner.start(
+                order | {"serial": None, "folder": str(tmp_path / "second")}, "shaft", None, (("acquire", "Scan"),)
+            )
             await reader.until(lambda told: (told["result"] or {}).get("number") == 1)
             assert reader.newest["result/characteristics"]["number"] == 1
             await reader.until(lambda told: told["state"]["calibrated"])

@@ -143,7 +143,7 @@ def test_a_job_from_start_to_result(state):
 def test_busy_live_and_abort(state):
     async def work(client):
         await client.call("StartJob", "calibrate", "", "", "", "hold")
-        await client.until("Stand/Live/Position_deg", 12.5)
+        await client.until("Stand/Live/Position_deg", 50.0)
         assert await client.reads("Stand", "State", "Step") == ["running", "acquire"]
         await client.until("Stand/Done", 0.125)
         assert await client.reads("Stand/Live/Sensors/front", "FramesPerSecond", "Profiles", "Lost") == [200.0, 50, 0]
