@@ -6,10 +6,12 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from patience import NOT_FOR_EVER
 from scripted_worker import RATE, kept_waiting
@@ -138,6 +140,24 @@ def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatc
         finally:
             for one in crowd:
                 one.close()
+
+
+def test_a_server_that_ends_while_a_client_closes_ends_well(client):
+    ended = Future()
+
+    def close_and_end():
+        protocol.conn.receive_data(b"\x88\x80\x00\x00\x00\x00")  # the client's close frame
+        try:
+            protocol.shutdown()
+            ended.set_result(None)
+        except Exception as wrong:
+            ended.set_exception(wrong)
+
+    with suppress(ConnectionClosed), client.live():
+        protocols_ = [transport.get_protocol() for transport in list(SERVERS[client.port].monitor.activity)]
+        (protocol,) = [p for p in protocols_ if isinstance(p, connections.WebSocket)]
+        protocol.loop.call_soon_threadsafe(close_and_end)
+        assert ended.result(20) is None
 
 
 def test_protocols_of_two_servers_have_two_keepers():

@@ -5,12 +5,14 @@ many are connected, the one that has waited longest is dropped. A slow client co
 """
 
 import asyncio
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.exceptions import InvalidState
 
 HEAD_TIMEOUT_S = 10.0
 """For a request's head, from its connection or the last answer on."""
@@ -111,6 +113,12 @@ class WebSocket(WebSocketsSansIOProtocol):
             self.monitor.drop(self.transport)
             return
         super().data_received(data)
+
+    def shutdown(self) -> None:
+        """End with the server; uvicorn's own raises where the client is closing the connection at this moment."""
+        with suppress(InvalidState):
+            super().shutdown()
+        self.transport.close()
 
     def pause_writing(self) -> None:
         """Who doesn't take answers isn't read either: pings would pile up their pongs."""
