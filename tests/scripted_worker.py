@@ -64,7 +64,7 @@ def hold():
 
 def outcome(order):
     """Number, verdict and status of the record that is put into the store, or of a calibration that is not."""
-    path = Path(order.get("stand") or "").with_name("worker") / f"{order['kind']}.json"
+    path = Path(order.get("stand", "stand.toml")).with_name("worker") / f"{order['kind']}.json"
     if not path.exists():
         moved = order["serial"] == "moved"
         return {"number": None, "verdict": "does_not_hold" if moved else None, "status": None if moved else "valid"}

@@ -112,9 +112,9 @@ class Client:
         return self.ask("POST", path, body, **more)
 
     def session(self):
-        told = self.get("/api/session").json
-        self.csrf = told["csrf"]
-        return told
+        payload = self.get("/api/session").json
+        self.csrf = payload["csrf"]
+        return payload
 
     def login(self, user, password=PASSWORD):
         self.session()

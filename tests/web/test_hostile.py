@@ -71,7 +71,7 @@ def behave(good, server, seconds):
 
 @pytest.mark.stand
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
+def test_fifty_hostile_clients_lose_no_event_and_delay_no_answer_by_a_second(tmp_path):
     with process("web_lab.py", tmp_path) as (server, port):
         good = Client(int(port))
         good.session()
@@ -84,17 +84,17 @@ def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
             (folder / "stop").touch()
             while (done := good.get("/api/jobs/current").json)["state"] == "running":
                 time.sleep(0.02)
-    told = json.loads((folder.parent / "told.json").read_text())
-    print(f"slowest answer {max(took):.3f} s of {len(took)}; {told}; memory +{grown:.0f} MB; live seen {len(seen)}")
+    payload = json.loads((folder.parent / "told.json").read_text())
+    print(f"slowest answer {max(took):.3f} s of {len(took)}; {payload}; memory +{grown:.0f} MB; live seen {len(seen)}")
     assert done["id"] == job["id"] and done["state"] == "done"
     assert max(took) < SLOWEST_ANSWER
-    assert told["longest"] < 0.1  # s that the worker was held up by any one event
-    assert told["told"] > 0.8 * RATE * SECONDS
+    assert payload["longest"] < 0.1  # s that the worker was held up by any one event
+    assert payload["told"] > 0.8 * RATE * SECONDS
     assert seen == sorted(seen) and len(seen) >= 3
     assert grown < 60
 
 
-def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
+def test_a_client_with_an_unfinished_head_is_dropped(client, monkeypatch):
     monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
     for sent in (
         b"",
@@ -106,7 +106,7 @@ def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
         assert time.monotonic() - began < NOT_FOR_EVER
 
 
-def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
+def test_a_client_that_reads_no_answer_is_dropped(client, monkeypatch):
     monkeypatch.setattr(connections, "WRITE_TIMEOUT_S", 0.5)
     kept = SERVERS[client.port].monitor.activity
     with socket.create_connection(("127.0.0.1", client.port)) as lazy:
@@ -130,7 +130,7 @@ def test_a_slow_body_ends_its_request(client, monkeypatch):
     assert raw(client.port, head.encode() + b"{").split()[1] == b"408"
 
 
-def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatch):
+def test_too_many_connections_drop_the_longest_waiting(client, monkeypatch):
     monkeypatch.setattr(connections, "MAX_CONNECTIONS", 20)
     with client.live() as listening:
         crowd = [socket.create_connection(("127.0.0.1", client.port)) for _ in range(100)]
@@ -160,6 +160,6 @@ def test_a_server_that_ends_while_a_client_closes_ends_well(client):
         assert ended.result(20) is None
 
 
-def test_protocols_of_two_servers_have_two_keepers():
+def test_protocols_of_two_servers_have_two_monitors():
     first, second = protocols(ConnectionMonitor()), protocols(ConnectionMonitor())
     assert first[0].monitor is first[1].monitor is not second[0].monitor

@@ -46,7 +46,7 @@ GETS = ("/api/session", "/api/home", "/api/results", "/api/results/1", "/api/his
         "/api/devices")  # fmt: skip
 
 
-def test_the_event_loop_only_waits(tmp_path, loop_waits):
+def test_the_event_loop_never_blocks(tmp_path, loop_waits):
     state = make_state(tmp_path, (("erik", "engineer"),))
     Store.open(state.settings.store, create=True).add("calibration", {"status": "valid"})
     with served(state) as port:
@@ -62,7 +62,7 @@ def test_the_event_loop_only_waits(tmp_path, loop_waits):
         assert state.runner.current()["state"] == "done"
 
 
-def test_a_task_that_nobody_waits_for_is_ended(tmp_path, monkeypatch):
+def test_a_cancelled_task_is_ended(tmp_path, monkeypatch):
     begun = []
 
     class Process(subprocess.Popen):

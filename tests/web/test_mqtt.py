@@ -32,8 +32,8 @@ def aiomqtt():
 def broker(folder, port, *lines):
     """mosquitto on that port."""
     settings = folder / "mosquitto.conf"
-    told = (f"listener {port} 127.0.0.1", "persistence false", *(lines or ("allow_anonymous true",)))
-    settings.write_text("\n".join(told) + "\n")
+    given = (f"listener {port} 127.0.0.1", "persistence false", *(lines or ("allow_anonymous true",)))
+    settings.write_text("\n".join(given) + "\n")
     process = subprocess.Popen([MOSQUITTO, "-c", settings], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         for _ in range(100):
@@ -102,7 +102,7 @@ async def reading(port, **more):
 
 
 @needs_broker
-def test_all_topics_are_there_for_who_comes_later(state, tmp_path):
+def test_topics_are_retained_for_later_subscribers(state, tmp_path):
     aiomqtt()
     port = free_port()
     keep(state, "calibration", calibration(valid_until="2099-01-01"))
@@ -112,61 +112,61 @@ def test_all_topics_are_there_for_who_comes_later(state, tmp_path):
         async with telling(state, port):
             await asyncio.sleep(1.0)
             async with reading(port) as reader:
-                await reader.until(lambda told: len(told) == 6)
-            told = reader.newest
+                await reader.until(lambda payloads: len(payloads) == 6)
+            payloads = reader.newest
         async with reading(port) as later:
-            await later.until(lambda told: told.get("online") == "offline")
-        return told
+            await later.until(lambda payloads: payloads.get("online") == "offline")
+        return payloads
 
     with broker(tmp_path, port):
-        told = asyncio.run(run())
-    assert told["online"] == "online"
-    state = told["state"]
+        payloads = asyncio.run(run())
+    assert payloads["online"] == "online"
+    state = payloads["state"]
     assert (state["state"], state["calibrated"], state["result"], state["result_count"]) == ("idle", True, number, 2)
-    assert told["calibration"]["valid_until"] == "2099-01-01"
-    assert told["job"] is None
-    assert (told["result"]["verdict"], told["result"]["evaluation"]) == ("does_not_conform", 2)
-    assert len(told["result"]["record_sha256"]) == 64
-    lines = {one["name"]: one for one in told["result/characteristics"]["characteristics"]}
-    assert told["result/characteristics"]["number"] == number
+    assert payloads["calibration"]["valid_until"] == "2099-01-01"
+    assert payloads["job"] is None
+    assert (payloads["result"]["verdict"], payloads["result"]["evaluation"]) == ("does_not_conform", 2)
+    assert len(payloads["result"]["record_sha256"]) == 64
+    lines = {one["name"]: one for one in payloads["result/characteristics"]["characteristics"]}
+    assert payloads["result/characteristics"]["number"] == number
     assert (lines["F_p left"]["value"], lines["F_p left"]["upper"], lines["F_p left"]["lower"]) == (41.0, 35.0, None)
     assert lines["F_beta left"]["value"] is None and lines["d_a"]["unit"] == "mm"
 
 
 @needs_broker
-def test_a_job_is_told_and_then_its_result(state, tmp_path):
+def test_a_job_is_published_and_then_its_result(state, tmp_path):
     aiomqtt()
     port = free_port()
 
     async def run():
         async with telling(state, port), reading(port) as reader:
-            await reader.until(lambda told: "result" in told)
+            await reader.until(lambda payloads: "result" in payloads)
             order = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold",
                      "stand": str(state.settings.stand), "folder": str(tmp_path / "first")}  # fmt: skip
             job = state.runner.start(order, "shaft", None, (("acquire", "Scan"),))
-            await reader.until(lambda told: (told["job"] or {}).get("done") == 0.5)
+            await reader.until(lambda payloads: (payloads["job"] or {}).get("done") == 0.5)
             assert reader.newest["state"]["state"] == "running"
             heard = len(reader.heard)
             await asyncio.sleep(1.5)
             assert len(reader.heard) - heard < 10  # 20 live events a second are no news
             state.runner.abort(job["id"])
-            await reader.until(lambda told: told["job"]["state"] == "aborted")
+            await reader.until(lambda payloads: payloads["job"]["state"] == "aborted")
             while state.runner.busy:
                 await asyncio.sleep(0.02)
             await asyncio.to_thread(state.runner._reader.join)
             state.runner.start(
                 order | {"serial": None, "folder": str(tmp_path / "second")}, "shaft", None, (("acquire", "Scan"),)
             )
-            await reader.until(lambda told: (told["result"] or {}).get("number") == 1)
+            await reader.until(lambda payloads: (payloads["result"] or {}).get("number") == 1)
             assert reader.newest["result/characteristics"]["number"] == 1
-            await reader.until(lambda told: told["state"]["calibrated"])
+            await reader.until(lambda payloads: payloads["state"]["calibrated"])
 
     with broker(tmp_path, port):
         asyncio.run(run())
 
 
 @needs_broker
-def test_a_broker_that_comes_late_or_restarts_is_told_all(state, tmp_path, monkeypatch, capsys):
+def test_a_broker_that_starts_late_or_restarts_gets_all_topics(state, tmp_path, monkeypatch, capsys):
     aiomqtt()
     monkeypatch.setattr(mqtt, "RECONNECT_DELAYS_S", (0.1,))
     port = free_port()
@@ -174,7 +174,7 @@ def test_a_broker_that_comes_late_or_restarts_is_told_all(state, tmp_path, monke
 
     async def see(port):
         async with reading(port) as reader:
-            await reader.until(lambda told: len(told) == 6 and told["online"] == "online")
+            await reader.until(lambda payloads: len(payloads) == 6 and payloads["online"] == "online")
 
     async def run():
         async with telling(state, port):
@@ -184,8 +184,8 @@ def test_a_broker_that_comes_late_or_restarts_is_told_all(state, tmp_path, monke
                     await see(port)
 
     asyncio.run(run())
-    told = capsys.readouterr().err
-    assert told.count("can't be reached") == 3 and told.count("telling the broker") == 2, told  # no line a try
+    printed = capsys.readouterr().err
+    assert printed.count("can't be reached") == 3 and printed.count("telling the broker") == 2, printed  # no line a try
 
 
 @needs_broker
@@ -211,18 +211,18 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
             command = [sys.executable, "-c", script, tmp_path / "other", f"mqtt://127.0.0.1:{port}"]
             dying = subprocess.Popen(command, cwd=Path(__file__).parents[1])
             try:
-                await reader.until(lambda told: told.get("other/online") == "online")
+                await reader.until(lambda payloads: payloads.get("other/online") == "online")
             finally:
                 dying.kill()
                 dying.wait()
-            await reader.until(lambda told: told["other/online"] == "offline")
+            await reader.until(lambda payloads: payloads["other/online"] == "offline")
 
     with broker(tmp_path, port):
         asyncio.run(run())
 
 
 @needs_broker
-def test_a_password_out_of_a_file(state, tmp_path):
+def test_the_password_is_read_from_a_file(state, tmp_path):
     aiomqtt()
     port = free_port()
     passwords = tmp_path / "passwords"
@@ -238,17 +238,17 @@ def test_a_password_out_of_a_file(state, tmp_path):
             open_interfaces(state, InterfaceSettings(mqtt=found)),
             reading(port, username="stand", password="s3cret") as reader,
         ):
-            await reader.until(lambda told: "result" in told)
+            await reader.until(lambda payloads: "result" in payloads)
 
     with broker(tmp_path, port, "allow_anonymous false", f"password_file {passwords}", "user root"):
         asyncio.run(run())
 
 
-def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
-    told = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD_VARIABLE: "s3cret"})
-    assert (told.host, told.port, told.prefix, told.user, told.password) == (
+def test_broker_urls_are_parsed_and_passwords_in_them_refused(tmp_path):
+    parsed = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD_VARIABLE: "s3cret"})
+    assert (parsed.host, parsed.port, parsed.prefix, parsed.user, parsed.password) == (
         "broker.example", 1883, "plant/a/", "stand", "s3cret")  # fmt: skip
-    assert "s3cret" not in repr(told) and "s3cret" not in str(told)
+    assert "s3cret" not in repr(parsed) and "s3cret" not in str(parsed)
     assert (broker_of("mqtts://b", environment={}).port, broker_of("mqtts://b", environment={}).prefix) == (8883, "")
     with pytest.raises(BadRecipe, match="found a password in the MQTT URL") as refused:
         broker_of("mqtt://stand:s3cret@broker/plant")
@@ -260,7 +260,7 @@ def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
         broker_of("mqtt://b", tmp_path / "missing")
 
 
-def test_without_the_extra_it_says_what_to_install(state, monkeypatch):
+def test_mqtt_without_its_extra_says_what_to_install(state, monkeypatch):
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
 
     async def run():

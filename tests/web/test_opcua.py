@@ -67,8 +67,8 @@ def test_the_last_result_with_every_line(state):
     async def look(client):
         assert await client.reads("Stand", "Calibrated", "CalibratedUntil") == [True, "2099-01-01"]
         assert await client.reads("Stand", "ResultCount", "ResultReady") == [2, number]
-        told = await client.reads("LastResult", "Number", "Kind", "Part", "Serial", "Order", "Operator", "Verdict")
-        assert told == [number, "inspection", "gear", "7", "A 12", "olga", "does_not_conform"]
+        values = await client.reads("LastResult", "Number", "Kind", "Part", "Serial", "Order", "Operator", "Verdict")
+        assert values == [number, "inspection", "gear", "7", "A 12", "olga", "does_not_conform"]
         assert await client.reads("LastResult", "ResultEvaluation", "Reasons") == [2, ["F_p left is too large"]]
         assert await client.read("LastResult/RecordHash") == sha256_of(state.results.file(number, "record"))
         assert (await client.read("LastResult/Time")).tzinfo is not None
@@ -84,21 +84,21 @@ def test_the_last_result_with_every_line(state):
     talk(state, look)
 
 
-def test_what_was_not_seen_is_a_null_of_its_type_and_never_nan(state):
+def test_a_value_not_measured_is_null_of_its_type_and_never_nan(state):
     keep(state, "inspection", inspection())
 
     async def look(client):
         for name in ("Value", "U", "Coverage"):
             node = client.node(f"{LINES}/F_beta left/{name}")
-            told = await node.read_data_value()
-            assert told.Value.VariantType == ua.VariantType.Null and told.StatusCode.is_good()
+            data = await node.read_data_value()
+            assert data.Value.VariantType == ua.VariantType.Null and data.StatusCode.is_good()
             assert await node.read_data_type() == ua.NodeId(ua.ObjectIds.Double)
         assert await client.read(f"{LINES}/F_beta left/Status") == "not_measurable"
 
     talk(state, look)
 
 
-def test_who_subscribes_is_told_of_a_result_when_all_of_it_is_there(state):
+def test_result_ready_is_notified_after_the_whole_result(state):
     keep(state, "inspection", inspection())
     ready, values = Heard(), Heard()
 
@@ -173,7 +173,7 @@ REFUSALS = (
 )
 
 
-def test_what_cant_be_done_is_refused_with_its_code(state):
+def test_refused_calls_have_their_status_codes(state):
     async def work(client):
         for arguments, error, why in REFUSALS:
             with pytest.raises(error):
@@ -217,7 +217,7 @@ def test_nothing_can_be_written_or_added(state):
     talk(state, write, user="admin", password="admin")
 
 
-def test_users_only_where_there_are_users(tmp_path):
+def test_with_users_a_login_is_needed(tmp_path):
     state = make_state(tmp_path, (("olga", "operator"),))
 
     async def meet():
@@ -241,7 +241,7 @@ def test_users_only_where_there_are_users(tmp_path):
     asyncio.run(meet())
 
 
-def test_who_is_removed_is_out_at_once(tmp_path):
+def test_a_removed_opcua_user_is_refused_at_once(tmp_path):
     state = make_state(tmp_path, (("olga", "operator"), ("erik", "engineer")))
     text = state.authenticator.path.read_text()
 
@@ -280,7 +280,7 @@ def test_guessing_passwords_is_slowed_down(tmp_path):
     assert ("address", "opcua 127.0.0.1") in state.throttle._failures
 
 
-def test_guesses_from_one_address_hold_up_no_other(tmp_path):
+def test_guesses_from_one_address_delay_no_other(tmp_path):
     state = make_state(tmp_path, (("olga", "operator"),))
     state.authenticator.check = lambda name, password: (
         state.authenticator.users.get(name) if password == PASSWORD else None
@@ -315,7 +315,7 @@ def test_an_address_that_others_can_reach_needs_users(tmp_path):
 
 @pytest.mark.stand
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
+def test_serve_opens_opcua_beside_the_page_and_prints_its_address(tmp_path):
     write_starters(tmp_path)
     serve = ("serve", "--stand", tmp_path / "stand.toml", "--port", "0")
     command = [sys.executable, "-W", "error", "-m", "truestand", *serve, "--opcua", "opc.tcp://127.0.0.1:0"]
@@ -340,7 +340,7 @@ def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
     assert refused.returncode == 2 and "no users" in refused.stderr
 
 
-def test_a_server_that_does_not_come_up_leaves_no_executor(state, monkeypatch):
+def test_a_server_that_fails_to_start_leaves_no_executor(state, monkeypatch):
     made = []
 
     class Executor(ThreadPoolExecutor):
@@ -361,7 +361,7 @@ def test_a_server_that_does_not_come_up_leaves_no_executor(state, monkeypatch):
     assert gc.get_freeze_count() == 0
 
 
-def test_a_store_that_cant_be_read_calibrates_nothing(state):
+def test_with_an_unreadable_store_the_stand_is_not_calibrated(state):
     keep(state, "calibration", calibration())
     (state.settings.store / "store.db").write_bytes(b"no database")
 
@@ -371,7 +371,7 @@ def test_a_store_that_cant_be_read_calibrates_nothing(state):
     talk(state, look)
 
 
-def test_names_that_come_twice_are_told_apart_and_the_text_of_all_lines_is_finite():
+def test_lines_of_the_same_name_are_numbered():
     twice = lines_of("inspection", inspection(line("F_p", 1.0), line("F_p", 2.0)))
     assert [one.name for one in twice] == ["F_p left", "F_p left (2)"]
     assert replace(twice[1], name="F_p left", value=1.0) == twice[0]

@@ -62,7 +62,7 @@ def test_a_route_without_a_policy_is_not_served():
         require_policies(app.routes)
 
 
-def test_no_writing_route_takes_an_unlimited_body(state):
+def test_every_route_limits_its_body(state):
     for route in create_api(state).routes:
         assert route.policy.max_body_bytes <= 300_000
 
@@ -83,7 +83,7 @@ def people(tmp_path_factory):
 
 @pytest.mark.parametrize(("method", "path", "role"), HTTP, ids=lambda value: str(value))
 @pytest.mark.parametrize("who", [None, "operator", "engineer"])
-def test_each_role_may_what_it_may(people, method, path, role, who):
+def test_each_role_is_answered_or_refused_as_the_table_says(people, method, path, role, who):
     rank = [None, "operator", "engineer"]
     for word, value in FILLED.items():
         path = path.replace(word, value)
@@ -98,9 +98,9 @@ def test_each_role_may_what_it_may(people, method, path, role, who):
 
 
 def test_every_route_is_documented(client):
-    told = client.get("/api/openapi.json").json
+    payload = client.get("/api/openapi.json").json
     for method, path in TABLE:
         if method == "WS" or not path.startswith("/api/") or path == "/api/openapi.json":
             continue
-        operation = told["paths"][path][method.lower()]
+        operation = payload["paths"][path][method.lower()]
         assert operation["summary"] and operation["responses"]["200"]

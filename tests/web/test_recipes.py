@@ -51,7 +51,7 @@ def test_a_name_that_leads_elsewhere_is_no_recipe(stand, name):
 
 @pytest.mark.parametrize("name", [n for n in OUTSIDE if "\x00" not in n])
 @pytest.mark.parametrize("method", ["GET", "PUT"])
-def test_nor_over_http(stand, name, method):
+def test_a_name_that_leads_elsewhere_is_refused_over_http(stand, name, method):
     from urllib.parse import quote
 
     folder = stand.path.with_name("page")
@@ -96,7 +96,7 @@ def test_plain_names_are_recipes(stand, name):
     assert name in [r.file for r in stand.recipes()]
 
 
-def test_what_is_no_recipe_is_not_listed(stand):
+def test_files_that_are_no_recipes_are_not_listed(stand):
     (stand.path / "pyproject.toml").write_text("[tool]\n")
     (stand.path / "broken.toml").write_text("kind = ")
     (stand.path / "huge.toml").write_text("#" * 300_000)
@@ -120,16 +120,16 @@ def test_recipes_are_listed_read_checked_and_saved(client, tmp_path):
     assert client.get("/api/parts").json == [
         {"name": "gear", "title": "demo wheel", "kind": "gear", "file": "gear.toml"}
     ]
-    told = client.get("/api/recipes/gear.toml").json
-    assert told["problem"] is None
-    wrong = told["text"].replace("teeth = 24", "tooth = 24")
+    payload = client.get("/api/recipes/gear.toml").json
+    assert payload["problem"] is None
+    wrong = payload["text"].replace("teeth = 24", "tooth = 24")
     before = snapshot(tmp_path)
     found = client.post("/api/recipes/gear.toml/check", {"text": wrong}).json["problem"]
     assert found == "unknown key 'tooth'; did you mean 'teeth'?"
     refused = client.ask("PUT", "/api/recipes/gear.toml", {"text": wrong})
     assert refused.status == 422 and refused.problem == found
     assert snapshot(tmp_path) == before
-    saved = client.ask("PUT", "/api/recipes/pinion.toml", {"text": told["text"].replace("demo wheel", "pinion")})
+    saved = client.ask("PUT", "/api/recipes/pinion.toml", {"text": payload["text"].replace("demo wheel", "pinion")})
     assert saved.status == 200 and saved.json == {"problem": None}
     assert (tmp_path / "pinion.toml").exists() and len(client.get("/api/parts").json) == 2
     assert client.get("/api/recipes/none.toml").status == 404
@@ -147,7 +147,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "word"), WRONG)
-def test_what_is_wrong_is_said_in_one_line(client, text, word, tmp_path):
+def test_the_problem_of_a_recipe_is_one_line(client, text, word, tmp_path):
     found = client.post("/api/recipes/new.toml/check", {"text": text}).json["problem"]
     assert word in found and "\n" not in found.strip() and "/tmp/tmp" not in found
     assert not (tmp_path / "new.toml").exists()
@@ -161,7 +161,7 @@ def test_a_cad_model_beside_the_recipe_is_found(client, tmp_path):
     assert checked.json == {"problem": None}
 
 
-def test_recipes_stay_as_they_are_while_a_job_runs(client):
+def test_saving_a_recipe_while_a_job_runs_is_refused(client):
     job = client.post("/api/jobs", {"kind": "calibrate", "serial": "long"}).json
     text = client.get("/api/recipes/gear.toml").json["text"]
     assert client.ask("PUT", "/api/recipes/gear.toml", {"text": text}).status == 409

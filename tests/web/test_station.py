@@ -9,7 +9,7 @@ from lab import lab
 from truestand.web.runner import WORKER
 from web_lab import Client, make_state, served
 
-pytestmark = pytest.mark.stand  # test_morning.py goes the same way through the browser in every run
+pytestmark = pytest.mark.stand  # test_workflow.py goes the same way through the browser in every run
 WITHIN = 180.0
 """s for a job on a busy machine."""
 
@@ -48,7 +48,7 @@ def test_devices_are_asked(at_stand):
     assert front["name"] == "front" and front["told"]["serial"] == "V0" and front["problem"] is None
 
 
-def test_an_abort_stops_the_stand_and_keeps_what_came(at_stand):
+def test_an_abort_stops_the_stand_and_keeps_the_recording(at_stand):
     client, stand, state = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate"}).json
     followed(client, job, lambda event: event["type"] == "live" and event["live"]["done"] > 0.2)
@@ -67,8 +67,8 @@ def test_calibrate_and_verify(at_stand):
     assert job["state"] == "done" and job["number"] == 1, job["message"]
     assert job["done"] == 1.0 and {s["state"] for s in job["steps"]} == {"done"}
     assert live and len(live[-1]["sensors"][0]["profile"]["x"]) <= 160
-    told = client.get("/api/results/1").json
-    assert told["entry"]["operator"] == "Anna" and told["record"]["format"] == "truestand.calibration"
+    payload = client.get("/api/results/1").json
+    assert payload["entry"]["operator"] == "Anna" and payload["record"]["format"] == "truestand.calibration"
     assert client.get("/api/results/1/report").status == 200
     assert client.get("/api/home").json["calibration"]["number"] == 1
     job = client.post("/api/jobs", {"kind": "verify"}).json
@@ -78,7 +78,7 @@ def test_calibrate_and_verify(at_stand):
     assert not list(state.settings.jobs_folder.glob("*-verify"))  # the store has it
 
 
-def test_a_fault_is_latched_told_and_reset(at_stand):
+def test_a_fault_is_latched_shown_and_reset(at_stand):
     from truestand.sim.live.faults import Kind
 
     client, stand, _ = at_stand

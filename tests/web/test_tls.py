@@ -52,7 +52,7 @@ def test_https_answers_with_a_secure_cookie(tmp_path, pem):
         connection.close()
 
 
-def test_who_is_slow_over_https_is_dropped(tmp_path, pem, monkeypatch):
+def test_a_slow_https_client_is_dropped(tmp_path, pem, monkeypatch):
     monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
     with served(make_state(tmp_path), certificate=pem[0], key=pem[1]) as port:
         context = ssl.create_default_context(cafile=str(pem[0]))

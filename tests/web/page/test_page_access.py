@@ -81,7 +81,7 @@ def test_tabs_of_a_result_go_by_arrow(open_tab, stand):
     assert tab.get_by_role("tab", name="Values").get_attribute("aria-selected") == "true"
 
 
-def test_language_and_title_are_told(open_tab):
+def test_document_has_language_and_title(open_tab):
     tab = open_tab("#/devices")
     assert tab.evaluate("document.documentElement.lang") == "en"
     assert tab.title() == "Devices · Stand 1, hall B · truestand"

@@ -16,8 +16,8 @@ def focus(tab, name):
     """Go on with the Tab key until an element of that name has the focus."""
     for _ in range(TABS):
         tab.keyboard.press("Tab")
-        told = tab.evaluate("[document.activeElement.innerText, document.activeElement.id].join(' ')")
-        if name in told:
+        shown = tab.evaluate("[document.activeElement.innerText, document.activeElement.id].join(' ')")
+        if name in shown:
             return
     raise AssertionError(f"Tab never reached {name}")
 

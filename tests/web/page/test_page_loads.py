@@ -67,13 +67,13 @@ def test_a_stand_without_results_says_so(open_tab, stand):
     assert "Nothing measured yet" in open_tab("#/results").locator("main").inner_text()
 
 
-def test_text_from_outside_stays_text(open_tab):
+def test_markup_in_a_record_is_shown_as_text(open_tab):
     tab = open_tab("#/results/{markup}/evidence")
     assert "<img src=x onerror" in tab.locator(".remarks").inner_text()
     assert tab.locator(".remarks img").count() == 0 and "owned" not in tab.title()
 
 
-def test_a_result_that_is_not_there_says_what_to_do(open_tab):
+def test_an_unknown_result_says_what_to_do(open_tab):
     tab = open_tab("#/results/999", expect=["404"])
     assert "found no result 999; see the list of results" in tab.get_by_role("alert").first.inner_text()
 
@@ -93,7 +93,7 @@ def test_fault_is_reset_after_a_look_at_the_stand(open_tab, stand):
         tab.locator(".strip.bad").wait_for(state="hidden")
 
 
-def test_login_leads_back_to_where_one_was(open_tab, stand):
+def test_login_leads_back_to_the_page_asked_for(open_tab, stand):
     stand.users = (("olga", "operator"),)
     tab = open_tab("#/results", expect=["401"])
     tab.get_by_label("Name").fill("olga")
@@ -108,7 +108,7 @@ def test_login_leads_back_to_where_one_was(open_tab, stand):
     assert not tab.locator("body > nav").is_visible()
 
 
-def test_results_are_filtered_and_go_back_in_time(open_tab):
+def test_results_are_filtered_and_paged(open_tab):
     tab = open_tab("#/results")
     assert tab.locator(".row").count() == 30
     tab.get_by_role("button", name="Show older ones").click()
@@ -130,9 +130,9 @@ def test_result_says_first_what_was_not_measurable(open_tab, stand):
     assert f"{pitch['value_um']:.1f} ± {pitch['U_um']:.1f} µm" in texts
     assert f"≤ {pitch['limit_um']:g} µm" in texts and "± 9.5 µm" in texts
     assert tab.get_by_role("link", name="Save report").get_attribute("href").endswith("/report?download=1")
-    with tab.expect_download() as told:
+    with tab.expect_download() as download:
         tab.get_by_role("link", name="Characteristics as CSV").click()
-    assert told.value.failure() is None
+    assert download.value.failure() is None
 
 
 def test_recipe_is_checked_and_saved(open_tab, stand):
@@ -153,7 +153,7 @@ def test_recipe_is_checked_and_saved(open_tab, stand):
     assert tab.get_by_label("gear.toml").input_value() == renamed
 
 
-def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
+def test_leaving_an_unsaved_recipe_asks_first(open_tab):
     tab = open_tab("#/recipes/gear.toml")
     tab.get_by_label("gear.toml").fill("a = 1\n")
     asked = []
@@ -183,7 +183,7 @@ def test_evidence_is_checked_by_an_engineer(open_tab, stand):
     tab.get_by_text("One result is not as it was written").wait_for()
 
 
-def test_devices_say_who_is_silent(open_tab, stand):
+def test_devices_page_shows_which_device_does_not_answer(open_tab, stand):
     with lab(stand.folder, sensors=("front", "rear")) as virtual:
         virtual.sensors[1].close()
         tab = open_tab("#/devices")

@@ -45,7 +45,7 @@ def test_cloud_of_200_000_points_within_two_seconds(cloud_tab):
     assert (picture[:, 2] - picture[:, 0] > 60).sum() > 300, "blue: too little"
 
 
-def test_cloud_turns_by_key_and_mouse_and_comes_back(cloud_tab):
+def test_cloud_turns_by_key_and_mouse_and_resets(cloud_tab):
     canvas = cloud_tab.locator("canvas.cloud")
     canvas.focus()
     cloud_tab.keyboard.press("0")
@@ -73,14 +73,14 @@ def test_cloud_turns_by_key_and_mouse_and_comes_back(cloud_tab):
     assert drawn(cloud_tab) > 0.05
 
 
-def test_cloud_tells_a_point_and_rescales(cloud_tab):
+def test_cloud_shows_a_clicked_point_and_changes_its_scale(cloud_tab):
     box = cloud_tab.locator("canvas.cloud").bounding_box()
-    told = cloud_tab.locator(".told")
+    info = cloud_tab.locator(".told")
     for down in np.linspace(0.55, 0.8, 12):
         cloud_tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + down * box["height"])
-        if "µm" in told.inner_text():
+        if "µm" in info.inner_text():
             break
-    assert "µm" in told.inner_text() and " mm" in told.inner_text()
+    assert "µm" in info.inner_text() and " mm" in info.inner_text()
     assert cloud_tab.locator(".scale li").first.inner_text() == "+50"
     cloud_tab.get_by_role("button", name="Wider colour scale").click()
     assert cloud_tab.locator(".scale li").all_inner_texts() == ["+100", "+50", "0", "−50", "−100"]
@@ -98,7 +98,7 @@ def test_charts_draw_under_the_policy(open_tab, kind, charts):
     assert tab.locator(".plot .points path").count() > 0 or tab.locator(".plot .point").count() > 0
 
 
-def test_history_shows_limits_and_what_stands_out(open_tab):
+def test_history_shows_limits_and_findings(open_tab):
     tab = open_tab("#/history", expect=["willReadFrequently"])
     tab.locator(".plot .main-svg").first.wait_for(timeout=FIRST_CHART)
     assert "beyond" in tab.locator(".trend").inner_text()
@@ -112,7 +112,7 @@ def test_history_shows_limits_and_what_stands_out(open_tab):
     assert tab.locator(".plot .shapelayer path").count() == 4
 
 
-def test_charts_say_what_is_missing(chromium, stand):
+def test_charts_without_plotly_say_what_to_install(chromium, stand):
     context = chromium.new_context()
     tab = context.new_page()
     tab.route("**/vendor/plotly.min.js", lambda route: route.fulfill(status=404))

@@ -38,7 +38,7 @@ def verify(store, verdict, reasons=(), number=1):
     return store.add("verification", record, {"calibration": against})
 
 
-def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(state, store, tab):
+def test_a_verification_that_does_not_hold_asks_to_calibrate(state, store, tab):
     verify(store, "does_not_hold", [MOVED])
     with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
@@ -53,7 +53,7 @@ def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(state, stor
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_a_verification_that_is_undecided_says_so(state, store, tab):
+def test_an_undecided_verification_is_shown_as_undecided(state, store, tab):
     verify(store, "undecided", ["sensor, radially: found 9.80 um with U 2.00 um, limit 10.00 um"])
     with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
@@ -64,7 +64,7 @@ def test_a_verification_that_is_undecided_says_so(state, store, tab):
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_the_job_that_finds_so_leads_to_the_calibration(state, store, tab):
+def test_a_verify_job_that_does_not_hold_leads_to_the_calibration(state, store, tab):
     with served(state) as port:
         client = Client(port)
         client.session()
@@ -99,7 +99,7 @@ def silent(socket):
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
+def test_a_job_whose_server_died_is_shown_as_unknown_then_ended(tmp_path, tab, cut):
     if cut:
         tab.route_web_socket("**/api/live", silent)
     with server(tmp_path) as (process, port):
@@ -115,7 +115,7 @@ def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
         tab.get_by_role("button", name="Start").wait_for()
 
 
-def test_a_job_that_went_on_meanwhile_is_seen_again(state, tab):
+def test_a_running_job_is_shown_again_after_a_lost_connection(state, tab):
     tab.route_web_socket("**/api/live", silent)
     with served(state) as port:
         watch_a_job(tab, port)
@@ -133,7 +133,7 @@ def test_a_job_that_went_on_meanwhile_is_seen_again(state, tab):
 LIT = "Laser may be ON: sensor front"
 
 
-def test_a_laser_that_may_be_on_is_told_first_and_large(state, tab):
+def test_a_laser_that_may_be_on_is_shown_first_and_large(state, tab):
     with served(state) as port:
         watch_a_job(tab, port)
         latch = Latch(state.settings.stand)
@@ -142,9 +142,9 @@ def test_a_laser_that_may_be_on_is_told_first_and_large(state, tab):
         tab.get_by_role("button", name="Stop").click()
         for path in ("#/job", "#/"):
             tab.goto(f"http://127.0.0.1:{port}/{path}")
-            told = tab.get_by_role("alert").get_by_text("Laser may be ON")
-            expect(told.first).to_have_text(LIT)
+            shown = tab.get_by_role("alert").get_by_text("Laser may be ON")
+            expect(shown.first).to_have_text(LIT)
             expect(tab.get_by_role("alert").first).to_contain_text("Switch it off at its supply now")
-            assert told.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
-            assert told.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
+            assert shown.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
+            assert shown.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
             expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")
