@@ -27,7 +27,6 @@ from typing import Literal, get_args
 from truestand.core.errors import BadRecipe
 
 Role = Literal["operator", "engineer"]
-ROLES: tuple[Role, ...] = get_args(Role)
 SCRYPT_COST = {"n": 1 << 14, "r": 8, "p": 5}
 """As OWASP's Password Storage Cheat Sheet has it: 16 MB, about a fifth of a second."""
 MIN_PASSWORD_LENGTH, MAX_PASSWORD_LENGTH = 10, 1024
@@ -103,7 +102,7 @@ def read_users(path: Path) -> dict[str, User]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         users = [User(**user) for user in content["users"]]
-        if content["format"] != FORMAT or not all(user.role in ROLES for user in users):
+        if content["format"] != FORMAT or not all(user.role in get_args(Role) for user in users):
             raise ValueError
     except (ValueError, KeyError, TypeError) as wrong:
         raise BadRecipe(f"{path}: found no list of users; remove it, and add them again with --add-user") from wrong

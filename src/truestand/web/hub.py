@@ -56,7 +56,7 @@ class Hub:
         with self._lock:
             self._wake_pending = False
         for listener in self._listeners:
-            listener.wake()
+            listener.published.set()
 
 
 class Listener:
@@ -64,17 +64,14 @@ class Listener:
 
     def __init__(self, hub: Hub) -> None:
         self._hub, self._seen = hub, 0
-        self._published = asyncio.Event()
-
-    def wake(self) -> None:
-        """Something was published."""
-        self._published.set()
+        self.published = asyncio.Event()
+        """Set where there may be something new."""
 
     async def next(self) -> list[str]:
         """Wait for messages newer than the last call's; the first call gets what is there."""
         while True:
-            self._published.clear()
+            self.published.clear()
             self._seen, messages = self._hub.newer(self._seen)
             if messages:
                 return messages
-            await self._published.wait()
+            await self.published.wait()

@@ -100,7 +100,7 @@ class SecurityMiddleware:
             secure = scope["scheme"] in ("https", "wss")
             if at != hosts[0].lower() or scheme not in (("https",) if secure else ("http", "https")):
                 raise Problem(403, "found a request from another site, need one from this page; open the page itself")
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and _is_api(scope):
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and scope["path"].startswith("/api/"):
             raise Problem(403, "found a request from another site, need one from this page; open the page itself")
         has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
         if scope["type"] == "http" and scope["method"] in READ_METHODS and has_body:
@@ -144,7 +144,3 @@ def _address(name: str) -> str:
         return ipaddress.ip_address(name.strip("[]")).compressed
     except ValueError:
         return ""
-
-
-def _is_api(scope: Scope) -> bool:
-    return str(scope["path"]).startswith("/api/")

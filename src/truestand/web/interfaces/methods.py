@@ -38,35 +38,31 @@ class Methods:
         texts = [argument.Value for argument in given]
         if len(texts) != len(START) or not all(text is None or isinstance(text, str) for text in texts):
             return _code(Codes.BadInvalidArgument)
-        body = {name: text for name, text in zip(START, texts, strict=True) if text}
-
-        async def do() -> str:
-            return str((await jobs.start(JobBody.model_validate(body), self._state, caller.get()))["id"])
-
-        return await self._answer(do)
+        return await self._answer(self._start({name: text for name, text in zip(START, texts, strict=True) if text}))
 
     async def abort(self, parent: ua.NodeId, *given: ua.Variant) -> Answer:
         """Abort the job that runs; its id."""
-
-        async def do() -> str:
-            job = self._state.runner.current()
-            if job is None or job["state"] != "running":
-                raise Problem(409, "found no job running, nothing to abort")
-            return str(jobs.abort(job["id"], self._state)["id"])
-
-        return await self._answer(do)
+        return await self._answer(self._abort())
 
     async def reset(self, parent: ua.NodeId, *given: ua.Variant) -> Answer:
-        """Reset the latched fault; what it was, or nothing."""
+        """Reset the latched fault; what it was, or an empty text."""
+        return await self._answer(self._reset())
 
-        async def do() -> str:
-            return str((await stand.reset(self._state)).fault or "")
+    async def _start(self, body: dict[str, str]) -> str:
+        return str((await jobs.start(JobBody.model_validate(body), self._state, caller.get()))["id"])
 
-        return await self._answer(do)
+    async def _abort(self) -> str:
+        job = self._state.runner.current()
+        if job is None or job["state"] != "running":
+            raise Problem(409, "found no job running, nothing to abort")
+        return str(jobs.abort(job["id"], self._state)["id"])
 
-    async def _answer(self, do: Callable[[], Awaitable[str]]) -> Answer:
+    async def _reset(self) -> str:
+        return (await stand.reset(self._state)).fault or ""
+
+    async def _answer(self, call: Awaitable[str]) -> Answer:
         try:
-            answer = await do()
+            answer = await call
         except (Problem, ValidationError, TruestandError, OSError) as wrong:
             text, code = refusal(wrong)
             await self._show_refusal(text)

@@ -29,19 +29,15 @@ class Nodes:
     def __contains__(self, path: str) -> bool:
         return path in self._nodes
 
-    def __getitem__(self, path: str) -> Node:
-        return self._nodes[path]
-
     def children(self, path: str) -> list[str]:
         """Paths of the objects that were added under one."""
         return [at for at in self._nodes if at.startswith(f"{path}/") and at not in self._kinds]
 
-    async def add_object(self, path: str, folder: bool = False) -> Node:
+    async def add_object(self, path: str, folder: bool = False) -> None:
         """An object under the one that its path names; at the top under Objects."""
         parent, name = self._parent_and_name(path)
         add = parent.add_folder if folder else parent.add_object
         self._nodes[path] = await add(self._id(path), ua.QualifiedName(name, self._space))
-        return self._nodes[path]
 
     async def add_variables(self, path: str, kinds: Mapping[str, ua.VariantType]) -> None:
         """Variables of an object by name, Null at first, that clients can't write."""
