@@ -57,7 +57,7 @@ def test_home_says_whether_the_stand_is_calibrated(open_tab, stand, state):
     }
     tab = open_tab("#/")
     assert tab.locator(".stamp .word").inner_text() == words[state]
-    first = tab.locator(".door").first.inner_text()
+    first = tab.locator(".task").first.inner_text()
     assert first == ("Inspect a part" if state == "valid" else "Calibrate")
 
 

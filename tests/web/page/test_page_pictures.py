@@ -75,7 +75,7 @@ def test_cloud_turns_by_key_and_mouse_and_resets(cloud_tab):
 
 def test_cloud_shows_a_clicked_point_and_changes_its_scale(cloud_tab):
     box = cloud_tab.locator("canvas.cloud").bounding_box()
-    info = cloud_tab.locator(".told")
+    info = cloud_tab.locator(".readout")
     for down in np.linspace(0.55, 0.8, 12):
         cloud_tab.mouse.click(box["x"] + box["width"] / 2, box["y"] + down * box["height"])
         if "µm" in info.inner_text():

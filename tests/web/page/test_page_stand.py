@@ -45,7 +45,7 @@ def test_a_verification_that_does_not_hold_asks_to_calibrate(state, store, tab):
         expect(tab.locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
         expect(tab.locator(".stamp")).to_contain_text(MOVED)
         expect(tab.locator(".stamp .until")).to_contain_text("verified")
-        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect/gear")
         tab.get_by_role("button", name="Next").click()
         expect(tab.locator(".notice.bad")).to_contain_text("The calibration does not hold, as the verification of")
@@ -58,7 +58,7 @@ def test_an_undecided_verification_is_shown_as_undecided(state, store, tab):
     with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
-        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect")
         expect(tab.locator(".notice.open")).to_contain_text("whether the calibration still holds is not known")
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
