@@ -44,7 +44,7 @@ def create_api(state: AppState) -> FastAPI:
         title="truestand",
         version=__version__,
         summary="A rotary laser inspection stand: its jobs, results and recipes.",
-        description="Every write needs the header `X-CSRF-Token` as told by GET /api/session.",
+        description="Every write needs the header `X-CSRF-Token` of GET /api/session.",
         openapi_url=None,
         docs_url=None,
         redoc_url=None,

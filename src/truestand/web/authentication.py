@@ -147,7 +147,7 @@ class Authenticator:
         self._hashing = threading.Lock()
         self._cached: tuple[object, dict[str, User]] | None = None
         self._had_users = False
-        self._nobody = User("nobody", "operator", secrets.token_hex(16), "", **SCRYPT_COST)
+        self._unknown_user = User("nobody", "operator", secrets.token_hex(16), "", **SCRYPT_COST)
 
     @property
     def users(self) -> Mapping[str, User]:
@@ -180,11 +180,11 @@ class Authenticator:
 
     def check(self, name: str, password: str) -> User | None:
         """The user of that name and password. Takes as long for a name that nobody has."""
-        user = self.users.get(name, self._nobody)
+        user = self.users.get(name, self._unknown_user)
         with self._hashing:
             digest = _scrypt(password[:MAX_PASSWORD_LENGTH], bytes.fromhex(user.salt), user.n, user.r, user.p)
         is_right = hmac.compare_digest(digest, user.hash)
-        return user if is_right and user is not self._nobody else None
+        return user if is_right and user is not self._unknown_user else None
 
 
 class Throttle:

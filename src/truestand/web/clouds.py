@@ -4,6 +4,7 @@ Most points are taken evenly in the order they were measured; the rest are those
 is thinned away. The answer is what a browser reads without parsing: a count, then x, y, z (mm) and deviation (um).
 """
 
+import hashlib
 import threading
 from pathlib import Path
 
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from truestand.core.errors import UnreadableFile
 from truestand.files.atomic import replacing
-from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.clouds import open_cloud
 
 EXTREME_SHARE = 0.05
@@ -27,7 +27,7 @@ def thin_out(source: Path, target: Path, points: int) -> int:
         UnreadableFile: no cloud of truestand's, or not the one whose hash is its name.
     """
     digests: list[str] = []
-    hashing = threading.Thread(target=lambda: digests.append(sha256_of(source)))
+    hashing = threading.Thread(target=lambda: digests.append(_sha256(source)))
     hashing.start()  # on the other core, while this one picks
     cloud = open_cloud(source)
     deviation = cloud["deviation"] if "deviation" in (cloud.dtype.names or ()) else None
@@ -55,3 +55,9 @@ def choose(size: int, deviation: NDArray[np.float32] | None, points: int) -> NDA
     strength[np.isnan(strength)] = -1.0
     most = np.argpartition(strength, size - extreme)[size - extreme :]
     return np.union1d(even, most[strength[most] >= 0.0])
+
+
+def _sha256(path: Path) -> str:
+    """As ``sha256_of`` of the scans' readers, which would load every one of them."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -23,7 +23,6 @@ START = {
     "serial": "the part's or the shaft's serial number, or empty",
 }
 Answer = list[ua.Variant] | ua.StatusCode
-Method = Callable[..., Awaitable[Answer]]
 ShowRefusal = Callable[[str], Awaitable[None]]
 
 

@@ -144,7 +144,7 @@ class MqttPublisher:
 
     async def _publish_until_end(self) -> None:
         async with self._client() as client:
-            self._log(f"mqtt: telling the broker {self._broker} below {self.base}")
+            self._log(f"mqtt: publishing to the broker {self._broker} below {self.base}")
             self._tries = 0
             await self._publish(client, "online", ONLINE)
             sent: dict[str, str] = {}

@@ -53,7 +53,7 @@ def current(state: StateDep) -> dict[str, Any] | None:
 
 @routes.add("POST", "/api/jobs/{id}/abort", OPERATOR, "Stop a job", (404,), response_model=Job)
 def abort(id: str, state: StateDep) -> dict[str, Any]:
-    """The stand stops, and what came is kept; a second abort ends a worker that doesn't obey within ten seconds."""
+    """The stand stops, the recording is kept; a second abort ends a worker that doesn't obey within ten seconds."""
     job = state.runner.abort(id)
     if job is None:
         raise Problem(404, "found no such job; it may be over, see the current one")
