@@ -62,19 +62,19 @@ def hold():
         time.sleep(0.05)
 
 
-def outcome(order):
+def outcome(request):
     """Number, verdict and status of the record that is put into the store, or of a calibration that is not."""
-    path = Path(order.get("stand", "stand.toml")).with_name("worker") / f"{order['kind']}.json"
+    path = Path(request.get("stand", "stand.toml")).with_name("worker") / f"{request['kind']}.json"
     if not path.exists():
-        moved = order["serial"] == "moved"
+        moved = request["serial"] == "moved"
         return {"number": None, "verdict": "does_not_hold" if moved else None, "status": None if moved else "valid"}
     from truestand.store import Store
 
     record = json.loads(path.read_text(encoding="utf-8"))
     if "part" in record:
-        record["part"] |= {key: order[key] for key in ("serial", "order", "operator")}
+        record["part"] |= {key: request[key] for key in ("serial", "order", "operator")}
     kind = record["format"].removeprefix("truestand.")
-    entry = Store.open(Path(order["store"]), create=True).add(kind, record, operator=order["operator"])
+    entry = Store.open(Path(request["store"]), create=True).add(kind, record, operator=request["operator"])
     return {"number": entry.number, "verdict": record.get("verdict"), "status": record.get("status")}
 
 
@@ -83,11 +83,11 @@ def interrupt(number, frame):
 
 
 def main():
-    order = json.loads(sys.stdin.readline())
-    folder = Path(order["folder"])
+    request = json.loads(sys.stdin.readline())
+    folder = Path(request["folder"])
     folder.mkdir(parents=True)
-    (folder / "order.json").write_text(json.dumps(order))
-    does = order.get("serial") or "quick"
+    (folder / "request.json").write_text(json.dumps(request))
+    does = request.get("serial") or "quick"
     signal.signal(signal.SIGINT, signal.SIG_IGN if does == "stubborn" else interrupt)
     tell(event="step", name="acquire", state="running")
     try:
@@ -117,7 +117,7 @@ def main():
     for name in ("acquire", "evaluate", "report", "keep"):
         tell(event="step", name=name, state="running")
         tell(event="step", name=name, state="done")
-    tell(event="done", message="", **outcome(order))
+    tell(event="done", message="", **outcome(request))
     return 0
 
 

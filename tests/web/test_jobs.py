@@ -175,18 +175,18 @@ def test_the_request_has_all_that_the_worker_needs(client, state, tmp_path):
     answer = client.post("/api/jobs", {"kind": "calibrate", "operator": "Anna", "order": "4711", "serial": "fail"})
     assert answer.status == 200 and answer.json["kind"] == "calibrate" and answer.json["title"] == "shaft M"
     state.runner._reader.join(20)
-    (written,) = state.settings.jobs_folder.glob("*/order.json")
-    order = json.loads(written.read_text())
-    assert order["stand"] == str(tmp_path / "stand.toml") and order["artefact"] == str(tmp_path / "shaft.toml")
-    assert order["store"] == str(tmp_path / "results") and order["folder"] == str(written.parent)
-    assert order["operator"] == "Anna" and order["order"] == "4711"
+    (written,) = state.settings.jobs_folder.glob("*/request.json")
+    request = json.loads(written.read_text())
+    assert request["stand"] == str(tmp_path / "stand.toml") and request["artefact"] == str(tmp_path / "shaft.toml")
+    assert request["store"] == str(tmp_path / "results") and request["folder"] == str(written.parent)
+    assert request["operator"] == "Anna" and request["order"] == "4711"
 
 
 def test_with_users_the_operator_is_the_user_logged_in(visitor, guarded_state):
     visitor.login("olga")
     assert visitor.post("/api/jobs", {"kind": "calibrate", "operator": "somebody", "serial": "fail"}).status == 200
     guarded_state.runner._reader.join(20)
-    (written,) = guarded_state.settings.jobs_folder.glob("*/order.json")
+    (written,) = guarded_state.settings.jobs_folder.glob("*/request.json")
     assert json.loads(written.read_text())["operator"] == "olga"
 
 

@@ -141,9 +141,9 @@ def test_a_job_is_published_and_then_its_result(state, tmp_path):
     async def run():
         async with telling(state, port), reading(port) as reader:
             await reader.until(lambda payloads: "result" in payloads)
-            order = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold",
+            request = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold",
                      "stand": str(state.settings.stand), "folder": str(tmp_path / "first")}  # fmt: skip
-            job = state.runner.start(order, "shaft", None, (("acquire", "Scan"),))
+            job = state.runner.start(request, "shaft", None, (("acquire", "Scan"),))
             await reader.until(lambda payloads: (payloads["job"] or {}).get("done") == 0.5)
             assert reader.newest["state"]["state"] == "running"
             heard = len(reader.heard)
@@ -155,7 +155,7 @@ def test_a_job_is_published_and_then_its_result(state, tmp_path):
                 await asyncio.sleep(0.02)
             await asyncio.to_thread(state.runner._reader.join)
             state.runner.start(
-                order | {"serial": None, "folder": str(tmp_path / "second")}, "shaft", None, (("acquire", "Scan"),)
+                request | {"serial": None, "folder": str(tmp_path / "second")}, "shaft", None, (("acquire", "Scan"),)
             )
             await reader.until(lambda payloads: (payloads["result"] or {}).get("number") == 1)
             assert reader.newest["result/characteristics"]["number"] == 1
