@@ -12,7 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started with Ctrl-C ignored
 
 LONGEST = (
-    "web/test_morning.py", "gear/test_damage.py", "gear/test_inspect.py", "cli/test_inspect.py", "test_docs.py",
+    "web/test_workflow.py", "gear/test_damage.py", "gear/test_inspect.py", "cli/test_inspect.py", "test_docs.py",
     "web/test_security.py", "devices/test_tables.py", "web/test_opcua.py", "gear/", "calibration/", "cli/", "parts/",
 )  # fmt: skip
 """Begun first, so that no worker ends alone with one of them."""

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 from command import run, run_process
 from exports import scancontrol
 from truestand.cli import main
-from truestand.files.shapes.points import read_ply
+from truestand.files.shapes.ply import ply_vertices
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
 COMMANDS = [
@@ -115,7 +115,7 @@ def test_roll_puts_the_shaft_where_the_drawing_has_it(bench, tmp_path):
         out = tmp_path / f"cloud.{suffix}"
         done = run("roll", bench / "k1.h5", "--calibration", bench / "calibration.json", "-o", out)
         assert done.returncode == 0, done.stderr
-    cloud = read_ply(tmp_path / "cloud.ply")
+    cloud = ply_vertices((tmp_path / "cloud.ply").read_bytes(), "cloud.ply")
     assert list(cloud) == ["x", "y", "z", "profile", "point"]
     radius = np.hypot(cloud["x"], cloud["y"])
     base = (cloud["z"] < -2) & (cloud["z"] > -15)

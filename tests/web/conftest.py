@@ -2,31 +2,31 @@
 
 import pytest
 
-from page_lab import Client, make_page, served
+from web_lab import Client, make_state, served
 
 
 @pytest.fixture
-def page(tmp_path):
+def state(tmp_path):
     """A page without users: everyone on this machine is an engineer."""
-    return make_page(tmp_path)
+    return make_state(tmp_path)
 
 
 @pytest.fixture
-def client(page):
-    with served(page) as port:
+def client(state):
+    with served(state) as port:
         client = Client(port)
         client.session()
         yield client
 
 
 @pytest.fixture
-def guarded_page(tmp_path):
+def guarded_state(tmp_path):
     """A page with users."""
-    return make_page(tmp_path, (("olga", "operator"), ("erik", "engineer")))
+    return make_state(tmp_path, (("olga", "operator"), ("erik", "engineer")))
 
 
 @pytest.fixture
-def visitor(guarded_page):
+def visitor(guarded_state):
     """One who has not logged in."""
-    with served(guarded_page) as port:
+    with served(guarded_state) as port:
         yield Client(port)

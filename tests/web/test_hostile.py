@@ -6,16 +6,18 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from websockets.exceptions import ConnectionClosed
 
-from page_lab import SERVERS, Client, raw
-from page_worker import RATE, kept_waiting
 from patience import NOT_FOR_EVER
+from scripted_worker import RATE, kept_waiting
 from truestand.web import connections
-from truestand.web.connections import Keeper, protocols
+from truestand.web.connections import ConnectionMonitor, protocols
+from web_lab import SERVERS, Client, raw
 
 HERE = Path(__file__).parent.parent
 SECONDS = 8.0
@@ -69,31 +71,31 @@ def behave(good, server, seconds):
 
 @pytest.mark.stand
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-def test_fifty_of_them_cost_no_event_and_nobody_else_a_second(tmp_path):
-    with process("page_lab.py", tmp_path) as (server, port):
+def test_fifty_hostile_clients_lose_no_event_and_delay_no_answer_by_a_second(tmp_path):
+    with process("web_lab.py", tmp_path) as (server, port):
         good = Client(int(port))
         good.session()
         job = good.post("/api/jobs", {"kind": "calibrate", "serial": "long"}).json
         before = memory(server.pid)
-        with process("page_hostile.py", port, good.cookie, good.csrf):
+        with process("hostile_clients.py", port, good.cookie, good.csrf):
             took, seen = behave(good, server.pid, SECONDS)
             grown = memory(server.pid) - before
             (folder,) = (tmp_path / "results.jobs").iterdir()
             (folder / "stop").touch()
             while (done := good.get("/api/jobs/current").json)["state"] == "running":
                 time.sleep(0.02)
-    told = json.loads((folder.parent / "told.json").read_text())
-    print(f"slowest answer {max(took):.3f} s of {len(took)}; {told}; memory +{grown:.0f} MB; live seen {len(seen)}")
+    payload = json.loads((folder.parent / "told.json").read_text())
+    print(f"slowest answer {max(took):.3f} s of {len(took)}; {payload}; memory +{grown:.0f} MB; live seen {len(seen)}")
     assert done["id"] == job["id"] and done["state"] == "done"
     assert max(took) < SLOWEST_ANSWER
-    assert told["longest"] < 0.1  # s that the worker was held up by any one event
-    assert told["told"] > 0.8 * RATE * SECONDS
+    assert payload["longest"] < 0.1  # s that the worker was held up by any one event
+    assert payload["told"] > 0.8 * RATE * SECONDS
     assert seen == sorted(seen) and len(seen) >= 3
     assert grown < 60
 
 
-def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
-    monkeypatch.setattr(connections, "HEAD", 0.5)
+def test_a_client_with_an_unfinished_head_is_dropped(client, monkeypatch):
+    monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
     for sent in (
         b"",
         b"GET / HTTP/1.1\r\nHost:",
@@ -104,9 +106,9 @@ def test_who_does_not_finish_a_head_is_dropped(client, monkeypatch):
         assert time.monotonic() - began < NOT_FOR_EVER
 
 
-def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
-    monkeypatch.setattr(connections, "TAKE", 0.5)
-    kept = SERVERS[client.port].keeper.seen
+def test_a_client_that_reads_no_answer_is_dropped(client, monkeypatch):
+    monkeypatch.setattr(connections, "WRITE_TIMEOUT_S", 0.5)
+    kept = SERVERS[client.port].monitor.activity
     with socket.create_connection(("127.0.0.1", client.port)) as lazy:
         lazy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         for _ in range(4):
@@ -120,16 +122,16 @@ def test_who_does_not_take_an_answer_is_dropped(client, monkeypatch):
 
 
 def test_a_slow_body_ends_its_request(client, monkeypatch):
-    from truestand.web import body
+    from truestand.web import routing
 
-    monkeypatch.setattr(body, "SLOWEST", 0.3)
+    monkeypatch.setattr(routing, "BODY_TIMEOUT_S", 0.3)
     head = f"POST /api/login HTTP/1.1\r\nHost: 127.0.0.1:{client.port}\r\nContent-Length: 50\r\n"
     head += f"Cookie: truestand={client.cookie}\r\nX-CSRF-Token: {client.csrf}\r\n\r\n"
     assert raw(client.port, head.encode() + b"{").split()[1] == b"408"
 
 
-def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatch):
-    monkeypatch.setattr(connections, "MOST", 20)
+def test_too_many_connections_drop_the_longest_waiting(client, monkeypatch):
+    monkeypatch.setattr(connections, "MAX_CONNECTIONS", 20)
     with client.live() as listening:
         crowd = [socket.create_connection(("127.0.0.1", client.port)) for _ in range(100)]
         try:
@@ -140,6 +142,24 @@ def test_where_too_many_connect_the_longest_waiting_gives_way(client, monkeypatc
                 one.close()
 
 
-def test_protocols_of_two_servers_have_two_keepers():
-    first, second = protocols(Keeper()), protocols(Keeper())
-    assert first[0].keeper is first[1].keeper is not second[0].keeper
+def test_a_server_that_ends_while_a_client_closes_ends_well(client):
+    ended = Future()
+
+    def close_and_end():
+        protocol.conn.receive_data(b"\x88\x80\x00\x00\x00\x00")  # the client's close frame
+        try:
+            protocol.shutdown()
+            ended.set_result(None)
+        except Exception as wrong:
+            ended.set_exception(wrong)
+
+    with suppress(ConnectionClosed), client.live():
+        protocols_ = [transport.get_protocol() for transport in list(SERVERS[client.port].monitor.activity)]
+        (protocol,) = [p for p in protocols_ if isinstance(p, connections.WebSocket)]
+        protocol.loop.call_soon_threadsafe(close_and_end)
+        assert ended.result(20) is None
+
+
+def test_protocols_of_two_servers_have_two_monitors():
+    first, second = protocols(ConnectionMonitor()), protocols(ConnectionMonitor())
+    assert first[0].monitor is first[1].monitor is not second[0].monitor

@@ -7,12 +7,12 @@ import time
 
 import pytest
 
-from page_lab import WORKER, make_page, served
 from truestand.core.errors import Fault, TruestandError
 from truestand.station.worker import EventWriter
 from truestand.web import runner as runners
 from truestand.web.hub import Hub
-from truestand.web.runner import Runner
+from truestand.web.runner import JobRunner
+from web_lab import WORKER, make_state, served
 
 STEPS = (("acquire", "Scan the shaft"), ("evaluate", "Calibrate"), ("report", "Write"), ("keep", "Keep"))
 
@@ -24,7 +24,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def running(folder):
-    found = Runner(Hub(), WORKER)
+    found = JobRunner(Hub(), WORKER)
     yield found
     found.close()
 
@@ -57,7 +57,7 @@ def test_a_job_goes_through_its_steps(running, folder):
     assert {s["state"] for s in done["steps"]} == {"done"}
 
 
-def test_one_at_a_time(running, folder):
+def test_a_second_job_at_the_same_time_is_refused(running, folder):
     job = start(running, folder, "long")
     with pytest.raises(TruestandError, match="runs already"):
         start(running, folder, "quick")
@@ -65,7 +65,7 @@ def test_one_at_a_time(running, folder):
     assert ended(running)["state"] == "aborted"
 
 
-def test_a_failure_is_told_in_its_words(running, folder):
+def test_a_failed_job_has_the_workers_message(running, folder):
     start(running, folder, "fail")
     job = ended(running)
     assert job["state"] == "failed" and job["message"] == "found <b>no shaft</b>"
@@ -81,12 +81,12 @@ def test_a_worker_that_dies_has_failed(running, folder, capfd):
 
 
 def test_a_worker_that_cannot_be_started_has_failed(tmp_path, folder):
-    gone = Runner(Hub(), (WORKER[0], str(tmp_path / "none.py")))
+    gone = JobRunner(Hub(), (WORKER[0], str(tmp_path / "none.py")))
     start(gone, folder, "quick")
     assert ended(gone)["state"] == "failed"
 
 
-def test_garbage_of_a_worker_is_passed_over(running, folder):
+def test_garbage_of_a_worker_is_ignored(running, folder):
     start(running, folder, "garbage")
     assert ended(running)["state"] == "done"
 
@@ -103,7 +103,7 @@ def test_a_worker_whose_server_died_stops_the_stand_and_says_why():
         events.emit({"event": "live"})
 
 
-def test_a_server_that_takes_nothing_holds_up_no_look_at_the_stand():
+def test_a_server_that_reads_nothing_does_not_block_the_worker():
     class Stalled(io.StringIO):
         began, go = threading.Event(), threading.Event()
 
@@ -141,53 +141,53 @@ def test_a_second_abort_some_seconds_later_ends_a_worker_that_does_not_obey(runn
     running.abort(job["id"])
     time.sleep(0.3)
     assert running.busy
-    monkeypatch.setattr(runners, "PATIENCE", 0.2)
+    monkeypatch.setattr(runners, "KILL_DELAY_S", 0.2)
     running.abort(job["id"])
     assert ended(running)["state"] == "aborted"
     assert "see that table and laser are off" in running.current()["message"]
 
 
 def test_ending_the_page_stops_the_stand_first(tmp_path):
-    page = make_page(tmp_path)
-    with served(page) as port:
-        from page_lab import Client
+    state = make_state(tmp_path)
+    with served(state) as port:
+        from web_lab import Client
 
         client = Client(port)
         client.session()
         client.post("/api/jobs", {"kind": "calibrate", "serial": "long"})
-        wait_for(lambda: page.runner.current()["done"] > 0)
-    assert page.runner.current()["state"] == "aborted"
-    assert list(page.settings.jobs_folder.glob("*/stopped"))
+        wait_for(lambda: state.runner.current()["done"] > 0)
+    assert state.runner.current()["state"] == "aborted"
+    assert list(state.settings.jobs_folder.glob("*/stopped"))
     with pytest.raises(TruestandError, match="being ended"):
-        start(page.runner, tmp_path / "j", "quick")
+        start(state.runner, tmp_path / "j", "quick")
 
 
 def test_a_stubborn_worker_does_not_outlive_the_page(folder, monkeypatch):
-    runner = Runner(Hub(), WORKER)
+    runner = JobRunner(Hub(), WORKER)
     start(runner, folder, "stubborn")
     wait_for(lambda: runner.current()["done"] > 0)
-    monkeypatch.setattr(runners, "LAST", 0.5)
+    monkeypatch.setattr(runners, "SHUTDOWN_TIMEOUT_S", 0.5)
     runner.close()
-    assert runner._process.poll() is not None
+    assert runner._running.process.poll() is not None
 
 
-def test_the_order_says_all_that_the_worker_needs(client, page, tmp_path):
+def test_the_request_has_all_that_the_worker_needs(client, state, tmp_path):
     answer = client.post("/api/jobs", {"kind": "calibrate", "operator": "Anna", "order": "4711", "serial": "fail"})
     assert answer.status == 200 and answer.json["kind"] == "calibrate" and answer.json["title"] == "shaft M"
-    page.runner._reader.join(20)
-    (told,) = page.settings.jobs_folder.glob("*/order.json")
-    order = json.loads(told.read_text())
-    assert order["stand"] == str(tmp_path / "stand.toml") and order["artefact"] == str(tmp_path / "shaft.toml")
-    assert order["store"] == str(tmp_path / "results") and order["folder"] == str(told.parent)
-    assert order["operator"] == "Anna" and order["order"] == "4711"
+    state.runner._reader.join(20)
+    (written,) = state.settings.jobs_folder.glob("*/request.json")
+    request = json.loads(written.read_text())
+    assert request["stand"] == str(tmp_path / "stand.toml") and request["artefact"] == str(tmp_path / "shaft.toml")
+    assert request["store"] == str(tmp_path / "results") and request["folder"] == str(written.parent)
+    assert request["operator"] == "Anna" and request["order"] == "4711"
 
 
-def test_with_users_the_operator_is_who_is_logged_in(visitor, guarded_page):
+def test_with_users_the_operator_is_the_user_logged_in(visitor, guarded_state):
     visitor.login("olga")
     assert visitor.post("/api/jobs", {"kind": "calibrate", "operator": "somebody", "serial": "fail"}).status == 200
-    guarded_page.runner._reader.join(20)
-    (told,) = guarded_page.settings.jobs_folder.glob("*/order.json")
-    assert json.loads(told.read_text())["operator"] == "olga"
+    guarded_state.runner._reader.join(20)
+    (written,) = guarded_state.settings.jobs_folder.glob("*/request.json")
+    assert json.loads(written.read_text())["operator"] == "olga"
 
 
 BAD = [
@@ -206,13 +206,13 @@ BAD = [
 
 
 @pytest.mark.parametrize(("body", "status", "word"), BAD)
-def test_a_job_that_makes_no_sense_is_refused(client, page, body, status, word):
+def test_a_job_that_makes_no_sense_is_refused(client, state, body, status, word):
     answer = client.post("/api/jobs", body)
     assert answer.status == status and word in answer.problem
-    assert page.runner.current() is None
+    assert state.runner.current() is None
 
 
-def test_while_a_job_runs_nothing_else_uses_the_stand(client):
+def test_while_a_job_runs_other_uses_of_the_stand_are_refused(client):
     assert client.get("/api/jobs/current").json is None
     job = client.post("/api/jobs", {"kind": "calibrate", "serial": "long"}).json
     assert client.post("/api/jobs", {"kind": "calibrate"}).status == 409
@@ -224,13 +224,13 @@ def test_while_a_job_runs_nothing_else_uses_the_stand(client):
     assert client.post(f"/api/jobs/{job['id']}/abort").json["message"] == "stopping"
 
 
-def test_what_came_of_a_job_that_failed_stays_and_of_one_that_is_kept_goes(client, page):
+def test_the_folder_of_a_failed_job_stays(client, state):
     client.post("/api/jobs", {"kind": "calibrate", "serial": "fail"})
-    page.runner._reader.join(20)
-    assert len(list(page.settings.jobs_folder.iterdir())) == 1
+    state.runner._reader.join(20)
+    assert len(list(state.settings.jobs_folder.iterdir())) == 1
 
 
-def test_a_latched_fault_is_told_and_reset(client, tmp_path):
+def test_a_latched_fault_is_shown_and_its_reset_needs_the_table(client, tmp_path):
     mark = tmp_path / ".stand.toml.state"
     mark.write_text(json.dumps({"state": "fault", "since": "2026-11-21T10:00:00Z", "reason": "sensor front lost"}))
     assert "sensor front lost" in client.get("/api/home").json["fault"]

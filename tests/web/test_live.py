@@ -9,7 +9,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from truestand.web.hub import Hub
-from truestand.web.routes import live
+from truestand.web.routes import jobs
 
 
 def until(socket, accepts, within=10.0):
@@ -32,9 +32,9 @@ def test_a_job_is_seen_from_start_to_end(client):
         until(socket, lambda e: e["type"] == "job" and e["job"]["state"] == "aborted")
 
 
-def test_who_comes_later_sees_how_it_stands(client, page):
+def test_a_late_listener_gets_the_newest_job(client, state):
     client.post("/api/jobs", {"kind": "calibrate", "serial": "fail"})
-    page.runner._reader.join(20)
+    state.runner._reader.join(20)
     with client.live() as socket:
         event = json.loads(socket.recv(timeout=5))
         assert event["type"] == "job" and event["job"]["state"] == "failed"
@@ -42,7 +42,7 @@ def test_who_comes_later_sees_how_it_stands(client, page):
             socket.recv(timeout=0.3)
 
 
-def test_nothing_is_taken_from_listeners(client):
+def test_a_listener_that_sends_is_disconnected(client):
     for message in ("hello", b"\x00" * 100, "{" * 4000):
         with client.live() as socket, pytest.raises(ConnectionClosed):
             socket.send(message)
@@ -52,12 +52,12 @@ def test_nothing_is_taken_from_listeners(client):
         socket.recv(timeout=5)
 
 
-def test_too_many_listeners_are_asked_to_come_later(client, monkeypatch):
-    monkeypatch.setattr(live, "MOST", 1)
+def test_too_many_listeners_are_told_to_try_again_later(client, monkeypatch):
+    monkeypatch.setattr(jobs, "MAX_LISTENERS", 1)
     with client.live() as first:
         with client.live() as second, pytest.raises(ConnectionClosed) as refused:
             second.recv(timeout=5)
-        assert refused.value.rcvd.code == live.LATER
+        assert refused.value.rcvd.code == jobs.TRY_AGAIN_LATER
         first.ping().wait(5)
 
 

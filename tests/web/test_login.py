@@ -10,12 +10,19 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from command import run
-from page_lab import PASSWORD, Client, make_page, served
 from truestand.core.errors import BadRecipe
-from truestand.web.routes import live
-from truestand.web.sessions import Sessions
-from truestand.web.throttle import RULES, Throttle
-from truestand.web.users import Gatekeeper, make_user, read_users, users_path, write_users
+from truestand.web.authentication import (
+    THROTTLE_RULES,
+    Authenticator,
+    Sessions,
+    Throttle,
+    make_user,
+    read_users,
+    users_path,
+    write_users,
+)
+from truestand.web.routes import jobs
+from web_lab import PASSWORD, Client, make_state, served
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="file modes")
 
@@ -28,8 +35,8 @@ class Clock:
 
 
 def test_login_and_logout(visitor):
-    told = visitor.session()
-    assert told["login_needed"] and told["user"] is None and told["role"] is None
+    payload = visitor.session()
+    assert payload["login_needed"] and payload["user"] is None and payload["role"] is None
     assert visitor.get("/api/home").status == 401
     answer = visitor.login("olga")
     assert answer.json["user"] == "olga" and answer.json["role"] == "operator"
@@ -50,22 +57,22 @@ def test_a_login_changes_the_cookie(visitor):
 
 
 @pytest.mark.parametrize("cookie", ["", "x", "a" * 43, "../../etc/passwd", "a" * 5000, "%00"])
-def test_a_made_up_cookie_is_nobody(visitor, cookie):
+def test_a_made_up_cookie_is_not_logged_in(visitor, cookie):
     assert Client(visitor.port, cookie).get("/api/home").status == 401
 
 
-def test_wrong_names_and_passwords_are_told_alike(visitor):
+def test_wrong_names_and_passwords_get_the_same_answer(visitor):
     answers = [visitor.login("olga", "wrong password"), visitor.login("nobody", PASSWORD), visitor.login("eve", "x")]
     assert {a.status for a in answers} == {401}
     assert len({a.body for a in answers}) == 1
 
 
-def test_a_name_that_nobody_has_takes_as_long(tmp_path):
+def test_an_unknown_name_takes_as_long_to_check(tmp_path):
     write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
-    gatekeeper, took = Gatekeeper(tmp_path / "u"), {}
+    authenticator, took = Authenticator(tmp_path / "u"), {}
     for name in ("olga", "eve") * 3:
         began = time.thread_time()
-        assert gatekeeper.check(name, "wrong password") is None
+        assert authenticator.check(name, "wrong password") is None
         took[name] = min(took.get(name, 9.0), time.thread_time() - began)
     assert 0.5 < took["olga"] / took["eve"] < 2.0
 
@@ -73,12 +80,13 @@ def test_a_name_that_nobody_has_takes_as_long(tmp_path):
 def test_guessing_is_slowed_down(visitor):
     visitor.session()
     answers = [visitor.post("/api/login", {"user": "olga", "password": f"guess {k}"}) for k in range(8)]
-    assert [a.status for a in answers[: RULES["address"].free]] == [401] * RULES["address"].free
+    free = THROTTLE_RULES["address"].free_failures
+    assert [a.status for a in answers[:free]] == [401] * free
     assert answers[-1].status == 429 and int(answers[-1].headers["Retry-After"]) >= 1
     assert visitor.login("olga").status == 429  # even with the right password
 
 
-def test_throttle_forgets_and_spares_others():
+def test_throttle_waits_longer_forgets_and_spares_other_addresses():
     clock = Clock()
     throttle = Throttle(clock)
     here, there = ("address", "10.0.0.1"), ("address", "10.0.0.2")
@@ -88,22 +96,22 @@ def test_throttle_forgets_and_spares_others():
     clock.now += 1.0
     assert throttle.attempt(here) == 0.0 and throttle.attempt(here) == 2.0
     for _ in range(40):
-        clock.now += RULES["address"].longest
+        clock.now += THROTTLE_RULES["address"].max_wait_s
         assert throttle.attempt(here) == 0.0
-    assert throttle.attempt(here) == RULES["address"].longest
+    assert throttle.attempt(here) == THROTTLE_RULES["address"].max_wait_s
     clock.now += 1e4
     assert throttle.attempt(here) == 0.0
 
 
-def test_nobody_is_locked_out_for_long_by_others():
+def test_failures_of_others_lock_a_user_out_for_seconds_only():
     clock = Clock()
     throttle = Throttle(clock)
     for k in range(2000):
         throttle.attempt(("address", str(k)), ("user", "olga"))
-    assert throttle.attempt(("address", "own"), ("user", "olga")) <= RULES["user"].longest
+    assert throttle.attempt(("address", "own"), ("user", "olga")) <= THROTTLE_RULES["user"].max_wait_s
 
 
-def test_an_own_account_does_not_reset_the_count_of_an_address():
+def test_a_successful_login_does_not_reset_its_addresss_failures():
     throttle = Throttle(Clock())
     here = ("address", "10.0.0.1")
     for k in range(4):
@@ -114,7 +122,7 @@ def test_an_own_account_does_not_reset_the_count_of_an_address():
     assert throttle.attempt(here, ("user", "guessed")) > 0.0
 
 
-def test_sessions_end_when_idle_and_in_any_case():
+def test_sessions_end_when_idle_and_at_their_maximum_age():
     clock = Clock()
     sessions = Sessions(idle=600.0, clock=clock)
     cookie = sessions.begin("olga")
@@ -122,7 +130,7 @@ def test_sessions_end_when_idle_and_in_any_case():
         clock.now += 500.0
         assert sessions.user(cookie) == "olga"
     clock.now += 500.0
-    assert sessions.user(cookie, seen=False) == "olga"  # a page that only listens is not use
+    assert sessions.user(cookie, is_use=False) == "olga"  # a page that only listens is not use
     clock.now += 101.0
     assert sessions.user(cookie) is None
     cookie = sessions.begin("olga")
@@ -141,31 +149,31 @@ def test_sessions_take_bounded_memory():
     assert sessions.user(first) is None
 
 
-def test_a_visitor_is_not_remembered(visitor, guarded_page):
+def test_a_visitor_without_login_takes_no_session(visitor, guarded_state):
     for _ in range(20):
         Client(visitor.port).session()
-    assert not guarded_page.sessions._sessions
+    assert not guarded_state.sessions._sessions
 
 
-def test_a_removed_user_is_out_at_once(visitor, guarded_page):
+def test_a_removed_user_is_refused_at_once(visitor, guarded_state):
     visitor.login("olga")
     assert visitor.get("/api/home").status == 200
-    users = read_users(guarded_page.gatekeeper.path)
+    users = read_users(guarded_state.authenticator.path)
     del users["olga"]
-    write_users(guarded_page.gatekeeper.path, users)
+    write_users(guarded_state.authenticator.path, users)
     assert visitor.get("/api/home").status == 401
 
 
-def test_users_are_read_again_where_the_time_of_the_file_is_the_same(tmp_path):
-    gatekeeper, time_ns = Gatekeeper(tmp_path / "u"), 1_800_000_000_000_000_000
+def test_users_are_read_again_though_the_files_time_is_the_same(tmp_path):
+    authenticator, time_ns = Authenticator(tmp_path / "u"), 1_800_000_000_000_000_000
     for name in ("olga", "anna"):
         write_users(tmp_path / "u", {name: make_user(name, "operator", PASSWORD)})
         os.utime(tmp_path / "u", ns=(time_ns, time_ns))
-        assert set(gatekeeper.users) == {name}
+        assert set(authenticator.users) == {name}
 
 
-def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
-    monkeypatch.setattr(live, "LOGIN", 0.2)
+def test_a_websocket_is_closed_at_logout(visitor, monkeypatch):
+    monkeypatch.setattr(jobs, "LOGIN_CHECK_INTERVAL_S", 0.2)
     visitor.login("olga")
     with visitor.live() as socket:
         assert visitor.post("/api/logout").status == 200
@@ -176,9 +184,9 @@ def test_a_listener_is_dropped_at_logout(visitor, monkeypatch):
         raise AssertionError
 
 
-def test_no_secret_gets_into_what_the_server_prints(tmp_path, capfd):
-    page = make_page(tmp_path, (("olga", "operator"),))
-    with served(page) as port:
+def test_the_server_prints_no_secret(tmp_path, capfd):
+    state = make_state(tmp_path, (("olga", "operator"),))
+    with served(state) as port:
         visitor = Client(port)
         visitor.login("olga", "wrong password")
         visitor.login("olga")
@@ -191,7 +199,7 @@ def test_no_secret_gets_into_what_the_server_prints(tmp_path, capfd):
         assert secret not in printed
 
 
-def test_no_secret_is_taken_from_an_address(visitor):
+def test_no_secret_is_taken_from_a_url(visitor):
     assert visitor.get(f"/api/login?user=olga&password={PASSWORD.replace(' ', '+')}").status in (404, 405)
     visitor.session()
     assert visitor.post("/api/login?user=olga&password=x").status == 422
@@ -201,7 +209,7 @@ def test_no_secret_is_taken_from_an_address(visitor):
 
 
 @posix
-def test_the_file_of_users_is_for_its_owner_only(tmp_path):
+def test_the_users_file_is_readable_by_its_owner_only(tmp_path):
     before = os.umask(0)
     try:
         write_users(tmp_path / "u", {"olga": make_user("olga", "operator", PASSWORD)})
@@ -216,7 +224,7 @@ def test_the_file_of_users_is_for_its_owner_only(tmp_path):
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "truestand.users", "users": [{"name": "x"}]}',
                                   '{"format": "truestand.users", "users": 7}'])  # fmt: skip
-def test_a_damaged_file_of_users_lets_nobody_in(tmp_path, text):
+def test_a_damaged_users_file_is_refused(tmp_path, text):
     path = tmp_path / "u"
     path.write_text(text)
     path.chmod(0o600)
@@ -229,7 +237,7 @@ UNFIT = [("", PASSWORD), ("a/b", PASSWORD), ("<b>", PASSWORD), ("x" * 65, PASSWO
 
 
 @pytest.mark.parametrize(("name", "password"), UNFIT)
-def test_names_and_passwords_that_will_not_do(name, password):
+def test_unsuitable_names_and_passwords_are_refused(name, password):
     with pytest.raises(BadRecipe, match="need"):
         make_user(name, "operator", password)
 
@@ -258,7 +266,7 @@ def test_users_are_added_and_removed_at_the_command_line(tmp_path, monkeypatch):
     done = serve("--add-user", "erik", "--role", "engineer", typed=f"{PASSWORD}\n")
     assert done.returncode == 0 and "erik (engineer)" in done.stdout and PASSWORD not in done.stdout + done.stderr
     path = users_path(tmp_path / "results")
-    assert Gatekeeper(path).check("erik", PASSWORD).role == "engineer"
+    assert Authenticator(path).check("erik", PASSWORD).role == "engineer"
     assert serve("--add-user", "olga", typed="short\n").returncode == 2
     assert serve("--remove-user", "eve").returncode == 2
     removed = serve("--remove-user", "erik")
@@ -267,22 +275,22 @@ def test_users_are_added_and_removed_at_the_command_line(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])
-def test_others_are_not_served_without_users(tmp_path, host):
-    make_page(tmp_path)
+def test_a_public_address_without_users_is_refused(tmp_path, host):
+    make_state(tmp_path)
     done = run("serve", "--stand", tmp_path / "stand.toml", "--host", host, "--port", "0")
     assert done.returncode == 2
     assert "--add-user" in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_with_its_last_user_removed_a_page_lets_nobody_in(tmp_path):
-    page = make_page(tmp_path)
-    path = users_path(page.settings.store)
-    assert page.who(None).role == "engineer"
+def test_a_page_whose_last_user_was_removed_refuses_everyone(tmp_path):
+    state = make_state(tmp_path)
+    path = users_path(state.settings.store)
+    assert state.principal(None).role == "engineer"
     write_users(path, {"olga": make_user("olga", "operator", PASSWORD)})  # while the page is served
-    assert page.who(None).role is None
+    assert state.principal(None).role is None
     write_users(path, {})
-    assert not page.gatekeeper.users and page.login_needed and page.who(None).role is None
-    assert make_page(tmp_path).who(None).role is None  # as after a restart
+    assert not state.authenticator.users and state.authenticator.login_needed and state.principal(None).role is None
+    assert make_state(tmp_path).principal(None).role is None  # as after a restart
     path.unlink()
-    assert page.who(None).role is None
-    assert make_page(tmp_path).who(None).role == "engineer"
+    assert state.principal(None).role is None
+    assert make_state(tmp_path).principal(None).role == "engineer"

@@ -7,9 +7,9 @@ import tomllib
 
 import pytest
 
-from page_lab import Client, make_page, served
 from truestand.store import Store
-from truestand.web.tasks import ask
+from truestand.web.tasks import run_task
+from web_lab import Client, make_state, served
 
 
 def demand_thread():
@@ -46,10 +46,10 @@ GETS = ("/api/session", "/api/home", "/api/results", "/api/results/1", "/api/his
         "/api/devices")  # fmt: skip
 
 
-def test_the_event_loop_only_waits(tmp_path, loop_waits):
-    page = make_page(tmp_path, (("erik", "engineer"),))
-    Store.open(page.settings.store, create=True).add("calibration", {"status": "valid"})
-    with served(page) as port:
+def test_the_event_loop_never_blocks(tmp_path, loop_waits):
+    state = make_state(tmp_path, (("erik", "engineer"),))
+    Store.open(state.settings.store, create=True).add("calibration", {"status": "valid"})
+    with served(state) as port:
         client = Client(port)
         assert client.login("erik").status == 200
         for path in GETS:
@@ -58,11 +58,11 @@ def test_the_event_loop_only_waits(tmp_path, loop_waits):
         for method, path in (("POST", "/api/recipes/gear.toml/check"), ("PUT", "/api/recipes/gear.toml")):
             assert client.ask(method, path, text).json == {"problem": None}
         assert client.post("/api/jobs", {"kind": "verify"}).status == 200
-        page.runner._reader.join(20)
-        assert page.runner.current()["state"] == "done"
+        state.runner._reader.join(20)
+        assert state.runner.current()["state"] == "done"
 
 
-def test_a_task_that_nobody_waits_for_is_ended(tmp_path, monkeypatch):
+def test_a_cancelled_task_is_ended(tmp_path, monkeypatch):
     begun = []
 
     class Process(subprocess.Popen):
@@ -76,7 +76,7 @@ def test_a_task_that_nobody_waits_for_is_ended(tmp_path, monkeypatch):
     monkeypatch.setattr(subprocess, "Popen", Process)
 
     async def leave():
-        asking = asyncio.create_task(ask("audit", str(tmp_path)))
+        asking = asyncio.create_task(run_task("audit", str(tmp_path)))
         async with asyncio.timeout(20):
             while not begun:
                 await asyncio.sleep(0.01)

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from machine_lab import keep, make_page
-from machine_records import calibration, inspection
+from interface_lab import keep, make_state
+from small_records import calibration, inspection
 from truestand.core.errors import BadRecipe, MissingExtra
-from truestand.web.machines import mqtt
-from truestand.web.machines.attach import Wanted, machines
-from truestand.web.machines.mqtt import PASSWORD, broker_of
+from truestand.web.interfaces import mqtt
+from truestand.web.interfaces.mqtt import PASSWORD_VARIABLE, broker_of
+from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
 needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (Debian: apt-get install mosquitto)")
@@ -32,8 +32,8 @@ def aiomqtt():
 def broker(folder, port, *lines):
     """mosquitto on that port."""
     settings = folder / "mosquitto.conf"
-    told = (f"listener {port} 127.0.0.1", "persistence false", *(lines or ("allow_anonymous true",)))
-    settings.write_text("\n".join(told) + "\n")
+    given = (f"listener {port} 127.0.0.1", "persistence false", *(lines or ("allow_anonymous true",)))
+    settings.write_text("\n".join(given) + "\n")
     process = subprocess.Popen([MOSQUITTO, "-c", settings], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         for _ in range(100):
@@ -54,20 +54,20 @@ def free_port():
 
 
 @pytest.fixture
-def page(tmp_path):
+def state(tmp_path):
     """Its stand is called by its folder."""
     folder = tmp_path / "line+1"
     folder.mkdir()
-    return make_page(folder)
+    return make_state(folder)
 
 
 @asynccontextmanager
-async def telling(page, port, **more):
+async def telling(state, port, **more):
     found = broker_of(f"mqtt://127.0.0.1:{port}/plant", environment={}, **more)
-    async with machines(page, Wanted(mqtt=found)) as (address,):
+    async with open_interfaces(state, InterfaceSettings(mqtt=found)) as (address,):
         assert address == f"mqtt://127.0.0.1:{port}/{BASE}"
         yield
-        await asyncio.to_thread(page.runner.close)
+        await asyncio.to_thread(state.runner.close)
 
 
 class Reader:
@@ -102,87 +102,91 @@ async def reading(port, **more):
 
 
 @needs_broker
-def test_all_topics_are_there_for_who_comes_later(page, tmp_path):
+def test_topics_are_retained_for_later_subscribers(state, tmp_path):
     aiomqtt()
     port = free_port()
-    keep(page, "calibration", calibration(valid_until="2099-01-01"))
-    number = keep(page, "inspection", inspection())
+    keep(state, "calibration", calibration(valid_until="2099-01-01"))
+    number = keep(state, "inspection", inspection())
 
     async def run():
-        async with telling(page, port):
+        async with telling(state, port):
             await asyncio.sleep(1.0)
             async with reading(port) as reader:
-                await reader.until(lambda told: len(told) == 6)
-            told = reader.newest
+                await reader.until(lambda payloads: len(payloads) == 6)
+            payloads = reader.newest
         async with reading(port) as later:
-            await later.until(lambda told: told.get("online") == "offline")
-        return told
+            await later.until(lambda payloads: payloads.get("online") == "offline")
+        return payloads
 
     with broker(tmp_path, port):
-        told = asyncio.run(run())
-    assert told["online"] == "online"
-    state = told["state"]
+        payloads = asyncio.run(run())
+    assert payloads["online"] == "online"
+    state = payloads["state"]
     assert (state["state"], state["calibrated"], state["result"], state["result_count"]) == ("idle", True, number, 2)
-    assert told["calibration"]["valid_until"] == "2099-01-01"
-    assert told["job"] is None
-    assert (told["result"]["verdict"], told["result"]["evaluation"]) == ("does_not_conform", 2)
-    assert len(told["result"]["record_sha256"]) == 64
-    lines = {one["name"]: one for one in told["result/characteristics"]["characteristics"]}
-    assert told["result/characteristics"]["number"] == number
+    assert payloads["calibration"]["valid_until"] == "2099-01-01"
+    assert payloads["job"] is None
+    assert (payloads["result"]["verdict"], payloads["result"]["evaluation"]) == ("does_not_conform", 2)
+    assert len(payloads["result"]["record_sha256"]) == 64
+    lines = {one["name"]: one for one in payloads["result/characteristics"]["characteristics"]}
+    assert payloads["result/characteristics"]["number"] == number
     assert (lines["F_p left"]["value"], lines["F_p left"]["upper"], lines["F_p left"]["lower"]) == (41.0, 35.0, None)
     assert lines["F_beta left"]["value"] is None and lines["d_a"]["unit"] == "mm"
 
 
 @needs_broker
-def test_a_job_is_told_and_then_its_result(page, tmp_path):
+def test_a_job_is_published_and_then_its_result(state, tmp_path):
     aiomqtt()
     port = free_port()
 
     async def run():
-        async with telling(page, port), reading(port) as reader:
-            await reader.until(lambda told: "result" in told)
-            order = {"kind": "calibrate", "store": str(page.settings.store), "operator": "olga", "serial": "hold"}
-            job = page.runner.start(order, "shaft", None, (("acquire", "Scan"),))
-            await reader.until(lambda told: (told["job"] or {}).get("done") == 0.5)
+        async with telling(state, port), reading(port) as reader:
+            await reader.until(lambda payloads: "result" in payloads)
+            request = {"kind": "calibrate", "store": str(state.settings.store), "operator": "olga", "serial": "hold",
+                     "stand": str(state.settings.stand), "folder": str(tmp_path / "first")}  # fmt: skip
+            job = state.runner.start(request, "shaft", None, (("acquire", "Scan"),))
+            await reader.until(lambda payloads: (payloads["job"] or {}).get("done") == 0.5)
             assert reader.newest["state"]["state"] == "running"
             heard = len(reader.heard)
             await asyncio.sleep(1.5)
             assert len(reader.heard) - heard < 10  # 20 live events a second are no news
-            page.runner.abort(job["id"])
-            await reader.until(lambda told: told["job"]["state"] == "aborted")
-            while page.runner.busy:
+            state.runner.abort(job["id"])
+            await reader.until(lambda payloads: payloads["job"]["state"] == "aborted")
+            while state.runner.busy:
                 await asyncio.sleep(0.02)
-            await asyncio.to_thread(page.runner._reader.join)
-            page.runner.start(order | {"serial": None}, "shaft", None, (("acquire", "Scan"),))
-            await reader.until(lambda told: (told["result"] or {}).get("number") == 1)
+            await asyncio.to_thread(state.runner._reader.join)
+            state.runner.start(
+                request | {"serial": None, "folder": str(tmp_path / "second")}, "shaft", None, (("acquire", "Scan"),)
+            )
+            await reader.until(lambda payloads: (payloads["result"] or {}).get("number") == 1)
             assert reader.newest["result/characteristics"]["number"] == 1
-            await reader.until(lambda told: told["state"]["calibrated"])
+            await reader.until(lambda payloads: payloads["state"]["calibrated"])
 
     with broker(tmp_path, port):
         asyncio.run(run())
 
 
 @needs_broker
-def test_a_broker_that_comes_late_or_restarts_is_told_all(page, tmp_path, monkeypatch, capsys):
+def test_a_broker_that_starts_late_or_restarts_gets_all_topics(state, tmp_path, monkeypatch, capsys):
     aiomqtt()
-    monkeypatch.setattr(mqtt, "WAITS", (0.1,))
+    monkeypatch.setattr(mqtt, "RECONNECT_DELAYS_S", (0.1,))
     port = free_port()
-    keep(page, "inspection", inspection())
+    keep(state, "inspection", inspection())
 
     async def see(port):
         async with reading(port) as reader:
-            await reader.until(lambda told: len(told) == 6 and told["online"] == "online")
+            await reader.until(lambda payloads: len(payloads) == 6 and payloads["online"] == "online")
 
     async def run():
-        async with telling(page, port):
+        async with telling(state, port):
             await asyncio.sleep(0.5)
             for _ in range(2):
                 with broker(tmp_path, port):
                     await see(port)
 
     asyncio.run(run())
-    told = capsys.readouterr().err
-    assert told.count("can't be reached") == 3 and told.count("telling the broker") == 2, told  # no line a try
+    printed = capsys.readouterr().err
+    counts = [printed.count(text) for text in ("can't be reached", "publishing to the broker")]
+    assert counts == [3, 2], printed  # no line a try
 
 
 @needs_broker
@@ -191,13 +195,13 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
     port = free_port()
     script = (
         "import asyncio, sys\n"
-        "import machine_lab\n"
+        "import interface_lab\n"
         "from pathlib import Path\n"
-        "from truestand.web.machines.attach import Wanted, machines\n"
-        "from truestand.web.machines.mqtt import broker_of\n"
+        "from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces\n"
+        "from truestand.web.interfaces.mqtt import broker_of\n"
         "async def main():\n"
-        "    page = machine_lab.make_page(Path(sys.argv[1]))\n"
-        "    async with machines(page, Wanted(mqtt=broker_of(sys.argv[2]))):\n"
+        "    state = interface_lab.make_state(Path(sys.argv[1]))\n"
+        "    async with open_interfaces(state, InterfaceSettings(mqtt=broker_of(sys.argv[2]))):\n"
         "        await asyncio.sleep(60)\n"
         "asyncio.run(main())\n"
     )
@@ -208,18 +212,18 @@ def test_the_last_will_says_that_a_page_died(tmp_path):
             command = [sys.executable, "-c", script, tmp_path / "other", f"mqtt://127.0.0.1:{port}"]
             dying = subprocess.Popen(command, cwd=Path(__file__).parents[1])
             try:
-                await reader.until(lambda told: told.get("other/online") == "online")
+                await reader.until(lambda payloads: payloads.get("other/online") == "online")
             finally:
                 dying.kill()
                 dying.wait()
-            await reader.until(lambda told: told["other/online"] == "offline")
+            await reader.until(lambda payloads: payloads["other/online"] == "offline")
 
     with broker(tmp_path, port):
         asyncio.run(run())
 
 
 @needs_broker
-def test_a_password_out_of_a_file(page, tmp_path):
+def test_the_password_is_read_from_a_file(state, tmp_path):
     aiomqtt()
     port = free_port()
     passwords = tmp_path / "passwords"
@@ -231,18 +235,21 @@ def test_a_password_out_of_a_file(page, tmp_path):
     found = broker_of(f"mqtt://stand@127.0.0.1:{port}/plant", tmp_path / "secret", environment={})
 
     async def run():
-        async with machines(page, Wanted(mqtt=found)), reading(port, username="stand", password="s3cret") as reader:
-            await reader.until(lambda told: "result" in told)
+        async with (
+            open_interfaces(state, InterfaceSettings(mqtt=found)),
+            reading(port, username="stand", password="s3cret") as reader,
+        ):
+            await reader.until(lambda payloads: "result" in payloads)
 
     with broker(tmp_path, port, "allow_anonymous false", f"password_file {passwords}", "user root"):
         asyncio.run(run())
 
 
-def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
-    told = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD: "s3cret"})
-    assert (told.host, told.port, told.prefix, told.user, told.password) == (
+def test_broker_urls_are_parsed_and_passwords_in_them_refused(tmp_path):
+    parsed = broker_of("mqtt://stand@broker.example/plant/a/", environment={PASSWORD_VARIABLE: "s3cret"})
+    assert (parsed.host, parsed.port, parsed.prefix, parsed.user, parsed.password) == (
         "broker.example", 1883, "plant/a/", "stand", "s3cret")  # fmt: skip
-    assert "s3cret" not in repr(told) and "s3cret" not in str(told)
+    assert "s3cret" not in repr(parsed) and "s3cret" not in str(parsed)
     assert (broker_of("mqtts://b", environment={}).port, broker_of("mqtts://b", environment={}).prefix) == (8883, "")
     with pytest.raises(BadRecipe, match="found a password in the MQTT URL") as refused:
         broker_of("mqtt://stand:s3cret@broker/plant")
@@ -254,11 +261,11 @@ def test_what_is_a_url_of_a_broker_and_where_its_password_is(tmp_path):
         broker_of("mqtt://b", tmp_path / "missing")
 
 
-def test_without_the_extra_it_says_what_to_install(page, monkeypatch):
+def test_mqtt_without_its_extra_says_what_to_install(state, monkeypatch):
     monkeypatch.setitem(sys.modules, "aiomqtt", None)
 
     async def run():
-        async with machines(page, Wanted(mqtt=broker_of("mqtt://127.0.0.1", environment={}))):
+        async with open_interfaces(state, InterfaceSettings(mqtt=broker_of("mqtt://127.0.0.1", environment={}))):
             pass
 
     with pytest.raises(MissingExtra, match=r"truestand\[mqtt\]"):

@@ -14,33 +14,32 @@ from asyncua import ua
 from asyncua.server import address_space
 
 from command import run
-from machine_lab import keep, make_page, plc, served
-from machine_records import calibration, inspection, line, verification
-from page_lab import PASSWORD
+from interface_lab import keep, make_state, plc, served
+from small_records import calibration, inspection, line, verification
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
 from truestand.files.scans.read import sha256_of
 from truestand.station.stand_lock import reset_latched_fault, state_path
-from truestand.web.machines.attach import wanted
-from truestand.web.machines.lines import lines_of
-from truestand.web.machines.opcua import Shown
-from truestand.web.machines.people import People, peer
-from truestand.web.users import write_users
+from truestand.web.authentication import write_users
+from truestand.web.interfaces.access import OpcUaUserManager, peer
+from truestand.web.interfaces.lines import lines_of
+from truestand.web.interfaces.opcua import StandNodes
+from truestand.web.interfaces.startup import interface_settings
+from web_lab import PASSWORD
 
 LINES = "LastResult/Characteristics"
 
 
 @pytest.fixture
-def page(tmp_path):
-    yield make_page(tmp_path)
-    gc.collect()  # 40 MB of address space a server, in cycles
+def state(tmp_path):
+    return make_state(tmp_path)
 
 
-def talk(page, conversation, **more):
+def talk(state, conversation, **more):
     """``conversation`` with a client of the page's server."""
 
     async def meet():
-        async with served(page) as address, plc(address, **more) as client:
+        async with served(state) as address, plc(address, **more) as client:
             return await conversation(client)
 
     return asyncio.run(meet())
@@ -51,27 +50,27 @@ class Heard(list):
         self.append(value)
 
 
-def test_an_empty_stand_has_nulls(page):
+def test_an_empty_stand_has_nulls(state):
     async def look(client):
         names = ("State", "Done", "Fault", "Calibrated", "CalibrationStatus", "CalibratedUntil", "ResultReady")
         assert await client.reads("Stand", *names) == ["idle", 0.0, None, False, "none", None, 0]
         assert await client.reads("LastResult", "Number", "Verdict", "Reasons", "Time") == [None] * 4
         assert await client.node(LINES).get_children() == []
 
-    talk(page, look)
+    talk(state, look)
 
 
-def test_the_last_result_with_every_line(page):
-    keep(page, "calibration", calibration(valid_until="2099-01-01"))
-    number = keep(page, "inspection", inspection())
+def test_the_last_result_with_every_line(state):
+    keep(state, "calibration", calibration(valid_until="2099-01-01"))
+    number = keep(state, "inspection", inspection())
 
     async def look(client):
         assert await client.reads("Stand", "Calibrated", "CalibratedUntil") == [True, "2099-01-01"]
         assert await client.reads("Stand", "ResultCount", "ResultReady") == [2, number]
-        told = await client.reads("LastResult", "Number", "Kind", "Part", "Serial", "Order", "Operator", "Verdict")
-        assert told == [number, "inspection", "gear", "7", "A 12", "olga", "does_not_conform"]
+        values = await client.reads("LastResult", "Number", "Kind", "Part", "Serial", "Order", "Operator", "Verdict")
+        assert values == [number, "inspection", "gear", "7", "A 12", "olga", "does_not_conform"]
         assert await client.reads("LastResult", "ResultEvaluation", "Reasons") == [2, ["F_p left is too large"]]
-        assert await client.read("LastResult/RecordHash") == sha256_of(page.results.file(number, "record"))
+        assert await client.read("LastResult/RecordHash") == sha256_of(state.results.file(number, "record"))
         assert (await client.read("LastResult/Time")).tzinfo is not None
         names = {(await node.read_browse_name()).Name for node in await client.node(LINES).get_children()}
         assert names == {"F_p left", "f_Halpha left 3", "F_beta left", "d_a"}
@@ -82,25 +81,25 @@ def test_the_last_result_with_every_line(page):
         assert await client.reads(f"{LINES}/d_a", *values) == [
             52.01, 0.02, 51.9, None, "mm", "conforms", 1, "partial", 0.9]  # fmt: skip
 
-    talk(page, look)
+    talk(state, look)
 
 
-def test_what_was_not_seen_is_a_null_of_its_type_and_never_nan(page):
-    keep(page, "inspection", inspection())
+def test_a_value_not_measured_is_null_of_its_type_and_never_nan(state):
+    keep(state, "inspection", inspection())
 
     async def look(client):
         for name in ("Value", "U", "Coverage"):
             node = client.node(f"{LINES}/F_beta left/{name}")
-            told = await node.read_data_value()
-            assert told.Value.VariantType == ua.VariantType.Null and told.StatusCode.is_good()
+            data = await node.read_data_value()
+            assert data.Value.VariantType == ua.VariantType.Null and data.StatusCode.is_good()
             assert await node.read_data_type() == ua.NodeId(ua.ObjectIds.Double)
         assert await client.read(f"{LINES}/F_beta left/Status") == "not_measurable"
 
-    talk(page, look)
+    talk(state, look)
 
 
-def test_who_subscribes_is_told_of_a_result_when_all_of_it_is_there(page):
-    keep(page, "inspection", inspection())
+def test_result_ready_is_notified_after_the_whole_result(state):
+    keep(state, "inspection", inspection())
     ready, values = Heard(), Heard()
 
     async def wait(client):
@@ -109,7 +108,7 @@ def test_who_subscribes_is_told_of_a_result_when_all_of_it_is_there(page):
         other = await client.client.create_subscription(20, values)
         await other.subscribe_data_change(client.node(f"{LINES}/F_p left/Value"))
         new = inspection(line("F_p", None), line("F_r", 8.0, flank=None), verdict="undecided")
-        number = await asyncio.to_thread(keep, page, "inspection", new)
+        number = await asyncio.to_thread(keep, state, "inspection", new)
         async with asyncio.timeout(10.0):
             while number not in ready:
                 await asyncio.sleep(0.01)
@@ -120,15 +119,15 @@ def test_who_subscribes_is_told_of_a_result_when_all_of_it_is_there(page):
             await client.read(f"{LINES}/d_a/Value")
         await asyncio.sleep(0.2)
 
-    talk(page, wait)
+    talk(state, wait)
     assert ready == [1, 2]
     assert values == [41.0, None]
 
 
-def test_a_job_from_start_to_result(page):
+def test_a_job_from_start_to_result(state):
     async def work(client):
         job = await client.call("StartJob", "calibrate", "", "olga", "", "")
-        assert job == page.runner.current()["id"]
+        assert job == state.runner.current()["id"]
         await client.until("Stand/ResultReady", 1)
         assert await client.reads("Stand", "JobId", "JobState", "State", "Done") == [job, "done", "idle", 1.0]
         assert await client.reads("LastResult", "Kind", "Status", "Operator") == ["calibration", "valid", "olga"]
@@ -138,13 +137,13 @@ def test_a_job_from_start_to_result(page):
         await client.until("Stand/ResultReady", 2)
         assert await client.reads("LastResult", "Kind", "Serial") == ["inspection", "42"]
 
-    talk(page, work)
+    talk(state, work)
 
 
-def test_busy_live_and_abort(page):
+def test_busy_live_and_abort(state):
     async def work(client):
         await client.call("StartJob", "calibrate", "", "", "", "hold")
-        await client.until("Stand/Live/Position_deg", 12.5)
+        await client.until("Stand/Live/Position_deg", 50.0)
         assert await client.reads("Stand", "State", "Step") == ["running", "acquire"]
         await client.until("Stand/Done", 0.125)
         assert await client.reads("Stand/Live/Sensors/front", "FramesPerSecond", "Profiles", "Lost") == [200.0, 50, 0]
@@ -158,7 +157,7 @@ def test_busy_live_and_abort(page):
         with pytest.raises(ua.uaerrors.BadInvalidState):
             await client.call("Abort")
 
-    talk(page, work)
+    talk(state, work)
 
 
 REFUSALS = (
@@ -174,38 +173,38 @@ REFUSALS = (
 )
 
 
-def test_what_cant_be_done_is_refused_with_its_code(page):
+def test_refused_calls_have_their_status_codes(state):
     async def work(client):
         for arguments, error, why in REFUSALS:
             with pytest.raises(error):
                 await client.call("StartJob", *arguments)
             assert why in await client.read("Stand/Refused")
-            assert page.runner.current() is None
+            assert state.runner.current() is None
 
-    talk(page, work)
+    talk(state, work)
 
 
-def test_a_fault_is_shown_and_reset(page):
-    state_path(page.settings.stand).write_text('{"state": "fault", "since": "noon", "reason": "encoder stuck"}')
+def test_a_fault_is_shown_and_reset(state):
+    state_path(state.settings.stand).write_text('{"state": "fault", "since": "noon", "reason": "encoder stuck"}')
 
     async def reset(*arguments, **more):
-        return reset_latched_fault(page.settings.stand)
+        return reset_latched_fault(state.settings.stand)
 
     async def work(client):
         assert await client.read("Stand/State") == "fault"
         assert "encoder stuck" in await client.read("Stand/Fault")
         with pytest.raises(ua.uaerrors.BadInvalidState):
             await client.call("ResetFault")  # it asks the table first, and there is none
-        page.ask = reset
+        state.run_task = reset
         assert "encoder stuck" in await client.call("ResetFault")
         await client.until("Stand/State", "idle")
         assert await client.read("Stand/Fault") is None
         assert await client.call("ResetFault") == ""
 
-    talk(page, work)
+    talk(state, work)
 
 
-def test_nothing_can_be_written_or_added(page):
+def test_nothing_can_be_written_or_added(state):
     async def write(client):
         for path in ("Stand/State", "Stand/ResultReady"):
             with pytest.raises(ua.uaerrors.BadUserAccessDenied):
@@ -214,15 +213,15 @@ def test_nothing_can_be_written_or_added(page):
             await client.client.nodes.objects.add_object(client.space, "Mine")
         assert await client.read("Stand/State") == "idle"
 
-    talk(page, write)
-    talk(page, write, user="admin", password="admin")
+    talk(state, write)
+    talk(state, write, user="admin", password="admin")
 
 
-def test_users_only_where_there_are_users(tmp_path):
-    page = make_page(tmp_path, (("olga", "operator"),))
+def test_with_users_a_login_is_needed(tmp_path):
+    state = make_state(tmp_path, (("olga", "operator"),))
 
     async def meet():
-        async with served(page) as address:
+        async with served(state) as address:
             for who in ((None, None), ("olga", "wrong"), ("nobody", PASSWORD), ("admin", "admin")):
                 with pytest.raises(ua.UaError):
                     async with plc(address, *who):
@@ -231,8 +230,8 @@ def test_users_only_where_there_are_users(tmp_path):
                 await client.call("StartJob", "calibrate", "", "somebody else", "", "")
                 await client.until("Stand/ResultReady", 1)
                 assert await client.read("LastResult/Operator") == "olga"
-                page.gatekeeper.path.write_text('{"format": "truestand.users", "version": 1, "users": []}')
-                assert page.gatekeeper.users == {}
+                state.authenticator.path.write_text('{"format": "truestand.users", "version": 1, "users": []}')
+                assert state.authenticator.users == {}
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                     await client.read("Stand/State")
                 with pytest.raises(ua.UaError):
@@ -242,33 +241,33 @@ def test_users_only_where_there_are_users(tmp_path):
     asyncio.run(meet())
 
 
-def test_who_is_removed_is_out_at_once(tmp_path):
-    page = make_page(tmp_path, (("olga", "operator"), ("erik", "engineer")))
-    text = page.gatekeeper.path.read_text()
+def test_a_removed_opcua_user_is_refused_at_once(tmp_path):
+    state = make_state(tmp_path, (("olga", "operator"), ("erik", "engineer")))
+    text = state.authenticator.path.read_text()
 
     async def meet():
-        async with served(page) as address, plc(address, "olga", PASSWORD) as client:
+        async with served(state) as address, plc(address, "olga", PASSWORD) as client:
             assert await client.read("Stand/State") == "idle"
             for left in (text.replace('"olga"', '"anna"'), text[: text.index("[")] + "[]}"):
-                page.gatekeeper.path.write_text(left)
+                state.authenticator.path.write_text(left)
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                     await client.read("Stand/State")
                 with pytest.raises(ua.UaError):
                     async with plc(address):
                         pass
-            page.gatekeeper.path.write_text(text)
+            state.authenticator.path.write_text(text)
 
     asyncio.run(meet())
 
 
 def test_guessing_passwords_is_slowed_down(tmp_path):
-    page = make_page(tmp_path, (("olga", "operator"),))
+    state = make_state(tmp_path, (("olga", "operator"),))
     hashed = []
-    check = page.gatekeeper.check
-    page.gatekeeper.check = lambda name, password: hashed.append(name) or check(name, password)
+    check = state.authenticator.check
+    state.authenticator.check = lambda name, password: hashed.append(name) or check(name, password)
 
     async def meet():
-        async with served(page) as address, plc(address, "olga", PASSWORD):
+        async with served(state) as address, plc(address, "olga", PASSWORD):
             for n in range(8):
                 with pytest.raises(ua.UaError):
                     async with plc(address, "olga", f"guess {n}"):
@@ -278,18 +277,20 @@ def test_guessing_passwords_is_slowed_down(tmp_path):
 
     asyncio.run(meet())
     assert len(hashed) <= 7
-    assert ("address", "opcua 127.0.0.1") in page.throttle._failures
+    assert ("address", "opcua 127.0.0.1") in state.throttle._failures
 
 
-def test_guesses_from_one_address_hold_up_no_other(tmp_path):
-    page = make_page(tmp_path, (("olga", "operator"),))
-    page.gatekeeper.check = lambda name, password: page.gatekeeper.users.get(name) if password == PASSWORD else None
-    people = People(page)
+def test_guesses_from_one_address_delay_no_other(tmp_path):
+    state = make_state(tmp_path, (("olga", "operator"),))
+    state.authenticator.check = lambda name, password: (
+        state.authenticator.users.get(name) if password == PASSWORD else None
+    )
+    manager = OpcUaUserManager(state)
 
     def login(address, name, password):
         context = copy_context()
         context.run(peer.set, address)
-        return context.run(people.get_user, None, name, password)
+        return context.run(manager.get_user, None, name, password)
 
     for n in range(12):
         assert login("10.0.0.1", f"guessed {n}", "guess") is None
@@ -298,30 +299,30 @@ def test_guesses_from_one_address_hold_up_no_other(tmp_path):
 
 
 def test_an_address_that_others_can_reach_needs_users(tmp_path):
-    page = make_page(tmp_path)
+    state = make_state(tmp_path)
     with pytest.raises(BadRecipe, match="no users"):
-        wanted(page, "opc.tcp://0.0.0.0:4840")
+        interface_settings(state, "opc.tcp://0.0.0.0:4840")
     for url in ("opc.tcp://127.0.0.1", "http://127.0.0.1:1", "opc.tcp://:4840", "opc.tcp://a:b@127.0.0.1:1", "x"):
         with pytest.raises(BadRecipe, match="need an address"):
-            wanted(page, url)
-    wanted(page, "opc.tcp://127.0.0.1:4840")
-    guarded = make_page(tmp_path / "guarded", (("olga", "operator"),))
-    wanted(guarded, "opc.tcp://0.0.0.0:4840")
-    write_users(guarded.gatekeeper.path, {})
+            interface_settings(state, url)
+    interface_settings(state, "opc.tcp://127.0.0.1:4840")
+    guarded = make_state(tmp_path / "guarded", (("olga", "operator"),))
+    interface_settings(guarded, "opc.tcp://0.0.0.0:4840")
+    write_users(guarded.authenticator.path, {})
     with pytest.raises(BadRecipe, match="no users"):
-        wanted(guarded, "opc.tcp://0.0.0.0:4840")
+        interface_settings(guarded, "opc.tcp://0.0.0.0:4840")
 
 
 @pytest.mark.stand
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
+def test_serve_opens_opcua_beside_the_page_and_prints_its_address(tmp_path):
     write_starters(tmp_path)
     serve = ("serve", "--stand", tmp_path / "stand.toml", "--port", "0")
     command = [sys.executable, "-W", "error", "-m", "truestand", *serve, "--opcua", "opc.tcp://127.0.0.1:0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        page, address = (process.stdout.readline().split(" at ")[-1].strip() for _ in range(2))
-        assert page.startswith("http://127.0.0.1:"), process.communicate()
+        state, address = (process.stdout.readline().split(" at ")[-1].strip() for _ in range(2))
+        assert state.startswith("http://127.0.0.1:"), process.communicate()
 
         async def look():
             async with plc(address) as client:
@@ -339,7 +340,7 @@ def test_serve_opens_it_beside_the_page_and_says_where(tmp_path):
     assert refused.returncode == 2 and "no users" in refused.stderr
 
 
-def test_a_server_that_does_not_come_up_leaves_no_executor(page, monkeypatch):
+def test_a_server_that_fails_to_start_leaves_no_executor(state, monkeypatch):
     made = []
 
     class Executor(ThreadPoolExecutor):
@@ -352,25 +353,25 @@ def test_a_server_that_does_not_come_up_leaves_no_executor(page, monkeypatch):
         raise BadRecipe("found nothing to show")
 
     monkeypatch.setattr(address_space, "ThreadPoolExecutor", Executor)
-    monkeypatch.setattr(Shown, "build", fail)
+    monkeypatch.setattr(StandNodes, "build", fail)
     with pytest.raises(BadRecipe, match="nothing to show"):
-        talk(page, None)
+        talk(state, None)
     with pytest.raises(RuntimeError, match="shutdown"):
         made[0].submit(int)
     assert gc.get_freeze_count() == 0
 
 
-def test_a_store_that_cant_be_read_calibrates_nothing(page):
-    keep(page, "calibration", calibration())
-    (page.settings.store / "store.db").write_bytes(b"no database")
+def test_with_an_unreadable_store_the_stand_is_not_calibrated(state):
+    keep(state, "calibration", calibration())
+    (state.settings.store / "store.db").write_bytes(b"no database")
 
     async def look(client):
         assert await client.reads("Stand", "State", "Calibrated") == ["idle", False]
 
-    talk(page, look)
+    talk(state, look)
 
 
-def test_names_that_come_twice_are_told_apart_and_the_text_of_all_lines_is_finite():
+def test_lines_of_the_same_name_are_numbered():
     twice = lines_of("inspection", inspection(line("F_p", 1.0), line("F_p", 2.0)))
     assert [one.name for one in twice] == ["F_p left", "F_p left (2)"]
     assert replace(twice[1], name="F_p left", value=1.0) == twice[0]

@@ -4,9 +4,9 @@ import pytest
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
 
-from page_lab import Client, served
-from truestand.web.app import routed
-from truestand.web.doors import Door, Doors, Policy, SocketDoor, demand_policies
+from truestand.web.app import create_api
+from truestand.web.routing import OPERATOR, GuardedRoute, GuardedWebSocketRoute, Routes, require_policies
+from web_lab import Client, served
 
 TABLE = {
     ("GET", "/"): None,
@@ -41,37 +41,39 @@ FILLED = {"{number}": "1", "{file}": "gear.toml", "{id}": "none", "{name:path}":
 HTTP = [(*route, role) for route, role in TABLE.items() if route[0] != "WS"]
 
 
-def test_the_table_names_every_route(page):
+def test_the_table_names_every_route(state):
     found = {}
-    for route in routed(page).routes:
-        assert isinstance(route, Door | SocketDoor), route.path
-        methods = sorted(route.methods) if isinstance(route, Door) else ["WS"]
+    for route in create_api(state).routes:
+        assert isinstance(route, GuardedRoute | GuardedWebSocketRoute), route.path
+        methods = sorted(route.methods) if isinstance(route, GuardedRoute) else ["WS"]
         found |= {(method, route.path): route.policy.role for method in methods}
     assert found == TABLE
 
 
 def test_a_route_without_a_policy_is_not_served():
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    Doors(app.router).add("GET", "/fine", lambda: 1, Policy("operator"), "Fine")
-    demand_policies(app.routes)
+    routes = Routes()
+    routes.add("GET", "/fine", OPERATOR, "Fine")(lambda: 1)
+    app.router.routes.extend(routes)
+    require_policies(app.routes)
     app.get("/forgotten")(lambda: 1)
     assert isinstance(app.routes[-1], APIRoute)
     with pytest.raises(RuntimeError, match="routes without a policy: /forgotten"):
-        demand_policies(app.routes)
+        require_policies(app.routes)
 
 
-def test_no_writing_route_takes_an_unlimited_body(page):
-    for route in routed(page).routes:
-        assert route.policy.body <= 300_000
+def test_every_route_limits_its_body(state):
+    for route in create_api(state).routes:
+        assert route.policy.max_body_bytes <= 300_000
 
 
 @pytest.fixture(scope="module")
 def people(tmp_path_factory):
     """A visitor, an operator and an engineer at one page."""
-    from page_lab import make_page
+    from web_lab import make_state
 
-    page = make_page(tmp_path_factory.mktemp("people"), (("olga", "operator"), ("erik", "engineer")))
-    with served(page) as port:
+    state = make_state(tmp_path_factory.mktemp("people"), (("olga", "operator"), ("erik", "engineer")))
+    with served(state) as port:
         found = {None: Client(port), "operator": Client(port), "engineer": Client(port)}
         found[None].session()
         found["operator"].login("olga")
@@ -81,7 +83,7 @@ def people(tmp_path_factory):
 
 @pytest.mark.parametrize(("method", "path", "role"), HTTP, ids=lambda value: str(value))
 @pytest.mark.parametrize("who", [None, "operator", "engineer"])
-def test_each_role_may_what_it_may(people, method, path, role, who):
+def test_each_role_is_answered_or_refused_as_the_table_says(people, method, path, role, who):
     rank = [None, "operator", "engineer"]
     for word, value in FILLED.items():
         path = path.replace(word, value)
@@ -96,9 +98,9 @@ def test_each_role_may_what_it_may(people, method, path, role, who):
 
 
 def test_every_route_is_documented(client):
-    told = client.get("/api/openapi.json").json
+    payload = client.get("/api/openapi.json").json
     for method, path in TABLE:
         if method == "WS" or not path.startswith("/api/") or path == "/api/openapi.json":
             continue
-        operation = told["paths"][path][method.lower()]
+        operation = payload["paths"][path][method.lower()]
         assert operation["summary"] and operation["responses"]["200"]

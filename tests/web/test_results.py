@@ -13,10 +13,10 @@ from truestand.core.errors import UnreadableFile
 from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
-from truestand.web.kept import Kept
-from truestand.web.machines.lines import lines_of
-from truestand.web.routes import evidence
-from truestand.web.routes.home import _over
+from truestand.web.interfaces.lines import lines_of
+from truestand.web.result_index import ResultIndex
+from truestand.web.routes import results
+from truestand.web.routes.stand import is_past
 from truestand.web.security import REPORT_CSP
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -32,8 +32,8 @@ def inspection(verdict="conforms", name="demo wheel", **more):
 
 
 @pytest.fixture
-def store(page):
-    return Store.open(page.settings.store, create=True)
+def store(state):
+    return Store.open(state.settings.store, create=True)
 
 
 def cloud(path, profiles=600, points=500, seed=1):
@@ -52,13 +52,13 @@ def numbers(answer):
     return [entry["number"] for entry in answer.json]
 
 
-def test_an_empty_stand_has_no_results(client, page):
+def test_an_empty_stand_has_no_results(client, state):
     assert client.get("/api/results").json == []
     assert client.get("/api/results/1").status == 404
     assert client.get("/api/home").json["calibration"]["state"] == "none"
     assert client.get("/api/history").json == {"quantities": []}
     assert client.get("/api/audit").json == {"findings": []}
-    assert not page.settings.store.exists()
+    assert not state.settings.store.exists()
 
 
 def test_results_are_listed_newest_first_and_by_page(client, store):
@@ -86,29 +86,30 @@ def test_corrections_keep_the_original(client, store):
         (3, "calibration", None), (2, "calibration", None), (1, "calibration", 3)]  # fmt: skip
     assert client.get("/api/home").json["calibration"]["number"] == 2  # the newest, not the last correction
     store.correct(2, None, reason="wrong shaft")
-    told = client.get("/api/home").json["calibration"]
-    assert told["number"] == 3 and told["state"] == "expired"
+    payload = client.get("/api/home").json["calibration"]
+    assert payload["number"] == 3 and payload["state"] == "expired"
     assert client.get("/api/results/4").json["record"] == {}
 
 
-@pytest.mark.parametrize(("record", "state"), [(calibration(), "valid"), (calibration("untrusted"), "untrusted"),
+@pytest.mark.parametrize(("record", "expected"), [(calibration(), "valid"), (calibration("untrusted"), "untrusted"),
                                                (calibration(until="2001-01-01"), "expired"),
                                                (calibration(until="2999-01-01T00:00:00Z"), "valid")])  # fmt: skip
-def test_home_says_what_the_calibration_is_worth(client, store, record, state):
+def test_home_has_the_state_of_the_calibration(client, store, record, expected):
     store.add("calibration", record)
-    told = client.get("/api/home").json
-    assert told["calibration"]["state"] == state and told["calibration"]["reasons"] == record["reasons"]
-    assert [e["number"] for e in told["last"]] == [1]
+    payload = client.get("/api/home").json
+    assert payload["calibration"]["state"] == expected and payload["calibration"]["reasons"] == record["reasons"]
+    assert [e["number"] for e in payload["last"]] == [1]
 
 
-def test_a_day_counts_to_its_end():
+def test_a_date_is_past_after_the_end_of_its_day():
     from datetime import UTC, datetime
 
     now = datetime(2026, 11, 21, 20, 0, tzinfo=UTC)
-    assert not _over("2026-11-21", now) and _over("2026-11-20", now) and not _over(None, now) and _over("soon", now)
+    over = {until: is_past(until, now) for until in ("2026-11-20", "2026-11-21", None, "soon")}
+    assert over == {"2026-11-20": True, "2026-11-21": False, None: False, "soon": True}
 
 
-def test_a_report_runs_nothing(client, store, tmp_path):
+def test_a_report_is_served_into_a_sandbox(client, store, tmp_path):
     (tmp_path / "r.html").write_text(f"<h1>{EVIL}</h1><script>alert(1)</script>")
     store.add("inspection", inspection(), {"report": tmp_path / "r.html"})
     store.add("inspection", inspection())
@@ -121,14 +122,14 @@ def test_a_report_runs_nothing(client, store, tmp_path):
     assert client.get("/api/results/2/report").status == 404
 
 
-def test_names_from_the_store_are_data(client, store):
+def test_markup_in_the_store_is_answered_as_json(client, store):
     store.add("inspection", inspection(name=EVIL, serial=EVIL), operator=EVIL)
     for path in ("/api/results", "/api/results/1", "/api/home"):
         answer = client.get(path)
         assert answer.headers["content-type"] == "application/json" and EVIL in answer.body.decode()
 
 
-def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
+def test_a_cloud_is_served_as_float32_columns(client, state, store, tmp_path):
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply")})
     answer = client.get("/api/results/1/cloud?points=20000")
     assert answer.status == 200 and answer.headers["content-type"] == "application/octet-stream"
@@ -137,13 +138,13 @@ def test_a_cloud_comes_as_numbers(client, page, store, tmp_path):
     x, y, z, deviation = np.frombuffer(answer.body[4:], "<f4").reshape(4, n)
     assert np.isfinite([x, y, z]).all() and np.isnan(deviation).any()
     assert np.count_nonzero(deviation == -80.0) == 4  # the dent of four points among 300,000 is still there
-    assert len(list(page.settings.cache_folder.iterdir())) == 1
+    assert len(list(state.settings.cache_folder.iterdir())) == 1
     assert client.get("/api/results/1/cloud?points=20000").body == answer.body
     assert client.get("/api/results/1/cloud?points=9000000").status == 422
     assert client.get("/api/results/2/cloud").status == 404
 
 
-def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page, store, tmp_path):
+def test_a_cached_cloud_waits_for_no_audit_and_no_other_cloud(state, store, tmp_path):
     for name in ("first", "second"):
         (tmp_path / name).write_text(name)
         store.add("inspection", inspection(serial=name), {"cloud": tmp_path / name})
@@ -160,14 +161,14 @@ def test_neither_an_audit_nor_another_cloud_holds_up_a_cloud_that_is_there(page,
                 Path(arguments[1]).write_text("made")
             return []
 
-        page.ask = ask
-        audit = asyncio.create_task(evidence.audit(page))
+        state.run_task = ask
+        audit = asyncio.create_task(results.audit(state))
         async with asyncio.timeout(20):
-            await evidence.cloud(1, page)
-            making = asyncio.create_task(evidence.cloud(2, page))
+            await results.cloud(1, state)
+            making = asyncio.create_task(results.cloud(2, state))
             while len(asked) < 3:
                 await asyncio.sleep(0.01)
-            await evidence.cloud(1, page)
+            await results.cloud(1, state)
         assert sorted(asked) == ["audit", "cloud", "cloud"] and not audit.done() and not making.done()
         making.cancel()
         over.set()
@@ -228,16 +229,16 @@ def test_a_damaged_cloud_is_refused(tmp_path, damage):
         open_cloud(path)
 
 
-def test_the_cache_forgets_what_was_not_looked_at(client, page, store, tmp_path, monkeypatch):
-    monkeypatch.setattr(evidence, "CACHED", 2)
+def test_the_cloud_cache_removes_the_least_recently_used(client, state, store, tmp_path, monkeypatch):
+    monkeypatch.setattr(results, "MAX_CACHED_CLOUDS", 2)
     store.add("inspection", inspection(), {"cloud": cloud(tmp_path / "c.ply", 100, 100)})
     for points in (1000, 2000, 3000, 4000):
         client.get(f"/api/results/1/cloud?points={points}")
-    assert sorted(int(p.stem.split("-")[1]) for p in page.settings.cache_folder.iterdir()) == [3000, 4000]
+    assert sorted(int(p.stem.split("-")[1]) for p in state.settings.cache_folder.iterdir()) == [3000, 4000]
 
 
-def test_a_store_is_read_again_only_where_something_came(store):
-    kept = Kept(store.folder)
+def test_a_store_is_read_again_only_after_a_new_entry(store):
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
     before = kept._entries
@@ -247,8 +248,8 @@ def test_a_store_is_read_again_only_where_something_came(store):
     assert [e.number for e in kept.entries()] == [2, 1]
 
 
-def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
-    kept = Kept(store.folder)
+def test_a_result_stored_after_the_clock_was_set_back_is_listed(store):
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration(), time="2026-01-02T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
@@ -256,8 +257,8 @@ def test_a_result_that_came_after_the_clock_was_set_back_is_listed(store):
     assert kept.calibration().number == 2
 
 
-def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
-    kept = Kept(store.folder)
+def test_another_store_in_the_same_folder_is_read_anew(store, tmp_path):
+    kept = ResultIndex(store.folder)
     store.add("calibration", calibration())
     assert len(kept.entries()) == 1
     store.folder.rename(tmp_path / "before")
@@ -267,9 +268,9 @@ def test_another_store_in_the_same_place_is_read_anew(store, tmp_path):
     assert [(e.number, e.serial) for e in kept.entries()] == [(2, "2"), (1, "1")]
 
 
-def test_a_damaged_store_is_told(client, page, store):
+def test_a_damaged_store_answers_409(client, state, store):
     store.add("calibration", calibration())
-    (page.settings.store / "store.db").write_bytes(b"no database")
+    (state.settings.store / "store.db").write_bytes(b"no database")
     answer = client.get("/api/results")
     assert answer.status == 409 and "audit" in answer.problem
 
@@ -313,7 +314,7 @@ def test_trends_of_a_part_are_by_characteristic_and_flank(client, store):
     assert client.get("/api/history?kind=inspection&part=none").json == {"quantities": []}
 
 
-def test_characteristics_come_as_csv(client, store):
+def test_characteristics_are_served_as_csv(client, store):
     lines = [
         line("F_p", 10.0, flank="left", limit_um=20.0),
         line("f_Halpha", -3.0, limit_um=9.5),
@@ -346,7 +347,7 @@ LIMITED = [
 ]
 
 
-def test_page_machines_csv_and_trends_tell_the_same_limits(client, store):
+def test_page_interfaces_csv_and_trends_have_the_same_limits(client, store):
     record = inspection() | {"part": {"kind": "gear", "name": "demo wheel"}, "characteristics": [c for c, _ in LIMITED]}
     store.add("inspection", record)
     expected = {c["name"]: both for c, both in LIMITED}
@@ -361,7 +362,7 @@ def test_page_machines_csv_and_trends_tell_the_same_limits(client, store):
     assert {q["name"]: q["limits"] or [None, None] for q in trends} == expected
 
 
-def test_a_calibration_comes_as_a_certificate(client, store):
+def test_a_calibration_is_served_as_a_certificate(client, store):
     released = Path(__file__).parent.parent / "released" / "calibration-1.json"
     store.add("calibration", json.loads(released.read_text(encoding="utf-8")))
     store.add("calibration", calibration("untrusted"))
@@ -389,52 +390,51 @@ def verification(store, verdict, of=1):
 
 
 def test_a_verification_that_does_not_hold_counts_until_another_one_holds(client, store):
-    def told():
+    def calibration_now():
         found = client.get("/api/home").json["calibration"]
         return found["state"], found["verification"], found["reasons"]
 
     store.add("calibration", calibration())
-    assert told() == ("valid", None, [])
+    assert calibration_now() == ("valid", None, [])
     verification(store, "undecided")
-    assert told() == ("undecided", 2, ["undecided 1"])
+    assert calibration_now() == ("undecided", 2, ["undecided 1"])
     verification(store, "does_not_hold")
-    assert told() == ("does_not_hold", 3, ["does_not_hold 1"])
+    assert calibration_now() == ("does_not_hold", 3, ["does_not_hold 1"])
     verification(store, "undecided")
-    assert told() == ("does_not_hold", 3, ["does_not_hold 1"])  # what is undecided takes nothing back
+    assert calibration_now() == ("does_not_hold", 3, ["does_not_hold 1"])  # what is undecided takes nothing back
     verification(store, "holds")
-    assert told() == ("valid", 5, [])
+    assert calibration_now() == ("valid", 5, [])
 
 
-def test_a_verification_speaks_of_its_calibration_only(client, store):
-    def told():
+def test_a_verification_counts_for_its_own_calibration_only(client, store):
+    def calibration_now():
         found = client.get("/api/home").json["calibration"]
         return found["state"], found["verification"]
 
     store.add("calibration", calibration())
     verification(store, "does_not_hold")
     store.correct(1, calibration(until="2999-01-01"), reason="the certificate's date was wrong")
-    assert told() == ("does_not_hold", 2)  # a correction is no new calibration
+    assert calibration_now() == ("does_not_hold", 2)  # a correction is no new calibration
     store.add("calibration", calibration(until="2999-01-02"))
-    assert told() == ("valid", None)
+    assert calibration_now() == ("valid", None)
     verification(store, "does_not_hold", of=1)
-    assert told() == ("valid", None)
+    assert calibration_now() == ("valid", None)
     store.correct(4, None, reason="wrong shaft")
-    assert told() == ("does_not_hold", 5)
+    assert calibration_now() == ("does_not_hold", 5)
     store.correct(5, None, reason="dirty shaft")
     store.correct(2, None, reason="dirty shaft")
-    assert told() == ("valid", None)
+    assert calibration_now() == ("valid", None)
 
 
-def test_who_starts_later_knows_of_the_verification(page, store):
+def test_a_new_index_finds_the_verification(state, store):
     store.add("calibration", calibration())
     verification(store, "does_not_hold")
-    assert Kept(page.settings.store).verification().verdict == "does_not_hold"
+    assert ResultIndex(state.settings.store).verification().verdict == "does_not_hold"
 
 
-@pytest.mark.parametrize(
-    ("record", "state"), [(calibration("untrusted"), "untrusted"), (calibration(until="2001-01-01"), "does_not_hold")]
-)
-def test_the_worst_is_told_of_a_calibration(client, store, record, state):
+@pytest.mark.parametrize(("record", "expected"), [(calibration("untrusted"), "untrusted"),
+                                                  (calibration(until="2001-01-01"), "does_not_hold")])  # fmt: skip
+def test_the_worst_state_of_a_calibration_counts(client, store, record, expected):
     store.add("calibration", record)
     verification(store, "does_not_hold")
-    assert client.get("/api/home").json["calibration"]["state"] == state
+    assert client.get("/api/home").json["calibration"]["state"] == expected

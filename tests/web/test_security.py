@@ -8,11 +8,11 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from page_lab import PASSWORD, Client, make_page, raw, served
 from truestand.core.errors import BadRecipe
-from truestand.web.security import CSP, HEADERS, names_of
+from truestand.web.authentication import make_user, write_users
+from truestand.web.security import CSP, HEADERS, allowed_hosts
 from truestand.web.serving import Binding, serve
-from truestand.web.users import make_user, write_users
+from web_lab import PASSWORD, Client, make_state, raw, served
 
 WRITES = [
     ("POST", "/api/login"),
@@ -38,7 +38,7 @@ def test_a_foreign_host_is_refused(client, host, path):
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:{port}", "localhost:{port}", "LOCALHOST:{port}", "[::1]:{port}"])
-def test_the_machines_own_names_are_not(client, host):
+def test_the_machines_own_host_names_are_answered(client, host):
     assert client.get("/api/session", headers={"Host": host.format(port=client.port)}).status == 200
 
 
@@ -48,17 +48,17 @@ def test_a_request_without_a_host_or_with_two_is_refused(client):
         assert got.split()[1] in (b"400", b"403"), got
 
 
-def test_further_names_are_those_that_were_given(tmp_path):
-    with served(make_page(tmp_path), names=("stand7.example",)) as port:
+def test_only_the_given_further_host_names_are_answered(tmp_path):
+    with served(make_state(tmp_path), names=("stand7.example",)) as port:
         client = Client(port)
         for host in ("stand7.example", f"stand7.example:{port}", "stand7.example:443"):
             assert client.get("/api/session", headers={"Host": host}).status == 200
         assert client.get("/api/session", headers={"Host": "stand8.example"}).status == 403
 
 
-def test_a_trusted_proxy_says_who_asks_and_whether_over_https(tmp_path):
-    page = make_page(tmp_path, (("olga", "operator"),))
-    with served(page, names=("stand7.example",), proxies=("127.0.0.1",)) as port:
+def test_forwarded_headers_of_a_trusted_proxy_count(tmp_path):
+    state = make_state(tmp_path, (("olga", "operator"),))
+    with served(state, names=("stand7.example",), proxies=("127.0.0.1",)) as port:
         client, own = Client(port), {"Host": "stand7.example"}
         assert "secure" not in client.get("/api/session", headers=own).headers["Set-Cookie"].lower()
         client.cookie = ""
@@ -67,36 +67,36 @@ def test_a_trusted_proxy_says_who_asks_and_whether_over_https(tmp_path):
         assert "; secure" in answer.headers["Set-Cookie"].lower()
         client.csrf = answer.json["csrf"]
         assert client.post("/api/login", {"user": "olga", "password": "wrong"}, headers=over).status == 401
-        assert ("address", "192.0.2.7") in page.throttle._failures
+        assert ("address", "192.0.2.7") in state.throttle._failures
         assert client.get("/api/session", headers=over | {"Origin": "http://stand7.example"}).status == 403
         assert client.post("/api/login", {"user": "olga", "password": PASSWORD}, headers=over).status == 200
         sent = {name: over[name] for name in ("X-Forwarded-Proto", "Origin")} | {"Cookie": f"truestand={client.cookie}"}
         to = socket.create_connection(("127.0.0.1", port))
         with connect("ws://stand7.example/api/live", sock=to, additional_headers=sent, compression=None) as live:
-            page.hub.publish("job", "{}")
+            state.hub.publish("job", "{}")
             assert live.recv(20) == "{}"
 
 
 @pytest.mark.parametrize("proxies", [(), ("192.0.2.1",)])
-def test_nobody_else_is_believed(tmp_path, proxies):
-    page = make_page(tmp_path, (("olga", "operator"),))
-    with served(page, proxies=proxies) as port:
+def test_forwarded_headers_of_others_are_ignored(tmp_path, proxies):
+    state = make_state(tmp_path, (("olga", "operator"),))
+    with served(state, proxies=proxies) as port:
         client, claimed = Client(port), {"X-Forwarded-Proto": "https", "X-Forwarded-For": "192.0.2.7"}
         answer = client.get("/api/session", headers=claimed)
         assert "secure" not in answer.headers["Set-Cookie"].lower()
         client.csrf = answer.json["csrf"]
         assert client.post("/api/login", {"user": "eve", "password": "wrong"}, headers=claimed).status == 401
-        assert [key for key in page.throttle._failures if key[0] == "address"] == [("address", "127.0.0.1")]
+        assert [key for key in state.throttle._failures if key[0] == "address"] == [("address", "127.0.0.1")]
 
 
 def test_a_proxy_needs_an_address_and_users(tmp_path):
-    page = make_page(tmp_path)
+    state = make_state(tmp_path)
     with pytest.raises(BadRecipe, match="found --proxy and no users"):
-        serve(page, Binding(port=0, proxies=("127.0.0.1",)), print)
-    write_users(page.gatekeeper.path, {"olga": make_user("olga", "operator", PASSWORD)})
+        serve(state, Binding(port=0, proxies=("127.0.0.1",)), print)
+    write_users(state.authenticator.path, {"olga": make_user("olga", "operator", PASSWORD)})
     for proxy in ("*", "proxy.example", "10.0.0.1/8", ""):
         with pytest.raises(BadRecipe, match="IP address"):
-            serve(page, Binding(port=0, proxies=(proxy,)), print)
+            serve(state, Binding(port=0, proxies=(proxy,)), print)
 
 
 ORIGINS = ["http://evil.example", "null", "", "http://127.0.0.1", "http://127.0.0.1:1", "http://localhost:{port}",
@@ -109,14 +109,14 @@ def test_a_foreign_origin_is_refused(client, origin, ask):
     assert client.ask(*ask, headers={"Origin": origin.format(port=client.port)}).status == 403
 
 
-def test_the_pages_own_origin_is_not(client):
+def test_the_pages_own_origin_is_answered(client):
     own = {"Origin": f"http://127.0.0.1:{client.port}", "Sec-Fetch-Site": "same-origin"}
     assert client.get("/api/home", headers=own).status == 200
     assert client.post("/api/logout", headers=own).status == 200
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])
-def test_other_sites_get_nothing_of_the_interface(client, site):
+def test_api_requests_of_other_sites_are_refused(client, site):
     """Another port of this machine is the same site to a browser."""
     assert client.get("/api/results/1/cloud", headers={"Sec-Fetch-Site": site}).status == 403
 
@@ -155,13 +155,13 @@ def test_every_answer_carries_the_headers(client, path):
     assert answer.headers["cache-control"] == "no-store" or not path.startswith("/api")
 
 
-def test_so_do_refusals_and_errors_of_the_server(client, page):
-    page.results = None  # a fault of the program
+def test_refusals_and_server_errors_carry_the_headers(client, state):
+    state.results = None  # a fault of the program
     for answer in (client.get("/api/results"), client.get("/", headers={"Host": "evil"}), client.ask("PATCH", "/")):
         assert answer.headers["content-security-policy"] == CSP
         assert answer.headers["x-content-type-options"] == "nosniff"
-    told = client.get("/api/results")
-    assert told.status == 500 and "Traceback" not in told.body.decode() and "NoneType" not in told.body.decode()
+    answer = client.get("/api/results")
+    assert answer.status == 500 and b"Traceback" not in answer.body and b"NoneType" not in answer.body
 
 
 def test_no_policy_allows_inline_scripts():
@@ -188,14 +188,14 @@ def test_a_token_counts_for_its_own_cookie_only(client):
     assert client.post("/api/logout").status == 403
 
 
-def test_reading_changes_nothing(client, page, tmp_path):
+def test_reading_changes_nothing(client, state, tmp_path):
     """Every GET route there is, on a stand in fault."""
-    from page_lab import snapshot
-    from truestand.web.app import routed
+    from truestand.web.app import create_api
+    from web_lab import snapshot
 
     (tmp_path / ".stand.toml.state").write_text(json.dumps({"state": "fault", "since": "now", "reason": "a test"}))
     before = snapshot(tmp_path)
-    paths = [r.path for r in routed(page).routes if "GET" in getattr(r, "methods", ())]
+    paths = [r.path for r in create_api(state).routes if "GET" in getattr(r, "methods", ())]
     assert len(paths) > 12
     for path in paths:
         filled = path.format(number=1, file="gear.toml", name="x") if ":path" not in path else "/x"
@@ -203,11 +203,11 @@ def test_reading_changes_nothing(client, page, tmp_path):
         client.get(f"{filled}?delete=1&_method=DELETE")
         client.ask("HEAD", filled)
     assert snapshot(tmp_path) == before
-    assert page.runner.current() is None
+    assert state.runner.current() is None
     assert client.get("/api/home").json["fault"].startswith("the stand is in fault since now: a test")
 
 
-def test_a_method_override_is_not_heard(client):
+def test_a_method_override_header_is_ignored(client):
     answer = client.ask("GET", "/api/recipes/gear.toml", headers={"X-HTTP-Method-Override": "PUT"})
     assert answer.status == 200
 
@@ -227,18 +227,18 @@ def test_a_body_with_get_is_refused(client):
     assert client.ask("GET", "/api/session", b"{}").status == 400
 
 
-def test_a_whole_head_is_refused_where_it_is_huge(client):
+def test_a_huge_request_head_is_refused(client):
     got = raw(client.port, b"GET / HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 100_000)
     assert got.split()[1] == b"400"
 
 
-def test_names_are_data_in_every_answer(client, page, tmp_path):
+def test_markup_in_names_is_answered_as_json(client, state, tmp_path):
     """Markup in a name never gets a type that a browser would run."""
     evil = "<script>alert(1)</script>"
     (tmp_path / "gear.toml").write_text((tmp_path / "gear.toml").read_text().replace("demo wheel", evil))
     job = client.post("/api/jobs", {"kind": "calibrate", "operator": evil, "order": evil, "serial": "fail"})
     assert job.status == 200
-    page.runner._reader.join(10)
+    state.runner._reader.join(10)
     for path in (
         "/api/home",
         "/api/jobs/current",
@@ -265,7 +265,7 @@ def test_cookies_are_secure_over_https(tmp_path):
 
     from truestand.web.app import create_app
 
-    app, sent = create_app(make_page(tmp_path), names_of("127.0.0.1")), []
+    app, sent = create_app(make_state(tmp_path), allowed_hosts("127.0.0.1")), []
     scope = {"type": "http", "method": "GET", "path": "/api/session", "raw_path": b"/api/session", "query_string": b"",
              "headers": [(b"host", b"stand:8620")], "scheme": "https", "server": ("stand", 8620), "client": ("::1", 1),
              "http_version": "1.1", "root_path": "", "asgi": {"version": "3.0"}, "state": {}}  # fmt: skip
@@ -306,7 +306,7 @@ def test_odd_addresses_are_refused_in_plain_words(client, path):
     assert answer.problem
 
 
-def test_an_answer_is_dropped_where_nobody_waits(client):
+def test_a_client_that_leaves_amid_its_body_harms_nothing(client):
     connection = http.client.HTTPConnection("127.0.0.1", client.port)
     connection.putrequest("PUT", "/api/recipes/a.toml")
     for name, value in (

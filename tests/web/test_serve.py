@@ -59,16 +59,16 @@ def get(port, path):
 
 @posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_one_line_says_the_address_and_it_ends_cleanly(tmp_path, number):
+def test_serve_prints_its_address_and_ends_cleanly(tmp_path, number):
     with serving(tmp_path) as (process, port):
-        status, told = get(port, "/api/session")
-        assert status == 200 and json.loads(told)["stand"] == tmp_path.name
+        status, payload = get(port, "/api/session")
+        assert status == 200 and json.loads(payload)["stand"] == tmp_path.name
         process.send_signal(number)
         out, err = process.communicate(timeout=20)
         assert (process.returncode, out, err) == (0, "", "")
 
 
-def test_nothing_that_a_library_marks_as_private_is_used():
+def test_no_private_name_of_a_library_is_used():
     folder = Path(truestand.__file__).parent / "web"
     private = re.compile(r"(?<!\bself)(?<!\bcls)(?<!\btruestand)\._[a-z]\w*")
     found = {path.name: private.findall(path.read_text(encoding="utf-8")) for path in folder.rglob("*.py")}
@@ -76,7 +76,7 @@ def test_nothing_that_a_library_marks_as_private_is_used():
 
 
 @posix
-def test_it_ends_whoever_is_connected(tmp_path):
+def test_serve_ends_with_clients_connected(tmp_path):
     import socket
 
     with serving(tmp_path) as (process, port):
@@ -90,13 +90,13 @@ def test_it_ends_whoever_is_connected(tmp_path):
             one.close()
 
 
-def test_a_taken_port_is_told_in_one_line(tmp_path):
+def test_a_taken_port_is_reported_in_one_line(tmp_path):
     with serving(tmp_path) as (_, port):
         done = run("serve", "--stand", tmp_path / "stand.toml", "--port", port)
     assert done.returncode == 2 and "--port" in done.stderr and done.stderr.count("\n") == 1
 
 
-def test_a_stand_that_is_not_there_is_told(tmp_path):
+def test_a_missing_stand_is_reported(tmp_path):
     assert run("serve", "--stand", tmp_path / "none.toml").returncode == 2
 
 
@@ -119,7 +119,7 @@ def used(pid):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="read from /proc")
-def test_idle_it_takes_little(tmp_path):
+def test_idle_server_takes_little_memory_and_cpu(tmp_path):
     with serving(tmp_path) as (process, port):
         for path in ("/", "/api/home", "/api/recipes/gear.toml", "/api/openapi.json", "/vendor/plotly.min.js") * 3:
             get(port, path)

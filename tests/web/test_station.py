@@ -6,11 +6,10 @@ import time
 import pytest
 
 from lab import lab
-from page_lab import Client, make_page, served
-from truestand.web.hub import Hub
-from truestand.web.runner import Runner
+from truestand.web.runner import WORKER
+from web_lab import Client, make_state, served
 
-pytestmark = pytest.mark.stand  # test_morning.py goes the same way through the browser in every run
+pytestmark = pytest.mark.stand  # test_workflow.py goes the same way through the browser in every run
 WITHIN = 180.0
 """s for a job on a busy machine."""
 
@@ -20,13 +19,11 @@ def at_stand(tmp_path_factory):
     """A client, the virtual stand and its page."""
     folder = tmp_path_factory.mktemp("stand")
     with lab(folder, turns=1.1, points=320, pace=2.5) as stand:
-        page = make_page(folder)
-        page.hub = Hub()
-        page.runner = Runner(page.hub)
-        with served(page) as port:
+        state = make_state(folder, worker=WORKER)
+        with served(state) as port:
             client = Client(port)
             client.session()
-            yield client, stand, page
+            yield client, stand, state
 
 
 def followed(client, job, until=lambda event: False):
@@ -51,37 +48,37 @@ def test_devices_are_asked(at_stand):
     assert front["name"] == "front" and front["told"]["serial"] == "V0" and front["problem"] is None
 
 
-def test_an_abort_stops_the_stand_and_keeps_what_came(at_stand):
-    client, stand, page = at_stand
+def test_an_abort_stops_the_stand_and_keeps_the_recording(at_stand):
+    client, stand, state = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate"}).json
     followed(client, job, lambda event: event["type"] == "live" and event["live"]["done"] > 0.2)
     client.post(f"/api/jobs/{job['id']}/abort")
     job, _ = followed(client, job)
     assert job["state"] == "aborted" and job["number"] is None
     assert stand.safe
-    assert list(page.settings.jobs_folder.glob("*-calibrate/*.h5"))
+    assert list(state.settings.jobs_folder.glob("*-calibrate/*.h5"))
     assert client.get("/api/home").json["fault"] is None
 
 
 def test_calibrate_and_verify(at_stand):
-    client, _, page = at_stand
+    client, _, state = at_stand
     job = client.post("/api/jobs", {"kind": "calibrate", "operator": "Anna"}).json
     job, live = followed(client, job)
     assert job["state"] == "done" and job["number"] == 1, job["message"]
     assert job["done"] == 1.0 and {s["state"] for s in job["steps"]} == {"done"}
     assert live and len(live[-1]["sensors"][0]["profile"]["x"]) <= 160
-    told = client.get("/api/results/1").json
-    assert told["entry"]["operator"] == "Anna" and told["record"]["format"] == "truestand.calibration"
+    payload = client.get("/api/results/1").json
+    assert payload["entry"]["operator"] == "Anna" and payload["record"]["format"] == "truestand.calibration"
     assert client.get("/api/results/1/report").status == 200
     assert client.get("/api/home").json["calibration"]["number"] == 1
     job = client.post("/api/jobs", {"kind": "verify"}).json
     job, _ = followed(client, job)
     assert job["state"] == "done" and job["number"] == 2, job["message"]
     assert client.get("/api/audit", timeout=60).json == {"findings": []}
-    assert not list(page.settings.jobs_folder.glob("*-verify"))  # the store has it
+    assert not list(state.settings.jobs_folder.glob("*-verify"))  # the store has it
 
 
-def test_a_fault_is_latched_told_and_reset(at_stand):
+def test_a_fault_is_latched_shown_and_reset(at_stand):
     from truestand.sim.live.faults import FaultKind
 
     client, stand, _ = at_stand

@@ -14,9 +14,9 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from page_lab import SERVERS, make_page, served
 from patience import NOT_FOR_EVER
 from truestand.web import connections
+from web_lab import SERVERS, make_state, served
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def pem(tmp_path_factory):
 
 
 def test_https_answers_with_a_secure_cookie(tmp_path, pem):
-    with served(make_page(tmp_path), certificate=pem[0], key=pem[1]) as port:
+    with served(make_state(tmp_path), certificate=pem[0], key=pem[1]) as port:
         trusting = ssl.create_default_context(cafile=str(pem[0]))
         connection = http.client.HTTPSConnection("127.0.0.1", port, context=trusting, timeout=20)
         for origin, status in ((f"https://127.0.0.1:{port}", 200), (f"http://127.0.0.1:{port}", 403)):
@@ -52,9 +52,9 @@ def test_https_answers_with_a_secure_cookie(tmp_path, pem):
         connection.close()
 
 
-def test_who_is_slow_over_https_is_dropped(tmp_path, pem, monkeypatch):
-    monkeypatch.setattr(connections, "HEAD", 0.5)
-    with served(make_page(tmp_path), certificate=pem[0], key=pem[1]) as port:
+def test_a_slow_https_client_is_dropped(tmp_path, pem, monkeypatch):
+    monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
+    with served(make_state(tmp_path), certificate=pem[0], key=pem[1]) as port:
         context = ssl.create_default_context(cafile=str(pem[0]))
         with (
             socket.create_connection(("127.0.0.1", port), timeout=20) as plain,
@@ -65,4 +65,4 @@ def test_who_is_slow_over_https_is_dropped(tmp_path, pem, monkeypatch):
             with suppress(OSError):
                 assert slow.recv(100) == b""
             assert time.monotonic() - began < NOT_FOR_EVER
-        assert not SERVERS[port].keeper.seen
+        assert not SERVERS[port].monitor.activity

@@ -9,7 +9,7 @@ import typer
 from truestand.cli.options import DevicesOption, QuietOption
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_stand, read_store_folder
-from truestand.web.users import Role, make_user, read_users, users_path, write_users
+from truestand.web.authentication import Role, make_user, read_users, users_path, write_users
 
 
 def serve(
@@ -64,9 +64,9 @@ def serve(
     if add_user is not None or remove_user is not None:
         _change_users(folder, add_user, role, remove_user, quiet)
         return
-    from truestand.web.machines.attach import machines, wanted
-    from truestand.web.page import Settings
-    from truestand.web.serving import Binding, make_page
+    from truestand.web.app_state import Settings, make_state
+    from truestand.web.interfaces.startup import interface_settings, open_interfaces
+    from truestand.web.serving import Binding
     from truestand.web.serving import serve as run
 
     if (tls_certificate is None) != (tls_key is None):
@@ -74,9 +74,9 @@ def serve(
     read_stand(stand)
     settings = Settings(stand.absolute(), (artefact or stand.parent / "shaft.toml").absolute(), folder.absolute())
     binding = Binding(host, port, tuple(name or ()), tuple(proxy or ()), tls_certificate, tls_key)
-    page = make_page(settings)
-    beside = machines(page, wanted(page, opcua, mqtt, mqtt_password_file))
-    run(page, binding, lambda address: _print_address(stand, address, quiet), open_browser, beside)
+    state = make_state(settings)
+    beside = open_interfaces(state, interface_settings(state, opcua, mqtt, mqtt_password_file))
+    run(state, binding, lambda address: _print_address(stand, address, quiet), open_browser, beside)
 
 
 def _store_folder(stand: Path) -> Path:

@@ -1,6 +1,6 @@
-"""The application: routes behind their policies, refusals in one shape, the shield around it all."""
+"""The application: routes behind their policies, refusals in one shape, the security middleware around it all."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -14,24 +14,28 @@ from starlette.types import ASGIApp
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe, TruestandError
-from truestand.web.doors import Doors, Policy, demand_policies
-from truestand.web.page import Page
+from truestand.web.app_state import AppState
 from truestand.web.problem import Problem
-from truestand.web.routes import devices, downloads, evidence, files, home, jobs, live, recipes, results, session
-from truestand.web.security import Names, Shield
+from truestand.web.routes import files, jobs, recipes, results, session, stand
+from truestand.web.routing import ANYONE, Routes, require_policies
+from truestand.web.security import AllowedHosts, SecurityMiddleware
 
-THREADS = 8
+MAX_THREADS = 8
 """At once, for what waits for a disk; each costs memory."""
-TOPICS = (session, home, jobs, live, results, downloads, evidence, recipes, devices, files)
+routes = Routes()
 
 
-def create_app(page: Page, names: Names) -> ASGIApp:
-    """The page of one stand, ready to serve."""
-    return Shield(routed(page), names)
+def create_app(state: AppState, hosts: AllowedHosts) -> ASGIApp:
+    """The page of one stand, ready to serve.
+
+    Raises:
+        RuntimeError: a route without a policy.
+    """
+    return SecurityMiddleware(create_api(state), hosts)
 
 
-def routed(page: Page) -> FastAPI:
-    """The routes without the shield.
+def create_api(state: AppState) -> FastAPI:
+    """The routes without the security middleware.
 
     Raises:
         RuntimeError: a route without a policy.
@@ -40,64 +44,58 @@ def routed(page: Page) -> FastAPI:
         title="truestand",
         version=__version__,
         summary="A rotary laser inspection stand: its jobs, results and recipes.",
-        description="Every write needs the header `X-CSRF-Token` as told by GET /api/session.",
+        description="Every write needs the header `X-CSRF-Token` of GET /api/session.",
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
-        lifespan=_few_threads,
+        lifespan=_limit_threads,
+        exception_handlers=EXCEPTION_HANDLERS,
     )
-    app.state.page = page
-    doors = Doors(app.router)
-    described = app.openapi
-    doors.add(
-        "GET", "/api/openapi.json", lambda: described(), Policy(None), "This description", include_in_schema=False
-    )
-    for topic in TOPICS:
-        topic.add(doors)
-    demand_policies(app.routes)
-    for kind, tell in REFUSALS.items():
-        app.add_exception_handler(kind, tell)
+    app.state.shared = state
+    # files last: any name that no other route has is looked for there
+    for topic in (routes, *(module.routes for module in (session, stand, jobs, results, recipes, files))):
+        app.router.routes.extend(topic)
+    require_policies(app.routes)
     return app
 
 
+@routes.add("GET", "/api/openapi.json", ANYONE, "This description", include_in_schema=False)
+def openapi(request: Request) -> dict[str, Any]:
+    """Of all routes."""
+    description: dict[str, Any] = request.app.openapi()
+    return description
+
+
 @asynccontextmanager
-async def _few_threads(app: FastAPI) -> AsyncIterator[None]:
-    anyio.to_thread.current_default_thread_limiter().total_tokens = THREADS
+async def _limit_threads(app: FastAPI) -> AsyncIterator[None]:
+    anyio.to_thread.current_default_thread_limiter().total_tokens = MAX_THREADS
     yield
 
 
-async def _problem(request: Request, wrong: Exception) -> Response:
-    assert isinstance(wrong, Problem)
-    return JSONResponse({"problem": wrong.message}, wrong.status, headers=wrong.headers)
+async def _refused(request: Request, refused: HTTPException) -> JSONResponse:
+    """Ours, and the router's 404 and 405."""
+    hint = "" if isinstance(refused, Problem) else "; see /api/openapi.json"
+    return JSONResponse({"problem": f"{refused.detail}{hint}"}, refused.status_code, headers=refused.headers)
 
 
-async def _http(request: Request, wrong: Exception) -> Response:
-    """404 and 405 of the router."""
-    assert isinstance(wrong, HTTPException)
-    return JSONResponse({"problem": f"{wrong.detail}; see /api/openapi.json"}, wrong.status_code, headers=wrong.headers)
-
-
-async def _invalid(request: Request, wrong: Exception) -> Response:
+async def _invalid(request: Request, wrong: RequestValidationError) -> JSONResponse:
     """The first thing that is wrong, without what was sent: it may be a password."""
-    assert isinstance(wrong, RequestValidationError)
     first = wrong.errors()[0]
     where = ".".join(str(part) for part in first["loc"])[:100]
     return JSONResponse({"problem": f"{where}: {first['msg'][:300]}; see /api/openapi.json"}, 422)
 
 
-async def _expected(request: Request, wrong: Exception) -> Response:
+async def _expected(request: Request, wrong: TruestandError) -> JSONResponse:
     return JSONResponse({"problem": str(wrong)}, 422 if isinstance(wrong, BadRecipe) else 409)
 
 
-async def _unexpected(request: Request, wrong: Exception) -> Response:
+async def _unexpected(request: Request, wrong: Exception) -> JSONResponse:
     """The server's log has the rest."""
     return JSONResponse({"problem": "found an error of the server, see what it printed; try again"}, 500)
 
 
-Tell = Callable[[Request, Any], Awaitable[Response]]
-REFUSALS: dict[type[Exception], Tell] = {
-    Problem: _problem,
-    HTTPException: _http,
+EXCEPTION_HANDLERS: dict[int | type[Exception], Callable[[Request, Any], Coroutine[Any, Any, Response]]] = {
+    HTTPException: _refused,
     RequestValidationError: _invalid,
     TruestandError: _expected,
     Exception: _unexpected,

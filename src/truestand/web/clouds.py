@@ -1,4 +1,4 @@
-"""A cloud of millions of points made small enough for a browser, with what matters in it.
+"""A cloud of millions of points made small enough for a browser, without losing the largest deviations.
 
 Most points are taken evenly in the order they were measured; the rest are those that deviate most, so that no defect
 is thinned away. The answer is what a browser reads without parsing: a count, then x, y, z (mm) and deviation (um).
@@ -15,19 +15,19 @@ from truestand.core.errors import UnreadableFile
 from truestand.files.atomic import replacing
 from truestand.files.shapes.clouds import open_cloud
 
-EXTREME = 0.05
+EXTREME_SHARE = 0.05
 """Share of the points that is kept for those that deviate most."""
 COLUMNS = ("x", "y", "z", "deviation")
 
 
 def thin_out(source: Path, target: Path, points: int) -> int:
-    """Write at most ``points`` points of a PLY to ``target``; how many.
+    """Write at most ``points`` points of a PLY to ``target``; how many were written.
 
     Raises:
         UnreadableFile: no cloud of truestand's, or not the one whose hash is its name.
     """
-    found: list[str] = []
-    hashing = threading.Thread(target=lambda: found.append(_sha256(source)))
+    digests: list[str] = []
+    hashing = threading.Thread(target=lambda: digests.append(_sha256(source)))
     hashing.start()  # on the other core, while this one picks
     cloud = open_cloud(source)
     deviation = cloud["deviation"] if "deviation" in (cloud.dtype.names or ()) else None
@@ -35,7 +35,7 @@ def thin_out(source: Path, target: Path, points: int) -> int:
     picked = cloud[chosen]
     columns = [picked[name] if name in (cloud.dtype.names or ()) else np.full(len(chosen), np.nan) for name in COLUMNS]
     hashing.join()
-    if len(source.name) == 64 and found != [source.name]:
+    if len(source.name) == 64 and digests != [source.name]:
         raise UnreadableFile(f"{source.name}: changed since it was kept; run truestand audit and restore a backup")
     with replacing(target) as temporary:
         arrays = [np.ascontiguousarray(column, dtype="<f4").tobytes() for column in columns]
@@ -44,10 +44,10 @@ def thin_out(source: Path, target: Path, points: int) -> int:
 
 
 def choose(size: int, deviation: NDArray[np.float32] | None, points: int) -> NDArray[np.intp]:
-    """Which of ``size`` points are shown, in their order."""
+    """Indices of the points that are shown, of ``size``, ascending."""
     if size <= points:
         return np.arange(size)
-    extreme = int(EXTREME * points) if deviation is not None else 0
+    extreme = int(EXTREME_SHARE * points) if deviation is not None else 0
     even = np.linspace(0, size - 1, points - extreme).astype(np.intp)
     if deviation is None or not extreme:
         return even
@@ -58,5 +58,6 @@ def choose(size: int, deviation: NDArray[np.float32] | None, points: int) -> NDA
 
 
 def _sha256(path: Path) -> str:
+    """As ``sha256_of`` of the scans' readers, which would load every one of them."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

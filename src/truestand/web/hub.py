@@ -1,4 +1,4 @@
-"""From one worker to any number of listeners: each gets the newest of every kind, never a backlog.
+"""From one publisher to any number of listeners: each gets the newest message of every kind, never a backlog.
 
 Publishing costs the publisher a lock and nothing else, however many listen and however slow they are.
 """
@@ -14,7 +14,7 @@ class Hub:
         self._lock = threading.Lock()
         self._newest: dict[str, tuple[int, str]] = {}
         self._version = 0
-        self._woken = False
+        self._wake_pending = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._listeners: set[Listener] = set()
 
@@ -24,27 +24,27 @@ class Hub:
         return len(self._listeners)
 
     def publish(self, kind: str, message: str | None) -> None:
-        """Take the place of the newest of this kind; from any thread. None: there is nothing of it any more."""
+        """Replace the newest message of a kind, from any thread; None removes it."""
         with self._lock:
             self._version += 1
             if message is None:
                 self._newest.pop(kind, None)
                 return
             self._newest[kind] = (self._version, message)
-            if self._loop is None or self._woken:
+            if self._loop is None or self._wake_pending:
                 return
-            self._woken = True
+            self._wake_pending = True
             self._loop.call_soon_threadsafe(self._wake)
 
     def listen(self) -> "Listener":
-        """A new listener, in the event loop."""
+        """Add a listener; called in the event loop."""
         self._loop = asyncio.get_running_loop()
         listener = Listener(self)
         self._listeners.add(listener)
         return listener
 
     def leave(self, listener: "Listener") -> None:
-        """It listens no longer."""
+        """Remove a listener."""
         self._listeners.discard(listener)
 
     def newer(self, seen: int) -> tuple[int, list[str]]:
@@ -54,23 +54,24 @@ class Hub:
 
     def _wake(self) -> None:
         with self._lock:
-            self._woken = False
+            self._wake_pending = False
         for listener in self._listeners:
-            listener.news.set()
+            listener.published.set()
 
 
 class Listener:
-    """One who listens."""
+    """A consumer that takes messages at its own pace."""
 
     def __init__(self, hub: Hub) -> None:
-        self.news = asyncio.Event()
         self._hub, self._seen = hub, 0
+        self.published = asyncio.Event()
+        """Set where there may be something new."""
 
     async def next(self) -> list[str]:
-        """Wait for what is new since the last call; the first call gets what is there, if only nothing."""
+        """Wait for messages newer than the last call's; the first call gets what is there."""
         while True:
-            self.news.clear()
+            self.published.clear()
             self._seen, messages = self._hub.newer(self._seen)
             if messages:
                 return messages
-            await self.news.wait()
+            await self.published.wait()

@@ -1,13 +1,12 @@
-"""What goes over the wire, with types: the page's REST interface as /api/openapi.json documents it."""
+"""Bodies of requests and answers: the page's REST interface as /api/openapi.json documents it."""
 
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from truestand.web.users import Role
+from truestand.web.authentication import Role
 
 JobKind = Literal["calibrate", "inspect", "verify"]
-Verdict = Literal["conforms", "does_not_conform", "undecided"]
 Text = Annotated[str, Field(max_length=120)]
 Toml = Annotated[str, Field(max_length=200_000)]
 
@@ -19,14 +18,14 @@ class Body(BaseModel):
 
 
 class LoginBody(Body):
-    """Who logs in."""
+    """A login."""
 
     user: Text
     password: Annotated[str, Field(max_length=1024)]
 
 
 class JobBody(Body):
-    """What is to be done."""
+    """A job to start."""
 
     kind: JobKind
     part: Text | None = None
@@ -47,7 +46,7 @@ class ProblemBody(BaseModel):
     problem: str
 
 
-class SessionTold(BaseModel):
+class SessionInfo(BaseModel):
     """Who asks, and what a page needs to know at first."""
 
     user: str | None
@@ -93,7 +92,7 @@ class Job(BaseModel):
     status: str | None
 
 
-class Has(BaseModel):
+class AvailableFiles(BaseModel):
     """What can be fetched of a result."""
 
     report: bool
@@ -115,7 +114,7 @@ class Entry(BaseModel):
     verdict: str | None
     status: str | None
     corrected_by: int | None
-    has: Has
+    has: AvailableFiles
 
 
 class CalibrationState(BaseModel):

@@ -1,7 +1,7 @@
-"""Runs one job at a time in a process of its own, and knows how far it is.
+"""Runs one job at a time in a worker process, and knows how far it is.
 
-A thread takes the worker's lines as they come and keeps the newest only, so that a page full of slow clients never
-makes the worker wait.
+A thread reads the worker's lines as they come and keeps the newest only, so that slow clients never make the worker
+wait.
 """
 
 import json
@@ -13,26 +13,25 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import IO, Any, Literal
+from dataclasses import dataclass
+from typing import IO, Any
 
 from truestand.core.errors import TruestandError
 from truestand.web.hub import Hub
+from truestand.web.models import Job, JobKind, Step
 
 WORKER = (sys.executable, "-m", "truestand.station.worker")
-LONGEST_LINE = 1 << 20
-"""Bytes of an event."""
-ROOM = 1 << 20
-"""Bytes of events that a worker can tell ahead of its reader: 20 s of live profiles."""
-PATIENCE = 10.0
-"""s after an abort that a second one ends the worker by force; the stand's guard then stops the stand."""
-LAST = 30.0
-"""s that a worker has to stop when the page ends."""
-SAID = 20
-"""Lines of a worker's standard error that are kept."""
-State = Literal["running", "done", "failed", "aborted"]
+MAX_LINE_BYTES = 1 << 20
+PIPE_BYTES = 1 << 20
+"""Events that a worker can write ahead of its reader: 20 s of live profiles."""
+KILL_DELAY_S = 10.0
+"""From a first abort on, until a second one ends the worker by force; the stand's guard then stops the stand."""
+SHUTDOWN_TIMEOUT_S = 30.0
+"""For a worker to stop when the page ends."""
+STDERR_LINES = 20
+"""Of a worker, the last ones, that are printed."""
 Steps = Sequence[tuple[str, str]]
 
 
@@ -41,85 +40,77 @@ class Busy(TruestandError):
 
 
 @dataclass(slots=True)
-class Running:
-    """A job as far as it is known."""
+class RunningJob:
+    """A job and its worker, running or over."""
 
-    kind: str
-    part: str | None
-    title: str
-    steps: dict[str, str]
-    """Labels by name."""
-    states: dict[str, str]
-    id: str = field(default_factory=lambda: secrets.token_hex(6))
-    state: State = "running"
-    step: str | None = None
-    share: float = 0.0
-    """Of the step that runs, 0..1."""
-    message: str = ""
-    number: int | None = None
-    verdict: str | None = None
-    status: str | None = None
-    folder: str | None = None
-    """Where it works; kept unless its result is in the store."""
-    aborted: float | None = None
-    """When an abort was asked for first."""
+    process: subprocess.Popen[bytes]
+    job: Job
+    """As clients see it."""
+    folder: str | None
+    """Where the worker writes; removed once the job's result is in the store."""
+    step_done: float = 0.0
+    """0..1, of the step that runs."""
+    aborted_at: float | None = None
+    """When the first abort was requested."""
 
-    def told(self) -> dict[str, Any]:
-        """As clients see it."""
-        return {
-            "id": self.id, "kind": self.kind, "part": self.part, "title": self.title, "state": self.state,
-            "step": self.step, "done": self._done(), "message": self.message, "number": self.number,
-            "verdict": self.verdict, "status": self.status,
-            "steps": [{"name": n, "label": label, "state": self.states[n]} for n, label in self.steps.items()],
-        }  # fmt: skip
-
-    def take(self, event: Mapping[str, Any]) -> None:
-        """What the worker says."""
-        kind = event.get("event")
+    def update(self, event: Mapping[str, Any]) -> None:
+        """Update from an event of the worker."""
+        job, kind = self.job, event.get("event")
         if kind == "step":
-            name, state = str(event["name"]), str(event["state"])
-            self.steps.setdefault(name, name.replace("_", " ").capitalize())
-            self.states[name] = state
-            if state == "running":
-                self.step, self.share = name, 0.0
+            self._update_step(str(event["name"]), event["state"])
         elif kind == "live":
-            self.share = float(event.get("done") or 0.0)
+            self.step_done = float(event.get("done") or 0.0)
         elif kind in ("done", "failed", "aborted"):
-            self.state = kind
-            self.message = str(event.get("message") or "")
-            self.number, self.verdict, self.status = event.get("number"), event.get("verdict"), event.get("status")
+            job.state, job.message = kind, str(event.get("message") or "")
+            job.number, job.verdict, job.status = event.get("number"), event.get("verdict"), event.get("status")
+        job.done = self._done()
 
-    def over(self, code: int, said: str) -> None:
-        """The worker has ended; one that said nothing has failed."""
-        if self.state == "running":
-            why = f": {said}" if said else ""
-            self.state = "aborted" if self.aborted is not None else "failed"
-            self.message = f"the worker ended with code {code}{why}; see that table and laser are off, then reset"
-        for name, state in self.states.items():
-            if state == "running":
-                self.states[name] = "done" if self.state == "done" else "failed"
+    def interrupt(self) -> None:
+        """Ask the worker to stop, as Ctrl-C does."""
+        self.aborted_at = time.monotonic()
+        if sys.platform == "win32":
+            self.process.send_signal(signal.CTRL_BREAK_EVENT)
+        else:
+            self.process.send_signal(signal.SIGINT)
+
+    def end(self, code: int, error: str) -> None:
+        """The worker has ended; without an event that says how, the job has failed."""
+        job = self.job
+        if job.state == "running":
+            why = f": {error}" if error else ""
+            job.state = "aborted" if self.aborted_at is not None else "failed"
+            job.message = f"the worker ended with code {code}{why}; see that table and laser are off, then reset"
+        for step in job.steps:
+            if step.state == "running":
+                step.state = "done" if job.state == "done" else "failed"
+        job.done = self._done()
+
+    def _update_step(self, name: str, state: Any) -> None:
+        step = next((step for step in self.job.steps if step.name == name), None)
+        if step is None:
+            step = Step(name=name, label=name.replace("_", " ").capitalize(), state="waiting")
+            self.job.steps.append(step)
+        step.state = state
+        if state == "running":
+            self.job.step, self.step_done = name, 0.0
 
     def _done(self) -> float:
-        if self.state == "done":
+        steps = self.job.steps
+        if self.job.state == "done":
             return 1.0
-        ended = sum(state == "done" for state in self.states.values())
-        share = self.share if self.states.get(self.step or "") == "running" else 0.0
-        return round((ended + min(max(share, 0.0), 1.0)) / max(len(self.steps), 1), 4)
+        ended = sum(step.state == "done" for step in steps)
+        runs = any(step.name == self.job.step and step.state == "running" for step in steps)
+        step_done = min(max(self.step_done, 0.0), 1.0) if runs else 0.0
+        return round((ended + step_done) / max(len(steps), 1), 4)
 
 
-class Runner:
-    """The one worker of the stand."""
+class JobRunner:
+    """Starts the stand's one worker and follows it."""
 
-    def __init__(
-        self,
-        hub: Hub,
-        command: Sequence[str] = WORKER,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._hub, self._command, self._clock = hub, tuple(command), clock
+    def __init__(self, hub: Hub, command: Sequence[str] = WORKER) -> None:
+        self._hub, self._command = hub, tuple(command)
         self._lock, self._starting = threading.Lock(), threading.Lock()
-        self._job: Running | None = None
-        self._process: subprocess.Popen[bytes] | None = None
+        self._running: RunningJob | None = None
         self._reader: threading.Thread | None = None
         self._closed = False
 
@@ -127,139 +118,135 @@ class Runner:
     def busy(self) -> bool:
         """Whether a job runs."""
         with self._lock:
-            return self._job is not None and self._job.state == "running"
+            return self._running is not None and self._running.job.state == "running"
 
     def current(self) -> dict[str, Any] | None:
         """The job that runs, or the last one; None before the first."""
         with self._lock:
-            return None if self._job is None else self._job.told()
+            return None if self._running is None else self._running.job.model_dump()
 
-    def start(self, order: Mapping[str, Any], title: str, part: str | None, steps: Steps) -> dict[str, Any]:
-        """Start a job; ``order`` is what the worker reads. It may take a while: not for the event loop.
+    def start(self, request: Mapping[str, Any], title: str, part: str | None, steps: Steps) -> dict[str, Any]:
+        """Start a job; ``request`` is what the worker reads. It may take a while: not for the event loop.
 
         Raises:
             Busy: one runs already, or the page is being ended.
         """
-        with self._starting:  # who only asks how far a job is doesn't wait for a process to start
+        with self._starting:  # current() doesn't wait for a process to start
             if self._closed:
                 raise Busy("the page is being ended; start it again first")
             if self._reader is not None and self._reader.is_alive():
                 raise Busy("a job runs already; wait for its end, or abort it")
-            waiting = {name: "waiting" for name, _ in steps}
-            job = Running(order["kind"], part, title, dict(steps), waiting, folder=order.get("folder"))
             process = subprocess.Popen(
                 self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                 start_new_session=True, creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )  # fmt: skip
+            running = RunningJob(process, _new_job(request["kind"], title, part, steps), request.get("folder"))
             with self._lock:
-                self._job, self._process = job, process
+                self._running = running
             self._hub.publish("live", None)
-            _make_room(process)
-            _send_order(process, order)
-            self._reader = threading.Thread(target=self._read, args=(process, job), name="worker", daemon=True)
+            _enlarge_pipe(process)
+            _send_request(process, request)
+            self._reader = threading.Thread(target=self._read, args=(running,), name="worker", daemon=True)
             self._reader.start()
-        return self._publish(job)
+        return self._publish(running)
 
     def abort(self, identity: str) -> dict[str, Any] | None:
-        """Ask the job of that id to stop; the second time, some seconds later, end it. None: there is no such job."""
+        """Ask the job of that id to stop; a second time, some seconds later, kill it. None: there is no such job."""
         with self._lock:
-            job, process = self._job, self._process
-            if job is None or job.id != identity:
+            running = self._running
+            if running is None or running.job.id != identity:
                 return None
-            if job.state == "running" and process is not None:
-                if job.aborted is None:
-                    job.aborted = self._clock()
-                    _interrupt(process)
-                    job.message = "stopping"
-                elif self._clock() - job.aborted > PATIENCE:
-                    process.kill()
-        return self._publish(job)
+            if running.job.state == "running":
+                if running.aborted_at is None:
+                    running.interrupt()
+                    running.job.message = "stopping"
+                elif time.monotonic() - running.aborted_at > KILL_DELAY_S:
+                    running.process.kill()
+        return self._publish(running)
 
     def close(self) -> None:
-        """Abort what runs, and wait until the stand has stopped."""
+        """Abort the job that runs, and wait until the stand has stopped."""
         with self._starting, self._lock:
             self._closed = True
-            job, process, reader = self._job, self._process, self._reader
-            if process is not None and process.poll() is None:
-                if job is not None:
-                    job.aborted = self._clock()
-                _interrupt(process)
-        if process is None or reader is None:
+            running, reader = self._running, self._reader
+            if running is not None and running.process.poll() is None:
+                running.interrupt()
+        if running is None or reader is None:
             return
-        reader.join(LAST)
-        if process.poll() is None:
-            process.kill()
-            reader.join(LAST)
+        reader.join(SHUTDOWN_TIMEOUT_S)
+        if running.process.poll() is None:
+            running.process.kill()
+            reader.join(SHUTDOWN_TIMEOUT_S)
 
-    def _read(self, process: subprocess.Popen[bytes], job: Running) -> None:
-        """A thread's job: each line of a worker, until it ends."""
-        said: deque[str] = deque(maxlen=SAID)
-        listening = threading.Thread(target=_keep_said, args=(process.stderr, said), name="worker says", daemon=True)
+    def _read(self, running: RunningJob) -> None:
+        """In a thread: read each line of a worker until it ends."""
+        stderr: deque[str] = deque(maxlen=STDERR_LINES)
+        listening = threading.Thread(
+            target=_keep_lines, args=(running.process.stderr, stderr), name="stderr", daemon=True
+        )
         listening.start()
-        assert process.stdout is not None
-        with process.stdout as told:
-            while line := told.readline(LONGEST_LINE):
-                self._take(job, line)
-        code = process.wait()
+        assert running.process.stdout is not None
+        with running.process.stdout as events:
+            while line := events.readline(MAX_LINE_BYTES):
+                self._take(running, line)
+        code = running.process.wait()
         listening.join(1.0)
         with self._lock:
-            job.over(code, said[-1] if said else "")
-        for line_said in said:
-            print(f"worker: {line_said}", file=sys.stderr)
+            running.end(code, stderr[-1] if stderr else "")
+        for error in stderr:
+            print(f"worker: {error}", file=sys.stderr)
         self._hub.publish("live", None)
-        if job.number is not None and job.folder is not None:
-            shutil.rmtree(job.folder, ignore_errors=True)  # the store has copies of all that counts
-        self._publish(job)
+        if running.job.number is not None and running.folder is not None:
+            shutil.rmtree(running.folder, ignore_errors=True)  # the store has copies of all that counts
+        self._publish(running)
 
-    def _take(self, job: Running, line: bytes) -> None:
+    def _take(self, running: RunningJob, line: bytes) -> None:
         try:
             event = json.loads(line)
             with self._lock:
-                job.take(event)
+                running.update(event)
         except (ValueError, KeyError, TypeError, AttributeError):
             return
         if event.get("event") == "live":
             live = {key: value for key, value in event.items() if key != "event"}
             self._hub.publish("live", json.dumps({"type": "live", "live": live}))
         elif event.get("event") == "step":
-            self._publish(job)
+            self._publish(running)
 
-    def _publish(self, job: Running) -> dict[str, Any]:
+    def _publish(self, running: RunningJob) -> dict[str, Any]:
         with self._lock:  # held while it is published, so that no older state takes a newer one's place
-            told = job.told()
-            self._hub.publish("job", json.dumps({"type": "job", "job": told}))
-        return told
+            payload = running.job.model_dump()
+            self._hub.publish("job", json.dumps({"type": "job", "job": payload}))
+        return payload
 
 
-def _make_room(process: subprocess.Popen[bytes]) -> None:
-    """Let a worker tell for many seconds before it would have to wait, however busy this process is; Linux only."""
+def _new_job(kind: JobKind, title: str, part: str | None, steps: Steps) -> Job:
+    return Job(
+        id=secrets.token_hex(6), kind=kind, part=part, title=title, state="running", step=None,
+        steps=[Step(name=name, label=label, state="waiting") for name, label in steps],
+        done=0.0, message="", number=None, verdict=None, status=None,
+    )  # fmt: skip
+
+
+def _enlarge_pipe(process: subprocess.Popen[bytes]) -> None:
+    """Let a worker write for many seconds before it would have to wait, however busy this process is; Linux only."""
     if sys.platform == "linux" and process.stdout is not None:
         import fcntl
 
         with suppress(OSError):  # the system allows less
-            fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, ROOM)
+            fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
 
 
-def _send_order(process: subprocess.Popen[bytes], order: Mapping[str, Any]) -> None:
-    """One line; a worker that is gone already tells so by its end."""
+def _send_request(process: subprocess.Popen[bytes], request: Mapping[str, Any]) -> None:
+    """One line; where the worker is gone already, its end is noticed by the reader."""
     assert process.stdin is not None
-    try:
-        process.stdin.write(json.dumps(order).encode() + b"\n")
+    with suppress(OSError):
+        process.stdin.write(json.dumps(request).encode() + b"\n")
         process.stdin.close()
-    except OSError:
-        return
 
 
-def _interrupt(process: subprocess.Popen[bytes]) -> None:
-    """As Ctrl-C does."""
-    if sys.platform == "win32":
-        process.send_signal(signal.CTRL_BREAK_EVENT)
-    else:
-        process.send_signal(signal.SIGINT)
-
-
-def _keep_said(stderr: IO[bytes] | None, said: deque[str]) -> None:
+def _keep_lines(stderr: IO[bytes] | None, lines: deque[str]) -> None:
     assert stderr is not None
     with stderr:
-        while line := stderr.readline(LONGEST_LINE):
-            said.append(line.decode("utf-8", "replace").rstrip()[:500])
+        while line := stderr.readline(MAX_LINE_BYTES):
+            lines.append(line.decode("utf-8", "replace").rstrip()[:500])

@@ -1,23 +1,22 @@
-"""The outermost layer: whom the page answers at all, how much a client may send, and what every answer says.
+"""The outermost layer: which hosts and origins are answered at all, and the headers of every answer.
 
 A foreign Host (DNS rebinding) or Origin (another site in the same browser) is refused before anything else is looked
 at, WebSockets too.
 """
 
 import ipaddress
-import json
 import socket
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
+from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from truestand.web.doors import READING
 from truestand.web.problem import Problem
+from truestand.web.routing import READ_METHODS
 
 CSP = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -43,35 +42,35 @@ PORTS = {"http": 80, "ws": 80, "https": 443, "wss": 443}
 
 
 @dataclass(frozen=True, slots=True)
-class Names:
-    """Under which names the page may be reached."""
+class AllowedHosts:
+    """The names that a Host header may give."""
 
-    own: frozenset[str]
+    local: frozenset[str]
     """At the server's port."""
-    given: frozenset[str] = frozenset()
+    proxied: frozenset[str] = frozenset()
     """At any port: a proxy stands before it."""
 
-    def known(self, host: str, scope: Scope) -> bool:
+    def allows(self, host: str, scope: Scope) -> bool:
         """Whether a Host header names this server: a known name or the address that was reached, and its port."""
         server: tuple[str, int | None] = scope.get("server") or ("", None)
         name, port = _split(host.lower())
-        if name in self.given:
+        if name in self.proxied:
             return True
         expected = PORTS[scope["scheme"]] if port is None else port
-        return expected == server[1] and (name in self.own or _address(name) == _address(server[0]) != "")
+        return expected == server[1] and (name in self.local or _address(name) == _address(server[0]) != "")
 
 
-def names_of(host: str, given: Iterable[str] = ()) -> Names:
-    """The machine's names and the host that is bound to, and those ``given``."""
-    own = (*LOCAL, socket.gethostname(), host if ":" not in host else f"[{host}]")
-    return Names(frozenset(n.lower() for n in own if n), frozenset(n.lower() for n in given))
+def allowed_hosts(host: str, proxied: Iterable[str] = ()) -> AllowedHosts:
+    """The machine's names and the host that is bound to, and those ``proxied``."""
+    local = (*LOCAL, socket.gethostname(), host if ":" not in host else f"[{host}]")
+    return AllowedHosts(frozenset(n.lower() for n in local if n), frozenset(n.lower() for n in proxied))
 
 
-class Shield:
+class SecurityMiddleware:
     """Around the whole application."""
 
-    def __init__(self, app: ASGIApp, names: Names) -> None:
-        self._app, self._names = app, names
+    def __init__(self, app: ASGIApp, hosts: AllowedHosts) -> None:
+        self._app, self._hosts = app, hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """ASGI."""
@@ -81,10 +80,10 @@ class Shield:
         try:
             self._check(scope)
         except Problem as refused:
-            await _refuse(refused, scope, send)
+            await _refuse(refused, scope, receive, send)
             return
         with suppress(ClientDisconnect):
-            await self._app(scope, receive, send if scope["type"] == "websocket" else _dressed(scope, send))
+            await self._app(scope, receive, send if scope["type"] == "websocket" else _with_headers(scope, send))
 
     def _check(self, scope: Scope) -> None:
         """Refuse what isn't from this page.
@@ -94,45 +93,41 @@ class Shield:
         """
         headers = Headers(scope=scope)
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
-        if len(hosts) != 1 or not self._names.known(hosts[0], scope):
+        if len(hosts) != 1 or not self._hosts.allows(hosts[0], scope):
             raise Problem(403, "found a foreign Host, need this stand's address; see truestand serve --name")
         for origin in origins:
             scheme, _, at = origin.lower().partition("://")
             secure = scope["scheme"] in ("https", "wss")
             if at != hosts[0].lower() or scheme not in (("https",) if secure else ("http", "https")):
                 raise Problem(403, "found a request from another site, need one from this page; open the page itself")
-        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and _is_api(scope):
+        if headers.get("sec-fetch-site", "none") not in ("none", "same-origin") and scope["path"].startswith("/api/"):
             raise Problem(403, "found a request from another site, need one from this page; open the page itself")
         has_body = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
-        if scope["type"] == "http" and scope["method"] in READING and has_body:
+        if scope["type"] == "http" and scope["method"] in READ_METHODS and has_body:
             raise Problem(400, f"found a body with {scope['method']}, need none; leave it out")
 
 
-def _dressed(scope: Scope, send: Send) -> Send:
-    """Answers with the headers of all; a refused write ends its connection, so that nobody reads on."""
+def _with_headers(scope: Scope, send: Send) -> Send:
+    """Answers with ``HEADERS``; a refused write ends its connection, so that its body is not read on."""
 
-    async def dressed(message: Message) -> None:
+    async def with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             for name, value in HEADERS.items():
                 headers.setdefault(name, value)
-            if message["status"] >= 400 and scope["method"] not in READING:
+            if message["status"] >= 400 and scope["method"] not in READ_METHODS:
                 headers["connection"] = "close"
         await send(message)
 
-    return dressed
+    return with_headers
 
 
-async def _refuse(refused: Problem, scope: Scope, send: Send) -> None:
+async def _refuse(refused: Problem, scope: Scope, receive: Receive, send: Send) -> None:
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008, "reason": ""})  # not yet accepted: 403
         return
-    body = json.dumps({"problem": refused.message}).encode()
-    headers: Mapping[str, Any] = {**HEADERS, "content-type": "application/json", "connection": "close",
-                                  "content-length": str(len(body))}  # fmt: skip
-    raw = [(name.encode(), value.encode()) for name, value in headers.items()]
-    await send({"type": "http.response.start", "status": refused.status, "headers": raw})
-    await send({"type": "http.response.body", "body": b"" if scope["method"] == "HEAD" else body})
+    headers = {**HEADERS, "connection": "close"}
+    await JSONResponse({"problem": refused.detail}, refused.status_code, headers)(scope, receive, send)
 
 
 def _split(host: str) -> tuple[str, int | None]:
@@ -149,7 +144,3 @@ def _address(name: str) -> str:
         return ipaddress.ip_address(name.strip("[]")).compressed
     except ValueError:
         return ""
-
-
-def _is_api(scope: Scope) -> bool:
-    return str(scope["path"]).startswith("/api/")

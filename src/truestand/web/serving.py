@@ -15,25 +15,18 @@ import uvicorn
 
 from truestand.core.errors import BadRecipe
 from truestand.web.app import create_app
-from truestand.web.connections import HEAD, Keeper, protocols
-from truestand.web.hub import Hub
-from truestand.web.kept import Kept
-from truestand.web.page import Page, Settings
-from truestand.web.runner import Runner
-from truestand.web.security import names_of
-from truestand.web.tasks import ask
-from truestand.web.users import Gatekeeper, users_path
+from truestand.web.app_state import AppState
+from truestand.web.connections import HEAD_TIMEOUT_S, ConnectionMonitor, protocols
+from truestand.web.runner import JobRunner
+from truestand.web.security import allowed_hosts
 
-ENDING = 3
-"""s that open connections have when the server ends."""
-HEADERS = 16_384
-"""Bytes of a request's head."""
-MESSAGE = 4_096
-"""Bytes of a listener's message; none is expected."""
-
-
-Beside = AbstractAsyncContextManager[Sequence[str]]
-"""What is served in the same loop, and where."""
+SHUTDOWN_TIMEOUT_S = 3
+"""For open connections."""
+MAX_HEAD_BYTES = 16_384
+MAX_MESSAGE_BYTES = 4_096
+"""Of a WebSocket's message; none is expected."""
+Interfaces = AbstractAsyncContextManager[Sequence[str]]
+"""Other servers and clients in the same event loop; yields their addresses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,58 +36,51 @@ class Binding:
     host: str = "127.0.0.1"
     port: int = 8620
     names: tuple[str, ...] = ()
-    """Under which it may be reached besides its own."""
+    """Host names under which it may be reached besides its own."""
     proxies: tuple[str, ...] = ()
-    """IP addresses or networks that are believed who asks, and whether over https (X-Forwarded-For and -Proto)."""
+    """IP addresses or networks whose X-Forwarded-For and X-Forwarded-Proto headers are trusted."""
     certificate: Path | None = None
     key: Path | None = None
 
 
-def make_page(settings: Settings) -> Page:
-    """The page of a stand with its worker and store."""
-    hub = Hub()
-    gatekeeper = Gatekeeper(users_path(settings.store))
-    return Page(settings, Kept(settings.store), Runner(hub), hub, gatekeeper, ask)
-
-
 def serve(
-    page: Page,
+    state: AppState,
     binding: Binding,
-    tell: Callable[[str], None],
+    announce: Callable[[str], None],
     open_browser: bool = False,
-    beside: Beside | None = None,
+    interfaces: Interfaces | None = None,
 ) -> None:
-    """Serve until SIGINT or SIGTERM; ``tell`` gets the addresses as soon as they answer, the page's first.
+    """Serve until SIGINT or SIGTERM; ``announce`` gets the addresses as soon as they answer, the page's first.
 
     Raises:
-        BadRecipe: a page that others can reach, and no users; or an address that is none or can't be had.
-        MissingExtra: what is served beside the page needs a package that isn't installed.
+        BadRecipe: a page that others can reach, and no users; or an address that is none or is taken.
+        MissingExtra: one of the interfaces needs a package that isn't installed.
     """
-    opened = f"--host {binding.host}" if not is_loopback(binding.host) else "--proxy" if binding.proxies else ""
-    if opened and not page.gatekeeper.users:
+    reachable = f"--host {binding.host}" if not is_loopback(binding.host) else "--proxy" if binding.proxies else ""
+    if reachable and not state.authenticator.users:
         raise BadRecipe(
-            f"found {opened} and no users, need one for a page that others can reach; "
+            f"found {reachable} and no users, need one for a page that others can reach; "
             "run truestand serve --add-user NAME --role engineer"
         )
-    _demand_addresses(binding.proxies)
+    _require_addresses(binding.proxies)
     listening = bind(binding)
     host, port = listening.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
     address = f"{'http' if binding.certificate is None else 'https'}://{shown}:{port}/"
 
     def ready() -> None:
-        for one in (address, *server.addresses):
-            tell(one)
+        for served in (address, *server.addresses):
+            announce(served)
         if open_browser:
             webbrowser.open(address)
 
-    with listening:  # where what is served beside it doesn't come up
-        server = Server(config(page, binding), page.runner, ready, beside)
+    with listening:  # closed also where an interface can't start
+        server = Server(config(state, binding), state.runner, ready, interfaces)
         asyncio.run(server.serve([listening]))
 
 
-def _demand_addresses(proxies: Sequence[str]) -> None:
-    """Refuse what uvicorn would silently take for a name, or for anybody.
+def _require_addresses(proxies: Sequence[str]) -> None:
+    """Refuse what uvicorn would silently take for a host name, or as trust in every proxy.
 
     Raises:
         BadRecipe: no IP address or network.
@@ -124,50 +110,50 @@ def bind(binding: Binding) -> socket.socket:
 def is_loopback(host: str) -> bool:
     """Whether only this machine can reach it."""
     try:
-        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except OSError:
         return False
-    return all(ipaddress.ip_address(str(address).partition("%")[0]).is_loopback for address in found)
+    return all(ipaddress.ip_address(str(address).partition("%")[0]).is_loopback for address in addresses)
 
 
 class Server(uvicorn.Server):
-    """uvicorn's, which looks after its connections and stops the stand before it ends."""
+    """uvicorn's server, which watches its connections and stops the stand before it ends."""
 
     def __init__(
-        self, config: uvicorn.Config, runner: Runner, ready: Callable[[], None], beside: Beside | None = None
+        self, config: uvicorn.Config, runner: JobRunner, ready: Callable[[], None], interfaces: Interfaces | None = None
     ) -> None:
         super().__init__(config)
         self.addresses: Sequence[str] = ()
-        """Of what is served beside the page."""
-        self._beside: Beside = beside or nullcontext(())
-        self.keeper = Keeper()
-        config.http, config.ws = protocols(self.keeper)
+        """Of the interfaces."""
+        self._interfaces: Interfaces = interfaces or nullcontext(())
+        self.monitor = ConnectionMonitor()
+        config.http, config.ws = protocols(self.monitor)
         self._runner, self._ready = runner, ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Say so when it answers."""
-        self.addresses = await self._beside.__aenter__()
+        """Open the interfaces and the sockets, then call ``ready``."""
+        self.addresses = await self._interfaces.__aenter__()
         await super().startup(sockets)
-        self._watching = asyncio.create_task(self.keeper.watch())
+        self._watching = asyncio.create_task(self.monitor.watch())
         self._ready()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """The stand first; whoever listens sees it stop."""
+        """Stop the stand first, so that listeners see it stop."""
         await asyncio.to_thread(self._runner.close)
         self._watching.cancel()
-        await self._beside.__aexit__(None, None, None)
+        await self._interfaces.__aexit__(None, None, None)
         await super().shutdown(sockets)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Being asked to end is how a server ends well: uvicorn's own would raise the signal again at the end."""
+        """End without raising the signal again, as uvicorn's own handler would: being asked to end is no failure."""
         self.force_exit |= self.should_exit and sig == signal.SIGINT
         self.should_exit = True
 
 
-def config(page: Page, binding: Binding) -> uvicorn.Config:
+def config(state: AppState, binding: Binding) -> uvicorn.Config:
     """How uvicorn serves the page: no log of requests, small limits, no compression that would cost memory."""
     return uvicorn.Config(
-        create_app(page, names_of(binding.host, binding.names)),
+        create_app(state, allowed_hosts(binding.host, binding.names)),
         log_config=None,
         log_level="error",
         access_log=False,
@@ -176,10 +162,10 @@ def config(page: Page, binding: Binding) -> uvicorn.Config:
         forwarded_allow_ips=list(binding.proxies),
         loop="asyncio",
         lifespan="on",
-        timeout_keep_alive=int(HEAD),
-        timeout_graceful_shutdown=ENDING,
-        h11_max_incomplete_event_size=HEADERS,
-        ws_max_size=MESSAGE,
+        timeout_keep_alive=int(HEAD_TIMEOUT_S),
+        timeout_graceful_shutdown=SHUTDOWN_TIMEOUT_S,
+        h11_max_incomplete_event_size=MAX_HEAD_BYTES,
+        ws_max_size=MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
         ssl_certfile=binding.certificate,
         ssl_keyfile=binding.key,

@@ -1,7 +1,7 @@
 """Short jobs in a process of their own: ``python -m truestand.web.tasks NAME ...``, one JSON answer on standard output.
 
-What they load and what they break is theirs: a CAD model of a gigabyte, a device library, a cloud of seven million
-points never weigh on the process that serves.
+Neither the memory that they take nor a crash of theirs reaches the process that serves: they load CAD models of a
+gigabyte, device libraries, clouds of seven million points.
 """
 
 import json
@@ -18,32 +18,32 @@ from truestand.core.errors import TruestandError
 from truestand.web.problem import Problem
 
 
-async def ask(*arguments: str, text: str = "", within: float = 30.0) -> Any:
-    """What a task answers.
+async def run_task(*arguments: str, text: str = "", timeout_s: float = 30.0) -> Any:
+    """The answer of a task; ``text``: its standard input.
 
     Raises:
         Problem: 409 it can't be done, and why; 504 it took too long.
     """
-    begun: list[subprocess.Popen[bytes]] = []
-    work = partial(_done, begun, arguments, text.encode("utf-8", "surrogatepass"), within)
+    started: list[subprocess.Popen[bytes]] = []
+    work = partial(_run, started, arguments, text.encode("utf-8", "surrogatepass"), timeout_s)
     try:
         # A limiter of its own: an audit may take an hour, and none of the threads that answer.
         code, answer = await to_thread.run_sync(work, abandon_on_cancel=True, limiter=CapacityLimiter(1))
     except subprocess.TimeoutExpired:
-        raise Problem(504, f"found no answer within {within:g} s; try again later") from None
+        raise Problem(504, f"found no answer within {timeout_s:g} s; try again later") from None
     finally:
-        for process in begun:
+        for process in started:
             process.kill()  # where nobody waits for it any more
     if code != 0:
         raise Problem(500, f"found a task ending with code {code}; see what the server printed")
-    told = json.loads(answer)
-    if "problem" in told:
-        raise Problem(409, str(told["problem"]))
-    return told["answer"]
+    payload = json.loads(answer)
+    if "problem" in payload:
+        raise Problem(409, str(payload["problem"]))
+    return payload["answer"]
 
 
-def _done(
-    begun: list[subprocess.Popen[bytes]], arguments: Sequence[str], text: bytes, within: float
+def _run(
+    started: list[subprocess.Popen[bytes]], arguments: Sequence[str], text: bytes, timeout_s: float
 ) -> tuple[int, bytes]:
     """A thread's job: start a task and wait for it; its exit code and output.
 
@@ -52,9 +52,9 @@ def _done(
     """
     command = (sys.executable, "-m", "truestand.web.tasks", *arguments)
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        begun.append(process)
+        started.append(process)
         try:
-            answer, _ = process.communicate(text, within)
+            answer, _ = process.communicate(text, timeout_s)
         finally:
             process.kill()
     return process.returncode, answer
@@ -62,9 +62,9 @@ def _done(
 
 def check(folder: str, name: str) -> str | None:
     """What is wrong with the recipe on standard input, were it saved as ``name``; null: nothing."""
-    from truestand.web.checking import problem_of
+    from truestand.web.recipes import RecipeFolder
 
-    return problem_of(Path(folder), name, sys.stdin.buffer.read().decode("utf-8", "surrogatepass"))
+    return RecipeFolder(Path(folder)).problem_of(name, sys.stdin.buffer.read().decode("utf-8", "surrogatepass"))
 
 
 def devices(stand: str) -> list[dict[str, Any]]:
@@ -81,9 +81,9 @@ def devices(stand: str) -> list[dict[str, Any]]:
 
 def reset(stand: str) -> str:
     """Clear a latched fault; its reason."""
-    from truestand.station.diagnostics import reset_fault as clear
+    from truestand.station.diagnostics import reset_fault
 
-    return clear(Path(stand))
+    return reset_fault(Path(stand))
 
 
 def audit(store: str) -> list[dict[str, str]]:
@@ -105,15 +105,14 @@ def certificate(record: str, laboratory: str) -> str:
     from truestand.report.certificate import certificate_xml, refusals
     from truestand.report.certificate_administration import CertificateInput
 
-    source, stated = Path(record).read_bytes(), Path(laboratory)
-    told = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
-    against = refusals(told)
-    if against:
-        raise BadRecipe(f"there can be no certificate: {'; '.join(against)}")
-    issued_by = read_laboratory(stated) if stated.exists() else None
-    return certificate_xml(
-        CertificateInput(told, read_calibration(record), source, "calibration.json", issued_by)
-    ).decode("utf-8")
+    source, laboratory_file = Path(record).read_bytes(), Path(laboratory)
+    calibration = parse_json(source.decode("utf-8-sig"), "calibration.json", "calibrate again")
+    reasons = refusals(calibration)
+    if reasons:
+        raise BadRecipe(f"there can be no certificate: {'; '.join(reasons)}")
+    issuer = read_laboratory(laboratory_file) if laboratory_file.exists() else None
+    given = CertificateInput(calibration, read_calibration(record), source, "calibration.json", issuer)
+    return certificate_xml(given).decode("utf-8")
 
 
 def cloud(source: str, target: str, points: str) -> int:
@@ -129,13 +128,13 @@ TASKS: dict[str, Callable[..., Any]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """Do one."""
+    """Do a task, and write its answer to standard output."""
     name, *rest = arguments
     try:
-        told = {"answer": TASKS[name](*rest)}
+        payload = {"answer": TASKS[name](*rest)}
     except (TruestandError, OSError) as wrong:
-        told = {"problem": str(wrong)}
-    sys.stdout.write(json.dumps(told))
+        payload = {"problem": str(wrong)}
+    sys.stdout.write(json.dumps(payload))
     return 0
 
 

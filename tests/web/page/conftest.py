@@ -1,16 +1,14 @@
-"""A browser on the page, with the mock server behind it. Whatever the browser complains of fails the test."""
+"""A browser on a stand's page, served by the real application. Whatever the browser complains of fails the test."""
 
-import json
 import shutil
-import socket
 import subprocess
-import sys
-import time
+from contextlib import ExitStack
 from pathlib import Path
-from urllib.error import URLError
-from urllib.request import Request, urlopen
 
 import pytest
+
+import stored_results
+from stored_results import StoredStand
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = [
@@ -18,33 +16,13 @@ FLAGS = [
     "--disable-background-networking",
 ]  # fmt: skip
 SIZES = {"panel": (1280, 800), "screen": (1920, 1080), "tablet": (800, 1280)}
-PATIENCE = 20.0
+NAME = "Stand 1, hall B"
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
         if "chromium" in item.fixturenames and item.path.parent == Path(__file__).parent:
             item.add_marker(pytest.mark.browser)
-
-
-class Mock:
-    """The mock server's address, and what it shall play."""
-
-    def __init__(self, port: int) -> None:
-        self.url = f"http://127.0.0.1:{port}/"
-
-    def play(self, **wanted):
-        """Back to the start, with these differences."""
-        self.post("mock", **wanted)
-
-    def post(self, path, **body):
-        headers = {"Content-Type": "application/json", "X-CSRF-Token": "csrf-of-the-mock"}
-        with urlopen(Request(self.url + path, json.dumps(body).encode(), headers, method="POST")) as answer:
-            return json.load(answer)
-
-    def run(self, kind="inspect", part="demo-wheel"):
-        """Start a job as another client would."""
-        return self.post("api/jobs", kind=kind, part=part if kind == "inspect" else None, serial="A-0042")
 
 
 @pytest.fixture(scope="module")
@@ -60,32 +38,30 @@ def chromium():
 
 
 @pytest.fixture(scope="session")
-def server():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    script = Path(__file__).with_name("mock_server.py")
-    with subprocess.Popen([sys.executable, str(script), "--port", str(port)]) as process:
-        mock = Mock(port)
-        end = time.monotonic() + PATIENCE
-        while True:
-            try:
-                mock.play()
-                break
-            except URLError:
-                assert process.poll() is None and time.monotonic() < end, "the mock server did not start"
-                time.sleep(0.05)
-        yield mock
-        process.kill()
+def measured(tmp_path_factory):
+    """What the commands made of virtual scans."""
+    folder = tmp_path_factory.mktemp("measured")
+    stored_results.measure(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def filled(tmp_path_factory, measured):
+    """A stand's folder with results, which tests copy, and the results' numbers."""
+    folder = tmp_path_factory.mktemp("filled")
+    return folder, stored_results.fill(folder, measured)
 
 
 @pytest.fixture
-def mock(server):
-    server.play()
-    return server
+def stand(tmp_path, measured, filled):
+    """A stand with results of its own."""
+    template, numbers = filled
+    with ExitStack() as stack:
+        yield StoredStand(shutil.copytree(template, tmp_path / NAME), measured, numbers, stack)
 
 
 @pytest.fixture
-def open_tab(chromium, mock):
+def open_tab(chromium, stand):
     """Open tabs; what their consoles say is collected and must be nothing."""
     contexts, heard = [], []
 
@@ -95,7 +71,7 @@ def open_tab(chromium, mock):
         tab = contexts[-1].new_page()
         tab.on("console", lambda m: m.type in ("error", "warning") and heard.append((m.text, tuple(expect))))
         tab.on("pageerror", lambda wrong: heard.append((str(wrong), tuple(expect))))
-        tab.goto(mock.url + path)
+        tab.goto(stand.url + path.format(**vars(stand.numbers)))
         tab.locator("main .page").wait_for()
         return tab
 

@@ -3,9 +3,9 @@
 import pytest
 
 PATHS = [
-    "#/", "#/inspect", "#/inspect/demo-wheel", "#/calibrate", "#/job", "#/results", "#/results/57",
-    "#/results/60/cloud",    "#/results/57/evidence", "#/results/49",
-    "#/results/61", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
+    "#/", "#/inspect", "#/inspect/gear", "#/calibrate", "#/job", "#/results", "#/results/{nonconforming}",
+    "#/results/{conforming}/cloud", "#/results/{nonconforming}/evidence", "#/results/{calibration}",
+    "#/results/{verification}", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
 ]  # fmt: skip
 SMALLEST = 48
 TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]
@@ -25,9 +25,8 @@ def settle(tab):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious(open_tab, axe, mock, scheme):
-    mock.play(seconds=0.1)
-    mock.run()
+def test_axe_finds_nothing_serious(open_tab, axe, stand, scheme):
+    stand.run()
     found = {}
     for path in PATHS:
         tab = open_tab(path, expect=["willReadFrequently"], color_scheme=scheme, bypass_csp=True)
@@ -41,8 +40,8 @@ def test_axe_finds_nothing_serious(open_tab, axe, mock, scheme):
 
 
 @pytest.mark.parametrize("size", ["panel", "tablet"])
-def test_targets_are_large_enough_for_gloves(open_tab, mock, size):
-    mock.play(fault="a fault")
+def test_targets_are_large_enough_for_gloves(open_tab, stand, size):
+    stand.fail("a fault")
     small = {}
     for path in PATHS:
         tab = open_tab(path, size, expect=["willReadFrequently"])
@@ -71,18 +70,18 @@ def test_the_first_tab_skips_to_the_content(open_tab):
     assert tab.evaluate("document.activeElement.tagName") == "H1"
 
 
-def test_tabs_of_a_result_go_by_arrow(open_tab):
-    tab = open_tab("#/results/57")
+def test_tabs_of_a_result_go_by_arrow(open_tab, stand):
+    tab = open_tab("#/results/{nonconforming}")
     tab.get_by_role("tab", name="Values").focus()
     tab.keyboard.press("End")
     assert tab.get_by_role("tab", name="Evidence").get_attribute("aria-selected") == "true"
-    assert tab.url.endswith("/results/57/evidence")
+    assert tab.url.endswith(f"/results/{stand.numbers.nonconforming}/evidence")
     tab.get_by_role("heading", name="What it rests on").wait_for()
     tab.keyboard.press("ArrowRight")
     assert tab.get_by_role("tab", name="Values").get_attribute("aria-selected") == "true"
 
 
-def test_language_and_title_are_told(open_tab):
+def test_document_has_language_and_title(open_tab):
     tab = open_tab("#/devices")
     assert tab.evaluate("document.documentElement.lang") == "en"
     assert tab.title() == "Devices · Stand 1, hall B · truestand"

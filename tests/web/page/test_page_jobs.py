@@ -1,6 +1,10 @@
 """Guided jobs: by keyboard alone, seen live, stopped, failed, and what the end says."""
 
+import json
+
 import pytest
+
+import stored_results
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 
@@ -12,24 +16,29 @@ def focus(tab, name):
     """Go on with the Tab key until an element of that name has the focus."""
     for _ in range(TABS):
         tab.keyboard.press("Tab")
-        told = tab.evaluate("[document.activeElement.innerText, document.activeElement.id].join(' ')")
-        if name in told:
+        shown = tab.evaluate("[document.activeElement.innerText, document.activeElement.id].join(' ')")
+        if name in shown:
             return
     raise AssertionError(f"Tab never reached {name}")
 
 
-def test_inspect_by_keyboard_alone(open_tab, mock):
-    mock.play(seconds=0.6)
+def inspection(stand):
+    return stored_results.read(stand.made, "inspection")
+
+
+def test_inspect_by_keyboard_alone(open_tab, stand):
+    stand.will_measure("inspect", stored_results.conforming(inspection(stand)))
     tab = open_tab("#/")
     focus(tab, "Inspect a part")
     tab.keyboard.press("Enter")
     tab.get_by_role("heading", name="Which part?").wait_for()
-    focus(tab, "Pump shaft")
+    focus(tab, "demo wheel")
     tab.keyboard.press("Enter")
-    tab.get_by_role("heading", name="Pump shaft").wait_for()
+    tab.get_by_role("heading", name="demo wheel").wait_for()
     focus(tab, "i-serial")
     tab.keyboard.type("S-17")
     focus(tab, "i-operator")
+    tab.keyboard.type("kim")
     tab.keyboard.press("Enter")
     tab.get_by_role("heading", name="Mount the part").wait_for()
     assert "S-17" in tab.locator(".facts-list").inner_text()
@@ -39,28 +48,28 @@ def test_inspect_by_keyboard_alone(open_tab, mock):
     assert tab.evaluate("document.activeElement.tagName") == "H1"
     focus(tab, "Next part")
     tab.keyboard.press("Enter")
-    tab.get_by_role("heading", name="Pump shaft").wait_for()
+    tab.get_by_role("heading", name="demo wheel").wait_for()
     assert tab.locator("#i-serial").input_value() == ""
-    assert tab.locator("#i-operator").input_value() == "engineer"
+    assert tab.locator("#i-operator").input_value() == "kim"
 
 
-def test_what_was_said_of_the_part_is_ordered(open_tab, mock):
-    mock.play(slow=True)
-    tab = open_tab("#/inspect/demo-wheel")
-    for name, text in (("serial", "S-1"), ("order", "O-2"), ("operator", "Olga")):
+def test_fields_of_the_part_reach_the_worker(open_tab, stand):
+    tab = open_tab("#/inspect/gear")
+    for name, text in (("serial", "long"), ("order", "O-2"), ("operator", "Olga")):
         tab.locator(f"#i-{name}").fill(text)
     tab.get_by_role("button", name="Next").click()
     tab.get_by_role("button", name="Start").click()
     tab.get_by_role("button", name="Stop").wait_for()
-    job = tab.evaluate("fetch('api/jobs/current').then((r) => r.json())")
-    assert job["asked"] == {"operator": "Olga", "order": "O-2", "serial": "S-1"} and job["part"] == "demo-wheel"
+    request = json.loads((stand.job_folder / "request.json").read_text(encoding="utf-8"))
+    assert {key: request[key] for key in ("operator", "order", "serial")} == {
+        "operator": "Olga", "order": "O-2", "serial": "long"}  # fmt: skip
+    assert request["part"] == str(stand.folder / "gear.toml")
 
 
-def test_a_job_is_seen_live_and_stopped(open_tab, mock):
-    mock.play(slow=True)
-    mock.run()
+def test_a_job_is_seen_live_and_stopped(open_tab, stand):
+    stand.run("hold")
     tab = open_tab("#/job")
-    expect(tab.locator(".gauge .share")).to_have_text("42 %", timeout=8000)
+    expect(tab.locator(".gauge .share")).to_have_text("12 %", timeout=8000)
     assert tab.locator(".sensor").count() == 2
     assert tab.locator(".lost").all_inner_texts() == ["0 ✓", "12 ✗"]
     assert tab.locator(".dial strong").inner_text().endswith("°")
@@ -71,72 +80,76 @@ def test_a_job_is_seen_live_and_stopped(open_tab, mock):
     assert box["height"] >= 48 and box["y"] + box["height"] <= 800
     tab.get_by_role("button", name="Stop").click()
     tab.get_by_role("heading", name="Stopped").wait_for()
-    assert "what was recorded is kept" in tab.locator(".stamp").inner_text()
+    assert (stand.job_folder / "stopped").exists()
 
 
-def test_a_running_job_shows_on_every_page(open_tab, mock):
-    mock.play(slow=True)
-    mock.run()
+def test_a_running_job_shows_on_every_page(open_tab, stand):
+    stand.run("long")
     tab = open_tab("#/recipes")
     tab.locator(".strip.busy").get_by_role("link", name="Show").click()
     tab.get_by_role("button", name="Stop").wait_for()
-    tab.goto(mock.url + "#/inspect")
+    tab.goto(stand.url + "#/inspect")
     tab.get_by_role("button", name="Stop").wait_for()
 
 
-def test_a_failed_job_says_what_to_do(open_tab, mock):
-    mock.play(seconds=0.4, end="failed")
-    mock.run()
+def test_a_failed_job_says_why(open_tab, stand):
+    stand.run("fail")
     tab = open_tab("#/job")
     tab.get_by_role("heading", name="Failed").wait_for()
-    assert "check the network cable of front" in tab.locator(".stamp").inner_text()
+    assert "found <b>no shaft</b>" in tab.locator(".stamp").inner_text()
     assert tab.get_by_role("link", name="Try again").is_visible()
 
 
-def test_a_bad_part_says_why(open_tab, mock):
-    mock.play(seconds=0.4, outcome="does_not_conform")
-    mock.run()
+def test_a_nonconforming_part_says_why(open_tab, stand):
+    record = stored_results.partly_seen(inspection(stand))
+    stand.will_measure("inspect", record)
+    stand.run(kind="inspect", part="gear")
     tab = open_tab("#/job")
     tab.get_by_role("heading", name="does not conform").wait_for()
     tab.locator(".decisive").wait_for()
     text = tab.locator(".decisive").inner_text()
-    assert "Not measurable in this scan" in text and "17.7 ± 1.8 µm" in text and "One defect deeper than 50 µm" in text
+    pitch = next(c for c in record["characteristics"] if (c["name"], c["flank"]) == ("f_p", "left"))
+    assert "Not measurable in this scan" in text and f"{pitch['value_um']:.1f} ± {pitch['U_um']:.1f} µm" in text
+    assert "Chipped end" in text
     assert tab.locator(".stamp .word").bounding_box()["height"] >= 60
 
 
-def test_calibrate_and_verify(open_tab, mock):
-    mock.play(seconds=0.4)
+def test_calibrate_and_verify(open_tab, stand):
+    stand.will_measure("calibrate", stored_results.read(stand.made, "calibration"))
+    stand.will_measure("verify", stored_results.read(stand.made, "verification"))
     tab = open_tab("#/calibrate")
     assert "“shaft M”" in tab.locator(".todo").inner_text()
     tab.get_by_role("button", name="Start").click()
     tab.get_by_role("heading", name="valid").wait_for()
-    tab.goto(mock.url + "#/calibrate")
+    tab.goto(stand.url + "#/calibrate")
     tab.get_by_label("Only verify").check()
     tab.get_by_text("Changes nothing").wait_for()
     tab.get_by_role("button", name="Start").click()
     tab.get_by_role("heading", name="holds").wait_for()
 
 
-def test_a_refusal_stands_beside_the_button(open_tab, mock):
-    mock.play(fault="door open")
-    tab = open_tab("#/calibrate", expect=["409"])
+def test_a_refusal_stands_beside_the_button(open_tab, stand):
+    stand.forget_results()
+    tab = open_tab("#/inspect/gear", expect=["409"])
+    tab.get_by_role("button", name="Next").click()
     tab.get_by_role("button", name="Start").click()
-    tab.get_by_text("found the stand in fault: door open").wait_for()
+    tab.get_by_text("found no calibration of this stand").wait_for()
     assert tab.get_by_role("button", name="Start").is_enabled()
 
 
-def test_inspect_warns_before_the_work(open_tab, mock):
-    mock.play(calibration="expired")
+def test_inspect_warns_before_the_work(open_tab, stand):
+    expired = stored_results.read(stand.made, "calibration") | {"valid_until": "2001-01-01"}
+    stand.store.add("calibration", expired)
     assert "The calibration has expired" in open_tab("#/inspect").locator(".notice").inner_text()
 
 
-def test_without_the_live_channel_the_page_asks(chromium, mock):
-    mock.play(seconds=3.0)
+def test_without_the_live_channel_the_page_asks(chromium, stand):
     context = chromium.new_context()
     tab = context.new_page()
     tab.route_web_socket("**/api/live", lambda socket: socket.close())
-    mock.run()
-    tab.goto(mock.url + "#/job")
+    stand.run("long")
+    tab.goto(stand.url + "#/job")
     tab.get_by_text("No connection to the stand").wait_for()
-    tab.get_by_role("heading", name="conforms").wait_for(timeout=15000)
+    (stand.job_folder / "stop").touch()
+    tab.get_by_role("heading", name="valid").wait_for(timeout=15000)
     context.close()

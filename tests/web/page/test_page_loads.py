@@ -2,14 +2,17 @@
 
 import pytest
 
+import stored_results
+from lab import lab
 from truestand.web.routes.files import STATIC
+from web_lab import PASSWORD
 
 PAGES = {
-    "#/": "Home", "#/inspect": "Which part?", "#/inspect/demo-wheel": "Demo wheel",
+    "#/": "Home", "#/inspect": "Which part?", "#/inspect/gear": "demo wheel",
     "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results",
-    "#/results/60": "Demo wheel", "#/results/59/evidence": "Sun wheel",
-    "#/results/49": "Calibration", "#/results/61": "Verification", "#/devices": "Devices", "#/recipes": "Recipes",
-    "#/recipes/gear.toml": "Recipes", "#/login": "Log in to Stand 1",
+    "#/results/{conforming}": "demo wheel", "#/results/{markup}/evidence": "Sun wheel",
+    "#/results/{calibration}": "shaft M", "#/results/{verification}": "verification",
+    "#/devices": "Devices", "#/recipes": "Recipes", "#/recipes/gear.toml": "Recipes", "#/login": "Log in to Stand 1",
 }  # fmt: skip
 
 
@@ -22,7 +25,7 @@ def test_page_shows_its_heading_and_fits(open_tab, path, size):
     assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
 
 
-def test_first_view_stands_within_a_second(open_tab, mock):
+def test_first_view_stands_within_a_second(open_tab):
     asked = []
     tab = open_tab("#/devices")
     tab.context.close()
@@ -37,8 +40,15 @@ def test_first_view_stands_within_a_second(open_tab, mock):
 
 
 @pytest.mark.parametrize("state", ["valid", "untrusted", "expired", "none"])
-def test_home_says_whether_the_stand_is_calibrated(open_tab, mock, state):
-    mock.play(calibration=state)
+def test_home_says_whether_the_stand_is_calibrated(open_tab, stand, state):
+    changes = {
+        "untrusted": {"status": "untrusted", "reasons": ["found dirt"]},
+        "expired": {"valid_until": "2001-01-01"},
+    }
+    if state == "none":
+        stand.forget_results()
+    elif state in changes:
+        stand.store.add("calibration", stored_results.read(stand.made, "calibration") | changes[state])
     words = {
         "valid": "Calibrated",
         "untrusted": "Calibration not trusted",
@@ -47,49 +57,50 @@ def test_home_says_whether_the_stand_is_calibrated(open_tab, mock, state):
     }
     tab = open_tab("#/")
     assert tab.locator(".stamp .word").inner_text() == words[state]
-    first = tab.locator(".door").first.inner_text()
+    first = tab.locator(".task").first.inner_text()
     assert first == ("Inspect a part" if state == "valid" else "Calibrate")
 
 
-def test_a_stand_without_results_says_so(open_tab, mock):
-    mock.play(entries=[], calibration="none")
+def test_a_stand_without_results_says_so(open_tab, stand):
+    stand.forget_results()
     assert "The first verdict will stand here" in open_tab("#/").locator("main").inner_text()
     assert "Nothing measured yet" in open_tab("#/results").locator("main").inner_text()
 
 
-def test_text_from_outside_stays_text(open_tab):
-    tab = open_tab("#/results/60/evidence")
+def test_markup_in_a_record_is_shown_as_text(open_tab):
+    tab = open_tab("#/results/{markup}/evidence")
     assert "<img src=x onerror" in tab.locator(".remarks").inner_text()
     assert tab.locator(".remarks img").count() == 0 and "owned" not in tab.title()
 
 
-def test_a_result_that_is_not_there_says_what_to_do(open_tab):
+def test_an_unknown_result_says_what_to_do(open_tab):
     tab = open_tab("#/results/999", expect=["404"])
-    assert "found no result 999; choose one of the list" in tab.get_by_role("alert").first.inner_text()
+    assert "found no result 999; see the list of results" in tab.get_by_role("alert").first.inner_text()
 
 
-def test_fault_is_reset_after_a_look_at_the_stand(open_tab, mock):
-    mock.play(fault="the table followed its order late")
-    tab = open_tab("#/results")
-    tab.get_by_text("the table followed its order late").wait_for()
-    tab.get_by_role("button", name="Reset the fault").click()
-    dialog = tab.get_by_role("dialog")
-    assert "Go to the stand and look" in dialog.inner_text()
-    dialog.get_by_role("button", name="Cancel").click()
-    assert tab.locator(".strip.bad").is_visible()
-    tab.get_by_role("button", name="Reset the fault").click()
-    dialog.get_by_role("button", name="Reset the fault").click()
-    tab.locator(".strip.bad").wait_for(state="hidden")
+def test_fault_is_reset_after_a_look_at_the_stand(open_tab, stand):
+    with lab(stand.folder):
+        stand.fail("the table followed its order late")
+        tab = open_tab("#/results")
+        tab.get_by_text("the table followed its order late").wait_for()
+        tab.get_by_role("button", name="Reset the fault").click()
+        dialog = tab.get_by_role("dialog")
+        assert "Go to the stand and look" in dialog.inner_text()
+        dialog.get_by_role("button", name="Cancel").click()
+        assert tab.locator(".strip.bad").is_visible()
+        tab.get_by_role("button", name="Reset the fault").click()
+        dialog.get_by_role("button", name="Reset the fault").click()
+        tab.locator(".strip.bad").wait_for(state="hidden")
 
 
-def test_login_leads_back_to_where_one_was(open_tab, mock):
-    mock.play(login_needed=True, role=None, user=None)
+def test_login_leads_back_to_the_page_asked_for(open_tab, stand):
+    stand.users = (("olga", "operator"),)
     tab = open_tab("#/results", expect=["401"])
     tab.get_by_label("Name").fill("olga")
     tab.get_by_label("Password").fill("wrong")
     tab.keyboard.press("Enter")
-    tab.get_by_text("found a name or password that is not known").wait_for()
-    tab.get_by_label("Password").fill("right")
+    tab.get_by_text("found no user with this name and password").wait_for()
+    tab.get_by_label("Password").fill(PASSWORD)
     tab.keyboard.press("Enter")
     tab.get_by_role("heading", name="Results", level=1).wait_for()
     tab.get_by_role("button", name="Log out").click()
@@ -97,49 +108,52 @@ def test_login_leads_back_to_where_one_was(open_tab, mock):
     assert not tab.locator("body > nav").is_visible()
 
 
-def test_results_are_filtered_and_go_back_in_time(open_tab):
+def test_results_are_filtered_and_paged(open_tab):
     tab = open_tab("#/results")
     assert tab.locator(".row").count() == 30
     tab.get_by_role("button", name="Show older ones").click()
-    tab.locator(".row").nth(59).wait_for()
+    tab.locator(".row").nth(stored_results.CALIBRATIONS + stored_results.INSPECTIONS).wait_for()
     tab.get_by_label("Calibrations").check()
-    tab.locator(".row").nth(5).wait_for(state="detached")
-    assert tab.locator(".row").count() == 5
+    tab.locator(".row").nth(stored_results.CALIBRATIONS).wait_for(state="detached")
+    assert tab.locator(".row").count() == stored_results.CALIBRATIONS
     assert tab.locator(".row .verdict").all_inner_texts().count("not trusted") == 1
 
 
-def test_result_says_first_what_was_not_measurable(open_tab):
-    tab = open_tab("#/results/57")
+def test_result_says_first_what_was_not_measurable(open_tab, stand):
+    tab = open_tab("#/results/{nonconforming}")
     assert tab.locator(".stamp .word").inner_text().lower() == "does not conform"
     assert tab.locator(".decisive li").first.inner_text().startswith("Not measurable in this scan")
     rows = tab.locator("table").first.locator("tbody tr")
     assert "not measurable" in rows.first.inner_text()
     texts = " ".join(" ".join(rows.all_inner_texts()).split())
-    assert "17.7 ± 1.8 µm" in texts and "≤ 12 µm" in texts and "± 9.5 µm" in texts and "3.1 … 3.13 mm" in texts
+    pitch = stored_results.read(stand.made, "inspection")["characteristics"][0]
+    assert f"{pitch['value_um']:.1f} ± {pitch['U_um']:.1f} µm" in texts
+    assert f"≤ {pitch['limit_um']:g} µm" in texts and "± 9.5 µm" in texts
     assert tab.get_by_role("link", name="Save report").get_attribute("href").endswith("/report?download=1")
-    with tab.expect_download() as told:
+    with tab.expect_download() as download:
         tab.get_by_role("link", name="Characteristics as CSV").click()
-    assert told.value.failure() is None
+    assert download.value.failure() is None
 
 
-def test_recipe_is_checked_and_saved(open_tab):
+def test_recipe_is_checked_and_saved(open_tab, stand):
     tab = open_tab("#/recipes/gear.toml", expect=["422"])
     area = tab.get_by_label("gear.toml")
     area.fill('kind = "gear"\nteeth 24\n')
-    tab.get_by_text("line 2: found 'teeth 24'").wait_for()
+    tab.get_by_text("line 2").first.wait_for()
     assert tab.locator(".numbers .bad").inner_text() == "2"
     tab.get_by_role("button", name="Go to line 2").click()
     assert area.evaluate("(e) => e.value.slice(e.selectionStart, e.selectionEnd)") == "teeth 24"
     tab.get_by_role("button", name="Save").click()
-    tab.get_by_text("line 2: found 'teeth 24'").wait_for()
-    area.fill('kind = "gear"\nteeth = 25\n')
+    tab.get_by_role("button", name="Go to line 2").wait_for()
+    renamed = (stand.folder / "gear.toml").read_text(encoding="utf-8").replace("demo wheel", "another wheel")
+    area.fill(renamed)
     tab.keyboard.press("Control+s")
     tab.get_by_role("alert").or_(tab.locator(".notice.good")).get_by_text("Saved.").wait_for()
     tab.reload()
-    assert tab.get_by_label("gear.toml").input_value() == 'kind = "gear"\nteeth = 25\n'
+    assert tab.get_by_label("gear.toml").input_value() == renamed
 
 
-def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
+def test_leaving_an_unsaved_recipe_asks_first(open_tab):
     tab = open_tab("#/recipes/gear.toml")
     tab.get_by_label("gear.toml").fill("a = 1\n")
     asked = []
@@ -149,31 +163,36 @@ def test_an_unsaved_recipe_is_not_left_unasked(open_tab):
     assert asked and tab.get_by_label("gear.toml").input_value() == "a = 1\n"
 
 
-def test_an_operator_reads_recipes_only(open_tab, mock):
-    mock.play(role="operator", user="olga")
-    tab = open_tab("#/recipes/gear.toml")
+def test_an_operator_reads_recipes_only(open_tab, stand):
+    stand.users = (("olga", "operator"),)
+    tab = open_tab("#/recipes/gear.toml", expect=["401"])
+    tab.get_by_label("Name").fill("olga")
+    tab.get_by_label("Password").fill(PASSWORD)
+    tab.keyboard.press("Enter")
+    tab.get_by_label("gear.toml").wait_for()
     assert tab.get_by_role("button", name="Save").count() == 0
     assert tab.get_by_label("gear.toml").get_attribute("readonly") is not None
 
 
-def test_evidence_is_checked_by_an_engineer(open_tab):
+def test_evidence_is_checked_by_an_engineer(open_tab, stand):
+    report = stand.store.evidence(stand.store.entry(stand.numbers.nonconforming))["record"]
+    report.chmod(0o644)
+    report.write_bytes(report.read_bytes() + b" ")
     tab = open_tab("#/results")
     tab.get_by_role("button", name="Check the evidence").click()
     tab.get_by_text("One result is not as it was written").wait_for()
 
 
-def test_devices_say_who_is_silent(open_tab, mock):
-    tab = open_tab("#/devices")
-    tab.locator(".device").nth(2).wait_for()
-    assert [t.split("\n")[-1] for t in tab.locator(".device .verdict").all_inner_texts()] == [
-        "answers",
-        "answers",
-        "no answer",
-    ]
-    mock.play(slow=True)
-    mock.run()
-    busy = open_tab("#/devices", expect=["409"])
-    busy.get_by_text("found a job at work").wait_for()
+def test_devices_page_shows_which_device_does_not_answer(open_tab, stand):
+    with lab(stand.folder, sensors=("front", "rear")) as virtual:
+        virtual.sensors[1].close()
+        tab = open_tab("#/devices")
+        tab.locator(".device").nth(2).wait_for()
+        words = [text.split("\n")[-1] for text in tab.locator(".device .verdict").all_inner_texts()]
+        assert words == ["answers", "answers", "no answer"]
+        stand.run("long")
+        busy = open_tab("#/devices", expect=["409"])
+        busy.get_by_text("found a job running").wait_for()
 
 
 def test_static_files_are_few_and_small():

@@ -21,24 +21,24 @@ def asked():
     return whole, begun
 
 
-def test_every_text_that_is_asked_for_is_there():
+def test_every_text_key_of_the_code_is_in_the_table():
     keys = {key for key in GIVEN.findall(SOURCE) if "${" not in key}
     assert keys and not {key for key in keys if key not in TEXTS and not any(f"{key}.{p}" in TEXTS for p in PLURALS)}
 
 
-def test_every_text_is_asked_for():
+def test_every_text_of_the_table_is_used():
     whole, begun = asked()
     plain = {re.sub(rf"\.({'|'.join(PLURALS)})$", "", key) for key in TEXTS}
     assert not {key for key in plain if key not in whole and not any(key.startswith(b) for b in begun)}
 
 
-def test_no_key_stands_twice():
+def test_text_keys_are_unique():
     pairs = json.loads((STATIC / "texts" / "en.json").read_text(encoding="utf-8"), object_pairs_hook=list)
     keys = [key for key, _ in pairs]
     assert len(keys) == len(set(keys))
 
 
-def test_what_the_server_may_say_has_words():
+def test_every_word_of_the_server_has_a_text():
     for prefix, words in {
         "calibration": ("valid", "untrusted", "does_not_hold", "expired", "undecided", "none"),
         "home": (), "part": ("gear", "turned", "cad"),

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 
 import pytest
 
-import page_lab
-from page_lab import Client, served
+import web_lab
 from truestand.station.stand_lock import StandLock
 from truestand.store import Store
+from web_lab import Client, served
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 
@@ -24,9 +24,9 @@ def tab(chromium):
 
 
 @pytest.fixture
-def store(page):
+def store(state):
     """With a calibration that is valid."""
-    found = Store.open(page.settings.store, create=True)
+    found = Store.open(state.settings.store, create=True)
     found.add("calibration", {"format": "truestand.calibration", "version": 1, "status": "valid", "reasons": []})
     return found
 
@@ -38,14 +38,14 @@ def verify(store, verdict, reasons=(), number=1):
     return store.add("verification", record, {"calibration": against})
 
 
-def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store, tab):
+def test_a_verification_that_does_not_hold_asks_to_calibrate(state, store, tab):
     verify(store, "does_not_hold", [MOVED])
-    with served(page) as port:
+    with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
         expect(tab.locator(".stamp")).to_contain_text(MOVED)
         expect(tab.locator(".stamp .until")).to_contain_text("verified")
-        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect/gear")
         tab.get_by_role("button", name="Next").click()
         expect(tab.locator(".notice.bad")).to_contain_text("The calibration does not hold, as the verification of")
@@ -53,19 +53,19 @@ def test_after_a_verification_that_does_not_hold_one_is_to_calibrate(page, store
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_a_verification_that_is_undecided_says_so(page, store, tab):
+def test_an_undecided_verification_is_shown_as_undecided(state, store, tab):
     verify(store, "undecided", ["sensor, radially: found 9.80 um with U 2.00 um, limit 10.00 um"])
-    with served(page) as port:
+    with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
-        expect(tab.locator(".door.primary")).to_have_text("Calibrate")
+        expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect")
         expect(tab.locator(".notice.open")).to_contain_text("whether the calibration still holds is not known")
         expect(tab.locator("main .button.primary")).to_have_text("Calibrate")
 
 
-def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
-    with served(page) as port:
+def test_a_verify_job_that_does_not_hold_leads_to_the_calibration(state, store, tab):
+    with served(state) as port:
         client = Client(port)
         client.session()
         client.post("/api/jobs", {"kind": "verify", "serial": "moved"})
@@ -77,7 +77,7 @@ def test_the_job_that_finds_so_leads_to_the_calibration(page, store, tab):
 @contextmanager
 def server(folder, port=0):
     """A page in a process of its own; the process and its port."""
-    command = [sys.executable, page_lab.__file__, str(folder), str(port)]
+    command = [sys.executable, web_lab.__file__, str(folder), str(port)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process, int(process.stdout.readline())
@@ -99,7 +99,7 @@ def silent(socket):
 
 
 @pytest.mark.parametrize("cut", [False, True])
-def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
+def test_a_job_whose_server_died_is_shown_as_unknown_then_ended(tmp_path, tab, cut):
     if cut:
         tab.route_web_socket("**/api/live", silent)
     with server(tmp_path) as (process, port):
@@ -115,9 +115,9 @@ def test_a_job_whose_server_died_is_unknown_and_then_ended(tmp_path, tab, cut):
         tab.get_by_role("button", name="Start").wait_for()
 
 
-def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
+def test_a_running_job_is_shown_again_after_a_lost_connection(state, tab):
     tab.route_web_socket("**/api/live", silent)
-    with served(page) as port:
+    with served(state) as port:
         watch_a_job(tab, port)
         tab.context.set_offline(True)
         expect(tab.locator(".stamp.open .word")).to_have_text("State unknown", timeout=20_000)
@@ -133,18 +133,18 @@ def test_a_job_that_went_on_meanwhile_is_seen_again(page, tab):
 LIT = "Laser may be ON: sensor front"
 
 
-def test_a_laser_that_may_be_on_is_told_first_and_large(page, tab):
-    with served(page) as port:
+def test_a_laser_that_may_be_on_is_shown_first_and_large(state, tab):
+    with served(state) as port:
         watch_a_job(tab, port)
-        lock = StandLock(page.settings.stand)
+        lock = StandLock(state.settings.stand)
         lock.latch_fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
         lock.close()
         tab.get_by_role("button", name="Stop").click()
         for path in ("#/job", "#/"):
             tab.goto(f"http://127.0.0.1:{port}/{path}")
-            told = tab.get_by_role("alert").get_by_text("Laser may be ON")
-            expect(told.first).to_have_text(LIT)
+            shown = tab.get_by_role("alert").get_by_text("Laser may be ON")
+            expect(shown.first).to_have_text(LIT)
             expect(tab.get_by_role("alert").first).to_contain_text("Switch it off at its supply now")
-            assert told.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
-            assert told.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
+            assert shown.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
+            assert shown.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
             expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from starlette.responses import FileResponse
 
-from truestand.web.doors import Doors, Policy
 from truestand.web.problem import Problem
+from truestand.web.routing import ANYONE, Routes
 
 STATIC = Path(__file__).parent.parent / "static"
 TYPES = {
@@ -16,28 +16,17 @@ TYPES = {
 """Served with these types only; mimetypes would ask the machine."""
 
 
-def add(doors: Doors) -> None:
-    """Register; after all others, because any other name is looked for here."""
-    anyone = Policy(None)
-    doors.add("GET", "/", index, anyone, "The page", include_in_schema=False)
-    doors.add("GET", "/vendor/plotly.min.js", plotly, anyone, "plotly.js", (404,), include_in_schema=False)
-    doors.add("GET", "/{name:path}", static, anyone, "A file of the page", (404,), include_in_schema=False)
+routes = Routes()
+"""Served after all others, because any other name is looked for here."""
 
 
+@routes.add("GET", "/", ANYONE, "The page", include_in_schema=False)
 def index() -> FileResponse:
     """The one HTML file."""
     return static("index.html")
 
 
-def static(name: str) -> FileResponse:
-    """One of the files that are there: a name is looked up, never resolved."""
-    path = _files().get(name)
-    if path is None:
-        raise Problem(404, "found no such file; load the page again")
-    kind = TYPES[path.suffix]
-    return FileResponse(path, media_type=kind, headers={"cache-control": "no-cache"})
-
-
+@routes.add("GET", "/vendor/plotly.min.js", ANYONE, "plotly.js", (404,), include_in_schema=False)
 def plotly() -> FileResponse:
     """The script of the installed plotly; it changes with the package only."""
     spec = find_spec("plotly")
@@ -47,7 +36,16 @@ def plotly() -> FileResponse:
     return FileResponse(path, media_type=TYPES[".js"], headers={"cache-control": "private, max-age=86400"})
 
 
+@routes.add("GET", "/{name:path}", ANYONE, "A file of the page", (404,), include_in_schema=False)
+def static(name: str) -> FileResponse:
+    """One of the files that are there: a name is looked up, never resolved."""
+    path = _files().get(name)
+    if path is None:
+        raise Problem(404, "found no such file; load the page again")
+    return FileResponse(path, media_type=TYPES[path.suffix], headers={"cache-control": "no-cache"})
+
+
 def _files() -> dict[str, Path]:
     """By their name under static/."""
-    found = (p for p in STATIC.rglob("*") if p.suffix in TYPES and p.is_file() and not p.is_symlink())
-    return {p.relative_to(STATIC).as_posix(): p for p in found}
+    files = (p for p in STATIC.rglob("*") if p.suffix in TYPES and p.is_file() and not p.is_symlink())
+    return {p.relative_to(STATIC).as_posix(): p for p in files}

@@ -1,6 +1,6 @@
 """Who asks: login, logout, and what a page needs to know at first."""
 
-from typing import Any
+from dataclasses import replace
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
@@ -9,76 +9,74 @@ from starlette.responses import Response
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_toml
-from truestand.web.doors import Doors, Policy, Who
-from truestand.web.models import LoginBody, SessionTold
-from truestand.web.page import Page, ThePage, TheWho
+from truestand.web.app_state import AppState, PrincipalDep, StateDep
+from truestand.web.authentication import COOKIE, Principal, new_cookie
+from truestand.web.models import LoginBody, SessionInfo
 from truestand.web.problem import Problem
-from truestand.web.sessions import COOKIE, new_cookie
+from truestand.web.routing import ANYONE, Routes
+
+routes = Routes()
 
 
-def add(doors: Doors) -> None:
-    """Register."""
-    anyone = Policy(None)
-    doors.add("GET", "/api/session", told, anyone, "Who asks, the CSRF token, the stand", response_model=SessionTold)
-    doors.add("POST", "/api/login", login, Policy(None, body=8_000), "Log in", (401, 429), response_model=SessionTold)
-    doors.add("POST", "/api/logout", logout, anyone, "Log out", response_model=SessionTold)
-
-
-def told(request: Request, response: Response, page: ThePage, who: TheWho) -> dict[str, Any]:
+@routes.add("GET", "/api/session", ANYONE, "Who asks, the CSRF token, the stand")
+def session(request: Request, response: Response, state: StateDep, principal: PrincipalDep) -> SessionInfo:
     """A visitor without a cookie gets one; nothing is remembered of it before a login."""
     cookie = request.state.cookie
     if cookie is None:
         cookie = new_cookie()
-        _give(response, cookie, request)
-    return _session(page, who, cookie)
+        _set_cookie(response, cookie, request)
+    return _info(state, principal, cookie)
 
 
-async def login(body: LoginBody, request: Request, response: Response, page: ThePage) -> dict[str, Any]:
+@routes.add("POST", "/api/login", replace(ANYONE, max_body_bytes=8_000), "Log in", (401, 429))
+async def login(body: LoginBody, request: Request, response: Response, state: StateDep) -> SessionInfo:
     """A new cookie where name and password are right; slower after each failure."""
     address = request.client.host if request.client else ""
     keys = (("address", address), ("user", body.user))
-    wait = page.throttle.attempt(*keys)
+    wait = state.throttle.attempt(*keys)
     if wait > 0:
-        raise Problem(429, f"found too many failed logins; wait {wait:.0f} s", retry_after=int(wait) + 1)
-    user = await run_in_threadpool(page.gatekeeper.check, body.user, body.password)
+        headers = {"Retry-After": str(int(wait) + 1)}
+        raise Problem(429, f"found too many failed logins; wait {wait:.0f} s", headers)
+    user = await run_in_threadpool(state.authenticator.check, body.user, body.password)
     if user is None:
         raise Problem(401, "found no user with this name and password; try again, or ask an engineer")
-    page.throttle.succeeded(*keys)
-    page.sessions.end(request.state.cookie)
-    cookie = page.sessions.begin(user.name)
-    _give(response, cookie, request)
-    return await run_in_threadpool(_session, page, Who(user.name, user.role), cookie)
+    state.throttle.succeeded(*keys)
+    state.sessions.end(request.state.cookie)
+    cookie = state.sessions.begin(user.name)
+    _set_cookie(response, cookie, request)
+    return await run_in_threadpool(_info, state, Principal(user.name, user.role), cookie)
 
 
-def logout(request: Request, response: Response, page: ThePage) -> dict[str, Any]:
+@routes.add("POST", "/api/logout", ANYONE, "Log out")
+def logout(request: Request, response: Response, state: StateDep) -> SessionInfo:
     """The cookie counts no longer, here or anywhere it was copied to."""
-    page.sessions.end(request.state.cookie)
+    state.sessions.end(request.state.cookie)
     cookie = new_cookie()
-    _give(response, cookie, request)
-    return _session(page, page.who(cookie), cookie)
+    _set_cookie(response, cookie, request)
+    return _info(state, state.principal(cookie), cookie)
 
 
-def _give(response: Response, cookie: str, request: Request) -> None:
+def _set_cookie(response: Response, cookie: str, request: Request) -> None:
     secure = request.url.scheme == "https"
     response.set_cookie(COOKIE, cookie, httponly=True, samesite="strict", secure=secure, path="/")
 
 
-def _company(page: Page) -> str:
+def _info(state: AppState, principal: Principal, cookie: str) -> SessionInfo:
+    return SessionInfo(
+        user=principal.user,
+        role=principal.role,
+        login_needed=state.authenticator.login_needed,
+        csrf=state.sessions.csrf(cookie),
+        company=_company(state),
+        version=__version__,
+        stand=state.settings.stand.absolute().parent.name,
+    )
+
+
+def _company(state: AppState) -> str:
     """As the head of the reports has it."""
     try:
-        told = read_toml(page.settings.stand).get("company", {})
+        company = read_toml(state.settings.stand).get("company", {})
     except BadRecipe:
         return ""
-    return str(told.get("name", "")) if isinstance(told, dict) else ""
-
-
-def _session(page: Page, who: Who, cookie: str) -> dict[str, Any]:
-    return {
-        "user": who.user,
-        "role": who.role,
-        "login_needed": page.login_needed,
-        "csrf": page.sessions.csrf(cookie),
-        "company": _company(page),
-        "version": __version__,
-        "stand": page.settings.stand.absolute().parent.name,
-    }
+    return str(company.get("name", "")) if isinstance(company, dict) else ""

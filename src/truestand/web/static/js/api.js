@@ -34,7 +34,7 @@ export async function send(method, path, body = {}) {
 
 export async function loadSession() {
   store.session = await get("api/session");
-  store.tell("session");
+  store.notify("session");
   return store.session;
 }
 
@@ -42,8 +42,8 @@ export async function loadHome(signal) {
   store.home = await get("api/home", signal);
   store.fault = store.home.fault;
   store.know(store.home.job);
-  store.tell("home");
-  store.tell("job");
+  store.notify("home");
+  store.notify("job");
   return store.home;
 }
 
@@ -61,7 +61,7 @@ async function ask(path, how) {
     throw new Problem(0, t("problem.unreachable"));
   }
   if (answer.ok) return answer;
-  const told = await answer.json().catch(() => ({}));
-  if (answer.status === 401 && path !== "api/login") store.tell("login");
-  throw new Problem(answer.status, told.problem ?? t("problem.status", { status: answer.status }));
+  const body = await answer.json().catch(() => ({}));
+  if (answer.status === 401 && path !== "api/login") store.notify("login");
+  throw new Problem(answer.status, body.problem ?? t("problem.status", { status: answer.status }));
 }

@@ -49,10 +49,10 @@ export async function cloud(panel, address, signal) {
 }
 
 function figure(view, points) {
-  const told = h("p", { class: "told", role: "status" });
+  const readout = h("p", { class: "readout", role: "status" });
   const scale = h("ul", { class: "scale" });
   const tool = (sign, text, act) => h("button", { class: "button tool", type: "button", "aria-label": text, title: text, on: { click: act } }, icon(sign));
-  view.heard = (point) => put(told, point ? [h("strong", {}, point.deviation === null ? t("cloud.no_deviation") : `${number(point.deviation, 1)} µm`), ` x ${number(point.x, 2)}, y ${number(point.y, 2)}, z ${number(point.z, 2)} mm`] : t("cloud.tip"));
+  view.heard = (point) => put(readout, point ? [h("strong", {}, point.deviation === null ? t("cloud.no_deviation") : `${number(point.deviation, 1)} µm`), ` x ${number(point.x, 2)}, y ${number(point.y, 2)}, z ${number(point.z, 2)} mm`] : t("cloud.tip"));
   view.heard(null);
   const limits = () => put(scale, [1, 0.5, 0, -0.5, -1].map((share) => h("li", {}, `${share > 0 ? "+" : ""}${short(share * view.range)}`)));
   const widen = (by) => {
@@ -63,7 +63,7 @@ function figure(view, points) {
   const bar = h("div", { class: "ramp", "aria-label": t("cloud.scale"), role: "group" }, h("span", { class: "unit" }, "µm"), h("div", { class: "strip", "aria-hidden": "true" }), scale,
     h("span", { class: "nothing" }, h("span", { class: "swatch" }), t("cloud.none")));
   return h("figure", { class: "cloud-figure" }, h("div", { class: "stage" }, view.canvas, bar,
-    h("div", { class: "tools" }, tool("plus", t("cloud.closer"), () => view.zoom(1.25)), tool("minus", t("cloud.farther"), () => view.zoom(0.8)), tool("again", t("cloud.reset"), () => view.home())), told),
+    h("div", { class: "tools" }, tool("plus", t("cloud.closer"), () => view.zoom(1.25)), tool("minus", t("cloud.farther"), () => view.zoom(0.8)), tool("again", t("cloud.reset"), () => view.home())), readout),
   h("div", { class: "actions" }, h("button", { class: "button", type: "button", on: { click: () => widen(-1) } }, t("cloud.finer")), h("button", { class: "button", type: "button", on: { click: () => widen(1) } }, t("cloud.coarser"))),
   h("figcaption", { id: "cloud-keys" }, t("cloud.points", { n: points.n, count: number(points.n, 0) }), " ", t("cloud.keys")));
 }

@@ -28,8 +28,8 @@ export function short(value) {
 export function withU(value, U, unit, most = 6) {
   if (!Number.isFinite(value)) return t("word.not_measurable");
   const decimals = places(U, most);
-  const told = Number.isFinite(U) ? `${number(value, decimals)} ± ${number(U, decimals)}` : number(value, decimals);
-  return unit === "°" ? `${told}°` : `${told} ${unit}`;
+  const text = Number.isFinite(U) ? `${number(value, decimals)} ± ${number(U, decimals)}` : number(value, decimals);
+  return unit === "°" ? `${text}°` : `${text} ${unit}`;
 }
 
 export function percent(share) {

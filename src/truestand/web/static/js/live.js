@@ -3,15 +3,15 @@
 import { get, loadHome } from "./api.js";
 import { store } from "./store.js";
 
-const POLL = 2000;
-const SILENT = 5000;
-const ANSWER = 4000;
-const WAITS = [500, 1000, 2000, 4000];
+const POLL_INTERVAL_MS = 2000;
+const SILENCE_MS = 5000;
+const ANSWER_TIMEOUT_MS = 4000;
+const RECONNECT_DELAYS_MS = [500, 1000, 2000, 4000];
 let socket = null;
 let failures = 0;
 let retry = null;
 let heardAt = 0;
-setInterval(poll, POLL);
+setInterval(poll, POLL_INTERVAL_MS);
 
 /** Open the channel, once; it reopens itself for ever. */
 export function listen() {
@@ -28,7 +28,7 @@ export function listen() {
     retry = setTimeout(() => {
       retry = null;
       listen();
-    }, WAITS[Math.min(failures++, WAITS.length - 1)]);
+    }, RECONNECT_DELAYS_MS[Math.min(failures++, RECONNECT_DELAYS_MS.length - 1)]);
   });
 }
 
@@ -38,14 +38,14 @@ function connected(yes) {
   if (yes && !store.connected) loadHome().catch(() => {});
   if (store.connected === yes) return;
   store.connected = yes;
-  store.tell("connected");
+  store.notify("connected");
 }
 
 /** A connection whose other end is gone may stay open for minutes: where nothing comes from it, ask. */
 async function poll() {
-  if (!store.session?.role || (store.connected && !(store.running && Date.now() - heardAt > SILENT))) return;
+  if (!store.session?.role || (store.connected && !(store.running && Date.now() - heardAt > SILENCE_MS))) return;
   try {
-    take(await get("api/jobs/current", AbortSignal.timeout(ANSWER)));
+    take(await get("api/jobs/current", AbortSignal.timeout(ANSWER_TIMEOUT_MS)));
     reached(true);
   } catch (wrong) {
     reached(wrong.status !== 0);
@@ -55,7 +55,7 @@ async function poll() {
 function reached(yes) {
   if (store.reached === yes) return;
   store.reached = yes;
-  store.tell("connected");
+  store.notify("connected");
 }
 
 function heard(event) {
@@ -63,7 +63,7 @@ function heard(event) {
   if (event.type === "job") take(event.job);
   if (event.type !== "live") return;
   store.live = { ...event.live, step: store.job?.step };
-  store.tell("live");
+  store.notify("live");
 }
 
 /** A job as it is now. Home is asked anew when it ends: verdicts, calibration and fault may have changed. */
@@ -71,6 +71,6 @@ function take(job) {
   const before = store.job;
   if (job && job.id !== before?.id) store.live = null;
   store.know(job);
-  store.tell("job");
+  store.notify("job");
   if (before?.state === "running" && !store.running) loadHome().catch(() => {});
 }

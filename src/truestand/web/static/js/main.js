@@ -1,4 +1,4 @@
-// The door: texts, session, frame, then the page of the address.
+// Start: texts, session, frame, then the page of the address.
 
 import { loadHome, loadSession } from "./api.js";
 import { frame } from "./frame.js";

@@ -25,15 +25,15 @@ export function field(label, input, note) {
 
 /** Mark and word. */
 export function verdict(word, kind = "") {
-  const { tone, word: said } = judged(word);
-  return h("span", { class: `verdict ${tone} ${kind}` }, mark(tone), h("span", {}, said));
+  const { tone, word: text } = judged(word);
+  return h("span", { class: `verdict ${tone} ${kind}` }, mark(tone), h("span", {}, text));
 }
 
 /** The huge one, to be read from two metres. */
 export function stamp(word, over, under, level = "h1") {
-  const { tone, word: said } = judged(word);
+  const { tone, word: text } = judged(word);
   return h("section", { class: `stamp ${tone}` }, mark(tone, "huge"),
-    h("div", {}, over && h("p", { class: "over" }, over), h(level, { class: "word" }, said), under && h("p", { class: "under" }, under)));
+    h("div", {}, over && h("p", { class: "over" }, over), h(level, { class: "word" }, text), under && h("p", { class: "under" }, under)));
 }
 
 /** What the server, or the way to it, did not like; with a way to try again. */

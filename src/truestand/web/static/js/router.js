@@ -53,20 +53,20 @@ export async function go() {
   if (shown !== null && shown !== path && !may()) return history.replaceState(null, "", `#${shown}`);
   const first = shown === null;
   current?.abort();
-  const mine = (current = new AbortController());
+  const controller = (current = new AbortController());
   [shown, may] = [path, () => true];
   const [name, values] = match(path);
   const slow = setTimeout(() => put(place, busy()), 250);
   try {
     const page = await import(`./pages/${name}.js`);
     const built = h("div", { class: `page ${name}` });
-    await page.show(built, values, mine.signal);
-    if (mine.signal.aborted) return undefined;
+    await page.show(built, values, controller.signal);
+    if (controller.signal.aborted) return undefined;
     clearTimeout(slow);
     put(place, built);
-    page.shown?.(built, mine.signal);
+    page.shown?.(built, controller.signal);
   } catch (wrong) {
-    if (mine.signal.aborted || wrong.name === "AbortError") return undefined;
+    if (controller.signal.aborted || wrong.name === "AbortError") return undefined;
     clearTimeout(slow);
     put(place, h("div", { class: "page" }, trouble(wrong, go)));
   } finally {
@@ -80,7 +80,7 @@ function settle(name, first) {
   const heading = place.querySelector("h1");
   document.title = [heading?.textContent, store.session?.stand, "truestand"].filter(Boolean).join(" · ");
   store.page = name;
-  store.tell("page");
+  store.notify("page");
   if (!place.querySelector(":focus")) {
     scrollTo(0, 0);
     heading?.setAttribute("tabindex", "-1");

@@ -21,7 +21,7 @@ export const store = {
     signal?.addEventListener("abort", () => acts.delete(act), { once: true });
   },
 
-  tell(name) {
+  notify(name) {
     for (const act of [...(listeners.get(name) ?? [])]) act();
   },
 

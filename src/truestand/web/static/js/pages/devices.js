@@ -25,9 +25,9 @@ export async function show(page, _, signal) {
 }
 
 function device(d) {
-  const told = Object.entries(d.told ?? {});
+  const facts = Object.entries(d.told ?? {});
   return h("li", { class: `card device ${d.answers ? "good" : "bad"}` },
     h("div", { class: "top" }, icon(d.device === "table" ? "table" : "sensor"), h("div", {}, h("h2", {}, d.name), h("p", { class: "facts" }, [d.device !== d.name && d.device, d.address].filter(Boolean).join(" · "))), verdict(d.answers ? "answers" : "silent")),
     d.problem && h("p", { class: "problem" }, d.problem),
-    told.length > 0 && h("dl", { class: "facts-list" }, told.map(([name, value]) => [h("dt", {}, name), h("dd", {}, String(value))])));
+    facts.length > 0 && h("dl", { class: "facts-list" }, facts.map(([name, value]) => [h("dt", {}, name), h("dd", {}, String(value))])));
 }

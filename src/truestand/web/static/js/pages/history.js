@@ -48,11 +48,11 @@ function spark({ points, lower, upper }) {
 }
 
 function trend(q) {
-  const told = (value) => number(value, places(q.points.at(-1).U));
+  const rounded = (value) => number(value, places(q.points.at(-1).U));
   const place = h("div", { class: "here", prop: { quantity: q } });
   return [h("h2", { id: "trend-title" }, q.label),
-    h("dl", { class: "tiles" }, tile(t("history.last"), withU(q.points.at(-1).value, q.points.at(-1).U, q.unit)), tile(t("history.centre"), told(q.centre), q.unit),
-      tile(t("history.control"), Number.isFinite(q.lower) ? `${told(q.lower)} … ${told(q.upper)}` : "–", q.unit), limit(q) && tile(t("table.limit"), limit(q).map(short).join(" … "), q.unit)),
+    h("dl", { class: "tiles" }, tile(t("history.last"), withU(q.points.at(-1).value, q.points.at(-1).U, q.unit)), tile(t("history.centre"), rounded(q.centre), q.unit),
+      tile(t("history.control"), Number.isFinite(q.lower) ? `${rounded(q.lower)} … ${rounded(q.upper)}` : "–", q.unit), limit(q) && tile(t("table.limit"), limit(q).map(short).join(" … "), q.unit)),
     findings(q), place, h("p", { class: "note" }, t("history.legend"))];
 }
 

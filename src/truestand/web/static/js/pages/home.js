@@ -17,7 +17,7 @@ export async function show(page, _, signal) {
   store.on("home", draw, signal);
 
   function draw() {
-    put(state, calibration(store.home.calibration), h("div", { class: "doors" }, doors()));
+    put(state, calibration(store.home.calibration), h("div", { class: "tasks" }, tasks()));
     put(last, h("h2", { id: "last-title" }, t("home.last")),
       store.home.last.length ? rows(store.home.last) : empty(t("home.nothing")),
       store.home.last.length > 0 && link(t("home.all"), "/results", { kind: "quiet", sign: "next" }));
@@ -46,10 +46,10 @@ function until(c) {
 }
 
 /** What matters now comes first and in colour. */
-function doors() {
-  if (store.running) return link(t("job.show"), "/job", { kind: "primary door", sign: "next" });
+function tasks() {
+  if (store.running) return link(t("job.show"), "/job", { kind: "primary task", sign: "next" });
   const ready = store.home.calibration.state === "valid";
-  const doors = [link(t("home.inspect"), "/inspect", { kind: `door ${ready ? "primary" : ""}`, sign: "inspect" }),
-    link(t("home.calibrate"), "/calibrate", { kind: `door ${ready ? "" : "primary"}`, sign: "calibrate" })];
-  return ready ? doors : doors.reverse();
+  const tasks = [link(t("home.inspect"), "/inspect", { kind: `task ${ready ? "primary" : ""}`, sign: "inspect" }),
+    link(t("home.calibrate"), "/calibrate", { kind: `task ${ready ? "" : "primary"}`, sign: "calibrate" })];
+  return ready ? tasks : tasks.reverse();
 }

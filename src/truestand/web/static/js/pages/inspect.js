@@ -9,8 +9,8 @@ import { to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
 
-/** What was said about the part so far; the operator and the order stay for the next one. */
-const said = { part: null, serial: "", order: "", operator: null };
+/** What was entered about the part so far; the operator and the order stay for the next one. */
+const entered = { part: null, serial: "", order: "", operator: null };
 
 export const STEPS = ["choose", "identify", "mount", "measure", "verdict"];
 
@@ -37,7 +37,7 @@ function choice(part) {
     h("span", { class: "name" }, part.title || part.name), h("span", { class: "facts" }, `${t(`part.${part.kind}`)} · ${part.file}`));
 }
 
-/** Nothing can be decided on a stand that is not calibrated: said before the work, not after it. */
+/** Nothing can be decided on a stand that is not calibrated: shown before the work. */
 function warning() {
   const { state, verified, reasons } = store.home.calibration;
   if (state === "valid") return null;
@@ -48,9 +48,9 @@ function warning() {
 }
 
 function identify(page, part) {
-  if (said.part !== part.name) Object.assign(said, { part: part.name, serial: "" });
-  said.operator ??= localStorage.getItem("operator") ?? store.session.user ?? "";
-  const input = (key, more = {}) => h("input", { type: "text", id: `i-${key}`, maxlength: 80, autocomplete: "off", spellcheck: "false", prop: { value: said[key] }, on: { input: (e) => (said[key] = e.target.value.trim()) }, ...more });
+  if (entered.part !== part.name) Object.assign(entered, { part: part.name, serial: "" });
+  entered.operator ??= localStorage.getItem("operator") ?? store.session.user ?? "";
+  const input = (key, more = {}) => h("input", { type: "text", id: `i-${key}`, maxlength: 80, autocomplete: "off", spellcheck: "false", prop: { value: entered[key] }, on: { input: (e) => (entered[key] = e.target.value.trim()) }, ...more });
   const form = h("form", { class: "card form identify", on: { submit: onward } },
     field(t("inspect.serial"), input("serial"), t("inspect.serial.note")), field(t("inspect.order"), input("order")), field(t("inspect.operator"), input("operator")),
     h("div", { class: "actions" }, link(t("action.back"), "/inspect", { sign: "back" }), button(t("action.next"), null, { kind: "primary", type: "submit", sign: "next" })));
@@ -58,35 +58,35 @@ function identify(page, part) {
 
   function onward(event) {
     event.preventDefault();
-    localStorage.setItem("operator", said.operator);
+    localStorage.setItem("operator", entered.operator);
     to(`/inspect/${encodeURIComponent(part.name)}/mount`);
   }
 }
 
 function mount(page, part) {
-  if (said.part !== part.name) return to(`/inspect/${encodeURIComponent(part.name)}`, true);
+  if (entered.part !== part.name) return to(`/inspect/${encodeURIComponent(part.name)}`, true);
   const wrong = h("div", {});
   const ready = store.home.calibration.state === "valid";
   add(page, stepper(names(), 2), heading(t("inspect.mount")), warning(),
     h("section", { class: "card" }, h("dl", { class: "facts-list" }, fact(t("inspect.part"), part.title || part.name),
-      fact(t("inspect.serial"), said.serial), fact(t("inspect.order"), said.order), fact(t("inspect.operator"), said.operator)),
+      fact(t("inspect.serial"), entered.serial), fact(t("inspect.order"), entered.order), fact(t("inspect.operator"), entered.operator)),
     h("ol", { class: "todo" }, ["mount.part", "mount.clean", "mount.clear"].map((key) => h("li", {}, t(key)))), wrong,
     h("div", { class: "actions" }, link(t("action.back"), `/inspect/${encodeURIComponent(part.name)}`, { sign: "back" }),
       button(t("inspect.start"), start, { kind: ready ? "primary go" : "", sign: "play" }))));
 
   function start(event) {
-    return begin({ kind: "inspect", part: part.name, serial: said.serial, order: said.order, operator: said.operator }, event.currentTarget, wrong);
+    return begin({ kind: "inspect", part: part.name, serial: entered.serial, order: entered.order, operator: entered.operator }, event.currentTarget, wrong);
   }
 }
 
-/** Order a job and go and watch it; a refusal is said beside the button. */
+/** Start a job and show its page; a refusal is shown beside the button. */
 export async function begin(order, pressed, wrong) {
   pressed.disabled = true;
   try {
     store.live = null;
     store.job = await send("POST", "api/jobs", order);
-    store.tell("job");
-    if (order.kind === "inspect") said.serial = "";
+    store.notify("job");
+    if (order.kind === "inspect") entered.serial = "";
     to("/job");
   } catch (refused) {
     put(wrong, alertBox(refused.message));

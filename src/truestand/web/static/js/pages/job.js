@@ -131,15 +131,15 @@ function stepLine(step) {
 /** Where the table stands, as a dial. */
 function dial() {
   const hand = s("line", { x1: 50, y1: 50, x2: 50, y2: 12, class: "hand" });
-  const told = h("strong", {}, "–");
+  const reading = h("strong", {}, "–");
   const element = h("div", { class: "dial" }, s("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" }, s("circle", { cx: 50, cy: 50, r: 44 }), hand, s("circle", { cx: 50, cy: 50, r: 5, class: "hub" })),
-    h("div", {}, h("span", { class: "label" }, t("live.table")), told));
+    h("div", {}, h("span", { class: "label" }, t("live.table")), reading));
   return {
     element,
     turn(degrees) {
       if (!Number.isFinite(degrees)) return;
       hand.setAttribute("transform", `rotate(${-degrees} 50 50)`);
-      told.textContent = `${number(degrees, 1)}°`;
+      reading.textContent = `${number(degrees, 1)}°`;
     },
   };
 }
@@ -171,11 +171,11 @@ async function ended(page, first, signal) {
   if (!first) page.querySelector("h1")?.setAttribute("tabindex", "-1");
   if (!first) page.querySelector("h1")?.focus();
   if (!job.number) return;
-  const told = await get(`api/results/${job.number}`, signal).catch(() => null);
-  if (!told || signal.aborted) return;
-  if (told.entry.serial) page.querySelector(".over").append(` · ${told.entry.serial}`);
-  if (word === "done") page.querySelector(".stamp").replaceWith(stamp(told.record.verdict ?? told.record.status, title(job), job.message));
-  put(why, decisive(told.record));
+  const result = await get(`api/results/${job.number}`, signal).catch(() => null);
+  if (!result || signal.aborted) return;
+  if (result.entry.serial) page.querySelector(".over").append(` · ${result.entry.serial}`);
+  if (word === "done") page.querySelector(".stamp").replaceWith(stamp(result.record.verdict ?? result.record.status, title(job), job.message));
+  put(why, decisive(result.record));
 }
 
 function onward(job) {

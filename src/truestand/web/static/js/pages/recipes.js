@@ -9,15 +9,15 @@ import { guard, to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
 
-const PATIENCE = 600;
+const CHECK_DELAY_MS = 600;
 const SIGNS = { stand: "devices", artefact: "turned", part: "gear" };
 
 export async function show(page, { file }, signal) {
   const all = await get("api/recipes", signal);
   const fresh = Boolean(file) && !all.some((r) => r.file === file);
-  const told = file ? (fresh ? { file, text: "", problem: null } : await get(`api/recipes/${encodeURIComponent(file)}`, signal)) : null;
+  const recipe = file ? (fresh ? { file, text: "", problem: null } : await get(`api/recipes/${encodeURIComponent(file)}`, signal)) : null;
   add(page, heading(t("recipes.title"), store.engineer && button(t("recipes.new"), create, { sign: "plus" })),
-    h("div", { class: "editor" }, files(all, file), told ? editor(told, signal) : h("div", { class: "card" }, empty(t(all.length ? "recipes.choose" : "recipes.none")))));
+    h("div", { class: "editor" }, files(all, file), recipe ? editor(recipe, signal) : h("div", { class: "card" }, empty(t(all.length ? "recipes.choose" : "recipes.none")))));
 }
 
 function files(all, chosen) {
@@ -48,7 +48,7 @@ function editor({ file, text, problem }, signal) {
   addEventListener("beforeunload", (event) => area.value !== saved && event.preventDefault(), { signal });
   signal.addEventListener("abort", () => clearTimeout(waiting));
   number();
-  tell(problem, false);
+  showProblem(problem, false);
   return h("section", { class: "card text" }, h("label", { class: "name", for: "recipe" }, file), h("div", { class: "sheet" }, numbers, area), state,
     store.engineer ? h("div", { class: "actions" }, button(t("recipes.check"), check), save) : h("p", { class: "note" }, t("recipes.read_only")));
 
@@ -61,7 +61,7 @@ function editor({ file, text, problem }, signal) {
     number();
     put(state, h("p", { class: "note" }, t("recipes.changed")));
     clearTimeout(waiting);
-    waiting = setTimeout(check, PATIENCE);
+    waiting = setTimeout(check, CHECK_DELAY_MS);
   }
 
   function keys(event) {
@@ -75,9 +75,9 @@ function editor({ file, text, problem }, signal) {
     clearTimeout(waiting);
     try {
       const { problem } = await send("POST", `${path}/check`, { text: area.value });
-      if (!signal.aborted) tell(problem, true);
+      if (!signal.aborted) showProblem(problem, true);
     } catch (wrong) {
-      tell(wrong.message, true);
+      showProblem(wrong.message, true);
     }
   }
 
@@ -90,13 +90,13 @@ function editor({ file, text, problem }, signal) {
       put(state, h("div", { class: "notice good" }, mark("good"), h("p", {}, t("recipes.saved"))));
       say(t("recipes.saved"));
     } catch (wrong) {
-      tell(wrong.message, true);
+      showProblem(wrong.message, true);
     }
     save.disabled = false;
   }
 
   /** The problem, and the line that it names. */
-  function tell(problem, asked) {
+  function showProblem(problem, asked) {
     const at = Number(/\blines? (\d+)/i.exec(problem ?? "")?.[1]) || null;
     number(at);
     if (!problem) return put(state, asked && h("p", { class: "note fine" }, mark("good"), t(area.value === saved ? "recipes.fine" : "recipes.fine.unsaved")));

@@ -56,8 +56,8 @@ export async function show(page, { number, tab = "values" }, signal) {
 }
 
 function facts(entry) {
-  const said = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order })];
-  return said.filter(Boolean).join(" · ");
+  const parts = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order })];
+  return parts.filter(Boolean).join(" · ");
 }
 
 function corrected(entry) {

@@ -27,8 +27,8 @@ export async function show(page, _, signal) {
       select(t("results.part"), [{ value: "", label: t("results.every_part") }, ...parts.map((p) => ({ value: p.name, label: p.title || p.name }))], wanted.part, (part) => change({ part })));
   }
 
-  async function change(said) {
-    Object.assign(wanted, said);
+  async function change(choice) {
+    Object.assign(wanted, choice);
     entries = [];
     await load();
   }

@@ -1,7 +1,7 @@
 """The address space: objects and variables with names for node ids, which stay the same from result to result.
 
-A client may subscribe to ``LastResult/Characteristics/F_p left/Value`` once and for all. What has not changed isn't
-written, so that nobody is told twice; what there is none of is Null, never NaN.
+A client may subscribe to ``LastResult/Characteristics/F_p left/Value`` once and for all. A value that has not changed
+isn't written, so that nobody is notified twice; a value that is missing is Null, never NaN.
 """
 
 from collections.abc import Collection, Mapping
@@ -29,19 +29,15 @@ class Nodes:
     def __contains__(self, path: str) -> bool:
         return path in self._nodes
 
-    def __getitem__(self, path: str) -> Node:
-        return self._nodes[path]
-
     def children(self, path: str) -> list[str]:
         """Paths of the objects that were added under one."""
         return [at for at in self._nodes if at.startswith(f"{path}/") and at not in self._kinds]
 
-    async def add_object(self, path: str, folder: bool = False) -> Node:
+    async def add_object(self, path: str, folder: bool = False) -> None:
         """An object under the one that its path names; at the top under Objects."""
-        parent, name = self._place(path)
+        parent, name = self._parent_and_name(path)
         add = parent.add_folder if folder else parent.add_object
         self._nodes[path] = await add(self._id(path), ua.QualifiedName(name, self._space))
-        return self._nodes[path]
 
     async def add_variables(self, path: str, kinds: Mapping[str, ua.VariantType]) -> None:
         """Variables of an object by name, Null at first, that clients can't write."""
@@ -57,41 +53,43 @@ class Nodes:
 
     async def add_method(self, path: str, call: Any, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> None:
         """A method with texts in and out, by name with a description."""
-        parent, name = self._place(path)
-        told = [[_argument(*one) for one in side.items()] for side in (inputs, outputs)]
-        self._nodes[path] = await parent.add_method(self._id(path), ua.QualifiedName(name, self._space), call, *told)
+        parent, name = self._parent_and_name(path)
+        arguments = [[_argument(*item) for item in side.items()] for side in (inputs, outputs)]
+        self._nodes[path] = await parent.add_method(
+            self._id(path), ua.QualifiedName(name, self._space), call, *arguments
+        )
 
     async def write(self, path: str, values: Mapping[str, Value]) -> None:
-        """Show these values of an object's variables."""
+        """Write those values of an object's variables that have changed."""
         for name, value in values.items():
             at = f"{path}/{name}"
             if value == self._values[at] and type(value) is type(self._values[at]):
                 continue
             self._values[at] = value
-            self._forget(self._nodes[at])
-            shown = ua.Variant(None, Kind.Null) if value is None else _variant(value, self._kinds[at])
-            await self._server.write_attribute_value(self._nodes[at].nodeid, ua.DataValue(shown))
+            self._clear(self._nodes[at])
+            variant = ua.Variant(None, Kind.Null) if value is None else _variant(value, self._kinds[at])
+            await self._server.write_attribute_value(self._nodes[at].nodeid, ua.DataValue(variant))
 
     async def remove(self, parent: str, paths: Collection[str]) -> None:
-        """Take objects of a parent away with their variables."""
-        mine = [at for at in self._nodes if at in paths or (at in self._kinds and at.rpartition("/")[0] in paths)]
-        nodes = [self._nodes[at] for at in mine]
+        """Remove objects of a parent with their variables."""
+        removed = [at for at in self._nodes if at in paths or (at in self._kinds and at.rpartition("/")[0] in paths)]
+        nodes = [self._nodes[at] for at in removed]
         # asyncua would look for references through the whole address space, 20 ms a node
         await delete_nodes(self._server.iserver.isession, nodes, False, False)
-        gone = {node.nodeid for node in nodes}
-        known = self._server.iserver.aspace[self._nodes[parent].nodeid].references
-        known[:] = [reference for reference in known if reference.NodeId not in gone]
-        for at in mine:
-            for kept in (self._nodes, self._kinds, self._values):
-                kept.pop(at, None)
+        ids = {node.nodeid for node in nodes}
+        references = self._server.iserver.aspace[self._nodes[parent].nodeid].references
+        references[:] = [reference for reference in references if reference.NodeId not in ids]
+        for at in removed:
+            for by_path in (self._nodes, self._kinds, self._values):
+                by_path.pop(at, None)
 
-    def _forget(self, node: Node) -> None:
-        """asyncua refuses Null over a value, but anything over nothing at all."""
+    def _clear(self, node: Node) -> None:
+        """asyncua refuses to write Null over a value, but not anything over no value."""
         self._server.iserver.aspace[node.nodeid].attributes[ua.AttributeIds.Value].value = None
 
-    def _place(self, path: str) -> tuple[Node, str]:
-        above = max((at for at in self._nodes if path.startswith(f"{at}/")), key=len, default=None)
-        return (self._server.nodes.objects, path) if above is None else (self._nodes[above], path[len(above) + 1 :])
+    def _parent_and_name(self, path: str) -> tuple[Node, str]:
+        parent = max((at for at in self._nodes if path.startswith(f"{at}/")), key=len, default=None)
+        return (self._server.nodes.objects, path) if parent is None else (self._nodes[parent], path[len(parent) + 1 :])
 
     def _id(self, path: str) -> ua.NodeId:
         return ua.NodeId(ua.String(path), ua.Int16(self._space))

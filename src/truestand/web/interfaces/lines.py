@@ -1,4 +1,4 @@
-"""The lines of a result as machines take them: a flat object each, one unit, both limits, null where there is none."""
+"""A result's lines for other machines: a flat object each, one unit, both limits, null where there is none."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ class Line:
     """A characteristic of an inspection, a quantity of a calibration, or a change that a verification looked for."""
 
     name: str
-    """Alone in its result: characteristic, section, flank and tooth, as in ``F_alpha left 3``."""
+    """Unique in its result: characteristic, section, flank and tooth, as in ``F_alpha left 3``."""
     characteristic: str
     flank: str | None
     tooth: int | None
@@ -38,11 +38,11 @@ class Line:
 
 def lines_of(kind: str, record: Record) -> tuple[Line, ...]:
     """The lines of a record of any kind, each under a name of its own."""
-    readers = {"inspection": _inspected, "verification": _verified, "calibration": _calibrated}
-    return tuple(_apart(readers[kind](record))) if kind in readers else ()
+    readers = {"inspection": _of_inspection, "verification": _of_verification, "calibration": _of_calibration}
+    return tuple(_with_unique_names(readers[kind](record))) if kind in readers else ()
 
 
-def _inspected(record: Record) -> Iterator[Line]:
+def _of_inspection(record: Record) -> Iterator[Line]:
     for c in record.get("characteristics") or ():
         unit = "mm" if "value_mm" in c else "um"
         lower, upper = limits_of(c, record) or (None, None)
@@ -53,19 +53,19 @@ def _inspected(record: Record) -> Iterator[Line]:
         )  # fmt: skip
 
 
-def _verified(record: Record) -> Iterator[Line]:
+def _of_verification(record: Record) -> Iterator[Line]:
     for c in record.get("changes") or ():
-        told = {key: c.get(f"{key}_um") for key in ("value", "U")}
-        yield _line(c["name"], "um", **told, upper=c.get("limit_um"), verdict=c.get("verdict"))
+        value, U = c.get("value_um"), c.get("U_um")
+        yield _line(c["name"], "um", value=value, U=U, upper=c.get("limit_um"), verdict=c.get("verdict"))
 
 
-def _calibrated(record: Record) -> Iterator[Line]:
-    """What has an uncertainty, and what could not be told."""
+def _of_calibration(record: Record) -> Iterator[Line]:
+    """Quantities with an uncertainty, and those that are not identifiable."""
     values = {**(record.get("sensor") or {}), **(record.get("shaft") or {})}
-    for key, told in (record.get("uncertainty") or {}).items():
+    for key, stated in (record.get("uncertainty") or {}).items():
         name, unit = _split(key)
         if key in values:
-            yield _line(name, unit, value=values[key], U=told.get("U"))
+            yield _line(name, unit, value=values[key], U=stated.get("U"))
     for key in record.get("not_identifiable") or ():
         name, unit = _split(key)
         yield _line(name, unit, status="not_identifiable")
@@ -77,14 +77,14 @@ def _split(key: str) -> tuple[str, str]:
     return (name, unit) if unit in UNITS else (key, "")
 
 
-def _line(name: str, unit: str, **told: Any) -> Line:
-    where = [str(told[key]) for key in ("section", "flank", "tooth") if told.get(key) is not None]
-    given: dict[str, Any] = dict.fromkeys(Line.__slots__) | {"status": "measured"} | told
-    return Line(**given | {"name": " ".join((name, *where)), "characteristic": name, "unit": unit})
+def _line(name: str, unit: str, **fields: Any) -> Line:
+    place = [str(fields[key]) for key in ("section", "flank", "tooth") if fields.get(key) is not None]
+    complete: dict[str, Any] = dict.fromkeys(Line.__slots__) | {"status": "measured"} | fields
+    return Line(**complete | {"name": " ".join((name, *place)), "characteristic": name, "unit": unit})
 
 
-def _apart(lines: Iterable[Line]) -> Iterator[Line]:
-    """The same lines; names that come again are counted."""
+def _with_unique_names(lines: Iterable[Line]) -> Iterator[Line]:
+    """The same lines; a name that comes again gets a number."""
     seen: dict[str, int] = {}
     for line in lines:
         count = seen[line.name] = seen.get(line.name, 0) + 1

@@ -13,43 +13,39 @@ from pathlib import Path
 from websockets.sync.client import connect
 
 from truestand.files.recipes.recipes import write_starters
-from truestand.web.hub import Hub
-from truestand.web.kept import Kept
-from truestand.web.page import Page, Settings
-from truestand.web.runner import Runner
+from truestand.web import app_state
+from truestand.web.app_state import Settings
+from truestand.web.authentication import make_user, users_path, write_users
 from truestand.web.serving import Binding, Server, bind, config
-from truestand.web.tasks import ask
-from truestand.web.users import Gatekeeper, make_user, users_path, write_users
 
-WORKER = (sys.executable, str(Path(__file__).with_name("page_worker.py")))
+WORKER = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 PASSWORD = "correct horse battery"
 SERVERS = {}
 """By port, to look into."""
 
 
-def quick_user(name, role):
+def weak_user(name, role):
     """A user whose password is checked in no time."""
     return make_user(name, role, PASSWORD, {"n": 16, "r": 8, "p": 1})
 
 
-def make_page(folder, users=(), **more):
+def make_state(folder, users=(), worker=WORKER):
+    """Of a stand with the starter recipes, and a scripted worker."""
     if not (folder / "stand.toml").exists():
         write_starters(folder)
     settings = Settings(folder / "stand.toml", folder / "shaft.toml", folder / "results")
     if users:
-        write_users(users_path(settings.store), {name: quick_user(name, role) for name, role in users})
-    hub = Hub()
-    gatekeeper = Gatekeeper(users_path(settings.store))
-    return Page(settings, Kept(settings.store), Runner(hub, WORKER), hub, gatekeeper, ask, **more)
+        write_users(users_path(settings.store), {name: weak_user(name, role) for name, role in users})
+    return app_state.make_state(settings, worker)
 
 
 @contextmanager
-def served(page, **binding):
+def served(state, **binding):
     """Its port."""
     at = Binding(port=0, **binding)
     listening = bind(at)
     ready = threading.Event()
-    server = Server(config(page, at), page.runner, ready.set)
+    server = Server(config(state, at), state.runner, ready.set)
     thread = threading.Thread(target=lambda: asyncio.run(server.serve([listening])))
     thread.start()
     try:
@@ -116,9 +112,9 @@ class Client:
         return self.ask("POST", path, body, **more)
 
     def session(self):
-        told = self.get("/api/session").json
-        self.csrf = told["csrf"]
-        return told
+        payload = self.get("/api/session").json
+        self.csrf = payload["csrf"]
+        return payload
 
     def login(self, user, password=PASSWORD):
         self.session()
@@ -152,10 +148,10 @@ def snapshot(folder):
 
 
 def main(folder, port=0):
-    """Serve a page with the fake worker until the input ends: ``python page_lab.py FOLDER [PORT]`` prints the port."""
-    page, at = make_page(Path(folder)), Binding(port=int(port))
+    """Serve a page with the fake worker until the input ends: ``python web_lab.py FOLDER [PORT]`` prints the port."""
+    state, at = make_state(Path(folder)), Binding(port=int(port))
     listening = bind(at)
-    server = Server(config(page, at), page.runner, lambda: print(listening_port(server), flush=True))
+    server = Server(config(state, at), state.runner, lambda: print(listening_port(server), flush=True))
     threading.Thread(target=lambda: (sys.stdin.read(), setattr(server, "should_exit", True)), daemon=True).start()
     asyncio.run(server.serve([listening]))
 

@@ -1,29 +1,27 @@
 """A stand with a fake worker, and other machines that talk to it."""
 
 import asyncio
-import sys
+import json
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 from asyncua import Client
 
-import page_lab
+import web_lab
+from small_records import calibration, inspection
 from truestand.store import Store
-from truestand.web.machines.attach import Wanted, machines
-from truestand.web.runner import Runner
-
-WORKER = (sys.executable, str(Path(__file__).with_name("machine_worker.py")))
+from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
 
 
-def make_page(folder, users=()):
-    page = page_lab.make_page(folder, users)
-    page.runner = Runner(page.hub, WORKER)
-    return page
+def make_state(folder, users=()):
+    (folder / "worker").mkdir(parents=True, exist_ok=True)
+    for kind, record in (("calibrate", calibration()), ("inspect", inspection())):
+        (folder / "worker" / f"{kind}.json").write_text(json.dumps(record))
+    return web_lab.make_state(folder, users)
 
 
-def keep(page, kind, record):
+def keep(state, kind, record):
     """The number of a result that some other program puts into the store."""
-    return Store.open(page.settings.store, create=True).add(kind, record).number
+    return Store.open(state.settings.store, create=True).add(kind, record).number
 
 
 class Plc:
@@ -51,13 +49,13 @@ class Plc:
 
 
 @asynccontextmanager
-async def served(page):
+async def served(state):
     """The address of the page's OPC UA server."""
-    async with machines(page, Wanted("opc.tcp://127.0.0.1:0")) as (address,):
+    async with open_interfaces(state, InterfaceSettings("opc.tcp://127.0.0.1:0")) as (address,):
         try:
             yield address
         finally:
-            await asyncio.to_thread(page.runner.close)
+            await asyncio.to_thread(state.runner.close)
 
 
 @asynccontextmanager

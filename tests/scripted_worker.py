@@ -1,4 +1,7 @@
-"""A worker that speaks like truestand.station.worker and does what the order's ``serial`` asks for; no stand needed."""
+"""A worker that speaks like truestand.station.worker and does what the request's ``serial`` asks for; no stand needed.
+
+Where ``worker/KIND.json`` lies beside stand.toml, a job that ends well puts that record into the store.
+"""
 
 import json
 import os
@@ -27,13 +30,18 @@ def tell(**event):
     return time.perf_counter() - began - (kept_waiting() - waited)
 
 
-def live(n):
+def live(n, done=None, lost=()):
+    """The n-th live event, of one sensor or of one for each of the ``lost`` profiles."""
     profile = {
         "x": [round(i * 0.1, 3) for i in range(160)],
         "z": [70.0 + i * 0.01 if i % 7 else None for i in range(160)],
     }
-    sensor = {"name": "front", "frames_per_s": 200.0, "profiles": n, "lost": 0, "profile": profile}
-    return tell(event="live", state="recording", done=min(n / 500, 1.0), position_deg=float(n), sensors=[sensor])
+    sensors = [
+        {"name": name, "frames_per_s": 200.0, "profiles": n, "lost": count, "profile": profile}
+        for name, count in zip(("front", "rear"), lost or (0,), strict=False)
+    ]
+    share = min(n / 500, 1.0) if done is None else done
+    return tell(event="live", state="recording", done=share, position_deg=float(n), sensors=sensors)
 
 
 def turn(until):
@@ -47,16 +55,39 @@ def turn(until):
     return n, longest
 
 
+def hold():
+    """The same live event until a signal says stop: half of the first step done, 50 profiles, 12 lost by one sensor."""
+    while True:
+        live(50, 0.5, (0, 12))
+        time.sleep(0.05)
+
+
+def outcome(request):
+    """Number, verdict and status of the record that is put into the store, or of a calibration that is not."""
+    path = Path(request.get("stand", "stand.toml")).with_name("worker") / f"{request['kind']}.json"
+    if not path.exists():
+        moved = request["serial"] == "moved"
+        return {"number": None, "verdict": "does_not_hold" if moved else None, "status": None if moved else "valid"}
+    from truestand.store import Store
+
+    record = json.loads(path.read_text(encoding="utf-8"))
+    if "part" in record:
+        record["part"] |= {key: request[key] for key in ("serial", "order", "operator")}
+    kind = record["format"].removeprefix("truestand.")
+    entry = Store.open(Path(request["store"]), create=True).add(kind, record, operator=request["operator"])
+    return {"number": entry.number, "verdict": record.get("verdict"), "status": record.get("status")}
+
+
 def interrupt(number, frame):
     raise KeyboardInterrupt
 
 
 def main():
-    order = json.loads(sys.stdin.readline())
-    folder = Path(order["folder"])
+    request = json.loads(sys.stdin.readline())
+    folder = Path(request["folder"])
     folder.mkdir(parents=True)
-    (folder / "order.json").write_text(json.dumps(order))
-    does = order.get("serial") or "quick"
+    (folder / "request.json").write_text(json.dumps(request))
+    does = request.get("serial") or "quick"
     signal.signal(signal.SIGINT, signal.SIG_IGN if does == "stubborn" else interrupt)
     tell(event="step", name="acquire", state="running")
     try:
@@ -69,6 +100,8 @@ def main():
             return 1
         if does == "garbage":
             print("no json\n[1, 2]\nnull\n" + '{"event": "step"}\n' + '{"event": 7}\n' + "x" * 3_000_000)
+        if does == "hold":
+            hold()
         if does in ("long", "stubborn"):
             n, longest = turn(lambda: (folder / "stop").exists())
             (folder.parent / "told.json").write_text(json.dumps({"told": n, "longest": longest}))
@@ -84,9 +117,7 @@ def main():
     for name in ("acquire", "evaluate", "report", "keep"):
         tell(event="step", name=name, state="running")
         tell(event="step", name=name, state="done")
-    moved = does == "moved"
-    tell(event="done", number=None, verdict="does_not_hold" if moved else None, status=None if moved else "valid",
-         message="")  # fmt: skip
+    tell(event="done", message="", **outcome(request))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""50 hostile clients in a process of their own: ``python page_hostile.py PORT COOKIE CSRF``, until its input ends."""
+"""50 hostile clients: ``python hostile_clients.py PORT COOKIE CSRF`` runs them until its input ends."""
 
 import os
 import socket

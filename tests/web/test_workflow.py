@@ -1,4 +1,4 @@
-"""A person's whole morning in a real browser, on the virtual stand behind its real protocols: nothing is a mock."""
+"""An operator's work in a real browser, on the virtual stand behind its real protocols: nothing is a mock."""
 
 import json
 import re
@@ -11,7 +11,7 @@ import pytest
 
 from lab import lab
 from patience import NOT_FOR_EVER
-from truestand.web.users import make_user, users_path, write_users
+from truestand.web.authentication import make_user, users_path, write_users
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
@@ -38,11 +38,11 @@ def page(stand):
     """The operator page of the stand, with one operator."""
     store = stand.folder / "results"
     store.mkdir()
-    write_users(users_path(store), {"kim": make_user("kim", "operator", "a quiet morning")})
+    write_users(users_path(store), {"kim": make_user("kim", "operator", "a long password")})
     command = [sys.executable, "-W", "error", "-m", "truestand", "serve", "--stand", str(stand.recipe), "--port", "0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    told = process.stdout.readline()
-    yield re.search(r"http://\S+", told)[0]
+    line = process.stdout.readline()
+    yield re.search(r"http://\S+", line)[0]
     process.terminate()
     _, said = process.communicate(timeout=30)
     assert process.returncode == 0, said
@@ -65,7 +65,7 @@ def tab():
     assert heard == []
 
 
-def test_a_whole_morning(stand, page, tab, tmp_path):
+def test_an_operator_calibrates_inspects_and_sees_results_in_the_browser(stand, page, tab, tmp_path):
     log_in(tab, page)
     calibrate(tab)
     verdicts = [
@@ -85,7 +85,7 @@ def test_a_whole_morning(stand, page, tab, tmp_path):
 def log_in(tab, page) -> None:
     tab.goto(page)
     tab.get_by_label("Name").fill("kim")
-    tab.get_by_label("Password").fill("a quiet morning")
+    tab.get_by_label("Password").fill("a long password")
     began = time.monotonic()
     tab.get_by_role("button", name="Log in").click()
     tab.get_by_text("Not calibrated").wait_for()

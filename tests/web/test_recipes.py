@@ -6,12 +6,12 @@ import threading
 
 import pytest
 
-from page_lab import Client, make_page, served, snapshot
-from truestand.web.doors import Who
-from truestand.web.folder import Folder
+from truestand.web.authentication import Principal
 from truestand.web.models import JobBody, RecipeBody
 from truestand.web.problem import Problem
+from truestand.web.recipes import RecipeFolder
 from truestand.web.routes import jobs, recipes
+from web_lab import Client, make_state, served, snapshot
 
 OUTSIDE = [
     "../secret.toml", "..%2fsecret.toml", "%2e%2e/secret.toml", "..\\secret.toml", "/etc/passwd.toml",
@@ -36,7 +36,7 @@ def stand(tmp_path):
     (folder / "secret.toml").rename(folder / "gear.toml")
     (folder / "sub").mkdir()
     (folder / "sub" / "inner.toml").write_text("x = 1")
-    return Folder(folder)
+    return RecipeFolder(folder)
 
 
 @pytest.mark.parametrize("name", OUTSIDE)
@@ -45,18 +45,18 @@ def test_a_name_that_leads_elsewhere_is_no_recipe(stand, name):
     for use in (stand.file, stand.read, lambda n: stand.write(n, "x = 1")):
         with pytest.raises(Problem) as refused:
             use(name)
-        assert refused.value.status == 404
+        assert refused.value.status_code == 404
     assert snapshot(stand.path.parent) == before
 
 
 @pytest.mark.parametrize("name", [n for n in OUTSIDE if "\x00" not in n])
 @pytest.mark.parametrize("method", ["GET", "PUT"])
-def test_nor_over_http(stand, name, method):
+def test_a_name_that_leads_elsewhere_is_refused_over_http(stand, name, method):
     from urllib.parse import quote
 
     folder = stand.path.with_name("page")
     folder.mkdir()
-    with served(make_page(folder)) as port:
+    with served(make_state(folder)) as port:
         client = Client(port)
         client.session()
         before = snapshot(stand.path.parent)
@@ -96,7 +96,7 @@ def test_plain_names_are_recipes(stand, name):
     assert name in [r.file for r in stand.recipes()]
 
 
-def test_what_is_no_recipe_is_not_listed(stand):
+def test_files_that_are_no_recipes_are_not_listed(stand):
     (stand.path / "pyproject.toml").write_text("[tool]\n")
     (stand.path / "broken.toml").write_text("kind = ")
     (stand.path / "huge.toml").write_text("#" * 300_000)
@@ -105,8 +105,8 @@ def test_what_is_no_recipe_is_not_listed(stand):
         stand.read("huge.toml")
 
 
-ESCAPES = ["../pyproject.toml", "%2e%2e/doors.py", "..%2fdoors.py", "js/../../doors.py", "/etc/passwd", ".git/config",
-           "static/../app.py", "__init__.py", "index.html/..", "js"]  # fmt: skip
+ESCAPES = ["../pyproject.toml", "%2e%2e/routing.py", "..%2frouting.py", "js/../../routing.py", "/etc/passwd",
+           ".git/config", "static/../app.py", "__init__.py", "index.html/..", "js"]  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ESCAPES)
@@ -120,16 +120,16 @@ def test_recipes_are_listed_read_checked_and_saved(client, tmp_path):
     assert client.get("/api/parts").json == [
         {"name": "gear", "title": "demo wheel", "kind": "gear", "file": "gear.toml"}
     ]
-    told = client.get("/api/recipes/gear.toml").json
-    assert told["problem"] is None
-    wrong = told["text"].replace("teeth = 24", "tooth = 24")
+    payload = client.get("/api/recipes/gear.toml").json
+    assert payload["problem"] is None
+    wrong = payload["text"].replace("teeth = 24", "tooth = 24")
     before = snapshot(tmp_path)
     found = client.post("/api/recipes/gear.toml/check", {"text": wrong}).json["problem"]
     assert found == "unknown key 'tooth'; did you mean 'teeth'?"
     refused = client.ask("PUT", "/api/recipes/gear.toml", {"text": wrong})
     assert refused.status == 422 and refused.problem == found
     assert snapshot(tmp_path) == before
-    saved = client.ask("PUT", "/api/recipes/pinion.toml", {"text": told["text"].replace("demo wheel", "pinion")})
+    saved = client.ask("PUT", "/api/recipes/pinion.toml", {"text": payload["text"].replace("demo wheel", "pinion")})
     assert saved.status == 200 and saved.json == {"problem": None}
     assert (tmp_path / "pinion.toml").exists() and len(client.get("/api/parts").json) == 2
     assert client.get("/api/recipes/none.toml").status == 404
@@ -147,7 +147,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "word"), WRONG)
-def test_what_is_wrong_is_said_in_one_line(client, text, word, tmp_path):
+def test_the_problem_of_a_recipe_is_one_line(client, text, word, tmp_path):
     found = client.post("/api/recipes/new.toml/check", {"text": text}).json["problem"]
     assert word in found and "\n" not in found.strip() and "/tmp/tmp" not in found
     assert not (tmp_path / "new.toml").exists()
@@ -161,7 +161,7 @@ def test_a_cad_model_beside_the_recipe_is_found(client, tmp_path):
     assert checked.json == {"problem": None}
 
 
-def test_recipes_stay_as_they_are_while_a_job_runs(client):
+def test_saving_a_recipe_while_a_job_runs_is_refused(client):
     job = client.post("/api/jobs", {"kind": "calibrate", "serial": "long"}).json
     text = client.get("/api/recipes/gear.toml").json["text"]
     assert client.ask("PUT", "/api/recipes/gear.toml", {"text": text}).status == 409
@@ -175,15 +175,15 @@ def test_a_recipe_is_not_saved_where_a_job_started_while_it_was_checked(client, 
         begun.append(Client(client.port, client.cookie, client.csrf).post("/api/jobs", HOLD).json["id"])
 
     text = client.get("/api/recipes/gear.toml").json["text"]
-    monkeypatch.setattr(recipes, "problem_of", check)
+    monkeypatch.setattr(RecipeFolder, "problem_of", check)
     answer = client.ask("PUT", "/api/recipes/gear.toml", {"text": text.replace("demo wheel", "another")})
     assert answer.status == 409 and "job running" in answer.problem
     assert (tmp_path / "gear.toml").read_text(encoding="utf-8") == text
     client.post(f"/api/jobs/{begun[0]}/abort")
 
 
-def test_a_job_does_not_start_while_a_recipe_is_written(page, monkeypatch):
-    writing, go, write = threading.Event(), threading.Event(), Folder.write
+def test_a_job_does_not_start_while_a_recipe_is_written(state, monkeypatch):
+    writing, go, write = threading.Event(), threading.Event(), RecipeFolder.write
 
     def slow(folder, name, text):
         writing.set()
@@ -191,19 +191,19 @@ def test_a_job_does_not_start_while_a_recipe_is_written(page, monkeypatch):
         write(folder, name, text)
 
     async def meet():
-        text = page.folder.read("shaft.toml").replace("shaft M", "shaft N")
-        saving = asyncio.create_task(recipes.save("shaft.toml", RecipeBody(text=text), page))
+        text = state.folder.read("shaft.toml").replace("shaft M", "shaft N")
+        saving = asyncio.create_task(recipes.save("shaft.toml", RecipeBody(text=text), state))
         await asyncio.to_thread(writing.wait, 20)
-        starting = asyncio.create_task(jobs.start(JobBody(kind="calibrate"), page, Who(None, "engineer")))
+        starting = asyncio.create_task(jobs.start(JobBody(kind="calibrate"), state, Principal(None, "engineer")))
         for _ in range(20):
             await asyncio.sleep(0)
-        assert page.runner.current() is None
+        assert state.runner.current() is None
         go.set()
-        assert (await saving, (await starting)["title"]) == ({"problem": None}, "shaft N")
+        assert ((await saving).problem, (await starting)["title"]) == (None, "shaft N")
 
-    monkeypatch.setattr(Folder, "write", slow)
+    monkeypatch.setattr(RecipeFolder, "write", slow)
     try:
         asyncio.run(meet())
     finally:
         go.set()
-        page.runner.close()
+        state.runner.close()

@@ -1,0 +1,188 @@
+"""The stand's status for all interfaces, from the functions that answer the page's routes: so all say the same.
+
+One task polls: the page's hub for jobs and live values, and every few seconds whether the store or the file of a
+latched fault has changed, for what other programs do. Every interface takes the newest snapshot, never a backlog.
+"""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from truestand.core.errors import TruestandError
+from truestand.files.scans.read import sha256_of
+from truestand.station.stand_lock import latched_fault, state_path
+from truestand.web.app_state import AppState
+from truestand.web.hub import Listener
+from truestand.web.interfaces.lines import Line, lines_of
+from truestand.web.models import CalibrationState, Entry
+from truestand.web.routes.stand import calibration_state
+
+POLL_INTERVAL_S = 2.0
+"""Between two looks at the disk."""
+REFRESH_INTERVAL_S = 60.0
+"""After which all is read again though no file has changed: a calibration expires with time."""
+EVALUATIONS = {"conforms": 1, "does_not_conform": 2, "undecided": 3}
+"""ResultEvaluationEnum of OPC 40001-101: in tolerance, out of it, not decidable for its uncertainty; 0: undefined."""
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """The stand's status at one moment, as JSON objects."""
+
+    state: Json = field(default_factory=dict)
+    calibration: Json = field(default_factory=dict)
+    job: Json | None = None
+    live: Json | None = None
+    """Only while a job scans, without its profile."""
+    result: Json | None = None
+    """The newest."""
+    lines: tuple[Line, ...] = ()
+    """Of the newest result."""
+    count: int = 0
+    """Results in the store."""
+
+    @property
+    def number(self) -> int:
+        """The newest result's; 0 before the first."""
+        return 0 if self.result is None else int(self.result["number"])
+
+
+class StatusPublisher:
+    """Polls the stand's status and publishes snapshots of it."""
+
+    def __init__(self, state: AppState) -> None:
+        self.state = state
+        self._snapshot, self._version = Snapshot(), 0
+        self._changed = asyncio.Condition()
+        self._signature: object = None
+        self._refresh_at = 0.0
+
+    @property
+    def newest(self) -> Snapshot:
+        """The newest snapshot."""
+        return self._snapshot
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[Self]:
+        """While this is open, it polls; the first snapshot is there from the beginning."""
+        listener = self.state.hub.listen()
+        await self._update([], stored=True)
+        polling = asyncio.create_task(self._poll(listener))
+        try:
+            yield self
+            await self._update([], stored=True)  # how the last job ended
+        finally:
+            polling.cancel()
+            await asyncio.gather(polling, return_exceptions=True)
+            self.state.hub.leave(listener)
+
+    async def changes(self) -> AsyncIterator[Snapshot]:
+        """The newest snapshot, and again whenever it has changed."""
+        seen = 0
+        while True:
+            async with self._changed:
+                while self._version == seen:
+                    await self._changed.wait()
+                seen, snapshot = self._version, self._snapshot
+            yield snapshot
+
+    async def _poll(self, listener: Listener) -> None:
+        while True:
+            messages: list[str] = []
+            with suppress(TimeoutError):
+                async with asyncio.timeout(POLL_INTERVAL_S):
+                    messages = await listener.next()
+            events = [json.loads(message) for message in messages]
+            stored = any(event["type"] == "job" for event in events) or await self._disk_changed()
+            await self._update(events, stored)
+
+    async def _update(self, events: list[Json], stored: bool) -> None:
+        """Publish a snapshot of what is true now; ``stored``: the disk is read again too."""
+        old = self._snapshot
+        job, busy = self.state.runner.current(), self.state.runner.busy
+        lives = [_without_profiles(event["live"]) for event in events if event["type"] == "live"]
+        snapshot = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
+        fault = old.state.get("fault")
+        if stored:
+            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state, busy)
+        snapshot = replace(snapshot, state=_state(snapshot, busy, fault))
+        async with self._changed:
+            if snapshot != self._snapshot:
+                self._snapshot, self._version = snapshot, self._version + 1
+                self._changed.notify_all()
+
+    async def _disk_changed(self) -> bool:
+        """Whether the disk has changed, or a refresh is due."""
+        now = asyncio.get_running_loop().time()
+        settings = self.state.settings
+        signature = await asyncio.to_thread(_signature, settings.store, state_path(settings.stand))
+        changed = signature != self._signature or now > self._refresh_at
+        if changed:
+            self._signature, self._refresh_at = signature, now + REFRESH_INTERVAL_S
+        return changed
+
+
+def _state(snapshot: Snapshot, busy: bool, fault: str | None) -> Json:
+    job, calibration = snapshot.job or {}, snapshot.calibration
+    return {
+        "state": "running" if busy else "fault" if fault else "idle",
+        "step": job.get("step") if busy else None,
+        "done": job.get("done", 0.0),
+        "message": job.get("message", ""),
+        "fault": None if busy else fault,
+        "calibrated": calibration.get("state") == "valid",
+        "calibration_status": calibration.get("state", "none"),
+        "calibrated_until": calibration.get("valid_until"),
+    }
+
+
+def _with_stored(old: Snapshot, state: AppState, busy: bool) -> tuple[Snapshot, str | None]:
+    """The snapshot with what the store holds, and the latched fault; what can't be read becomes the reason."""
+    fault = None if busy else latched_fault(state.settings.stand) or None
+    try:
+        calibration = calibration_state(state, datetime.now(UTC))
+        results = state.results.entries(limit=1)
+        snapshot = replace(old, calibration=calibration.model_dump(mode="json"))
+        if not results:
+            return replace(snapshot, result=None, lines=(), count=0), fault
+        newest = results[0]
+        if newest.number != old.number:
+            count = len(state.results.entries(limit=None))
+            lines = lines_of(newest.kind, state.results.record(newest.number))
+            snapshot = replace(snapshot, lines=lines, count=count)
+        return replace(snapshot, result=_result(state, newest)), fault
+    except (TruestandError, OSError) as wrong:
+        unknown = CalibrationState(state="none", reasons=[f"the store can't be read: {wrong}"])
+        return replace(old, calibration=unknown.model_dump(mode="json")), fault
+
+
+def _result(state: AppState, entry: Entry) -> Json:
+    record = state.results.record(entry.number)
+    path = state.results.file(entry.number, "record")
+    return entry.model_dump(mode="json", exclude={"has"}) | {
+        "reasons": [str(reason) for reason in record.get("reasons") or []],
+        "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
+        "record_sha256": None if path is None else sha256_of(path),
+    }
+
+
+def _without_profiles(live: Json) -> Json:
+    sensors = [{key: value for key, value in s.items() if key != "profile"} for s in live.get("sensors") or ()]
+    return live | {"sensors": sensors}
+
+
+def _signature(store: Path, stand_state: Path) -> object:
+    """What changes with every write to the store or to the file of a latched fault."""
+    files = [stand_state, *(sorted(store.iterdir()) if store.is_dir() else ())]
+    found = []
+    for path in files:
+        with suppress(OSError):
+            stat = path.stat()
+            found.append((path.name, stat.st_mtime_ns, stat.st_size))
+    return tuple(found)

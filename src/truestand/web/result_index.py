@@ -1,0 +1,256 @@
+"""The results store as the page sees it: read only, and read again only where something came to it."""
+
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from truestand.files.records.inspection_record import Limits, limits_of
+from truestand.report.quantities import QUANTITIES
+from truestand.statistics.control import ControlChart, control_chart
+from truestand.store import Entry as Stored
+from truestand.store import Store
+from truestand.store.history import inspections, series
+from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
+
+KINDS = ("calibration", "verification", "inspection")
+ROLES = ("record", "report", "cloud")
+MAX_INSPECTIONS = 300
+"""The newest: a record each is read."""
+
+
+class ResultIndex:
+    """The results of a folder's store, be it there yet or not, each with its record and files."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._lock = folder, threading.Lock()
+        self._entries: list[Stored] = []
+        self._head = (0, "")
+        self._records: dict[str, Mapping[str, Any]] = {}
+        self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
+
+    def entries(
+        self,
+        kinds: Collection[str] = KINDS,
+        parts: Collection[str] = (),
+        limit: int | None = 50,
+        before: int | None = None,
+    ) -> list[Entry]:
+        """Results and what corrected them, newest first: at most ``limit`` before entry ``before``.
+
+        Raises:
+            TruestandError: the store can't be read; so do all methods here.
+        """
+        known = self._updated()
+        numbers = (
+            number
+            for number, result in sorted(known.results.items(), reverse=True)
+            if (before is None or number < before)
+            and known.kind(number) in kinds
+            and (not parts or result.part in parts)
+        )
+        return [known.as_entry(number) for number in islice(numbers, limit)]
+
+    def entry(self, number: int) -> Entry | None:
+        """One result."""
+        known = self._updated()
+        return known.as_entry(number) if number in known.results else None
+
+    def calibration(self) -> Entry | None:
+        """The calibration in force: the newest that was not withdrawn, as last corrected."""
+        known = self._updated()
+        newest = next(known.standing("calibration"), None)
+        return None if newest is None else known.as_entry(newest.number)
+
+    def verification(self) -> Entry | None:
+        """The verification that counts for that calibration; None: it was not verified.
+
+        The newest, but one that is undecided takes back no *does not hold*.
+        """
+        known = self._updated()
+        calibration = next(known.standing("calibration"), None)
+        if calibration is None:
+            return None
+        records = {e.record for e in known.with_origins(calibration.number)}
+        found = [
+            v for v in known.standing("verification")
+            if known.with_origins(v.number)[-1].evidence.get("calibration") in records
+        ]  # fmt: skip
+        decided = [v for v in found if v.status != "undecided"][:1]
+        counting = [v for v in decided if v.status == "does_not_hold"] or found
+        return known.as_entry(counting[0].number) if counting else None
+
+    def record(self, number: int) -> Mapping[str, Any]:
+        """Its calibration.json, inspection.json or verification.json, checked against its hash; empty: withdrawn."""
+        stored = self._updated().results[number]
+        if stored.record is None:
+            return {}
+        record = self._records.get(stored.record)
+        if record is None:
+            record = Store(self._folder).record(stored)
+            # those of the newest calibration and its verification are asked for again and again
+            self._records = dict([*self._records.items(), (stored.record, record)][-2:])
+        return record
+
+    def file(self, number: int, role: str) -> Path | None:
+        """Where a file of a result lies: record, report, cloud; None: it has none."""
+        stored = self._updated().results.get(number)
+        path = None if stored is None else Store(self._folder).evidence(stored).get(role)
+        return path if role in ROLES and path is not None and path.exists() else None
+
+    def trends(self, kind: str, parts: Collection[str]) -> list[Quantity]:
+        """Of calibrations, or of the inspections of a part; computed again only where something came to the store."""
+        if not self._updated().results:
+            return []
+        key = (self._head, kind, tuple(sorted(parts)))
+        found = self._trends.get(key)
+        if found is None:
+            store = Store(self._folder)
+            found = calibration_trends(store) if kind == "calibration" else inspection_trends(store, parts)
+            self._trends = {k: v for k, v in self._trends.items() if k[0] == self._head} | {key: found}
+        return found
+
+    def _updated(self) -> "_Results":
+        """All entries, brought up to date."""
+        with self._lock:
+            if (self._folder / "store.db").exists():
+                store = Store.open(self._folder)
+                head = store.head()
+                if head != self._head:
+                    self._add(store)
+                    self._head = head
+            return _Results(self._entries)
+
+    def _add(self, store: Store) -> None:
+        """What came since, by number, for a clock may be set back; everything where it isn't the store that was known.
+
+        The last known entry's hash is chained to all before it.
+        """
+        last = self._entries[-1] if self._entries else None
+        came = store.entries(first=None if last is None else last.number)
+        if last is not None and came and came[0].hash == last.hash:
+            self._entries = [*self._entries, *came[1:]]
+        else:
+            self._entries = store.entries()
+
+
+class _Results:
+    """Results with their corrections."""
+
+    def __init__(self, entries: list[Stored]) -> None:
+        self.results = {e.number: e for e in entries if e.kind in (*KINDS, "correction")}
+        self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
+
+    def with_origins(self, number: int) -> list[Stored]:
+        """A result and what it corrects, the original last."""
+        found = [self.results[number]]
+        while found[-1].kind == "correction" and found[-1].about in self.results:
+            found.append(self.results[found[-1].about])
+        return found
+
+    def kind(self, number: int) -> str:
+        """A correction is of the kind that it corrects."""
+        return self.with_origins(number)[-1].kind
+
+    def standing(self, kind: str) -> Iterator[Stored]:
+        """Results of a kind that were not withdrawn, as last corrected; the newest original first."""
+        for number in sorted((n for n, e in self.results.items() if e.kind == kind), reverse=True):
+            last = number
+            while last in self.corrected:
+                last = self.corrected[last]
+            if self.results[last].record is not None:
+                yield self.results[last]
+
+    def as_entry(self, number: int) -> Entry:
+        """As clients see it."""
+        entry, kind = self.results[number], self.kind(number)
+        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
+        return Entry(
+            number=number,
+            kind=kind,
+            time=entry.time,
+            operator=entry.operator,
+            order=entry.order,
+            serial=entry.serial,
+            part=entry.part,
+            title=entry.part or entry.text or kind,
+            verdict=None if kind == "calibration" else entry.status,
+            status=entry.status if kind == "calibration" else None,
+            corrected_by=self.corrected.get(number),
+            has=AvailableFiles(
+                report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified
+            ),
+        )
+
+
+@dataclass(slots=True)
+class _Series:
+    """One characteristic over several inspections."""
+
+    unit: str
+    entries: list[Stored] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    U: list[float | None] = field(default_factory=list)
+    limits: Limits | None = None
+    """Of the newest."""
+
+
+def calibration_trends(store: Store) -> list[Quantity]:
+    """The quantities of all calibrations that were not withdrawn; of several sensors, each for itself."""
+    names = {key: name for key, name, *_ in QUANTITIES} | {"rms_um": "Residual, rms"}
+    all_series = series(store)
+    several = len({s.sensor for s in all_series}) > 1
+    return [
+        _quantity(
+            f"{s.sensor} {s.quantity}" if several else s.quantity,
+            f"{s.sensor}: {names[s.quantity]}" if several else names[s.quantity],
+            s.unit, s.entries, s.chart,
+        )
+        for s in all_series
+    ]  # fmt: skip
+
+
+def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
+    """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
+    matching = [r for r in inspections(store) if {r.entry.part, r.last.part} & set(parts)]
+    standing = sorted((s for s in matching if not s.withdrawn), key=lambda s: s.entry.number)[-MAX_INSPECTIONS:]
+    lines: dict[str, _Series] = {}
+    for inspection in standing:
+        record = store.record(inspection.last)
+        for name, unit, c in _measured(record):
+            line = lines.setdefault(name, _Series("µm" if unit == "um" else unit))
+            line.entries.append(inspection.entry)
+            line.values.append(float(c[f"value_{unit}"]))
+            line.U.append(c.get(f"U_{unit}"))
+            line.limits = limits_of(c, record)
+    return [
+        _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limits) for name, x in lines.items()
+    ]
+
+
+def _measured(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Name with flank and section, unit, and the line of the record."""
+    for c in record.get("characteristics") or []:
+        unit = "mm" if "value_mm" in c else "um"
+        if c.get("tooth") is None and c.get(f"value_{unit}") is not None:
+            yield " ".join(str(w) for w in (c["name"], c.get("flank"), c.get("section")) if w), unit, c
+
+
+def _quantity(
+    name: str, label: str, unit: str, entries: Collection[Stored], chart: ControlChart, limits: Limits | None = None
+) -> Quantity:
+    pairs = list(zip(entries, chart.points, strict=True))
+    return Quantity(
+        name=name,
+        label=label,
+        unit=unit,
+        points=[Point(number=e.number, time=e.time, value=p.value, U=p.U) for e, p in pairs],
+        centre=chart.mean,
+        lower=chart.lower,
+        upper=chart.upper,
+        limit=None if limits is None or unit == "mm" else limits[0] if limits[1] is None else limits[1],
+        limits=limits,
+        findings=[TrendFinding(number=e.number, text="; ".join(p.flags)) for e, p in pairs if p.flags],
+    )

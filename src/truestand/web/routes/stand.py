@@ -1,0 +1,92 @@
+"""The stand at a glance: whether it is calibrated, what came last, what can be done; its devices and their fault."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any
+
+from truestand.station.stand_lock import latched_fault, not_stopped
+from truestand.web.app_state import AppState, StateDep
+from truestand.web.models import CalibrationState, Device, Home, Reset
+from truestand.web.problem import Problem
+from truestand.web.routes.recipes import parts_of
+from truestand.web.routing import OPERATOR, Routes
+
+LAST_RESULTS = 8
+DEVICES_TIMEOUT_S = 60.0
+"""For all devices to answer or not."""
+routes = Routes()
+
+
+@routes.add("GET", "/api/home", OPERATOR, "The stand at a glance", response_model=Home)
+def home(state: StateDep) -> dict[str, Any]:
+    """All of it in one answer."""
+    busy = state.runner.busy
+    return {
+        "calibration": calibration_state(state, datetime.now(UTC)),
+        "last": state.results.entries(limit=LAST_RESULTS),
+        "job": state.runner.current(),
+        "fault": None if busy else latched_fault(state.settings.stand) or None,
+        "not_stopped": [] if busy else not_stopped(state.settings.stand),
+        "parts": parts_of(state),
+    }
+
+
+@routes.add("GET", "/api/devices", OPERATOR, "Ask table and sensors", (409, 422), response_model=list[Device])
+async def devices(state: StateDep) -> Any:
+    """Nothing moves, no laser goes on; 409 while a job runs."""
+    async with state.devices_lock:
+        _require_idle(state)
+        return await state.run_task("devices", str(state.settings.stand), timeout_s=DEVICES_TIMEOUT_S)
+
+
+@routes.add("POST", "/api/reset", OPERATOR, "Reset a latched fault", (409,))
+async def reset(state: StateDep) -> Reset:
+    """The cause is mended: the stand may be used again. Nothing moves."""
+    async with state.devices_lock:
+        _require_idle(state)
+        fault = await state.run_task("reset", str(state.settings.stand), timeout_s=DEVICES_TIMEOUT_S)
+    return Reset(fault=fault or None)
+
+
+def calibration_state(state: AppState, now: datetime) -> CalibrationState:
+    """What the calibration in force is worth at a time, by its record and its verification."""
+    entry = state.results.calibration()
+    if entry is None:
+        return CalibrationState(state="none")
+    record = state.results.record(entry.number)
+    until, verification = record.get("valid_until"), state.results.verification()
+    verdict = None if verification is None else verification.verdict
+    worst = _worst(record, verdict, now)
+    fields: dict[str, Any] = {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
+    if verification is not None:
+        fields |= {"verification": verification.number, "verified": verification.time}
+        if worst == verdict:
+            record = state.results.record(verification.number)
+    return CalibrationState(**fields, reasons=[str(reason) for reason in record.get("reasons") or []])
+
+
+def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str:
+    """The worst that can be said of a calibration with this record and the ``verdict`` of its verification."""
+    if record.get("status") != "valid":
+        return "untrusted"
+    if verdict == "does_not_hold":
+        return "does_not_hold"
+    if is_past(record.get("valid_until"), now):
+        return "expired"
+    return "undecided" if verdict == "undecided" else "valid"
+
+
+def is_past(until: str | None, now: datetime) -> bool:
+    """Whether an ISO date is over; a day without a time counts to its end, and what is no date is over."""
+    if not until:
+        return False
+    try:
+        end = datetime.fromisoformat(until if "T" in until else f"{until}T23:59:59")
+    except ValueError:
+        return True
+    return now > (end if end.tzinfo else end.replace(tzinfo=UTC))
+
+
+def _require_idle(state: AppState) -> None:
+    if state.runner.busy:
+        raise Problem(409, "found a job running, need the stand idle; wait for its end, or abort it")
