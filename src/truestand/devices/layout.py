@@ -6,8 +6,8 @@ Counters, times and encoder counts wrap at the sensor's moduli; ``Unwrapper`` co
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Mask
 from truestand.core.errors import DeviceError
 from truestand.devices.sensor import Layout, Profiles
 from truestand.files.scans import scancontrol
@@ -112,6 +112,6 @@ class Unwrapper:
         return replace(profiles, counter=counter, time=time, encoder=encoder)
 
 
-def _rows(profiles: Profiles, keep: NDArray[np.bool_]) -> Profiles:
+def _rows(profiles: Profiles, keep: Mask) -> Profiles:
     columns = (profiles.x, profiles.z, profiles.counter, profiles.time, profiles.encoder)
     return Profiles(*(None if column is None else column[keep] for column in columns))  # type: ignore[arg-type]

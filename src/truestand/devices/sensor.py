@@ -10,7 +10,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truestand.core.arrays import Array
+
 Laser = Literal["off", "reduced", "full"]
 
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import UnreadableFile
 from truestand.files.text import (
     ENOUGH_FIELDS,
-    Array,
     Dialect,
     check_text,
     normalized,
@@ -26,8 +26,6 @@ from truestand.files.text import (
     refuse_words,
 )
 
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 
 BLOCK_BYTES = 1 << 18
@@ -49,7 +47,7 @@ class Fields:
 
     values: Array
     """(n,); NaN for an empty field and ``nan``."""
-    per_line: Indices
+    per_line: Ints
     """Fields in each line, (lines,); an empty line has none."""
     last_empty: Mask
     """Whether the last field of a line is empty, (lines,): a separator ends the line, or the line is empty."""
@@ -103,7 +101,7 @@ def _without_padding(text: bytes, separator: bytes) -> bytes:
     return text if separator == b" " else text.replace(b" " + separator, separator)
 
 
-def _parsed(text: bytes, dialect: Dialect, name: str, first_line: int) -> tuple[Array, Indices, Mask]:
+def _parsed(text: bytes, dialect: Dialect, name: str, first_line: int) -> tuple[Array, Ints, Mask]:
     """Values, and for each line how many they are and whether the last one is empty."""
     raw = np.frombuffer(text + bytes(MOST_CHARACTERS), dtype=np.uint8)
     stops = np.flatnonzero((raw == ord(dialect.separator)) | (raw == LINE_END))
@@ -125,7 +123,7 @@ def _parsed(text: bytes, dialect: Dialect, name: str, first_line: int) -> tuple[
     return values, np.diff(ends, prepend=-1), lengths[ends] == 0
 
 
-def _decimals(raw: Bytes, starts: Indices, lengths: Bytes, mark: int) -> tuple[Array, Mask]:
+def _decimals(raw: Bytes, starts: Ints, lengths: Bytes, mark: int) -> tuple[Array, Mask]:
     """The value of every field that is a plain decimal number, NaN for the others; and which are plain."""
     longest = min(int(lengths.max()), MOST_CHARACTERS)
     whole: NDArray[Any] = np.zeros(starts.size, dtype=np.uint32 if longest < 10 else np.float64)
@@ -146,7 +144,7 @@ def _decimals(raw: Bytes, starts: Indices, lengths: Bytes, mark: int) -> tuple[A
     return np.negative(values, out=values, where=negative), plain
 
 
-def _is_nan(raw: Bytes, starts: Indices, lengths: Bytes) -> Mask:
+def _is_nan(raw: Bytes, starts: Ints, lengths: Bytes) -> Mask:
     """Which fields are ``nan``, in upper or lower case."""
     found: Mask = lengths == 3
     for i, letter in enumerate(b"nan"):

@@ -7,11 +7,9 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
-
-Array = NDArray[np.float64]
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 ENOUGH_FIELDS = 20

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import medians, robust_sd
 from truestand.core.scan import Scan
@@ -17,8 +18,6 @@ from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, Toothing, find_flanks, find_toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import CLIP, MEDIAN_SPAN
-
-Array = NDArray[np.float64]
 
 LEAST_TURNS = 1.99
 """Fewer leave most of the flanks with one pass."""
@@ -148,7 +147,7 @@ def _passes(rolled: AngleCorrection) -> "_Passes | None":
     return _Passes(flank, at, position[whole], arm, scan.revolutions, teeth)
 
 
-def _inliers(flanks: Flanks, key: NDArray[np.int64], passes: int) -> NDArray[np.bool_]:
+def _inliers(flanks: Flanks, key: NDArray[np.int64], passes: int) -> Mask:
     """Which points lie on the shape of their pass: outliers are few in the gate but far off."""
     cell = key * ROLL_BINS + _roll_bin(flanks)
     median, _ = medians(cell, flanks.delta, passes * ROLL_BINS, MEDIAN_SPAN)

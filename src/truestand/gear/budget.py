@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from math import hypot, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
+from truestand.core.arrays import Array
 from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.scan import Scan
@@ -27,7 +27,6 @@ from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
 from truestand.uncertainty.lines import linearity_name, linearity_of
 
-Array = NDArray[np.float64]
 INCIDENCE_U = 0.02
 """mm, k = 2: by how much a laser sensor reads steep surfaces differently, where the stand's recipe doesn't say; 10 to
 40 um are usual between 60 and 84 degrees."""

@@ -4,22 +4,20 @@ from dataclasses import dataclass, replace
 from math import degrees, hypot, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
+from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
-from truestand.gear.damage import Bools, Damage, Zone, damage_in
+from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import CLIP, HEIGHT_CELL, Coverage
 from truestand.gear.teeth import Diameter
 from truestand.gear.tolerances import INFORMATIVE, has_tolerance, reached, tolerance
-
-Array = NDArray[np.float64]
 
 PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 SIZES = ("s", "W_k", "M_d")
@@ -38,7 +36,7 @@ class Assessment:
     coverage: Coverage
     damage: tuple[Damage, ...]
     """What the figures leave out,"""
-    zones: dict[Zone, Bools]
+    zones: dict[Zone, Mask]
     """and from which cells (roll lengths, heights) they are read."""
     runout_per_delta: float
 

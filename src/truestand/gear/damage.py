@@ -13,13 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.gear.evaluate import Weights, residuals
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS
 from truestand.gear.grid import Grid, bridge_gaps, cell_of, step_on_flank
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Zone = Literal["profile", "helix", "position", "area"]
 
 LEFT_OUT = 0.1
@@ -52,7 +51,7 @@ class Damage:
     """0 left, 1 right."""
     tooth: int
     """From 0."""
-    cells: Bools
+    cells: Mask
     """(roll lengths, heights)."""
     depth: float | None
     """mm by which its readings depart, positive into the material; None: not seen, or outside the gate."""
@@ -107,7 +106,7 @@ def damage_of(flanks: Flanks, weights: Weights, step: float) -> tuple[Damage, ..
 
 
 def _damage(
-    grid: Grid, side: int, tooth: int, region: Bools, depths: Array | None, sign: int, step: float, outside_gate: Bools
+    grid: Grid, side: int, tooth: int, region: Mask, depths: Array | None, sign: int, step: float, outside_gate: Mask
 ) -> Damage:
     """One region, with the ``depths`` (n,) mm of its readings; None: the flank is not confirmed there."""
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
@@ -119,13 +118,13 @@ def _damage(
     return Damage(side, tooth, region, depth, False, rolls[1] - rolls[0] >= coarse, rolls, heights)
 
 
-def _departing(cell: NDArray[np.int64], grid: Grid) -> Bools:
+def _departing(cell: NDArray[np.int64], grid: Grid) -> Mask:
     """Cells (2, teeth, roll lengths, heights) of which many a reading departs, by the cells (n,) of those that do."""
     number = np.bincount(cell, minlength=grid.delta.size).reshape(grid.delta.shape)
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
 
 
-def _unconfirmed(flanks: Flanks, grid: Grid, step: float) -> tuple[Array, Bools]:
+def _unconfirmed(flanks: Flanks, grid: Grid, step: float) -> tuple[Array, Mask]:
     """Weights of cells (2, teeth, roll lengths, heights) that a flank doesn't show and that of most teeth does.
 
     1 where readings lie outside the gate instead, less where none are there, and no more than profiles fall on them.
@@ -148,7 +147,7 @@ def _unconfirmed(flanks: Flanks, grid: Grid, step: float) -> tuple[Array, Bools]
     return np.where(missed, np.where(cut, 1.0, UNSEEN) * profiles, 0.0), cut
 
 
-def _regions(count: Array, bridged: Bools) -> list[Bools]:
+def _regions(count: Array, bridged: Mask) -> list[Mask]:
     """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and count enough."""
     from scipy.ndimage import label
 
@@ -157,12 +156,12 @@ def _regions(count: Array, bridged: Bools) -> list[Bools]:
     return [r for r in regions if count[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)]
 
 
-def _extent(centres: Array, size: float, on: Bools) -> tuple[float, float]:
+def _extent(centres: Array, size: float, on: Mask) -> tuple[float, float]:
     """From and to (mm) of some cells with ``centres`` (n,) and a ``size`` in mm."""
     return float(centres[on][0] - size / 2), float(centres[on][-1] + size / 2)
 
 
-def zones_of(grid: Grid, step: float) -> dict[Zone, Bools]:
+def zones_of(grid: Grid, step: float) -> dict[Zone, Mask]:
     """Cells (roll lengths, heights) that figures are read from as their standard has them, and some more about them.
 
     Profile: at the middle of the face. Helix: on the measuring circle. Position: where both meet.
@@ -178,7 +177,7 @@ def zones_of(grid: Grid, step: float) -> dict[Zone, Bools]:
     return {"profile": area & middle, "helix": area & circle, "position": circle & middle, "area": area}
 
 
-def damage_in(damages: tuple[Damage, ...], zone: Bools, side: int | None, tooth: int | None) -> tuple[Damage, ...]:
+def damage_in(damages: tuple[Damage, ...], zone: Mask, side: int | None, tooth: int | None) -> tuple[Damage, ...]:
     """The regions that touch a figure read from ``zone`` (roll lengths, heights) of a flank; None: of every flank."""
     return tuple(
         d for d in damages if side in (None, d.side) and tooth in (None, d.tooth) and bool((d.cells & zone).any())

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from math import pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.inspection import Defect, Flank
 from truestand.core.robust import MAD_TO_SD, robust_sd
 from truestand.gear.damage import Damage
@@ -21,9 +21,6 @@ from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Coverage, Grid, grid_of
 from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, tooth_defects
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 HEIGHT_CELL = 0.25
 """mm: finer than for the figures."""
@@ -126,7 +123,7 @@ def _without_outliers(residual: Array) -> Array:
     return np.where(single, np.nan, residual)
 
 
-def _full(grid: Grid) -> Bools:
+def _full(grid: Grid) -> Mask:
     """Cells with points enough that outliers don't make up their median."""
     return np.asarray(grid.count >= np.maximum(FULL * grid.usual, LEAST_POINTS))
 
@@ -159,7 +156,7 @@ def _scores(residual: Array, grid: Grid) -> Array:
     return np.where(inner, best, np.nan)
 
 
-def _inner(seen: Bools) -> Bools:
+def _inner(seen: Mask) -> Mask:
     """Cells well inside what was seen; stripes between profiles are inside."""
     from scipy.ndimage import binary_closing, binary_erosion
 
@@ -190,7 +187,7 @@ def _on_flanks(m: DefectMap, grid: Grid) -> list[Defect]:
     return found
 
 
-def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Bools, sign: float, kind: str) -> Defect | None:
+def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Mask, sign: float, kind: str) -> Defect | None:
     """The defect of one stretch of cells that stand out, described by its peak."""
     score = np.where(blob, sign * np.nan_to_num(m.score[at]), 0.0)
     i, j = (int(k) for k in np.unravel_index(int(np.argmax(score)), score.shape))
@@ -246,11 +243,11 @@ def _cell_of(d: Defect, m: DefectMap) -> int:
     return int(np.ravel_multi_index((FLANKS.index(d.flank or "left"), d.tooth - 1, i, j), m.residual.shape))
 
 
-def _patches(residual: Array) -> Callable[[NDArray[np.intp]], Array]:
+def _patches(residual: Array) -> Callable[[Ints], Array]:
     """Patches (n, 25) of residuals about cells given by their flat index; 0 where nothing was seen."""
     padded = np.pad(np.nan_to_num(residual), ((0, 0), (0, 0), (PATCH, PATCH), (PATCH, PATCH)))
 
-    def about(cells: NDArray[np.intp]) -> Array:
+    def about(cells: Ints) -> Array:
         side, tooth, i, j = np.unravel_index(cells, residual.shape)
         size = 2 * PATCH + 1
         return np.stack([padded[side, tooth, i + a, j + b] for a in range(size) for b in range(size)], axis=1)

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.robust import TUKEY, robust_sd, tukey_weights
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid
 
-Array = NDArray[np.float64]
 Figures = dict[str, Array]
 """Reported quantities by name, mm: () of the gear, (2,) of left and right flanks, (2, teeth) of each flank."""
 

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.gear.geometry import Involute
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Ints = NDArray[np.int32]
 
 BLOCK = 128
@@ -97,7 +96,7 @@ class Flanks:
     outside_gate: FlankPoints | None = None
     """The points that lie where this toothing should, but ``GATE`` and more from the flank."""
 
-    def select(self, mask: Bools) -> "Flanks":
+    def select(self, mask: Mask) -> "Flanks":
         """Some of the points, by a mask (n,); those outside the gate stay."""
         return replace(self, **{name: getattr(self, name)[mask] for name in COLUMNS})
 
@@ -111,7 +110,7 @@ class ToothedZone:
     height: Array
     index: NDArray[np.int64]
 
-    def select(self, mask: Bools) -> "ToothedZone":
+    def select(self, mask: Mask) -> "ToothedZone":
         """Some of the points, by a mask (n,)."""
         return ToothedZone(self.angle[mask], self.radius[mask], self.height[mask], self.index[mask])
 

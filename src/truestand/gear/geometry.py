@@ -13,13 +13,10 @@ from functools import cached_property
 from math import acos, ceil, cos, pi, sin, sqrt, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.inspection import Flank
 from truestand.gear.drawing import Gear
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 SIGMA = np.array([1.0, -1.0])
 """Of the left and the right flank, in the order of every array with flanks."""

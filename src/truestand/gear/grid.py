@@ -13,12 +13,10 @@ from math import ceil, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.robust import medians, robust_sd
 from truestand.gear.flanks import END_MARGIN, GATE, FlankPoints, Flanks
 from truestand.gear.geometry import Involute
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 HEIGHT_CELL = 0.5
 """mm."""
@@ -63,7 +61,7 @@ class Grid:
     """Robust standard deviation of a point within its cell, mm."""
 
     @property
-    def seen(self) -> Bools:
+    def seen(self) -> Mask:
         """Cells that hold a point."""
         return np.asarray(self.count > 0)
 
@@ -79,12 +77,12 @@ class Grid:
         return _usual(self.count.reshape(-1, self.rolls.size * self.heights.size)).reshape(*self.count.shape[:2], 1, 1)
 
     @property
-    def solid(self) -> Bools:
+    def solid(self) -> Mask:
         """Cells that hold more than outliers."""
         return np.asarray(self.count > SOLID_SHARE * self.usual)
 
     @property
-    def in_ranges(self) -> Bools:
+    def in_ranges(self) -> Mask:
         """Cells inside both evaluation ranges."""
         (low, high), (bottom, top) = self.nominal.profile_range, self.nominal.helix_range
         in_profile = (self.roll >= low) & (self.roll <= high)
@@ -188,7 +186,7 @@ def coverage_of(grid: Grid, step: float) -> Coverage:
     )
 
 
-def bridge_gaps(cells: Bools, grid: Grid, step: float) -> Bools:
+def bridge_gaps(cells: Mask, grid: Grid, step: float) -> Mask:
     """The same cells (2, teeth, roll lengths, heights) and those within half a ``step`` of the table (rad) of them:
     what lies between two profiles."""
     reach = np.ceil(step_on_flank(grid.nominal, grid.rolls, step) / 2 / grid.size[0]).astype(np.intp)

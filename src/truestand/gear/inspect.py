@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from math import cos
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.datum import datum_of
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
@@ -34,8 +34,6 @@ from truestand.gear.grid import Coverage, Grid, coverage_of, grid_of
 from truestand.gear.match import check_drawing
 from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.teeth import FoldedMap, fold, tip_and_root
-
-Array = NDArray[np.float64]
 
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""

@@ -5,15 +5,13 @@ from itertools import pairwise
 from math import asin, atan, cos, degrees, pi, radians, sin, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
 from truestand.core.surface import Surface
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import inv
-
-Array = NDArray[np.float64]
 
 LEAST_MATCHED = 0.55
 """Share of the points near the measuring circle that must lie on the drawing's flanks."""
@@ -234,7 +232,7 @@ def _involute_through(
     return float(found.x[0]), float(np.mean(found.x[1:])) if both else None, rms
 
 
-def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) -> tuple[Array, Array, NDArray[np.intp]]:
+def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) -> tuple[Array, Array, Ints]:
     """Radii, angles from the tooth's centre and side (n,) along the folded tooth's two edges."""
     pitch = 2 * pi / teeth
     high = radius > (root + 3 * tip) / 4

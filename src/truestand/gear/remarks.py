@@ -5,8 +5,8 @@ the stand.
 from math import cos
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan
 from truestand.gear.angle import AngleCorrection
@@ -15,8 +15,6 @@ from truestand.gear.evaluate import Measures, slope_length
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, Coverage, profiles_for, step_on_flank
-
-Array = NDArray[np.float64]
 
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""

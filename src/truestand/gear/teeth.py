@@ -10,6 +10,7 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.robust import medians, robust_sd
@@ -17,9 +18,6 @@ from truestand.core.surface import Surface
 from truestand.gear.flanks import END_MARGIN, Toothing, blocks, toothed_zone
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import centres_of
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 PLACES = 48
 HEIGHT_CELL, COLUMNS = 0.5, 3.0
@@ -122,13 +120,13 @@ def _without_outliers(tips: Array, count: NDArray[np.int64]) -> Array:
     return np.where(points < LEAST_SHARE * usual, np.nan, tips)
 
 
-def _tip_places(places: Array, nominal: Involute) -> Bools:
+def _tip_places(places: Array, nominal: Involute) -> Mask:
     """Places that lie on the tip's land."""
     half = float(nominal.half_angle(np.asarray(nominal.gear.tip_diameter / 2))) / nominal.gear.pitch
     return np.asarray(np.abs(places) <= max(TIP_SHARE * half, 0.6 / PLACES))
 
 
-def missing_teeth(folded: FoldedMap, nominal: Involute) -> Bools:
+def missing_teeth(folded: FoldedMap, nominal: Involute) -> Mask:
     """Teeth (teeth,) that are not there; those that were not seen are."""
     g = nominal.gear
     lowest = g.tip_diameter / 2 - MISSING_SHARE * (g.tip_diameter - g.root_diameter) / 2
@@ -190,7 +188,7 @@ def tooth_defects(folded: FoldedMap, nominal: Involute, face: tuple[float, float
     return tuple(found)
 
 
-def _broken_tips(folded: FoldedMap, tooth: int, drop: Array, hidden: Bools, least: float, U: float) -> list[Defect]:
+def _broken_tips(folded: FoldedMap, tooth: int, drop: Array, hidden: Mask, least: float, U: float) -> list[Defect]:
     """Where a tip is lower by ``least`` (mm) than the others', or hidden: beside a broken edge lies its shadow."""
     low = np.nan_to_num(drop) > least
     found = []
@@ -208,7 +206,7 @@ def _broken_tips(folded: FoldedMap, tooth: int, drop: Array, hidden: Bools, leas
     return found
 
 
-def _usual_tips(folded: FoldedMap, nominal: Involute, missing: Bools) -> Array:
+def _usual_tips(folded: FoldedMap, nominal: Involute, missing: Mask) -> Array:
     """Radius (teeth,) at which each tooth would end like the others: their median and, off the datum's axis, a wave
     that comes round once; the drawing's where none is left. Teeth that are far from it have no say.
     """
@@ -236,7 +234,7 @@ def _nan_median(values: Array, axis: int) -> Array:
     return np.asarray(np.where(number > 0, (pair[0] + pair[1]) / 2, np.nan).squeeze(axis))
 
 
-def _runs(on: Bools) -> list[Bools]:
+def _runs(on: Mask) -> list[Mask]:
     """Stretches of neighbouring rows."""
     from scipy.ndimage import label
 
@@ -244,7 +242,7 @@ def _runs(on: Bools) -> list[Bools]:
     return [marked == n for n in range(1, number + 1)]
 
 
-def _defect(folded: FoldedMap, tooth: int, rows: Bools, drop: Array, kind: str, U: float) -> Defect:
+def _defect(folded: FoldedMap, tooth: int, rows: Mask, drop: Array, kind: str, U: float) -> Defect:
     """A defect of a tooth's tip, with its verdict: a burr has none."""
     depth = float(np.nanmax(drop[rows]) if kind != "burr" else np.nanmin(drop[rows]))
     verdict = None if kind == "burr" else decide(depth, U, (None, TOOTH_DEPTH))
@@ -255,7 +253,7 @@ def _defect(folded: FoldedMap, tooth: int, rows: Bools, drop: Array, kind: str, 
     return Defect(tooth + 1, None, None, height, depth, extent, kind, score, U=U, verdict=verdict)
 
 
-def _hidden_tip(folded: FoldedMap, tooth: int, rows: Bools) -> Defect:
+def _hidden_tip(folded: FoldedMap, tooth: int, rows: Mask) -> Defect:
     """A stretch of a tip that was not seen, where the other teeth have theirs: it may have broken off."""
     height, extent = float(folded.heights[rows].mean()), float(rows.sum()) * folded.row_height
     return Defect(tooth + 1, None, None, height, None, extent, "hidden tip", 0.0, verdict="undecided")

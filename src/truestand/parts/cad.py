@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from math import degrees, sqrt, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
+from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
@@ -25,9 +25,6 @@ from truestand.parts.visibility import Region, coverage_of, unconfirmed_regions
 from truestand.statistics.noise import cleared
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 BLOCK = 256
 """Profiles cast at once."""

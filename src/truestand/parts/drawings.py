@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe
 
-Array = NDArray[np.float64]
 Datum = Literal["base", "seat", "common"]
 FitTo = Literal["none", "angle", "angle_and_height", "all"]
 

@@ -9,13 +9,9 @@ from dataclasses import dataclass
 from math import pi, prod, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.robust import medians, robust_sd
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 
 TRUSTED = 6.0
 """Robust standard deviations from the patch's median within which a reading counts."""

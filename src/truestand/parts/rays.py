@@ -9,14 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
 from truestand.parts.drawings import Mesh
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 LEAST_FACING = 0.03
 """Cosine of incidence: a ray that grazes (beyond 88 degrees) hits nothing."""
@@ -162,7 +159,7 @@ def first_hits(solid: Solid, start: Array, directions: Array) -> tuple[Ints, Arr
     return triangle, np.where(triangle >= 0, distance, np.nan)
 
 
-def clear_view(solid: Solid, origins: Array, points: Array, near: float) -> NDArray[np.bool_]:
+def clear_view(solid: Solid, origins: Array, points: Array, near: float) -> Mask:
     """Whether nothing stands between origins (n, 3) and points (n, 3) of the surface, but for the last ``near`` mm."""
     between = points - origins
     length = np.linalg.norm(between, axis=1)

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from math import cos, degrees, pi, sin, sqrt, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.frames import Pose
 from truestand.core.robust import MAD_TO_SD, TUKEY, tukey_weights
 from truestand.parts.drawings import FitTo
 from truestand.parts.rays import Rays, Solid, hits_near
-
-Array = NDArray[np.float64]
 
 CANDIDATES = 1440
 """Angles tried: a quarter of a degree apart."""

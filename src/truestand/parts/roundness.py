@@ -9,13 +9,10 @@ from dataclasses import dataclass
 from math import pi, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import PARTIAL
 from truestand.form.upr import NEGLIGIBLE, transmission
-from truestand.parts.patches import Mask
-
-Array = NDArray[np.float64]
 
 STATISTICS = ("d", "roundness", "cylindricity", "runout", "total_runout")
 STEPS = 5

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from math import hypot
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.apply.datum import Datum, datum_of
+from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.errors import NotEnoughData
 from truestand.core.inspection import (
@@ -27,10 +27,6 @@ from truestand.parts.roundness import STATISTICS, Reading, Rings, read_rings
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Ints = NDArray[np.intp]
 
 REACH = 1.0
 """mm: a surface farther than this from its drawing is another one's, or an outlier."""

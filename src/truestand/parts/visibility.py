@@ -10,18 +10,14 @@ from dataclasses import dataclass
 from math import degrees, tau
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.parts.patches import Grid
 from truestand.parts.rays import Solid, clear_view, first_hits
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.intp]
 
 SAMPLES = 3000
 SEEN_WITHIN = 0.75
@@ -114,7 +110,7 @@ def _samples(solid: Solid) -> tuple[Array, Array]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), solid.normal[triangle]
 
 
-def _in_fan(scan: Scan, x: Array, z: Array) -> NDArray[np.bool_]:
+def _in_fan(scan: Scan, x: Array, z: Array) -> Mask:
     """Whether readings lie within the opening of the laser fan and the range that the scan shows."""
     rows = np.unique(np.linspace(0, scan.profiles - 1, FAN_PROFILES).astype(np.intp))
     seen_x, seen_z = scan.x[rows], scan.z[rows]
@@ -185,7 +181,7 @@ def _rays(
     return origins, in_rotor @ calibration.shaft_from_rotor.rotation.T, length, np.where(seen, z, np.nan)[cast] * length
 
 
-def _directions(slope: Array) -> tuple[Array, Bools]:
+def _directions(slope: Array) -> tuple[Array, Mask]:
     """x / z (m,) of each point of a profile, and where it is the same in all profiles."""
     ordered = np.sort(slope, axis=0)  # NaN last
     number = np.isfinite(ordered).sum(axis=0)
@@ -232,7 +228,7 @@ def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[Regio
     cell = grid.cells(np.arctan2(points[:, 1], points[:, 0]), points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     size = int(np.prod(grid.shape))
 
-    def number(of: Bools) -> Ints:
+    def number(of: Mask) -> Ints:
         return np.bincount(cell[of], minlength=size).reshape(grid.shape)
 
     with np.errstate(invalid="ignore"):

@@ -7,14 +7,14 @@ from math import floor, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from truestand.core.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 INK, GREY, PALE = "#1f2933", "#7b8794", "#d5dbe1"
 SURFACES = ("#1f6fb2", "#c8641b", "#3d8b5f", "#8a5a9e")

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from truestand.core.arrays import Array
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
-from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, Array, figure, single, styled
+from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, single, styled
 from truestand.report.notation import drawn_symbol, number, value_text
 
 WIDTH = 10.2

@@ -13,13 +13,14 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import Inspection
 from truestand.core.units import um
 from truestand.gear.defects import DefectMap
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import GearEvidence
 from truestand.gear.teeth import FoldedMap
-from truestand.report.drawing import DIVERGING, INK, Array, cell_edges, figure, image, robust, single, styled
+from truestand.report.drawing import DIVERGING, INK, cell_edges, figure, image, robust, single, styled
 from truestand.report.gear_figures import FLANKS, WIDTH, limit_of, spread, tooth_ticks
 from truestand.report.gear_tables import MOST_DEFECTS
 
@@ -90,7 +91,7 @@ def _coloured(values: Array, norm: Normalize) -> NDArray[np.uint8]:
     return np.asarray(np.rint(255 * colours), dtype=np.uint8)
 
 
-def _enclosed(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _enclosed(seen: Mask) -> Mask:
     """Cells with something seen above and below them: the gaps between profiles, not what is hidden."""
     above = np.logical_or.accumulate(seen[::-1], axis=0)[::-1]
     return np.asarray(above & np.logical_or.accumulate(seen, axis=0))

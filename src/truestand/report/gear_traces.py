@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
+from truestand.core.arrays import Array
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
-from truestand.report.drawing import GREY, INK, PALE, Array, figure, round_down, styled
+from truestand.report.drawing import GREY, INK, PALE, figure, round_down, styled
 from truestand.report.gear_figures import FAILS, FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
 from truestand.report.notation import drawn_symbol, limit_text, number
 

@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from truestand.core.arrays import Array
 from truestand.core.inspection import Inspection
 from truestand.core.units import um
 from truestand.parts.cad import CadEvidence
@@ -20,7 +21,6 @@ from truestand.report.drawing import (
     GREY,
     INK,
     PALE,
-    Array,
     cell_edges,
     figure,
     image,

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
-from truestand.sim.poses import Array, Ints
 
 FLANK_POINTS = 40
 """Along an involute: chords stay within 0.3 um of a flank of module 2."""

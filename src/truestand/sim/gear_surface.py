@@ -14,10 +14,10 @@ from math import acos, cos, hypot, pi, sin, sqrt, tan
 import numpy as np
 from numpy.random import default_rng
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
 from truestand.sim.gear_errors import Dent, GearErrors, Worn
-from truestand.sim.poses import Array, Ints
 
 LEFT, RIGHT = 1, -1
 FILLET_MODULES = 0.3

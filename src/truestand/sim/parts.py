@@ -5,6 +5,7 @@ from math import cos, sin
 
 import numpy as np
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
@@ -12,7 +13,7 @@ from truestand.parts.drawings import Cad, Turned
 from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_mesh import gear_mesh
 from truestand.sim.gear_surface import GearSurface
-from truestand.sim.poses import Array, rigid, shifted, turned
+from truestand.sim.poses import rigid, shifted, turned
 from truestand.sim.raycast_mesh import Body, body
 from truestand.sim.shaft_surface import Face, Step, axis_of, faces_of, steps_of
 from truestand.sim.simulation import Misalignment, Workpiece

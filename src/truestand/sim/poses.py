@@ -10,14 +10,11 @@ looks into the scene: it has a negative part along X; phi = atan2(Z . x_S, Z . z
 from math import cos, sin
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.sim.simulation import Mounting, Running
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 
 def rigid(rotation: ArrayLike, translation: ArrayLike) -> Array:

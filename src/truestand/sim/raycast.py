@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.sim.poses import Array, Bools
+from truestand.core.arrays import Array, Mask
 from truestand.sim.shaft_surface import Face, Step
 
 NEWTON_STEPS = 4
@@ -159,7 +159,7 @@ def _meet_face(rays: Rays, face: Face, hits: Hits) -> None:
     hits.record(met, s[met], np.arctan2(y[met], x[met]), face.height, FACE)
 
 
-def occluded_by_steps(points: Array, camera: Array, steps: tuple[Step, ...]) -> Bools:
+def occluded_by_steps(points: Array, camera: Array, steps: tuple[Step, ...]) -> Mask:
     """Whether a step stands between points (3, B, M) and the camera at (3, B, 1), both in C; (B, M)."""
     blocked = np.zeros(points.shape[1:], dtype=np.bool_)
     for step in steps:

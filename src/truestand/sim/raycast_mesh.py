@@ -11,9 +11,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.sim.gear_mesh import Flanks
 from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
-from truestand.sim.poses import Array, Bools, Ints
 from truestand.sim.raycast import MESH, Hits, Rays
 
 TOLERANCE_MM = 1e-8
@@ -156,7 +156,7 @@ class _FlankRays:
                 break
         return np.where(self._on_flank(found) & (np.abs(found - start) < MAX_CORRECTION_MM), found, start)
 
-    def _on_flank(self, s: Array) -> Bools:
+    def _on_flank(self, s: Array) -> Mask:
         """Whether the hits lie within the edges of their flanks."""
         x, y, height = (self.origin[:, i] + s * self.direction[:, i] for i in range(3))
         radius, gear = np.hypot(x, y), self.surface.gear
@@ -165,7 +165,7 @@ class _FlankRays:
         return np.asarray(within & (radius > self.surface.circles.start - EDGE_MARGIN_MM) & (radius < top))
 
 
-def occluded_by_body(points: Array, camera: Array, hits: Hits, of: Body) -> Bools:
+def occluded_by_body(points: Array, camera: Array, hits: Hits, of: Body) -> Mask:
     """Whether the body stands between points (3, B, M), NaN = none, and the camera at (3, B, 1), both in C; (B, M)."""
     turn, shift = of.shaft_from_part[:3, :3], of.shaft_from_part[:3, 3]
     row, column = np.nonzero(np.isfinite(points[0]))

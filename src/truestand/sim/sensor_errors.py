@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.random import Generator
 
+from truestand.core.arrays import Array
 from truestand.sim.parts import Scene
-from truestand.sim.poses import Array
 from truestand.sim.raycast import FACE, MESH, STEP, Hits, Rays
 from truestand.sim.simulation import Optics
 

@@ -5,10 +5,11 @@ from math import tan
 import numpy as np
 from numpy.random import Generator
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
 from truestand.sim.parts import VirtualPart, scene_of
-from truestand.sim.poses import Array, sensor_pose, shaft_from_rotor
+from truestand.sim.poses import sensor_pose, shaft_from_rotor
 from truestand.sim.raycast import Hits, Rays, first_hits, occluded_by_steps, rays_in_shaft
 from truestand.sim.raycast_mesh import meet_body, occluded_by_body
 from truestand.sim.sensor_errors import (

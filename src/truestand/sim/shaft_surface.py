@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.sim.poses import Array
 from truestand.sim.simulation import FormWave, Keyway, Misalignment, Patch, Workpiece
 
 FILLET_CORNER = 0.02

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.sim.parts import VirtualPart
-from truestand.sim.poses import Array
 from truestand.sim.sensor_errors import lose_patches
 from truestand.sim.sensor_model import SensorModel
 from truestand.sim.simulation import DEFAULT_COUNTS_PER_TURN, Acquisition, Simulation, speed_and_rate
@@ -69,7 +69,7 @@ def _table_angles(stand: Stand, a: Acquisition, rng: Generator) -> tuple[Array, 
     return angle[arrived], arrived.astype(np.int64), time[arrived], speed * a.speed_factor / rate
 
 
-def _gaps(total: int, dropped: int, rng: Generator) -> NDArray[np.intp]:
+def _gaps(total: int, dropped: int, rng: Generator) -> Ints:
     """Indices of the profiles that get lost: in runs, none at the ends."""
     runs = min(MAX_GAPS, dropped)
     lost: set[int] = set()

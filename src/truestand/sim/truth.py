@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.stand import Stand
 from truestand.sim.gear_errors import GearErrors
 from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
 from truestand.sim.parts import VirtualGear, VirtualPart, VirtualTurned, shaft_from_cad, shaft_from_gear
-from truestand.sim.poses import Array, Ints
 from truestand.sim.simulation import FormWave, Simulation, Workpiece
 
 UM = 1000.0

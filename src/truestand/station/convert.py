@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
@@ -27,7 +28,6 @@ from truestand.station.sync import (
     latch_skew,
 )
 
-Array = NDArray[np.float64]
 Column = NDArray[Any] | None
 
 COVERAGE_TOLERANCE = radians(0.2)
@@ -158,7 +158,7 @@ def _scan(log: Log, plan: SensorPlan, stream: Stream) -> SensorScan:
     return SensorScan(plan.name, stand, recording, tuple(reasons), len(log.sensors))
 
 
-def _rows(kept: NDArray[np.bool_]) -> "slice | NDArray[np.intp]":
+def _rows(kept: Mask) -> "slice | Ints":
     """What is kept, as a slice where it is one piece: a slice costs no copy of millions of points."""
     rows = np.flatnonzero(kept)
     whole = rows[-1] - rows[0] + 1 == rows.size
@@ -187,7 +187,7 @@ def _table_angles(log: Log, plan: SensorPlan, stream: Stream) -> TableAngles:
     return TableAngles(position, "clock", synchronisation, _uneven(clocks, log.settings.speed))
 
 
-def _turning(arrived: Array, track: TableTrack) -> NDArray[np.bool_]:
+def _turning(arrived: Array, track: TableTrack) -> Mask:
     """Profiles (n,) that came while the table turned: at rest their moment doesn't matter. All, where it never did."""
     times = track.time[track.moving]
     if times.size < 2:
@@ -227,16 +227,14 @@ def _contradiction(stream: Stream, position: Array, track: TableTrack) -> str:
     )
 
 
-def _lost(counter: NDArray[np.int64], kept: NDArray[np.bool_]) -> int:
+def _lost(counter: NDArray[np.int64], kept: Mask) -> int:
     """Profiles that the counter skips, from the last one before those that are kept to the first one after them."""
     first, last = np.flatnonzero(kept)[[0, -1]]
     around = counter[max(first - 1, 0) : last + 2]
     return int(around[-1] - around[0]) + 1 - around.size
 
 
-def _reasons(
-    log: Log, lost: int, angles: TableAngles, kept: NDArray[np.bool_], end: float, tolerance: float
-) -> list[str]:
+def _reasons(log: Log, lost: int, angles: TableAngles, kept: Mask, end: float, tolerance: float) -> list[str]:
     """Why the scan isn't complete; empty where it is proven. ``end``: up to where it must have been seen (rad)."""
     reasons = []
     if log.end is None:
@@ -265,7 +263,7 @@ def _sensor_stand(stand: Stand, plan: SensorPlan, angles: TableAngles) -> Stand:
 
 
 def _recording(
-    stream: Stream, angles: TableAngles, rows: slice | NDArray[np.intp], acquisition: Mapping[str, Any], stand: Stand
+    stream: Stream, angles: TableAngles, rows: slice | Ints, acquisition: Mapping[str, Any], stand: Stand
 ) -> Recording:
     counts = angles.position / tau * stand.counts_per_turn if angles.source == "encoder" else None
     return Recording(

@@ -11,9 +11,9 @@ from math import pi, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.robust import robust_sd
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 WINDOWS = 12
@@ -34,7 +34,7 @@ class TableTrack:
     """(n,) rad."""
     half_width: Array
     """(n,) s: half of the time between question and answer, within which the position was valid."""
-    moving: NDArray[np.bool_]
+    moving: Mask
 
 
 @dataclass(frozen=True, slots=True)

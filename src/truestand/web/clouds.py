@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Ints
 from truestand.core.errors import UnreadableFile
 from truestand.files.atomic import replacing
 from truestand.files.shapes.clouds import open_cloud
@@ -43,7 +44,7 @@ def thin_out(source: Path, target: Path, points: int) -> int:
     return len(chosen)
 
 
-def choose(size: int, deviation: NDArray[np.float32] | None, points: int) -> NDArray[np.intp]:
+def choose(size: int, deviation: NDArray[np.float32] | None, points: int) -> Ints:
     """Indices of the points that are shown, of ``size``, ascending."""
     if size <= points:
         return np.arange(size)

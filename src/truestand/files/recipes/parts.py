@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
 from truestand.files.checking import Recipe, checked
@@ -274,7 +274,7 @@ def _cad(folder: Path, r: CadRecipe) -> Cad:
     )
 
 
-def _pose(r: PoseRecipe) -> NDArray[np.float64]:
+def _pose(r: PoseRecipe) -> Array:
     """(4, 4), mm."""
     from scipy.spatial.transform import Rotation
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand._version import __version__
+from truestand.core.arrays import Array
 from truestand.core.calibration import (
     Calibration,
     Check,
@@ -44,7 +44,6 @@ LEAST_COS_TILT = 1e-3
 """Of a shaft: one that lies across the table's axis has no eccentricity."""
 MOST_MM = 1e9
 """No stand is larger."""
-Array = NDArray[np.float64]
 UM, MRAD = 1000.0, 1000.0
 """um in a mm, mrad in a rad."""
 

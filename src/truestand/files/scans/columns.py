@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import UnreadableFile
-
-Array = NDArray[np.float64]
 
 MOST_FILLED = 100
 """Elements for each reading, beyond which a profile's length is taken for damage: short profiles are filled up."""
@@ -35,7 +34,7 @@ def encoder_counts(values: NDArray[np.int64] | None, name: str) -> Array | None:
     return values.astype(np.float64)
 
 
-def stack_profiles(profiles: Sequence[NDArray[np.float64]], name: str) -> Array:
+def stack_profiles(profiles: Sequence[Array], name: str) -> Array:
     """Profiles of different length as (N, M), M that of the longest; NaN at the end of the others.
 
     Raises:
@@ -52,12 +51,12 @@ def stack_profiles(profiles: Sequence[NDArray[np.float64]], name: str) -> Array:
     return fill_rows(np.concatenate(profiles), lengths)
 
 
-def is_uneven(lengths: NDArray[np.intp]) -> bool:
+def is_uneven(lengths: Ints) -> bool:
     """Whether the longest of rows (N,) is so much longer than the others that it must be damage."""
     return int(lengths.max()) * lengths.size > MOST_FILLED * max(int(lengths.sum()), MOST_FILLED**2)
 
 
-def fill_rows(values: Array, lengths: NDArray[np.intp]) -> Array:
+def fill_rows(values: Array, lengths: Ints) -> Array:
     """The values of rows one after the other as (N, longest row), NaN at the end of the shorter ones."""
     longest = int(lengths.max())
     if (lengths == longest).all():

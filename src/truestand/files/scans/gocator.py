@@ -15,11 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.scans.columns import drop_constant, encoder_counts
-from truestand.files.text import BYTE_ORDER_MARK, Array, Dialect, refuse_nul
+from truestand.files.text import BYTE_ORDER_MARK, Dialect, refuse_nul
 
 Row = tuple[int, bytes]
 """A line's number in the file, from 1, and its text."""

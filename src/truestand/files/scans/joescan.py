@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.scans.columns import drop_constant, encoder_counts, stack_profiles
@@ -155,6 +156,6 @@ def _recording(profiles: list[_Profile], name: str, sha256: str) -> Recording:
     )
 
 
-def _mm(hundredths: NDArray[np.int16]) -> NDArray[np.float64]:
+def _mm(hundredths: NDArray[np.int16]) -> Array:
     """1/100 inch is 254/1000 mm, to the last bit."""
     return hundredths.astype(np.float64) * 254.0 / 1000.0

@@ -10,15 +10,14 @@ from math import radians
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Ints
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.number_text import blocks_of_lines, read_fields
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     MM_PER_UNIT,
-    Array,
     Dialect,
     column_names,
     dialect_of,
@@ -27,8 +26,6 @@ from truestand.files.text import (
     refuse_cut_number,
     refuse_nul,
 )
-
-Indices = NDArray[np.intp]
 
 FORMAT = "long csv"
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -102,7 +99,7 @@ def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
     return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
 
 
-def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Indices]:
+def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Ints]:
     """All readings (n, columns), and the line in the file of each."""
     if not body.strip():
         raise UnreadableFile(f"{name}: found a header and no readings; need at least one profile")
@@ -129,7 +126,7 @@ def _refuse_cut_last_number(body: bytes, dialect: Dialect, name: str) -> None:
         refuse_cut_number([field for field in fields if field.strip()], name, line_number(body, len(body)) + 1)
 
 
-def _recording(columns: dict[str, Array], lines: Indices, name: str, sha256: str) -> Recording:
+def _recording(columns: dict[str, Array], lines: Ints, name: str, sha256: str) -> Recording:
     for key in COUNT_RANGES:
         if key in columns:
             _refuse_fractions(columns[key], key, lines, name)
@@ -176,7 +173,7 @@ def _recording(columns: dict[str, Array], lines: Indices, name: str, sha256: str
     )
 
 
-def _refuse_fractions(values: Array, key: str, lines: Indices, name: str) -> None:
+def _refuse_fractions(values: Array, key: str, lines: Ints, name: str) -> None:
     """Refuse readings without a profile, point or counter number, or with one that counts nothing.
 
     Raises:
@@ -193,7 +190,7 @@ def _refuse_fractions(values: Array, key: str, lines: Indices, name: str) -> Non
         )
 
 
-def _points(point: Array | None, row: Indices) -> Indices:
+def _points(point: Array | None, row: Ints) -> Ints:
     """Column of every reading: its point number (from 0 or 1), or its place among its profile's readings."""
     if point is None:
         order = np.argsort(row, kind="stable")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand._version import __version__
+from truestand.core.arrays import Array
 from truestand.core.errors import TruestandError, UnreadableFile
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
@@ -23,7 +24,6 @@ from truestand.files.recipes.recipes import stand_from_recipe, stand_recipe
 if TYPE_CHECKING:
     import h5py
 
-Array = NDArray[np.float64]
 
 FORMAT = "native"
 LAYOUT = "truestand.scan"

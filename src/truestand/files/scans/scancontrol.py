@@ -21,9 +21,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import BadRecipe, UnreadableFile
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
 RAW_ZERO = 32768
@@ -205,7 +205,7 @@ def _unwrapped(counts: Counts, modulus: int, back: int, last: int | None) -> Cou
     return np.asarray(before + np.cumsum((steps + back) % modulus - back), dtype=np.int64)
 
 
-def _millimetres(raw: NDArray[np.uint16], seen: NDArray[np.bool_], step: float, offset: float) -> Array:
+def _millimetres(raw: NDArray[np.uint16], seen: Mask, step: float, offset: float) -> Array:
     """Whole counts over counts a mm, so that 0.002 x 47,500 is 95 and not its neighbour."""
     a_mm = round(1.0 / step)
     values = (raw + (offset * a_mm - RAW_ZERO)) / a_mm

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.scans.columns import drop_constant
@@ -106,12 +106,12 @@ def _refuse_other_points(data: bytes, stamps: Stamps, points: int, name: str) ->
             )
 
 
-def _stamped(stamps: Stamps) -> NDArray[np.bool_]:
+def _stamped(stamps: Stamps) -> Mask:
     """Which profiles (N,) have a time stamp that can be one, and a counter that follows the profile before."""
     exposure = _exposure(stamps)
     steps = np.diff(stamps.counter, prepend=stamps.counter[:1] - 1) % COUNTER_MODULUS
     return (exposure > 0) & (exposure <= MOST_EXPOSURE_S) & (steps > 0) & (steps <= MOST_LOST_PROFILES)
 
 
-def _exposure(stamps: Stamps) -> NDArray[np.float64]:
+def _exposure(stamps: Stamps) -> Array:
     return (stamps.closed - stamps.opened) % TIME_MODULUS

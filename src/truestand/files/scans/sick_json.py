@@ -20,7 +20,6 @@ from truestand.files.json_text import parse_json
 from truestand.files.scans.columns import drop_constant, encoder_counts
 from truestand.files.text import BYTE_ORDER_MARK
 
-Array = NDArray[np.float64]
 Json = dict[str, Any]
 
 FORMAT = "sick json"

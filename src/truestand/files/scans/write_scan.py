@@ -6,12 +6,11 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.files.atomic import replacing
-
-Array = NDArray[np.float64]
 
 NATIVE = (".h5", ".nc", ".hdf5")
 

@@ -14,6 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.files.number_text import BLOCK_BYTES, Fields, read_fields
@@ -21,7 +22,6 @@ from truestand.files.scans.columns import MOST_FILLED, fill_rows, is_uneven
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     ENOUGH_FIELDS,
-    Array,
     Dialect,
     dialect_of,
     normalized,

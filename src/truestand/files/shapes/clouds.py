@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.atomic import replacing
 from truestand.files.shapes.ply import MOST_HEADER_BYTES, is_ply, ply_header
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".ply", ".xyz", ".npz", ".e57")
 BLOCK_PROFILES = 512

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import MissingExtra, UnreadableFile
 from truestand.parts.drawings import Mesh
 
-Array = NDArray[np.float64]
 Unit = Literal["mm", "inch"]
 
 MM_PER_UNIT: dict[Unit, float] = {"mm": 1.0, "inch": 25.4}

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
 from truestand.files.number_text import read_table, refuse_cut_table
-from truestand.files.text import Array, Dialect, refuse_nul
+from truestand.files.text import Dialect, refuse_nul
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",

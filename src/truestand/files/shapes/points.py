@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.number_text import read_table, refuse_cut_table
 from truestand.files.shapes.ply import is_ply, ply_vertices
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     MM_PER_UNIT,
-    Array,
     column_names,
     dialect_of,
     names_profiles,

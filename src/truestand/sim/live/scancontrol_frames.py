@@ -12,8 +12,8 @@ from math import log2
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe
-from truestand.sim.poses import Array
 
 Raw = NDArray[np.uint16]
 """(n, fields, points)."""

@@ -14,6 +14,7 @@ from math import inf
 
 import numpy as np
 
+from truestand.core.arrays import Array
 from truestand.devices.wire import gvsp
 from truestand.devices.wire.gvcp import Register, Resend, Status
 from truestand.devices.wire.gvsp import Header, Leader, PacketFormat, PixelFormat
@@ -31,7 +32,6 @@ from truestand.sim.live.registers import (
     Registers,
 )
 from truestand.sim.live.scancontrol_frames import FrameFormat, frame_bytes
-from truestand.sim.poses import Array
 
 CLOCK_LEAD_S = 0.05
 """Real time by which the stand's clock may run ahead of the next exposure that is due."""

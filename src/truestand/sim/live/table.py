@@ -13,8 +13,8 @@ from math import copysign, floor, inf, radians, sqrt, tau
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.sim.live.clock import Clock
-from truestand.sim.poses import Array
 
 HISTORY_S = 30.0
 """Virtual time for which the past is stored."""
