@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solids import calibration, circle, extruded, noisy, scanned, wheel
-from truestand.core.errors import NotEnoughData
+from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import shaft_from_rotor, table_from_sensor
 from truestand.core.surface import Surface, apply_calibration
 from truestand.parts.cad import inspect_cad
@@ -241,7 +241,7 @@ def test_surfaces_facing_away_are_no_hits():
 
 def test_a_surface_without_its_scan_and_a_model_without_surface_are_refused():
     _, mesh, scan, known = wheel()
-    with pytest.raises(NotEnoughData, match="roll"):
+    with pytest.raises(BadRecipe, match="roll"):
         inspect_cad(Surface(*np.zeros((3, 2, 2))), Cad(mesh))
     flat = Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]))
     with pytest.raises(NotEnoughData, match="without surface"):

@@ -9,7 +9,7 @@ import pytest
 
 from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration, Positions, StepAxis
-from truestand.core.errors import NotEnoughData
+from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
@@ -246,7 +246,7 @@ def test_an_untrusted_calibration_decides_nothing():
 
 
 def test_a_surface_without_its_scan_is_refused():
-    with pytest.raises(NotEnoughData, match="roll"):
+    with pytest.raises(BadRecipe, match="roll"):
         inspect_turned(Surface(*np.zeros((3, 2, 2))), PART)
 
 

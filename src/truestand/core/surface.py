@@ -13,6 +13,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, in_rotor, shaft_parameters
 from truestand.core.scan import Scan
 
@@ -45,6 +46,17 @@ class Surface:
     def radius(self) -> Array:
         """Distance (N, M) mm from the shaft axis."""
         return np.asarray(np.hypot(self.x, self.y))
+
+    @property
+    def origin(self) -> tuple[Scan, Calibration]:
+        """The scan that was rolled up and the calibration that did it.
+
+        Raises:
+            BadRecipe: the surface carries none.
+        """
+        if self.scan is None or self.calibration is None:
+            raise BadRecipe("found a surface without its scan and calibration; make it with roll(scan, calibration)")
+        return self.scan, self.calibration
 
     def trace(self, height: float, width: float = 0.1) -> tuple[Array, Array]:
         """Radius over polar angle at one height: angle (n,) rad, increasing, and radius (n,) mm.

@@ -8,7 +8,7 @@ import numpy as np
 from truestand.apply.datum import datum_of
 from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
-from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
+from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
@@ -68,7 +68,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         WrongDrawing: what was seen is another gear than the drawing's.
         BadRecipe: the surface doesn't say from which scan and calibration it comes.
     """
-    scan, calibration = origin_of(surface)
+    scan, calibration = surface.origin
     nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
     flanks = find_flanks(surface, find_toothing(surface, nominal, datum))
     reasons = _reasons(surface, flanks, calibration)
@@ -97,17 +97,6 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         ),
         published=_published_figures(published, nominal),
     )  # fmt: skip
-
-
-def origin_of(surface: Surface) -> tuple[Scan, Calibration]:
-    """The scan that was rolled up and the calibration that did it.
-
-    Raises:
-        BadRecipe: the surface carries none.
-    """
-    if surface.scan is None or surface.calibration is None:
-        raise BadRecipe("found a surface without its scan and calibration, need one that `roll` made")
-    return surface.scan, surface.calibration
 
 
 def evaluate_flanks(flanks: Flanks) -> tuple[Weights, Measures]:

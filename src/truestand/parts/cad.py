@@ -12,7 +12,6 @@ import numpy as np
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
 from truestand.core.scan import Scan
@@ -108,12 +107,10 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     noise's share (``core.denoise``); coverage is the share of the visible surface that has readings.
 
     Raises:
-        NotEnoughData: a surface without its scan and calibration, or a model without surface.
-        BadRecipe: a datum that the shaft doesn't have.
+        NotEnoughData: a model without surface.
+        BadRecipe: a surface without its scan and calibration, or a datum that the shaft doesn't have.
     """
-    if surface.scan is None or surface.calibration is None:
-        raise NotEnoughData("found a surface without its scan and calibration; make it with roll(scan, calibration)")
-    calibration, scan = surface.calibration, surface.scan
+    scan, calibration = surface.origin
     datum = datum_of(calibration, part.datum, part.bore_clearance)
     solid = solid_of(part.mesh, part.pose)
     comparison = _Comparison(part, surface, scan, table_angle(scan, calibration), calibration, datum, solid)

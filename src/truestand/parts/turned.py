@@ -8,7 +8,6 @@ import numpy as np
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration, Contribution
-from truestand.core.errors import NotEnoughData
 from truestand.core.inspection import (
     EDITION,
     GUARD_FACTOR,
@@ -108,14 +107,11 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
     and run-out partial at best. Noise's share of the ranges is taken off (``core.denoise``).
 
     Raises:
-        NotEnoughData: a surface without its scan and calibration.
-        BadRecipe: a datum that the shaft doesn't have.
+        BadRecipe: a surface without its scan and calibration, or a datum that the shaft doesn't have.
     """
-    if surface.scan is None or surface.calibration is None:
-        raise NotEnoughData("found a surface without its scan and calibration; make it with roll(scan, calibration)")
-    calibration = surface.calibration
+    scan, calibration = surface.origin
     datum = datum_of(calibration, part.datum, part.bore_clearance)
-    inspected = _Inspected(part, surface.scan, table_angle(surface.scan, calibration), calibration, datum)
+    inspected = _Inspected(part, scan, table_angle(scan, calibration), calibration, datum)
     deviation = np.full(surface.x.shape, np.nan)
     found: list[Characteristic] = []
     drawn, remarks = [], [f"datum: {datum.remark}"]

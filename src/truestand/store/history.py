@@ -1,6 +1,6 @@
 """What the store has over time: the quantities of its calibrations, its inspections by part, studies of the gauge."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,9 +90,10 @@ def repeated(
             raise NotEnoughData(
                 f"entry {entry.number} has no {missing}; a study needs both: inspect --operator --serial"
             )
-        for label, value in _measured(store.record(result.last)).items():
-            if quantity in (None, label, label.partition(" ")[0]):
-                rows.setdefault(label, []).append((entry.operator, entry.serial, value))
+        for name, unit, line in whole_part_lines(store.record(result.last)):
+            label = f"{name} ({'µm' if unit == 'um' else unit})"
+            if quantity in (None, label, line["name"]):
+                rows.setdefault(label, []).append((entry.operator, entry.serial, float(line[f"value_{unit}"])))
     whole = {label: found for label, found in rows.items() if len(found) == len(studied)}
     if not whole:
         what = "inspections" if quantity is None else f"values of {quantity}"
@@ -100,16 +101,15 @@ def repeated(
     return whole
 
 
-def _measured(record: Mapping[str, Any]) -> dict[str, float]:
-    """The whole part's characteristics, by name, flank, section and unit, as far as they were measured."""
-    found = {}
-    for c in record.get("characteristics") or []:
-        unit = "mm" if "value_mm" in c else "um"
-        value = c.get(f"value_{unit}")
-        if c.get("tooth") is None and value is not None:
-            words = (c["name"], c.get("flank"), c.get("section"), f"({'mm' if unit == 'mm' else 'µm'})")
-            found[" ".join(str(w) for w in words if w)] = float(value)
-    return found
+def whole_part_lines(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """The lines of an inspection's record that were measured and belong to no single tooth.
+
+    Each as name with flank and section, unit (mm or um), and the line itself.
+    """
+    for line in record.get("characteristics") or []:
+        unit = "mm" if "value_mm" in line else "um"
+        if line.get("tooth") is None and line.get(f"value_{unit}") is not None:
+            yield " ".join(str(w) for w in (line["name"], line.get("flank"), line.get("section")) if w), unit, line
 
 
 def _U(record: Mapping[str, Any], key: str) -> float | None:  # noqa: N802

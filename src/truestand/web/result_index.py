@@ -12,7 +12,7 @@ from truestand.report.quantities import QUANTITIES
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry as Stored
 from truestand.store import Store
-from truestand.store.history import inspections, series
+from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
 
 KINDS = ("calibration", "verification", "inspection")
@@ -219,7 +219,7 @@ def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     lines: dict[str, _Series] = {}
     for inspection in standing:
         record = store.record(inspection.last)
-        for name, unit, c in _measured(record):
+        for name, unit, c in whole_part_lines(record):
             line = lines.setdefault(name, _Series("µm" if unit == "um" else unit))
             line.entries.append(inspection.entry)
             line.values.append(float(c[f"value_{unit}"]))
@@ -228,14 +228,6 @@ def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     return [
         _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limits) for name, x in lines.items()
     ]
-
-
-def _measured(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """Name with flank and section, unit, and the line of the record."""
-    for c in record.get("characteristics") or []:
-        unit = "mm" if "value_mm" in c else "um"
-        if c.get("tooth") is None and c.get(f"value_{unit}") is not None:
-            yield " ".join(str(w) for w in (c["name"], c.get("flank"), c.get("section")) if w), unit, c
 
 
 def _quantity(
