@@ -26,10 +26,9 @@ from truestand.sim import (
 )
 from truestand.sim.live import scancontrol_frames as container
 from truestand.sim.live.clock import Clock
-from truestand.sim.live.control import Control
 from truestand.sim.live.faults import FaultKind, Faults, fault_at
 from truestand.sim.live.genicam_xml import description
-from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.gige_device import Control, GigeDevice
 from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import (
     ENCODER_ACTIVE,

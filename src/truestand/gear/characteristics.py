@@ -1,27 +1,42 @@
-"""The lines of the report: each figure with U, limit, class, coverage and verdict; and how it was all evaluated."""
+"""The lines of the report: each figure with U, limit, class, coverage and verdict; and how it was all evaluated.
 
+Limits: flank tolerances of ISO 1328-1, editions 2013 and 1995, rounded as the standard says. 2013: formulas of class 5
+with a step of sqrt(2), from the gear's own values. 1995: the same step, from the geometric means of ranges. Totals come
+from unrounded parts; rounding is last.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import degrees, hypot, sqrt
+from math import cos, degrees, hypot, sqrt
 
 import numpy as np
 
 from truestand.apply.datum import Datum
 from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
+from truestand.core.errors import BadRecipe
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.damage import Damage, Zone, damage_in
-from truestand.gear.drawing import Gear
+from truestand.gear.drawing import Gear, Standard
 from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import CLIP, HEIGHT_CELL, Coverage
 from truestand.gear.teeth import Diameter
-from truestand.gear.tolerances import INFORMATIVE, has_tolerance, reached, tolerance
 
 PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 SIZES = ("s", "W_k", "M_d")
 LEFT_OUT = "damage left out"
+UM = 1000.0
+STEP = sqrt(2.0)
+CLASSES: dict[Standard, tuple[int, int]] = {"ISO 1328-1:2013": (1, 11), "ISO 1328-1:1995": (0, 12)}
+DIAMETERS_1995 = (5, 20, 50, 125, 280, 560, 1000, 1600, 2500, 4000, 6000, 8000, 10000)
+MODULES_1995 = (0.5, 2, 3.5, 6, 10, 16, 25, 40, 70)
+WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
+INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
+"""Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,3 +191,105 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
         "angle": f"{scan.angle_source}, {2 * np.pi / abs(scan.step):.0f} profiles a turn",
         "decision": f"{EDITION}, guard band {GUARD_FACTOR:g} u; U with k = 2",
     }
+
+
+def tolerance(name: str, gear: Gear, accuracy_class: int, standard: Standard | None = None) -> float:
+    """Tolerance (mm) of a characteristic in a class.
+
+    Raises:
+        BadRecipe: a gear or class outside the standard's range, or a characteristic without a tolerance.
+    """
+    standard = standard or gear.standard
+    d, m, b = _size(gear, standard)
+    lowest, highest = CLASSES[standard]
+    if not lowest <= accuracy_class <= highest:
+        raise BadRecipe(f"found accuracy_class {accuracy_class}, need {lowest}..{highest} of {standard}")
+    return _rounded(_unrounded(name, d, m, b, standard) * STEP ** (accuracy_class - 5)) / UM
+
+
+def reached(name: str, value: float, gear: Gear, standard: Standard | None = None) -> int | None:
+    """The best class whose tolerance holds |value| (mm); None beyond the last class."""
+    standard = standard or gear.standard
+    lowest, highest = CLASSES[standard]
+    classes = range(max(lowest, 1), highest + 1)
+    return next((a for a in classes if abs(value) <= tolerance(name, gear, a, standard)), None)
+
+
+def has_tolerance(name: str) -> bool:
+    """Whether the standard has a tolerance of that name, be it informative."""
+    return name in _CLASS_5["ISO 1328-1:2013"] or name in TOTALS
+
+
+def _size(gear: Gear, standard: Standard) -> tuple[float, float, float]:
+    d, m, b = gear.teeth * gear.module / cos(gear.helix_angle), gear.module, gear.face_width
+    most_d, most_b = (15000, 1200) if standard == "ISO 1328-1:2013" else (10000, 1000)
+    inside = 5 <= d <= most_d and 0.5 <= m <= 70 and 4 <= b <= most_b and gear.teeth >= 5
+    if not inside or abs(degrees(gear.helix_angle)) > 45:
+        raise BadRecipe(
+            f"{standard} covers 5 teeth and more, d 5..{most_d}, module 0.5..70, width 4..{most_b} mm and helix angles "
+            f"up to 45 degrees; found z {gear.teeth}, d {d:.1f}, module {m:g}, width {b:g}, helix "
+            f"{degrees(gear.helix_angle):.1f}; leave accuracy_class out to measure without limits"
+        )
+    if standard == "ISO 1328-1:1995":
+        return _mean_of(d, DIAMETERS_1995), _mean_of(m, MODULES_1995), _mean_of(b, WIDTHS_1995)
+    return d, m, b
+
+
+def _mean_of(value: float, limits: tuple[float, ...]) -> float:
+    """Geometric mean of the range that holds ``value``."""
+    at = min(max(bisect_right(limits, value), 1), len(limits) - 1)
+    if value == limits[at - 1] and at > 1:
+        at -= 1  # a limit belongs to the range below it
+    return sqrt(limits[at - 1] * limits[at])
+
+
+def _unrounded(name: str, d: float, m: float, b: float, standard: Standard) -> float:
+    """Class 5, um."""
+    formulas = _CLASS_5[standard]
+    if name in formulas:
+        return formulas[name](d, m, b)
+    if name in TOTALS and standard == "ISO 1328-1:2013":
+        return hypot(*(formulas[part](d, m, b) for part in TOTALS[name]))
+    raise BadRecipe(f"{standard} has no tolerance of {name}; leave its limit out")
+
+
+def _rounded(um: float) -> float:
+    """Above 10 um to 1, from 5 to 0.5, below to 0.1 um."""
+    step = 1.0 if um > 10 else 0.5 if um >= 5 else 0.1
+    return round(um / step + 1e-9) * step
+
+
+Formula = Callable[[float, float, float], float]
+TOTALS = {"F_alpha": ("f_Halpha", "f_falpha"), "F_beta": ("f_Hbeta", "f_fbeta")}
+
+
+def _pitch_2013(d: float, m: float, b: float) -> float:
+    return 0.001 * d + 0.4 * m + 5
+
+
+def _total_pitch_2013(d: float, m: float, b: float) -> float:
+    return 0.002 * d + 0.55 * sqrt(d) + 0.7 * m + 12
+
+
+_CLASS_5: dict[Standard, dict[str, Formula]] = {
+    "ISO 1328-1:2013": {
+        "f_p": _pitch_2013,
+        "F_p": _total_pitch_2013,
+        "F_r": lambda d, m, b: 0.9 * _total_pitch_2013(d, m, b),
+        "f_Halpha": lambda d, m, b: 0.4 * m + 0.001 * d + 4,
+        "f_falpha": lambda d, m, b: 0.55 * m + 5,
+        "f_Hbeta": lambda d, m, b: 0.05 * sqrt(d) + 0.35 * sqrt(b) + 4,
+        "f_fbeta": lambda d, m, b: 0.07 * sqrt(d) + 0.45 * sqrt(b) + 4,
+    },
+    "ISO 1328-1:1995": {
+        "f_p": lambda d, m, b: 0.3 * (m + 0.4 * sqrt(d)) + 4,
+        "F_p": lambda d, m, b: 0.3 * m + 1.25 * sqrt(d) + 7,
+        "F_r": lambda d, m, b: 0.24 * m + sqrt(d) + 5.6,
+        "F_alpha": lambda d, m, b: 3.2 * sqrt(m) + 0.22 * sqrt(d) + 0.7,
+        "F_beta": lambda d, m, b: 0.1 * sqrt(d) + 0.63 * sqrt(b) + 4.2,
+        "f_falpha": lambda d, m, b: 2.5 * sqrt(m) + 0.17 * sqrt(d) + 0.5,
+        "f_Halpha": lambda d, m, b: 2 * sqrt(m) + 0.14 * sqrt(d) + 0.5,
+        "f_fbeta": lambda d, m, b: 0.07 * sqrt(d) + 0.45 * sqrt(b) + 3,
+        "f_Hbeta": lambda d, m, b: 0.07 * sqrt(d) + 0.45 * sqrt(b) + 3,
+    },
+}

@@ -1,4 +1,7 @@
-"""The devices of one stand, opened, behind the stand's interlocks; and how all of it is stopped."""
+"""The devices of one stand, opened, behind the stand's interlocks; and how all of it is stopped.
+
+Interlocks: a motion or a laser needs a state of the stand that permits it; halt and laser off always pass.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,17 +12,112 @@ from math import ceil, tau
 
 from truestand.core.errors import DeviceError, TruestandError
 from truestand.core.stand import Stand
-from truestand.devices.axis import RotaryTable
-from truestand.devices.sensor import Laser, LineSensor
+from truestand.devices.axis import Drive, DriveState, RotaryTable
+from truestand.devices.sensor import Frame, Laser, Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.tables.opening import open_table
-from truestand.station.interlock import InterlockedDrive, InterlockedSensor
 from truestand.station.recipe import DevicesRecipe, sensor_of
 from truestand.station.stand_lock import failure_texts
 from truestand.station.state_machine import TRANSITIONS, Event, StateMachine
 
 RETURN_SPEED_SHARE = 0.5
 """Share of the table's highest speed at which it goes back to its start."""
+
+
+@dataclass(frozen=True, slots=True)
+class InterlockedDrive:
+    """A drive that begins a motion only where the stand's state permits it."""
+
+    inner: Drive
+    machine: StateMachine
+
+    @property
+    def name(self) -> str:
+        """Protocol and address."""
+        return self.inner.name
+
+    def start_home(self) -> None:
+        """Begin to home.
+
+        Raises:
+            Fault: a state that permits no motion.
+        """
+        with self.machine.permit("motion"):
+            self.inner.start_home()
+
+    def start_move(self, position: float, speed: float) -> None:
+        """Begin to move to ``position`` (rad) at ``speed`` (rad/s).
+
+        Raises:
+            Fault: a state that permits no motion.
+        """
+        with self.machine.permit("motion"):
+            self.inner.start_move(position, speed)
+
+    def halt(self) -> None:
+        """Always passes."""
+        self.inner.halt()
+
+    def reset(self) -> None:
+        """Always passes: it moves nothing."""
+        self.inner.reset()
+
+    def state(self) -> DriveState:
+        """Always passes."""
+        return self.inner.state()
+
+    def close(self) -> None:
+        """Always passes."""
+        self.inner.close()
+
+
+@dataclass(frozen=True, slots=True)
+class InterlockedSensor:
+    """A sensor that switches its laser on only where the stand's state permits it."""
+
+    inner: LineSensor
+    machine: StateMachine
+
+    @property
+    def name(self) -> str:
+        """As in stand.toml."""
+        return self.inner.name
+
+    def set_laser(self, power: Laser) -> None:
+        """Switch the laser; off always passes.
+
+        Raises:
+            Fault: a state that permits no laser.
+        """
+        if power == "off":
+            self.inner.set_laser(power)
+            return
+        with self.machine.permit("laser"):
+            self.inner.set_laser(power)
+
+    def identity(self) -> dict[str, str]:
+        """Always passes, as all below."""
+        return self.inner.identity()
+
+    def start(self) -> Layout:
+        """Begin to stream; the laser stays as it is."""
+        return self.inner.start()
+
+    def next_frame(self, timeout: float) -> Frame | None:
+        """The next frame."""
+        return self.inner.next_frame(timeout)
+
+    def stop(self) -> None:
+        """End the stream."""
+        self.inner.stop()
+
+    def statistics(self) -> StreamStatistics:
+        """How the stream went so far."""
+        return self.inner.statistics()
+
+    def close(self) -> None:
+        """Laser off, control given back."""
+        self.inner.close()
 
 
 @dataclass(slots=True)
