@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from truestand.calibration.calibrate import calibrate, fit_of
+from truestand.calibration.model import model_for
 from truestand.calibration.segment import segment
+from truestand.calibration.start import rough_stand
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
@@ -35,6 +37,21 @@ def test_the_numbers_are_right(name):
     assert abs(1000 * found.tilt - true["shaft"]["tilt_mrad"]) < 0.06
     assert found.table_from_sensor.is_proper
     assert found.shaft_from_rotor.is_proper
+
+
+@pytest.mark.parametrize("name", ["eccentric 2.5 mm", "from above"])
+def test_the_static_profile_spans_all_readings_of_its_surface(name):
+    """Also where the shaft wobbles: beyond its span the profile would be bent to its end's slope."""
+    scan = scan_of(name)
+    segments = segment(scan, shaft())
+    model = model_for(scan, segments, shaft(), rough_stand(scan, segments, shaft()))
+    u, v = segments.plane.to_uv(scan.x, scan.z)
+    along = model.static_axis[0] * scan.x + model.static_axis[1] * scan.z
+    for k, band in enumerate(segments.bands):
+        on = (v > band.low) & (v < band.high) & (np.abs(u - model.radii[k]) < 3.0)
+        low, high = model.static_spans[k]
+        inside = (along[on] >= low) & (along[on] <= high)
+        assert inside.mean() > 0.999, name  # outliers lie anywhere
 
 
 def test_each_step_brings_phi_nearer_to_the_truth():
