@@ -112,7 +112,7 @@ def test_a_backup_refuses_another_folder_another_store_and_damage(tmp_path, scan
 
 
 def test_an_interrupted_backup_is_finished_by_the_next(tmp_path, scan, monkeypatch):
-    from truestand.store import backup
+    from truestand.store import store as store_module
 
     store = Store.open(tmp_path / "results", create=True)
     for k in range(3):
@@ -124,7 +124,7 @@ def test_an_interrupted_backup_is_finished_by_the_next(tmp_path, scan, monkeypat
 
     for step in ("_copy_evidence", "write_anchor"):
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-            patch.setattr(backup, step, dies)
+            patch.setattr(store_module, step, dies)
             store.backup(tmp_path / "copy")
     assert store.backup(tmp_path / "copy") == 3
     assert Store.open(tmp_path / "copy").audit().sound

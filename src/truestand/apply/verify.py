@@ -78,7 +78,8 @@ def verify(
     What both scans share (certificate, mounting prior) cancels: U is the repeatability of both. A change within
     ``limit`` by more than U holds, one beyond it by more than U does not, in between is undecided. A scan that can't be
     calibrated by itself is judged by its witness band: where the sensor stands radially, and how the shaft runs.
-    ``start_stated``: the table angle of the scan's first profile was given by the user.
+    ``start_stated``: the table angle of the scan's first profile was given by the user. Source: what two estimates
+    share cancels in their difference (GUM, JCGM 100, 5.2); decision as ISO 14253-1.
 
     Raises:
         NotEnoughData: the new scan can't be calibrated and shows no witness band.

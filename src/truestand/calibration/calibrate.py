@@ -19,6 +19,8 @@ def calibrate(scan: Scan, artefact: Artefact, method: Method = "stand") -> Calib
     ``method`` is ``"stand"``, the exact model (docs/theory.md), or ``"paper"``, the published procedure of Klarák et
     al. 2022, kept faithful so that anyone can reproduce it and see the difference.
 
+    Source: Klarák et al., Sensors 2022, 22, 5306; uncertainty by GUM (JCGM 100) and Monte Carlo (JCGM 101).
+
     Raises:
         NotEnoughData: less than half a turn, too few points, or nothing that fits the drawing.
     """

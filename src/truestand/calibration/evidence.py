@@ -121,7 +121,11 @@ class Evidence:
 
 
 def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Calibration | None = None) -> Evidence:
-    """The evidence of a calibration by the exact model, and of the published method where given."""
+    """The evidence of a calibration by the exact model, and of the published method where given.
+
+    Raises:
+        NotEnoughData: no reading of the base, or fewer samples than the fit of its wave needs.
+    """
     part = scan.taken(scan.spread(SAMPLED_PROFILES))
     uncentred = replace(calibration, shaft_from_rotor=shaft_from_rotor(0.0, 0.0, 0.0, 0.0), method="stand")
     surfaces = (

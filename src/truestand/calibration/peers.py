@@ -75,7 +75,7 @@ class Given:
 
 
 def peers(scan: Scan, artefact: Artefact) -> tuple[Peer, ...]:
-    """Every method to find the shaft's eccentricity in a scan of it, truestand's own two first.
+    """Every method to find the shaft's eccentricity in a scan of it, truestand's own two first; none is run yet.
 
     Raises:
         NotEnoughData: nothing that fits the drawing, or too little of it.

@@ -50,7 +50,8 @@ MOST_REFITS, SETTLED_MM = 6, 2e-5
 def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], artefact: Artefact) -> Calibration:
     """The calibration from several scans, the shaft clamped at the angles ``clamped`` (rad, ccw from above).
 
-    The shaft's pose is that of the last scan: so it stands on the table now.
+    The shaft's pose is that of the last scan: so it stands on the table now. Source: error separation by reorientation
+    (Whitehouse 1976, J. Phys. E 9, 531).
 
     Raises:
         BadRecipe: not one angle a scan, or all of them much the same.

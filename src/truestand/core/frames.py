@@ -140,7 +140,7 @@ def shaft_from_rotor(ex: float, ey: float, tx: float, ty: float) -> Pose:
 
 
 def shaft_parameters(pose: Pose) -> tuple[float, float, float, float]:
-    """(ex, ey, tx, ty) of a ``shaft_from_rotor``: the inverse of that function."""
+    """(ex, ey) mm and (tx, ty) rad of a ``shaft_from_rotor`` pose: the inverse of that function."""
     rotor_from_shaft = pose.inverse
     axis = rotor_from_shaft.rotation[:, 2]
     tx, ty = axis[0] / axis[2], axis[1] / axis[2]

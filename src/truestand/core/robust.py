@@ -35,7 +35,7 @@ def tukey_weights(ratio: Array) -> Array:
 
 
 def tukey_slopes(weights: Array) -> Array:
-    """By how much the score, weight times deviation, follows the deviation (any shape), from the weights."""
+    """Derivative of the score (weight times deviation) by the deviation, dimensionless, of weights (any shape)."""
     return np.asarray(5.0 * weights - 4.0 * np.sqrt(weights))
 
 
@@ -73,7 +73,7 @@ def tukey_fit(design: Array, samples: Array, least_limit: float) -> tuple[Array,
 def medians(
     cell: NDArray[np.integer], values: Array, cells: int, span: float | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Median (cells,) of the values (n,) in each cell, NaN where there is none, and how many there are.
+    """Median (cells,), in the values' unit, of the values (n,) in each cell, NaN where there is none; and their number.
 
     One sort of one key, the cell before the point and the value behind it: 1e5 cells leave 1e-10 of ``span``. Values
     lie within half a ``span`` of 0; what lies beyond counts as lying there. None: as wide as the values are.

@@ -118,7 +118,9 @@ def _steepest(flanks: Flanks) -> float:
 
 
 def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> IdentifiedGear:
-    """The gear whose toothing lies between two heights (mm, C).
+    """The gear whose toothing lies between two heights (mm, C); ``datum``: from C to the axis of the gear.
+
+    Source: involute by ISO 21771, standard modules by ISO 54.
 
     Raises:
         NotEnoughData: no toothing there that could be identified.

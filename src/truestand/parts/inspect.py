@@ -12,7 +12,10 @@ Part = Gear | Turned | Cad
 
 
 def inspect(surface: Surface, part: Part) -> Inspection:
-    """Characteristics, each with its uncertainty, of a part that ``roll`` brought into C; defects of gears.
+    """Characteristics, each with its uncertainty (mm, k = 2), of a part that ``roll`` brought into C; defects of gears.
+
+    Source: gears by ISO 1328-1 and ISO 21771; form and run-out by ISO 12181, ISO 12180, ISO 1101; decisions by
+    ISO 14253-1.
 
     Raises:
         NotEnoughData: nothing of the part is in view.

@@ -71,7 +71,11 @@ class StreamReport:
 
 
 def ask_devices(stand: Stand, devices: DevicesRecipe) -> list[DeviceAnswer]:
-    """Ask the table and each sensor; one that doesn't answer is an answer too."""
+    """Ask the table and each sensor; one that doesn't answer is an answer too.
+
+    Raises:
+        BadRecipe: a device for a sensor that the stand doesn't have.
+    """
     return [_ask_table(devices.table), *(_ask_sensor(stand, s) for s in devices.sensor)]
 
 
@@ -260,6 +264,7 @@ def reset_fault(path: Path) -> str:
     """Clear the table controller's own fault, and forget the latched one; its reason, empty where there was none.
 
     Raises:
+        BadRecipe: a stand.toml without devices, or with wrong ones.
         DeviceError: the stand is in use, or the table doesn't answer.
     """
     _, devices = read_devices(path)

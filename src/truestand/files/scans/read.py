@@ -61,7 +61,7 @@ def recordings(path: Path | str, layout: RawLayout | None = None) -> Recordings:
     """What a scan file holds.
 
     Raises:
-        UnreadableFile: as ``read_recording``, here or when a recording is called for.
+        UnreadableFile, BadRecipe: as ``read_recording``, here or when a recording is called for.
     """
     path = Path(path)
     try:
