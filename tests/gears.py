@@ -25,6 +25,7 @@ from truestand.sim import (
     simulate,
     truth_record,
 )
+from virtual_scans import simulated
 
 SPUR = Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0, accuracy_class=7)
 
@@ -93,7 +94,7 @@ def calibrated(upright: bool = False) -> Calibration:
 def scanned(
     gear: Gear = SPUR, errors: GearErrors = WORN, how: Simulation | None = None, points: int = POINTS
 ) -> Simulated:
-    return simulate(stand(points), how or simulation(), paper_shaft(), 1, None, VirtualGear(gear, errors))
+    return simulated(stand(points), how or simulation(), paper_shaft(), 1, VirtualGear(gear, errors))
 
 
 def scan_of(gear: Gear = SPUR, errors: GearErrors = WORN, how: Simulation | None = None, points: int = POINTS) -> Scan:

@@ -6,6 +6,7 @@ from math import hypot, sqrt
 import numpy as np
 import pytest
 
+from poses import is_proper
 from truestand.apply.datum import CLEARANCE, datum_of
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.assumptions import COAXIALITY_U
@@ -61,7 +62,7 @@ def test_a_measured_axis_is_taken_as_found():
     for height in (0.0, 10.0, 35.0):
         expected = (0.02 + 5e-4 * (height - 10.0), -0.01 + 1e-4 * (height - 10.0))
         assert np.allclose(axis_at(datum, height), expected, atol=1e-12)
-    assert datum.pose.is_proper
+    assert is_proper(datum.pose)
     assert datum.U_offset == 0.001
     assert datum.U_slope == pytest.approx(0.001 * sqrt(12) / 35)
 

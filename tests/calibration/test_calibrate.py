@@ -6,6 +6,7 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
+from poses import is_proper
 from truestand.calibration.calibrate import calibrate, fit_of
 from truestand.calibration.model import model_for
 from truestand.calibration.segment import segment
@@ -35,8 +36,7 @@ def test_the_numbers_are_right(name):
     assert abs(found.plane_offset - true["sensor"]["laser_plane_offset_mm"]) < 0.015
     assert abs(found.plane_tilt - radians(true["sensor"]["laser_plane_tilt_deg"])) < 2.5e-4
     assert abs(1000 * found.tilt - true["shaft"]["tilt_mrad"]) < 0.06
-    assert found.table_from_sensor.is_proper
-    assert found.shaft_from_rotor.is_proper
+    assert is_proper(found.table_from_sensor) and is_proper(found.shaft_from_rotor)
 
 
 @pytest.mark.parametrize("name", ["eccentric 2.5 mm", "from above"])

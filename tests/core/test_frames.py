@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from poses import is_proper, rotor_from_table
 from truestand.core.frames import (
     Pose,
-    rotor_from_table,
     sensor_parameters,
     shaft_from_rotor,
     shaft_parameters,
@@ -24,14 +24,14 @@ lengths = st.floats(-200.0, 200.0)
 @given(angles, lengths, lengths, small, st.floats(-2, 2))
 def test_the_sensor_pose_is_proper_and_gives_its_parameters_back(phi, radial, height, tilt, offset):
     pose = table_from_sensor(phi, radial, height, tilt, offset)
-    assert pose.is_proper
+    assert is_proper(pose)
     assert np.allclose(sensor_parameters(pose), (phi, radial, height, tilt, offset), atol=1e-9)
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3), small, small)
 def test_the_shaft_pose_is_proper_untwisted_and_gives_its_parameters_back(ex, ey, tx, ty):
     pose = shaft_from_rotor(ex, ey, tx, ty)
-    assert pose.is_proper
+    assert is_proper(pose)
     assert np.allclose(shaft_parameters(pose), (ex, ey, tx, ty), atol=1e-12)
     rotation = pose.rotation
     assert abs(rotation[0, 1] - rotation[1, 0]) < 1e-15  # the rotation vector has no part along Z

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from poses import rotor_from_table
 from truestand.core.calibration import Calibration
-from truestand.core.frames import Pose, rotor_from_table
+from truestand.core.frames import Pose
 from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, simulate

@@ -13,6 +13,7 @@ from truestand.calibration.evidence import gather
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.files.recipes.recipes import MOST_LOGO_BYTES, Company, read_company
+from truestand.report import drawing
 from truestand.report.calibration import calibration_report
 from truestand.report.inspection import inspection_report
 from truth import scan_of, shaft
@@ -92,10 +93,13 @@ def inspection():
 
 
 def texts(company=None):
-    return (
-        calibration_report(*calibrated(), None, None, company),
-        inspection_report(inspection(), None, None, company),
-    )
+    """Both reports; their figures are drawn and not written, in half the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawing, "svg", lambda fig: "")
+        return (
+            calibration_report(*calibrated(), None, None, company),
+            inspection_report(inspection(), None, None, company),
+        )
 
 
 def heads(made):

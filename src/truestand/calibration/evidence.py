@@ -9,7 +9,6 @@ from math import tau
 
 import numpy as np
 
-from truestand.calibration.outline import median_profile, sample
 from truestand.calibration.segment import EDGE_MARGIN_MM
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact, Cylinder
@@ -44,9 +43,6 @@ class Projection:
     cylinder: Ints
     """Index in ``names``; -1 = none of them."""
     names: tuple[str, ...]
-    profile_x: Array
-    profile_z: Array
-    """The median profile, mm."""
     line_x: Array
     line_z: Array
     """Two points on the base line."""
@@ -174,14 +170,11 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
     base = seen[0].radius if seen else 0.0
     at = np.nanmedian(surface.z[which == 0]) if (which == 0).any() else 0.0
     line = LaserPlane(phi, radial, height).from_uv(np.full(2, base), ends + at)
-    profile = median_profile(sample(part))
     return Projection(
         part.x[row, column],
         part.z[row, column],
         which[row, column],
         tuple(c.name for c in seen),
-        profile[0],
-        profile[1],
         *line,
         phi,
     )

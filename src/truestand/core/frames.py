@@ -1,7 +1,7 @@
 """Rigid transforms between the stand's frames S (sensor), T (table), R (rotor) and C (shaft).
 
 Every transform is named by direction, ``table_from_sensor``, and neighbouring words match when two are chained:
-``shaft_from_sensor = shaft_from_rotor @ rotor_from_table(theta) @ table_from_sensor``.
+``shaft_from_sensor = shaft_from_rotor @ rotor_from_table @ table_from_sensor``, where rotor_from_table is Rz(-theta).
 """
 
 from dataclasses import dataclass
@@ -43,12 +43,6 @@ class Pose:
     def inverse(self) -> "Pose":
         """The transform back."""
         return Pose(self.rotation.T.copy(), -self.rotation.T @ self.translation)
-
-    @property
-    def is_proper(self) -> bool:
-        """A right-handed rotation to 1e-12: no scale, no shear, no mirror."""
-        unit = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() <= 1e-12
-        return bool(unit and abs(np.linalg.det(self.rotation) - 1.0) <= 1e-12)
 
     def __matmul__(self, other: "Pose") -> "Pose":
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation + self.translation)
@@ -172,9 +166,3 @@ def in_rotor(x: Array | float, y: Array | float, angle: Array) -> tuple[Array, A
     """x and y in R of points x, y of T at table angles (rad): p_R = Rz(-angle) p_T."""
     c, s = np.cos(angle), np.sin(angle)
     return c * x + s * y, c * y - s * x
-
-
-def rotor_from_table(angle: float) -> Pose:
-    """Table to rotor at table angle ``angle`` rad: p_R = Rz(-angle) p_T."""
-    c, s = cos(angle), sin(angle)
-    return Pose(np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))

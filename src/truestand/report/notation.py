@@ -160,7 +160,7 @@ def tolerance_share_text(c: Characteristic) -> str:
     if c.U is None or high is None:
         return NONE
     width = high - (low or 0.0)
-    return f"{100 * c.U / width:.0f} %" if width > 0 else "\N{EN DASH}"
+    return f"{100 * c.U / width:.0f} %" if width > 0 else NONE
 
 
 def seen_text(c: Characteristic) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
-from truestand.report.notation import number, places, with_u
+from truestand.report.notation import limit_text, number, places, u_text, unit, value_text, with_u
 from truestand.report.quantities import quantities
 from truestand.report.true_values import true_value, true_values
 
@@ -87,25 +87,14 @@ def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = N
 
 
 def _row(c: Characteristic) -> tuple[str, ...]:
-    unit, scale = ("mm", 1.0) if c.size else ("um", 1000.0)
     value = "not measurable"
     if c.value is not None:
-        U = None if c.U is None else scale * c.U
-        decimals = min(places(U), 2) if not c.size else places(U)
-        value = number(scale * c.value, decimals) + ("" if U is None else f" ± {number(U, decimals)}") + f" {unit}"
+        value = f"{value_text(c)} {unit(c)}" if c.U is None else f"{value_text(c)} ± {u_text(c)} {unit(c)}"
     verdict = "" if c.verdict is None else c.verdict.replace("_", " ") + ("" if c.capable else " (U too large)")
     label = c.name if c.section is None else f"{c.name}, {c.section}"
     status = "" if c.status != "partial" else " (partial)"
-    return label, c.flank or "", value + status, _limits(c, scale), "" if c.grade is None else str(c.grade), verdict
-
-
-def _limits(c: Characteristic, scale: float) -> str:
-    if c.limits is None:
-        return ""
-    low, high = (None if v is None else scale * v for v in c.limits)
-    if low is None or high is None:
-        return f"{(high if low is None else low) or 0.0:g}"
-    return f"± {high:g}" if low == -high else f"{low:g} .. {high:g}"
+    limits = "" if c.limits is None else limit_text(c)
+    return label, c.flank or "", value + status, limits, "" if c.grade is None else str(c.grade), verdict
 
 
 def series_table(histories: "Sequence[QuantityHistory]") -> "Table":

@@ -6,13 +6,13 @@ says *in use* and isn't locked is that of a process that died.
 
 import json
 import os
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from truestand.core.errors import DeviceError, Fault
+from truestand.files.file_lock import take_lock
 
 REMEDY = "mend the cause, then `truestand stand reset`"
 
@@ -35,7 +35,7 @@ class StandLock:
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         self._fault = False
         try:
-            if not _lock(self._file):
+            if not take_lock(self._file):
                 raise _in_use(stand)
             reason = _reason(_read_state(self.path))
             if reason:
@@ -90,7 +90,7 @@ def reset_latched_fault(stand: Path) -> str:
         return ""
     file = os.open(path, os.O_RDWR)
     try:
-        if not _lock(file):
+        if not take_lock(file):
             raise _in_use(stand)
         reason = _reason(_read_state(path))
         os.ftruncate(file, 0)  # not unlinked: others may have this file open, and lock it
@@ -107,7 +107,7 @@ def latched_fault(stand: Path) -> str:
         return _reason(state)
     file = os.open(path, os.O_RDWR)
     try:
-        return _reason(_read_state(path)) if _lock(file) else ""  # read again: its program may just have ended well
+        return _reason(_read_state(path)) if take_lock(file) else ""  # read again: its program may just have ended well
     finally:
         os.close(file)
 
@@ -155,20 +155,3 @@ def _reason(state: dict[str, Any]) -> str:
             f"the laser is off, {recover}then `truestand stand reset`"
         )
     return ""
-
-
-def _lock(file: int) -> bool:
-    """Take the file's lock, which ends with this process; whether it was free."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            os.lseek(file, 1 << 20, os.SEEK_SET)  # beyond the content, which others may read
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True

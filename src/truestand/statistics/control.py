@@ -41,8 +41,6 @@ class ControlChart:
 
     points: tuple[Point, ...]
     mean: float | None
-    moving_range: float | None
-    """Mean of the changes' sizes."""
     lower: float | None
     """None: fewer than two readings."""
     upper: float | None
@@ -68,12 +66,7 @@ def control_chart(
     known = list(U) if U is not None else [None] * len(values)
     straight = _straight(values, period)
     changes = [None, *(b - a for a, b in pairwise(straight))][: len(straight)]
-    sizes = [abs(c) for c in changes if c is not None]
-    mean = sum(straight) / len(straight) if straight else None
-    moving = sum(sizes) / len(sizes) if sizes else None
-    half = None if moving is None else MR_FACTOR * moving
-    lower = None if half is None or mean is None else mean - half
-    upper = None if half is None or mean is None else mean + half
+    mean, lower, upper = _limits(straight)
     sides = _runs(straight, mean)
     points = []
     for k, value in enumerate(straight):
@@ -87,7 +80,16 @@ def control_chart(
         if change is not None and both is not None and abs(change) > both:
             flags.append(CHANGED)
         points.append(Point(value, known[k], change, both, tuple(flags)))
-    return ControlChart(tuple(points), mean, moving, lower, upper)
+    return ControlChart(tuple(points), mean, lower, upper)
+
+
+def _limits(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
+    """Mean, and the limits at MR_FACTOR mean moving ranges (sizes of the changes) from it, where they are known."""
+    if len(values) < 2:
+        return (values[0] if values else None), None, None
+    mean = sum(values) / len(values)
+    half = MR_FACTOR * sum(abs(b - a) for a, b in pairwise(values)) / (len(values) - 1)
+    return mean, mean - half, mean + half
 
 
 def _straight(values: Sequence[float], period: float | None) -> list[float]:

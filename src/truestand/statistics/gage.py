@@ -61,11 +61,6 @@ class GageStudy:
         return len(self.used) < len(self.full)
 
     @property
-    def reproducibility(self) -> float:
-        """Operators and their interaction together."""
-        return float(np.hypot(self.AV, self.INT))
-
-    @property
     def ndc(self) -> int | None:
         """Distinct categories that the measuring can tell apart, cut to a whole number, at least 1; None: no GRR."""
         return None if self.GRR == 0.0 else max(int(CATEGORIES * self.PV / self.GRR), 1)
