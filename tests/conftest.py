@@ -1,5 +1,6 @@
 """For all tests. Before numpy is loaded: one thread for linear algebra, as on the command line."""
 
+import ctypes
 import gc
 import os
 import signal
@@ -35,9 +36,14 @@ def pytest_xdist_auto_num_workers():
 
 @pytest.fixture(autouse=True, scope="module")
 def _memory_of_a_module(request):
-    """Scans and results that a module cached end with it; servers leave cycles that are not collected in time."""
+    """Scans and results that a module cached end with it; servers leave cycles that are not collected in time.
+
+    What was freed goes back to the system: between small blocks that live on, the next module finds no room for scans.
+    """
     yield
     own = [f for f in vars(request.module).values() if getattr(f, "__module__", "") == request.module.__name__]
     for cached in (*own, getattr(sys.modules.get("gears"), "scanned", None)):
         getattr(cached, "cache_clear", int)()
     gc.collect()
+    if sys.platform == "linux":
+        getattr(ctypes.CDLL(None), "malloc_trim", int)(0)

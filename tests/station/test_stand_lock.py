@@ -53,9 +53,9 @@ def test_recover_is_advised_only_where_the_dead_program_left_a_log(stand, there)
 
 
 def test_a_program_that_ends_while_the_state_is_read_has_not_died(stand, monkeypatch):
-    held, lock = StandLock(stand), lock_module._lock
+    held, lock = StandLock(stand), lock_module.take_lock
     held.set_in_use("now", stand)
-    monkeypatch.setattr(lock_module, "_lock", lambda file: held.close() or lock(file))
+    monkeypatch.setattr(lock_module, "take_lock", lambda file: held.close() or lock(file))
     assert latched_fault(stand) == ""
 
 

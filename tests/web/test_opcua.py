@@ -42,7 +42,10 @@ def talk(state, conversation, **more):
         async with served(state) as address, plc(address, **more) as client:
             return await conversation(client)
 
-    return asyncio.run(meet())
+    try:
+        return asyncio.run(meet())
+    finally:
+        gc.collect()  # an address space has 40 MB of cycles, and no process of ours but this one makes several
 
 
 class Heard(list):
