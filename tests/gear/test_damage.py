@@ -100,14 +100,13 @@ def test_crater_beside_the_traces_leaves_the_gear_undecided():
     assert found.verdict == "undecided"
 
 
-def test_u_grows_with_the_depth_of_a_groove():
-    """The depth that stands in U is the groove's, whatever it is."""
-    for depth in (0.01, 0.04):
-        found = inspected(worn((8.5, 9.8), FACE, depth))
-        line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == ("f_falpha", 5, "left"))
-        left_out = next(b.U for b in line.budget if b.name == "damage left out")
-        assert left_out == pytest.approx(2 / np.sqrt(3) * depth, rel=0.1, abs=4 * UM)
-        assert (line.verdict == "conforms") is (depth < 0.03)
+@pytest.mark.parametrize("depth", tried([0.04], 0.01))
+def test_the_depth_of_a_groove_stands_in_u(depth):
+    found = inspected(worn((8.5, 9.8), FACE, depth))
+    line = next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == ("f_falpha", 5, "left"))
+    left_out = next(b.U for b in line.budget if b.name == "damage left out")
+    assert left_out == pytest.approx(2 / np.sqrt(3) * depth, rel=0.1, abs=4 * UM)
+    assert (line.verdict == "conforms") is (depth < 0.03)
 
 
 BROKEN = replace(
@@ -153,13 +152,13 @@ def test_tip_broken_by_less_than_the_limit_conforms():
 @pytest.mark.parametrize(
     ("how", "points"),
     tried(
-        [(None, POINTS), (WILD, 640)],
-        (WILD, POINTS),
+        [(None, POINTS), (WILD, 240)],
+        (WILD, 640),
         (simulation(outliers=0.4, dropouts=0.6), 640),
         (simulation(speckle=0.005), 320),
         (simulation(noise=0.02), POINTS),
     ),
-    ids=["clean", "20 % wild, 10 % lost", "the same, sparse", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
+    ids=["clean", "20 % wild, 10 % lost, sparse", "the same", "40 % wild, 60 % lost", "speckle", "noise of 20 um"],
 )
 def test_sound_gears_have_no_undecided_figure(how, points):
     found = inspected(SOUND, GEAR, how, points)
@@ -173,7 +172,7 @@ def test_sound_gears_have_no_undecided_figure(how, points):
 def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
     gear = replace(helical(helix), accuracy_class=10)
-    found = inspected(SOUND, gear, simulation(4400, upright=True), 640)
+    found = inspected(SOUND, gear, simulation(4400, upright=True), 400)
     doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
     assert len(doubted) <= 3  # of 288
 

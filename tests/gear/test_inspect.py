@@ -40,7 +40,7 @@ HIDDEN = simulation(triangulation=radians(25.0))
 def inspected(gear=SPUR, errors=WORN, how=None, true=False):
     upright = how is not None and how.mounting.phi == UPRIGHT["phi"]
     known = true_calibration(upright) if true else calibrated(upright)
-    points = UPRIGHT_POINTS if upright else 640 if how == ROUGH else POINTS
+    points = UPRIGHT_POINTS if upright else 400 if how == ROUGH else POINTS
     tied = transfer(scan_of(gear, errors, how, points), known)
     return inspect_gear(apply_calibration(tied.scan, tied.calibration), gear)
 
@@ -116,10 +116,11 @@ def test_an_untrusted_calibration_decides_nothing():
 
 
 def test_wild_and_lost_readings_do_not_change_pitch():
+    """By more than noise: 0.2 um with the paper's 640 points, 0.25 um with 400."""
     clean, rough = inspected(), inspected(how=ROUGH)
     for flank in ("left", "right"):
         for name in ("F_p", "f_p"):
-            assert value(rough, name, flank) == pytest.approx(value(clean, name, flank), abs=0.2 * UM)
+            assert value(rough, name, flank) == pytest.approx(value(clean, name, flank), abs=0.25 * UM)
 
 
 def test_a_hidden_flank_is_not_measurable_and_has_no_number():

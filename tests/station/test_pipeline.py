@@ -9,6 +9,7 @@ from command import run
 from truestand.core.errors import BadRecipe
 from truestand.files.records.record import read_json
 from truestand.files.scans.read import read_scan
+from truestand.report import drawing
 from truestand.station import jobs
 from truestand.station.jobs import Job, Observer
 from truestand.store import Store
@@ -56,6 +57,7 @@ def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, m
         return read_scan(path)
 
     monkeypatch.setattr(jobs, "_scan", copied)
+    monkeypatch.setattr(drawing, "svg", lambda fig: "")  # half the time of a report
     paths = {name: shop / f"{name}.toml" for name in ("stand", "artefact", "part")} | {"artefact": shop / "shaft.toml"}
     job = Job(kind, folder=tmp_path / "job", calibration=shop / "calibration.json", **paths)
     steps = []

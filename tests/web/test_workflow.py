@@ -24,7 +24,7 @@ JOB = 180_000
 
 @pytest.fixture
 def stand(tmp_path):
-    with lab(tmp_path, pace=4.0, points=320, rate=100.0, turns=1.1, part="gear.toml") as found:
+    with lab(tmp_path, pace=4.0, points=240, rate=100.0, turns=1.1, part="gear.toml") as found:
         gear = (tmp_path / "gear.toml").read_text()
         (tmp_path / "gear.toml").write_text(gear.replace("accuracy_class = 7", "accuracy_class = 4"))
         good = gear.partition("[simulation]")[0]
