@@ -17,12 +17,15 @@ from tables import ADDRESSES, PACE, SERVERS, Relay, listener, on_virtual_time, s
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
 from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.table import Motion
+from variants import tried
 
 QUICK = Motion(power_on=0.0, home_speed=pi)
 """Home is near: for tests in real time."""
 FAR = 100.0
 """rad: further than any table gets here."""
 EACH = pytest.mark.parametrize("protocol", sorted(SERVERS))
+QUICKEST = pytest.mark.parametrize("protocol", tried(["grbl", "modbus", "zaber"], "opcua"))
+"""A server of OPC UA takes half a second to start."""
 
 
 def port_of(server):
@@ -51,7 +54,7 @@ def test_it_homes_moves_and_stops(protocol):
         assert state.position == pytest.approx(float(virtual.angle_at(virtual.clock.now())), abs=1e-3)
 
 
-@EACH
+@QUICKEST
 def test_a_new_speed_and_a_new_move_while_it_moves(protocol):
     with table_at(protocol) as (virtual, _, table):
         table.home()
@@ -64,7 +67,7 @@ def test_a_new_speed_and_a_new_move_while_it_moves(protocol):
         table.move_to(tau, radians(90))
 
 
-@EACH
+@QUICKEST
 def test_position_lies_between_those_at_question_and_answer(protocol):
     with table_at(protocol, pace=1.0, motion=QUICK) as (virtual, _, table):
         table.home()
@@ -80,7 +83,7 @@ def test_position_lies_between_those_at_question_and_answer(protocol):
         table.stop()
 
 
-@EACH
+@QUICKEST
 def test_limits_are_refused_before_anything_moves(protocol):
     with table_at(protocol, max_speed_deg_per_s=50, range_deg=(-10, 200)) as (virtual, _, table):
         with pytest.raises(DeviceError, match="not homed"):
@@ -169,7 +172,7 @@ def test_a_server_that_hangs_while_it_moves_is_lost_and_found_again(protocol):
         table.close()
 
 
-@EACH
+@QUICKEST
 def test_unreachable_and_silent_controllers_are_lost_in_time(protocol):
     with listener(lambda _: None) as port:
         for address in (port, 1):
@@ -179,7 +182,7 @@ def test_unreachable_and_silent_controllers_are_lost_in_time(protocol):
             assert time.monotonic() - begin < NOT_FOR_EVER
 
 
-@EACH
+@QUICKEST
 @pytest.mark.parametrize(
     "garbage",
     [b"\x00" * 40, b"\xff" * 3000, b"HTTP/1.1 400 Bad Request\r\n\r\n", bytes(range(256)), b"\n\n\n\n"],
@@ -193,7 +196,7 @@ def test_garbage_is_an_error_of_the_device(protocol, garbage):
         assert time.monotonic() - begin < NOT_FOR_EVER
 
 
-@EACH
+@QUICKEST
 def test_damaged_answers_raise_nothing_else(protocol):
     chance = random.Random(3)
 

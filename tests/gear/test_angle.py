@@ -9,6 +9,7 @@ import pytest
 from gears import SPUR, WORN, scan_of, simulation, true_calibration, truth_of
 from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
+from variants import tried
 
 UM = 1e-3
 TURNS = simulation(8800)
@@ -35,7 +36,7 @@ def pitch(found, flank):
     return next(c.value for c in found.characteristics if (c.name, c.flank) == ("F_p", flank)) / UM
 
 
-@pytest.mark.parametrize("name", ["line", "drift", "two lines"])
+@pytest.mark.parametrize("name", tried(["two lines"], "line", "drift"))
 def test_several_turns_correct_an_angle_error_that_does_not_repeat(name):
     """Before: more than 25 um of F_p too much, whatever was repeated; 8800 profiles are 2.2 turns."""
     found = turned(name)

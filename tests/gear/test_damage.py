@@ -26,7 +26,7 @@ PROFILE, HELIX, PITCH = ("F_alpha", "f_falpha"), ("F_beta", "f_fbeta"), ("f_p",)
 
 
 def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
-    return replace(errors, worn=(Worn(tooth, "left", rolls, heights, depth, edge),))
+    return replace(errors, worn=(*errors.worn, Worn(tooth, "left", rolls, heights, depth, edge)))
 
 
 @lru_cache(maxsize=4)
@@ -86,17 +86,22 @@ def test_wear_over_the_pitch_point_leaves_pitch_undecided():
     assert abs(line.value - 34.2 * UM) < line.U
 
 
+BESIDE = (9.6, 11.0), (18.0, 21.0)
+"""Roll lengths and heights that neither the profile's nor the helix's trace touches."""
+WORN_BESIDE = worn(*BESIDE, 0.03, errors=worn(*BESIDE, 0.2, tooth=9))
+
+
 def test_damage_beside_the_traces_is_listed_and_leaves_traces_decided():
-    found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.03))
+    found = inspected(WORN_BESIDE)
     assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
     assert any("tooth 5 left" in remark and "below the flank" in remark for remark in found.remarks)
 
 
 def test_crater_beside_the_traces_leaves_the_gear_undecided():
-    found = inspected(worn((9.6, 11.0), (18.0, 21.0), 0.2))
-    assert {verdict(found, n) for n in (*PROFILE, *HELIX)} == {"conforms"}
+    found = inspected(WORN_BESIDE)
+    assert {verdict(found, n, 9) for n in (*PROFILE, *HELIX)} == {"conforms"}
     (chip,) = (d for d in found.defects if d.verdict is not None)
-    assert (chip.tooth, chip.flank, chip.kind, chip.verdict) == (5, "left", "chipped flank", "undecided")
+    assert (chip.tooth, chip.flank, chip.kind, chip.verdict) == (9, "left", "chipped flank", "undecided")
     assert found.verdict == "undecided"
 
 

@@ -72,11 +72,12 @@ def test_a_wrong_drawing_is_refused(change):
 @pytest.mark.parametrize(
     "errors",
     tried(
-        [replace(WORN, thickness=-0.3), replace(PERFECT, missing=tuple(range(1, 13)))],
+        [replace(PERFECT, missing=tuple(range(1, 13)))],
+        replace(WORN, thickness=-0.3),
         replace(WORN, eccentricity=0.1),
         replace(PERFECT, missing=(5, 6)),
     ),
-    ids=["thin", "half of the teeth gone", "eccentric", "two teeth gone"],
+    ids=["half of the teeth gone", "thin", "eccentric", "two teeth gone"],
 )
 def test_a_bad_gear_is_not_another_gear(errors):
     inspect_gear(surface_of(SPUR, errors), SPUR)

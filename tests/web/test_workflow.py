@@ -11,6 +11,7 @@ import pytest
 
 from lab import lab
 from patience import NOT_FOR_EVER
+from truestand.store import Store
 from truestand.web.authentication import make_user, users_path, write_users
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -24,7 +25,7 @@ JOB = 180_000
 
 @pytest.fixture
 def stand(tmp_path):
-    with lab(tmp_path, pace=4.0, points=240, rate=100.0, turns=1.1, part="gear.toml") as found:
+    with lab(tmp_path, pace=4.0, points=320, rate=100.0, turns=1.1, part="gear.toml") as found:
         gear = (tmp_path / "gear.toml").read_text()
         (tmp_path / "gear.toml").write_text(gear.replace("accuracy_class = 7", "accuracy_class = 4"))
         good = gear.partition("[simulation]")[0]
@@ -118,9 +119,10 @@ def inspect(tab, stand, recipe, name, serial) -> str:
 
 
 def reasons(stand) -> list[str]:
-    """Why the last result is what it is, as its page lists it."""
-    show = [sys.executable, "-m", "truestand", "history", "--store", str(stand.folder / "results"), "--json"]
-    return subprocess.run(show, capture_output=True, text=True, check=False).stdout.splitlines()[-5:]
+    """Why the last result is what it is."""
+    store = Store.open(stand.folder / "results")
+    record = store.record(store.entries()[-1])
+    return [*record["reasons"], *record["remarks"]]
 
 
 def see_the_cloud(tab, folder) -> None:
