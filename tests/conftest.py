@@ -1,10 +1,12 @@
 """For all tests. Before numpy is loaded: one thread for linear algebra, as on the command line."""
 
+import compileall
 import ctypes
 import gc
 import os
 import signal
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -19,6 +21,12 @@ LONGEST = (
     "web/test_security.py", "devices/test_tables.py", "web/test_opcua.py", "gear/", "calibration/", "cli/", "parts/",
 )  # fmt: skip
 """Begun first, so that no worker ends alone with one of them."""
+
+
+def pytest_configure(config):
+    """Compile once what every worker imports."""
+    if not hasattr(config, "workerinput"):
+        compileall.compile_dir(Path(find_spec("truestand").origin).parent, quiet=2)
 
 
 def pytest_collection_modifyitems(items):

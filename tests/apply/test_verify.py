@@ -12,6 +12,7 @@ from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.scan import interpret
 from truestand.sim import FormWave, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
+from variants import tried
 
 BASE = Named(
     {"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 2000, "columns": ("angle",)}, points=320, per_turn=2000
@@ -91,12 +92,11 @@ def old_from_below():
 
 @pytest.mark.parametrize(
     ("now", "verdict"),
-    [
+    tried(
+        [({"start": 1.0, "zero": "unknown"}, "holds"), ({"eccentricity": 0.92}, "does_not_hold")],
         ({}, "holds"),
-        ({"start": 1.0, "zero": "unknown"}, "holds"),
-        ({"eccentricity": 0.92}, "does_not_hold"),
         ({"eccentricity_direction": 0.75}, "does_not_hold"),
-    ],
+    ),
 )
 def test_a_part_with_shaft_in_view_verifies_as_well(now, verdict):
     found = verify(wheel_scan(**now), old_from_below(), shaft())
