@@ -145,9 +145,9 @@ class StoredStand:
 
     def fail(self, reason):
         """Latch a fault."""
-        latch = StandLock(self.folder / "stand.toml")
-        latch.fault("2026-11-21T10:00:00Z", reason)
-        latch.close()
+        lock = StandLock(self.folder / "stand.toml")
+        lock.latch_fault("2026-11-21T10:00:00Z", reason, {})
+        lock.close()
 
     @property
     def job_folder(self):
