@@ -18,7 +18,7 @@ from truestand.core.assumptions import COAXIALITY_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.frames import axis_sensitivity, in_table, shaft_parameters
 from truestand.core.harmonics import wrap
-from truestand.core.robust import tukey_fit
+from truestand.core.robust import row_medians, tukey_fit
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
@@ -125,7 +125,7 @@ def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Ban
     for cylinder in calibration.artefact.cylinders:
         ends = [hypot(ex + tx * h, ey + ty * h) for h in (cylinder.bottom, cylinder.top)]
         on = _shaft_in_view(u, v, cylinder, max(ends) + REACH_MM)
-        trace = _per_profile(u - cylinder.radius, on)
+        trace = row_medians(u - cylinder.radius, on, LEAST_READINGS)
         seen = np.isfinite(trace)
         if np.count_nonzero(seen) < max(LEAST_PROFILES, 0.5 * seen.size):
             continue
@@ -178,15 +178,6 @@ def _shaft_bins(seen: Ints, on_shaft: Ints, mean: Array) -> Mask:
     return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE_MM))
 
 
-def _per_profile(values: Array, on: Mask) -> Array:
-    """Median (N,) of each profile's readings in use; NaN where there are too few."""
-    enough = np.count_nonzero(on, axis=1) >= LEAST_READINGS
-    trace = np.full(on.shape[0], np.nan)
-    if enough.any():
-        trace[enough] = np.nanmedian(np.where(on[enough], values[enough], np.nan), axis=1)
-    return trace
-
-
 def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Band]) -> _Fit:
     """How far sensor and axis have moved, if the table's angle counts from ``shift``: robust least squares."""
     turned = replace(scan, angle=scan.angle + shift)
@@ -194,12 +185,12 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
     angle = table_angle(turned, calibration)
     rows, traces, heights, azimuths = [], [], [], []
     for band in bands:
-        trace = _per_profile(_deviation(surface, band, calibration), band.on)
+        trace = row_medians(_deviation(surface, band, calibration), band.on, LEAST_READINGS)
         seen = np.flatnonzero(np.isfinite(trace))
-        psi = np.angle(np.where(band.on[seen], np.exp(1j * surface.angle[seen]), 0.0).sum(axis=1))
+        x, y = (np.where(band.on[seen], part[seen], 0.0).sum(axis=1) for part in (surface.x, surface.y))
         rows.append(seen)
         traces.append(trace[seen])
-        azimuths.append(psi)
+        azimuths.append(np.arctan2(y, x))
         heights.append(np.full(seen.size, float(np.median(surface.z[band.on]))))
     trace, psi, row = np.concatenate(traces), np.concatenate(azimuths), np.concatenate(rows)
     # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
@@ -209,12 +200,15 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
 
 
 def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
-    """Deviation (N, M) mm of the readings from the calibrated shaft, its form and the static profile included."""
-    deviation = surface.radius - band.cylinder.radius - calibration.form_of(band.cylinder.name, surface.angle)
+    """Deviation (N, M) mm of the band's readings from the calibrated shaft, its form and static profile included."""
+    x, y, z = (part[band.on] for part in (surface.x, surface.y, surface.z))
+    name = band.cylinder.name
+    deviation = np.full(band.on.shape, np.nan)
+    deviation[band.on] = np.hypot(x, y) - band.cylinder.radius - calibration.form_of(name, np.arctan2(y, x))
     for s in calibration.static_profiles:
-        if s.surface == band.cylinder.name:
-            deviation = deviation - np.interp(surface.z, s.height, s.deviation)
-    return np.asarray(deviation)
+        if s.surface == name:
+            deviation[band.on] -= np.interp(z, s.height, s.deviation)
+    return deviation
 
 
 def _robust_fit(design: Array, samples: Array, sectors: Ints) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane
-from truestand.core.robust import medians, robust_sd
+from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.scan import Scan
 
 NEIGHBOUR_SLOPE = 4.0
@@ -110,7 +110,7 @@ def median_profile(seen: Scan) -> tuple[Array, Array]:
     where = (np.broadcast_to(np.arange(x.shape[0])[:, None], x.shape)[good], column[good])
     grid[0][where], grid[1][where] = x[good], z[good]
     full = np.count_nonzero(np.isfinite(grid[1]), axis=0) >= 0.1 * x.shape[0]
-    typical = np.nanmedian(grid[:, :, full], axis=1)
+    typical = nan_median(grid[:, :, full], axis=1)
     return typical[0], typical[1]
 
 

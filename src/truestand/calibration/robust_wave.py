@@ -125,32 +125,35 @@ def _trimmed(design: Array, trace: Array, start: Array | None, rng: np.random.Ge
     """Least trimmed squares: parameters and the robust standard deviation."""
     n, p = design.shape
     kept = int(AGREEING_SHARE * n)
-    starts = [] if start is None else [start]
+    starts = np.empty((0, p)) if start is None else start[None]
     if rng is not None:
         picks = rng.integers(0, n, (SUBSETS, p + 1))
-        starts += [_fit(design[i], trace[i]) for i in picks]
-    rough = [_concentrated(design, trace, s, kept, 2) for s in starts]
-    rough.sort(key=lambda f: f[1])
-    best = min(
-        (_concentrated(design, trace, s, kept, CONCENTRATION_STEPS) for s, _ in rough[:FINALISTS]), key=lambda f: f[1]
-    )
-    return best[0], sqrt(best[1] / kept) * CONSISTENCY
+        starts = np.concatenate([starts, (np.linalg.pinv(design[picks]) @ trace[picks, None])[:, :, 0]])
+    rough, sums = _concentrated(design, trace, starts, kept, 2)
+    finalists = rough[np.argsort(sums, kind="stable")[:FINALISTS]]
+    tried, sums = _concentrated(design, trace, finalists, kept, CONCENTRATION_STEPS)
+    best = np.argmin(sums)
+    return tried[best], sqrt(sums[best] / kept) * CONSISTENCY
 
 
 def _fit(design: Array, trace: Array) -> Array:
     return np.asarray(np.linalg.lstsq(design, trace, rcond=None)[0])
 
 
-def _concentrated(design: Array, trace: Array, solution: Array, kept: int, steps: int) -> tuple[Array, float]:
-    """Refit to the samples that lie nearest, again and again: the trimmed sum of squares can only fall."""
+def _concentrated(design: Array, trace: Array, solutions: Array, kept: int, steps: int) -> tuple[Array, Array]:
+    """Solutions (s, p) refitted to the samples that lie nearest, again and again; their trimmed sums of squares (s,).
+
+    The trimmed sum of squares can only fall.
+    """
+    n, p = design.shape
+    products, moments = (design[:, :, None] * design[:, None, :]).reshape(n, p * p), design * trace[:, None]
     for _ in range(steps):
-        squares = np.square(trace - design @ solution)
-        nearest = np.argpartition(squares, kept - 1)[:kept]
-        rows = design[nearest]
-        normal = rows.T @ rows + 1e-12 * np.eye(rows.shape[1])
-        better = np.asarray(np.linalg.solve(normal, rows.T @ trace[nearest]), dtype=np.float64)
-        if np.abs(better - solution).max() < 1e-9:
+        squares = np.square(trace - solutions @ design.T)
+        nearest = (squares <= np.partition(squares, kept - 1)[:, kept - 1 : kept]).astype(np.float64)
+        normal = (nearest @ products).reshape(-1, p, p) + 1e-12 * np.eye(p)
+        better = np.asarray(np.linalg.solve(normal, (nearest @ moments)[:, :, None])[:, :, 0], dtype=np.float64)
+        if np.abs(better - solutions).max() < 1e-9:
             break
-        solution = better
-    squares = np.square(trace - design @ solution)
-    return solution, float(np.partition(squares, kept - 1)[:kept].sum())
+        solutions = better
+    squares = np.square(trace - solutions @ design.T)
+    return solutions, np.partition(squares, kept - 1)[:, :kept].sum(axis=1)

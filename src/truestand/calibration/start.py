@@ -12,6 +12,7 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
+from truestand.core.robust import nan_median, row_medians
 from truestand.core.scan import Scan
 
 SAMPLED_PROFILES = 1000
@@ -126,13 +127,13 @@ def _band_traces(scan: Scan, segments: Segments, artefact: Artefact) -> tuple[Ar
     for k, band in enumerate(segments.bands):
         off = u - artefact.cylinders[band.cylinder].radius
         on = (v > band.low) & (v < band.high) & (np.abs(off) < MOST_ECCENTRICITY_MM)
-        enough = np.count_nonzero(on, axis=1) >= LEAST_READINGS
-        if np.count_nonzero(enough) < LEAST_PROFILES:
+        traces[k] = row_medians(off, on, LEAST_READINGS)
+        found = np.count_nonzero(np.isfinite(traces[k]))
+        if found < LEAST_PROFILES:
             raise NotEnoughData(
-                f"found {artefact.cylinders[band.cylinder].name!r} in {np.count_nonzero(enough)} of {rows.size} "
+                f"found {artefact.cylinders[band.cylinder].name!r} in {found} of {rows.size} "
                 f"profiles, need {LEAST_PROFILES}; check exposure and range"
             )
-        traces[k, enough] = np.nanmedian(np.where(on[enough], off[enough], np.nan), axis=1)
     return scan.angle[rows], traces
 
 
@@ -167,7 +168,7 @@ def _find_speed(angle: Array, traces: Array) -> float:
     every = -(-angle.size // SPEED_PROFILES)
     angle, traces = angle[::every], traces[:, ::every]
     seen = np.isfinite(traces).any(axis=0)  # whole profiles may be lost
-    angle, trace = angle[seen], np.nanmedian(traces[:, seen], axis=0)
+    angle, trace = angle[seen], nan_median(traces[:, seen], axis=0)
 
     def cost(speed: float) -> float:
         turned = angle + speed * (angle - angle[0])

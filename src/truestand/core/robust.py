@@ -7,7 +7,7 @@ trimmed means of many cells at once.
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 
 MAD_TO_SD = 1.4826
 """Standard deviation of normal noise over its median absolute deviation: 1 / Phi^-1(3/4)."""
@@ -68,6 +68,21 @@ def tukey_fit(design: Array, samples: Array, least_limit: float) -> tuple[Array,
         if np.abs(solution - before).max() < FIT_SETTLED:
             break
     return np.asarray(solution), weights
+
+
+def nan_median(values: Array, axis: int) -> Array:
+    """Median along an axis, NaN aside; NaN where there is nothing else (``np.nanmedian`` warns there, and is slow)."""
+    ordered = np.sort(values, axis=axis)  # NaN last
+    number = np.isfinite(ordered).sum(axis=axis, keepdims=True)
+    low, high = np.maximum(number - 1, 0) // 2, number // 2
+    pair = [np.take_along_axis(ordered, np.minimum(i, ordered.shape[axis] - 1), axis) for i in (low, high)]
+    return np.asarray(np.where(number > 0, (pair[0] + pair[1]) / 2, np.nan).squeeze(axis))
+
+
+def row_medians(values: Array, on: Mask, least: int) -> Array:
+    """Median (N,) of each row's values (N, M) that are ``on``; NaN where they are fewer than ``least``."""
+    enough = np.count_nonzero(on, axis=1) >= least
+    return nan_median(np.where(on & enough[:, None], values, np.nan), axis=1)
 
 
 def medians(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
-from truestand.core.robust import medians, robust_sd
+from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.surface import Surface
 from truestand.gear.flanks import END_MARGIN, Toothing, blocks, toothed_zone
 from truestand.gear.geometry import Involute
@@ -72,7 +72,7 @@ class FoldedMap:
 
     def tip_radius(self, nominal: Involute) -> Array:
         """Median radius (teeth,) mm of each tip's land, NaN where not seen."""
-        return _nan_median(self.tips(nominal).reshape(self.radius.shape[0], -1), 1)
+        return nan_median(self.tips(nominal).reshape(self.radius.shape[0], -1), 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ def _diameter(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Dia
     seen = np.isfinite(by_tooth).mean(axis=1) > 0.2
     if not seen.any():
         return Diameter(name, np.nan, np.nan, 0.0, ())
-    radii = np.nanmedian(by_tooth[seen], axis=1)
+    radii = nan_median(by_tooth[seen], axis=1)
     if radii.size >= 3:  # chipped and missing teeth are no diameter
         off = np.abs(radii - np.median(radii))
         radii = radii[off <= max(4 * robust_sd(off), 0.02)]
@@ -166,7 +166,7 @@ def tooth_defects(folded: FoldedMap, nominal: Involute, face: tuple[float, float
     ``face``: heights (mm in C) between which the toothing was seen; beyond lie the real end faces.
     """
     missing = missing_teeth(folded, nominal)
-    all_drops = _usual_tips(folded, nominal, missing)[:, None] - _nan_median(folded.tips(nominal), 1)
+    all_drops = _usual_tips(folded, nominal, missing)[:, None] - nan_median(folded.tips(nominal), 1)
     half = folded.row_height / 2
     on_face = (folded.heights - half >= face[0]) & (folded.heights + half <= face[1])
     drops = np.where(on_face, all_drops, np.nan)
@@ -223,15 +223,6 @@ def _usual_tips(folded: FoldedMap, nominal: Involute, missing: Mask) -> Array:
         wave = np.linalg.lstsq(design * root, np.nan_to_num(tips) * root[:, 0], rcond=None)[0]
         usual = design @ wave
     return np.asarray(usual)
-
-
-def _nan_median(values: Array, axis: int) -> Array:
-    """Median along an axis, NaN aside; NaN where there is nothing else (``np.nanmedian`` warns there)."""
-    ordered = np.sort(values, axis=axis)  # NaN last
-    number = np.isfinite(ordered).sum(axis=axis, keepdims=True)
-    low, high = np.maximum(number - 1, 0) // 2, number // 2
-    pair = [np.take_along_axis(ordered, np.minimum(i, ordered.shape[axis] - 1), axis) for i in (low, high)]
-    return np.asarray(np.where(number > 0, (pair[0] + pair[1]) / 2, np.nan).squeeze(axis))
 
 
 def _runs(on: Mask) -> list[Mask]:
