@@ -37,6 +37,12 @@ def pytest_collection_modifyitems(items):
     items.sort(key=rank)
 
 
+def pytest_collection_finish():
+    """What is imported and collected lives as long as the run: later collections pass it over."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_xdist_auto_num_workers():
     """One more than there are cores: many tests wait for sockets and tables."""
     return (os.cpu_count() or 1) + 1
