@@ -29,7 +29,7 @@ ADDRESSES = {
 PATIENT = {"timeout_s": 5.0, "stop_timeout_s": 30.0}
 """For tests that aren't about time, on machines that are busy; virtual seconds are short."""
 KEPT: list[OpcUaServer] = []
-"""An OPC UA server needs seconds to start: one with the default names is kept, and given another table."""
+"""An OPC UA server is slow to start: a module keeps one with the default names, and gives it another table."""
 
 
 @contextmanager

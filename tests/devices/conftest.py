@@ -8,7 +8,7 @@ import pytest
 from tables import KEPT
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _no_server_is_left():
     yield
     while KEPT:
