@@ -6,11 +6,12 @@ from math import hypot
 import numpy as np
 import pytest
 
+from gears import stand
 from truestand.calibration import peers as peers_module
 from truestand.calibration.peers import MOST_POINTS, Finding, base_in_rotor, peers
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.scan import interpret
-from truestand.sim import Keyway, paper_shaft, paper_simulation, paper_stand, simulate
+from truestand.sim import Keyway, paper_shaft, paper_simulation, simulate
 from truth import scan_of, shaft, simulated
 
 
@@ -22,10 +23,10 @@ def errors(**workpiece):
         workpiece=replace(base.workpiece, form=(), **workpiece),
         acquisition=replace(base.acquisition, profiles=4000),
     )
-    made = simulate(paper_stand(), simulation, paper_shaft(), 1)
+    made = simulate(stand(), simulation, paper_shaft(), 1)
     ex, ey, tx, ty = shaft_parameters(Pose.from_matrix(made.truth.shaft_from_rotor))
     found = {}
-    for peer in peers(interpret(made.recording, paper_stand()), paper_shaft()):
+    for peer in peers(interpret(made.recording, stand()), paper_shaft()):
         result = peer.tried()
         if isinstance(result, Finding):
             h = result.height
