@@ -24,24 +24,37 @@ def library():
         return None
 
 
-@contextmanager
-def fake_camera(patience=60.0):
-    """Its address and process. One at a time on this machine: two would both get the port, and each other's packets."""
-    with (Path(tempfile.gettempdir()) / "truestand-fake-camera.lock").open("w") as lock:
-        wait_for(lock, time.monotonic() + patience)
-        process = subprocess.Popen(
+class FakeCamera:
+    """The camera's process."""
+
+    address = ADDRESS
+
+    def start(self):
+        self._process = subprocess.Popen(
             [sys.executable, str(Path(__file__).resolve())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
         )
+        assert self._process.stdout.readline().strip() == "running", f"{ADDRESS}:3956 is taken"
+
+    def kill(self):
+        with self._process:
+            self._process.kill()
+
+
+@contextmanager
+def fake_camera(patience=60.0):
+    """It runs. One at a time on this machine: two would both get the port, and each other's packets."""
+    with (Path(tempfile.gettempdir()) / "truestand-fake-camera.lock").open("w") as lock:
+        wait_for(lock, time.monotonic() + patience)
+        camera = FakeCamera()
         try:
-            assert process.stdout.readline().strip() == "running", f"{ADDRESS}:3956 is taken"
-            yield ADDRESS, process
+            camera.start()
+            yield camera
         finally:
-            process.kill()
-            process.communicate()
+            camera.kill()
 
 
 def wait_for(lock, end):

@@ -22,13 +22,21 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def fake():
-    with fake_camera() as both:
-        yield both
+    with fake_camera() as running:
+        yield running
+
+
+@pytest.fixture
+def mortal(fake):
+    """The camera of a test that kills it."""
+    yield fake
+    fake.kill()
+    fake.start()
 
 
 @pytest.fixture(scope="module")
 def address(fake):
-    return fake[0]
+    return fake.address
 
 
 @pytest.fixture
@@ -146,15 +154,13 @@ def test_the_range_camera_driver_reads_it(address):
             wrong.close()
 
 
-def test_killed_camera_is_lost(fake, camera):
-    """The last test: it kills the camera."""
-    address, process = fake
+def test_killed_camera_is_lost(mortal, camera, address):
     camera.nodes.set("AcquisitionFrameRate", 100.0)
     camera.nodes.set("PixelFormat", "Mono8")
     width, height = camera.nodes.get("Width"), camera.nodes.get("Height")
     camera.start_stream(width * height, width, resend=False)
     assert camera.next_frame(1.0) is not None
-    process.kill()
+    mortal.kill()
     begun = time.monotonic()
     with pytest.raises(DeviceLost, match=re.escape(address)):
         while time.monotonic() < begun + NOT_FOR_EVER:
