@@ -30,7 +30,7 @@ def refused(folder, text, *words):
         "profile,point,x_mm,z_mm\n0,0,1.5,90\n0,1,2.5,91\n1,1,2.75,92\n",
         "profile,point,x_um,z_m\n0,0,1500,0.09\n0,1,2500,0.091\n1,1,2750,0.092\n",
         "profile;point;x_mm;z_mm\n0;0;1,5;90\n0;1;2,5;91\n1;1;2,75;92\n",
-        "profile\tpoint\tx_mm\tz_mm\n7\t1\t1.5\t90\n7\t2\t2.5\t91\n8\t2\t2.75\t92\n",
+        "profile\tpoint\tx_mm\tz_mm\n1\t1\t1.5\t90\n1\t2\t2.5\t91\n2\t2\t2.75\t92\n",
         '"profile","point","z_mm","x_mm"\r\n0,0,90,1.5\r\n0,1,91,2.5\r\n1,1,92,2.75\r\n',
         "\ufeffProfile,Point,X_mm,Z_mm,remark\n0,0,1.5,90,1\n0,1,2.5,91,1\n1,1,2.75,92,1\n",
         "profile,point,x_mm,z_mm\r0,0,1.5,90\r0,1,2.5,91\r1,0,,\r1,1,2.75,92",
@@ -44,8 +44,18 @@ def test_every_way_to_write_it_reads_the_same(tmp_path, text):
     assert np.allclose(recording.z, [[90, 91], [np.nan, 92]], equal_nan=True, rtol=1e-12)
 
 
+def test_profiles_may_begin_with_any_number_where_the_scan_has_its_own_angle(tmp_path):
+    recording = read(tmp_path, "profile,angle_deg,x_mm,z_mm\n40,10,1,2\n41,11,1,2\n")
+    assert recording.x.shape == (2, 1) and np.allclose(recording.angle, np.radians([10, 11]))
+
+
+def test_a_first_profile_without_readings_has_a_row_of_its_own(tmp_path):
+    recording = read(tmp_path, "profile,x_mm,z_mm\n0,,\n2,1,2\n")
+    assert np.array_equal(recording.x, [[np.nan], [np.nan], [1.0]], equal_nan=True)
+
+
 def test_without_point_numbers_readings_keep_their_order(tmp_path):
-    recording = read(tmp_path, "profile,x_mm,z_mm\n4,1.5,90\n4,2.5,91\n6,1.25,93\n")
+    recording = read(tmp_path, "profile,x_mm,z_mm\n1,1.5,90\n1,2.5,91\n3,1.25,93\n")
     assert np.array_equal(recording.x, [[1.5, 2.5], [np.nan, np.nan], [1.25, np.nan]], equal_nan=True)
 
 
@@ -82,6 +92,8 @@ def test_columns_of_its_own_come_in_rad_and_seconds(tmp_path):
         ("profile,point,x_mm,z_mm\n0,0,1,2\n0,0,1,3\n", ["twice"]),
         ("profile,angle_deg,x_mm,z_mm\n0,10,1,2\n0,11,1,3\n", ["angle changes", "line 3"]),
         ("profile,x_mm,z_mm\n0,1,2\n2000000000,1,2\n", ["check them"]),
+        ("profile,x_mm,z_mm\n40,1,2\n41,1,2\n", ["profile 40 as the first", "0 or 1"]),
+        ("profile,time_s,x_mm,z_mm\n2,0.1,1,2\n", ["profile 2 as the first"]),
         ("profile,x_mm,z_mm\n0,1,1e309\n", ["too large"]),
         ("profile,x_mm,z_mm\n0,1,2\n1e300,1,2\n", ["profile number"]),
         ("profile,point,x_mm,z_mm\n0,1e300,1,2\n", ["point number"]),
@@ -95,7 +107,7 @@ def test_what_is_written_is_read_back(tmp_path):
     rng = np.random.default_rng(2)
     x, z = np.round(rng.normal(0, 9, (5, 7)), 3), np.round(rng.normal(95, 9, (5, 7)), 3)
     x[rng.random(x.shape) < 0.3] = np.nan
-    x[:, 0] = 1.0  # every profile has a reading, else its columns have no row
+    x[[0, 2, 4]], x[1] = np.nan, 1.0  # profiles that saw nothing have their columns too
     z[np.isnan(x)] = np.nan
     written = Recording(
         x, z, "test", "", time=np.arange(5) * 0.005, angle=np.linspace(0, 3, 5), counter=np.arange(5) + 3,
@@ -118,6 +130,7 @@ def test_any_table_reads_as_a_slow_reader_reads_it(tmp_path_factory, data):
     eol, padding = data.draw(st.sampled_from(["\n", "\r\n", "\r"])), data.draw(st.sampled_from(["", " "]))
     number = st.integers(-(10**6), 10**6).map(lambda um: f"{um / 1000:.3f}") | st.sampled_from(["", "nan", "5", "1e-3"])
     places = data.draw(st.lists(st.tuples(st.integers(0, 3), st.integers(0, 4)), unique=True, min_size=1))
+    places = [(profile - min(places)[0], point) for profile, point in places]
     expected = np.full((3, 4, 5), np.nan)
     rows = [NAMES]
     for profile, point in places:

@@ -130,7 +130,13 @@ def _recording(columns: dict[str, Array], lines: Ints, name: str, sha256: str) -
     for key in COUNT_RANGES:
         if key in columns:
             _refuse_fractions(columns[key], key, lines, name)
-    row = np.asarray(columns["profile"] - columns["profile"].min(), dtype=np.intp)
+    first = columns["profile"].min()
+    if first > 1 and not {"angle", "encoder"} & columns.keys():
+        raise UnreadableFile(
+            f"{name}: found profile {first:.0f} as the first and no angle, need to know how far the table had turned; "
+            "number the scan's first profile 0 or 1, with empty x and z where nothing was seen"
+        )
+    row = np.asarray(columns["profile"] - first, dtype=np.intp)
     point = _points(columns.get("point"), row)
     shape = profiles, points = int(row.max()) + 1, int(point.max()) + 1
     if profiles * points > max(MOST_EMPTY * row.size, MOST_EMPTY**2):

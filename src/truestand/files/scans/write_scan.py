@@ -58,7 +58,9 @@ def write_xyz_blocks(recording: Recording, path: Path) -> None:
 
 def write_long_csv(recording: Recording, path: Path) -> None:
     """The long CSV: one row a reading that was seen, with the scan's own columns."""
-    row, point = np.nonzero(np.isfinite(recording.z) & np.isfinite(recording.x))
+    seen = np.isfinite(recording.z) & np.isfinite(recording.x)
+    seen[~seen.any(axis=1), 0] = True  # a profile that saw nothing still has its columns
+    row, point = np.nonzero(seen)
     columns: list[tuple[str, NDArray[Any], str]] = [("profile", row, "%d"), ("point", point, "%d")]
     if recording.counter is not None:
         columns.append(("counter", recording.counter[row], "%d"))
