@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from asyncua import Client
 
 import web_lab
+from patience import NOT_FOR_EVER
 from small_records import calibration, inspection
 from truestand.store import Store
 from truestand.web.interfaces.startup import InterfaceSettings, open_interfaces
@@ -42,7 +43,7 @@ class Plc:
     async def call(self, name, *arguments):
         return await self.node("Stand").call_method(f"{self.space}:{name}", *arguments)
 
-    async def until(self, path, value, within=20.0):
+    async def until(self, path, value, within=NOT_FOR_EVER):
         async with asyncio.timeout(within):
             while await self.read(path) != value:
                 await asyncio.sleep(0.02)
@@ -60,7 +61,7 @@ async def served(state):
 
 @asynccontextmanager
 async def plc(address, user=None, password=None):
-    client = Client(address, timeout=5)
+    client = Client(address, timeout=NOT_FOR_EVER)
     if user:
         client.set_user(user)
         client.set_password(password)

@@ -11,6 +11,7 @@ import pytest
 
 from command import run_process as run
 from lab import lab
+from patience import NOT_FOR_EVER
 from truestand.sim.live.faults import FaultKind
 from truestand.store import Store
 
@@ -111,7 +112,7 @@ def test_a_fault_ends_3_and_stays_until_reset(single):
     process = acquiring(single)
     time.sleep(1.0)
     single.faults.begin(FaultKind.STALLED_TABLE)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=NOT_FOR_EVER)
     assert process.returncode == 3, err
     assert out.strip() == str(single.folder / "k1.h5")
     assert "truestand: incomplete: the table stands still" in err
@@ -135,7 +136,7 @@ def test_a_signal_stops_the_stand_and_keeps_the_frames(single, number):
     process = acquiring(single)
     time.sleep(1.0)
     process.send_signal(number)
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=NOT_FOR_EVER)
     assert process.returncode == 130
     assert "incomplete: it was interrupted by the operator" in err
     assert single.safe

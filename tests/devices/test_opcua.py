@@ -8,6 +8,7 @@ from math import radians
 import pytest
 from asyncua import Client, ua
 
+from patience import NOT_FOR_EVER
 from tables import listener, on_virtual_time, served
 from truestand.core.errors import DeviceError
 from truestand.devices.tables import TableRecipe, open_table
@@ -17,7 +18,7 @@ def plainly(address, talk):
     """``talk`` with a client of its own, with nothing of our driver."""
 
     async def run():
-        async with Client(address, timeout=2) as client:
+        async with Client(address, timeout=NOT_FOR_EVER) as client:
             space = await client.get_namespace_index("urn:truestand:table")
             return await talk(await client.nodes.objects.get_child(f"{space}:RotaryTable"), space, client)
 

@@ -180,7 +180,7 @@ def test_command_serves_until_sigterm(tmp_path):
             sensor.close()
         finally:
             process.send_signal(signal.SIGTERM)
-            rest, complaints = process.communicate(timeout=10)
+            rest, complaints = process.communicate(timeout=NOT_FOR_EVER)
     assert (process.returncode, rest, complaints) == (0, "", "")
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert truth["shaft"]["eccentricity_um"] == pytest.approx(878.9)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lab import lab
+from patience import NOT_FOR_EVER
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost, Fault, LimitExceeded, NoSpace
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import FaultKind
@@ -161,7 +162,7 @@ def test_a_device_that_can_not_be_stopped_is_named_and_left_to_the_guard(tmp_pat
     with lab(tmp_path, turns=10.0, pace=1.0) as stand:
         taken = stand.take(show=stand.failing(interrupt, at=0.002))
         assert taken.not_stopped == ("Table may be turning: silent",)
-        until = time.monotonic() + 10.0
+        until = time.monotonic() + NOT_FOR_EVER
         while not stand.safe:
             assert time.monotonic() < until
             time.sleep(0.02)

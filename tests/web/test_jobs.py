@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from patience import NOT_FOR_EVER
 from truestand.core.errors import Fault, TruestandError
 from truestand.station.worker import EventWriter
 from truestand.web import runner as runners
@@ -33,7 +34,7 @@ def start(runner, folder, does):
     return runner.start({"kind": "calibrate", "serial": does, "folder": str(folder)}, "shaft M", None, STEPS)
 
 
-def ended(runner, within=20.0):
+def ended(runner, within=NOT_FOR_EVER):
     until = time.monotonic() + within
     while runner.busy or runner._reader.is_alive():
         assert time.monotonic() < until
@@ -41,7 +42,7 @@ def ended(runner, within=20.0):
     return runner.current()
 
 
-def wait_for(condition, within=20.0):
+def wait_for(condition, within=NOT_FOR_EVER):
     until = time.monotonic() + within
     while not condition():
         assert time.monotonic() < until

@@ -10,6 +10,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from command import run
+from patience import NOT_FOR_EVER
 from truestand.core.errors import BadRecipe
 from truestand.web.authentication import (
     THROTTLE_RULES,
@@ -178,7 +179,7 @@ def test_a_websocket_is_closed_at_logout(visitor, monkeypatch):
     with visitor.live() as socket:
         assert visitor.post("/api/logout").status == 200
         with pytest.raises(ConnectionClosed):
-            socket.recv(timeout=5)
+            socket.recv(timeout=NOT_FOR_EVER)
     with contextlib.suppress(InvalidStatus):
         visitor.live()
         raise AssertionError

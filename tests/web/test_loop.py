@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 
+from patience import NOT_FOR_EVER
 from truestand.store import Store
 from truestand.web.tasks import run_task
 from web_lab import Client, make_state, served
@@ -77,7 +78,7 @@ def test_a_cancelled_task_is_ended(tmp_path, monkeypatch):
 
     async def leave():
         asking = asyncio.create_task(run_task("audit", str(tmp_path)))
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(NOT_FOR_EVER):
             while not begun:
                 await asyncio.sleep(0.01)
         asking.cancel()

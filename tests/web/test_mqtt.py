@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from interface_lab import keep, make_state
+from patience import NOT_FOR_EVER
 from small_records import calibration, inspection
 from truestand.core.errors import BadRecipe, MissingExtra
 from truestand.web.interfaces import mqtt
@@ -84,7 +85,7 @@ class Reader:
                 self.newest[topic] = text if topic.endswith("online") else json.loads(text)
                 self.heard.append(topic)
 
-    async def until(self, what, within=20.0):
+    async def until(self, what, within=NOT_FOR_EVER):
         async with asyncio.timeout(within):
             while not what(self.newest):
                 await asyncio.sleep(0.02)

@@ -15,6 +15,7 @@ from asyncua.server import address_space
 
 from command import run
 from interface_lab import keep, make_state, plc, served
+from patience import NOT_FOR_EVER
 from small_records import calibration, inspection, line, verification
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import write_starters
@@ -112,7 +113,7 @@ def test_result_ready_is_notified_after_the_whole_result(state):
         await other.subscribe_data_change(client.node(f"{LINES}/F_p left/Value"))
         new = inspection(line("F_p", None), line("F_r", 8.0, flank=None), verdict="undecided")
         number = await asyncio.to_thread(keep, state, "inspection", new)
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(NOT_FOR_EVER):
             while number not in ready:
                 await asyncio.sleep(0.01)
         assert await client.reads("LastResult", "Number", "ResultEvaluation") == [number, 3]
@@ -335,7 +336,7 @@ def test_serve_opens_opcua_beside_the_page_and_prints_its_address(tmp_path):
         taken = run(*serve, "--opcua", address)
         assert (taken.returncode, taken.stderr.count("\n")) == (2, 1) and "choose another address" in taken.stderr
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=20) == ("", "") and process.returncode == 0
+        assert process.communicate(timeout=NOT_FOR_EVER) == ("", "") and process.returncode == 0
     finally:
         process.kill()
         process.communicate()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from patience import NOT_FOR_EVER
 from truestand.core.errors import UnreadableFile
 from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
@@ -163,7 +164,7 @@ def test_a_cached_cloud_waits_for_no_audit_and_no_other_cloud(state, store, tmp_
 
         state.run_task = ask
         audit = asyncio.create_task(results.audit(state))
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(NOT_FOR_EVER):
             await results.cloud(1, state)
             making = asyncio.create_task(results.cloud(2, state))
             while len(asked) < 3:

@@ -64,7 +64,7 @@ def test_serve_prints_its_address_and_ends_cleanly(tmp_path, number):
         status, payload = get(port, "/api/session")
         assert status == 200 and json.loads(payload)["stand"] == tmp_path.name
         process.send_signal(number)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=NOT_FOR_EVER)
         assert (process.returncode, out, err) == (0, "", "")
 
 
@@ -84,7 +84,7 @@ def test_serve_ends_with_clients_connected(tmp_path):
         crowd[0].sendall(b"GET / HT")
         began = time.monotonic()
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=20)
+        _, err = process.communicate(timeout=NOT_FOR_EVER)
         assert time.monotonic() - began < NOT_FOR_EVER and process.returncode == 0, err
         for one in crowd:
             one.close()

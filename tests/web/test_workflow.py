@@ -147,4 +147,4 @@ def download_the_report(tab, folder) -> None:
 
 def look_at_the_trend(tab) -> None:
     tab.get_by_role("link", name="History").click()
-    tab.get_by_text("Eccentricity").first.wait_for(timeout=10_000)
+    tab.get_by_text("Eccentricity").first.wait_for()
