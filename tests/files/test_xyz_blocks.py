@@ -100,6 +100,14 @@ def test_a_profile_without_any_point_is_a_profile_all_the_same(tmp_path):
     assert np.isnan(recording.z[1]).all()
 
 
+@pytest.mark.parametrize("separator", ["\t", " ", ";", ","])
+def test_a_scan_may_begin_with_a_profile_without_any_point(tmp_path, separator):
+    x, z = Z.copy(), Z.copy()
+    x[0] = z[0] = np.nan
+    recording = read_recording(file_of(tmp_path, x=x, z=z, separator=separator))
+    assert np.array_equal(recording.x, x, equal_nan=True) and np.array_equal(recording.z, z, equal_nan=True)
+
+
 def test_a_last_column_that_was_never_seen_is_no_separator_at_the_line_end(tmp_path):
     z = Z.copy()
     z[:, -1] = np.nan

@@ -17,10 +17,11 @@ from truestand.cli.options import (
     StoreOption,
 )
 from truestand.cli.store import result_keeper
-from truestand.cli.terminal import hint, interrupted_by_signals, print_json, progress, scan_progress
+from truestand.cli.terminal import hint, print_json, progress, scan_progress
 from truestand.core.errors import BadRecipe
 from truestand.files.scans.write_scan import NATIVE, check_output
 from truestand.station.convert import convert
+from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.log import load_log
 from truestand.station.recipe import read_devices, scan_settings
 from truestand.station.scan import ScanOutcome, output_path, take_scan, write_scans

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from truestand.cli.options import QuietOption
-from truestand.cli.terminal import interrupted_by_signals, print_table, scan_progress, step_progress
+from truestand.cli.terminal import print_table, scan_progress, step_progress
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
 from truestand.core.inspection import Inspection
@@ -25,6 +25,7 @@ from truestand.files.recipes.recipes import STARTERS, write_starters
 from truestand.files.records.calibration_record import write_calibration
 from truestand.files.records.record import read_json
 from truestand.report.terminal import inspection_table, summary_table
+from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
 from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
 from truestand.station.scan import take_scan

@@ -17,6 +17,7 @@ from typer.main import get_command, get_group
 from truestand._version import __version__
 from truestand.cli.options import DONE, WRONG_USE
 from truestand.core.errors import TruestandError
+from truestand.station.interrupts import interrupts_not_lost
 
 COMMANDS = {
     "demo": (
@@ -188,7 +189,8 @@ def main() -> NoReturn:
     """Run the command line: 0 done or holds, 1 does not hold, 2 wrong use or input, 3 undecided, 130 interrupted."""
     _one_thread()
     try:
-        command_line()()
+        with interrupts_not_lost():
+            command_line()()
     except TruestandError as error:
         _stop(str(error))
     except OSError as error:

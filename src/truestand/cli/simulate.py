@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from truestand.cli.options import ForceOption, QuietOption, radians_or_none
-from truestand.cli.terminal import interrupted_by_signals, progress
+from truestand.cli.terminal import progress
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
@@ -21,6 +21,7 @@ from truestand.sim import VirtualPart, paper_shaft, simulation_from, truth_recor
 from truestand.sim import simulate as simulate_scan
 from truestand.sim.live.faults import FaultKind, fault_at
 from truestand.sim.live.stand import SensorEndpoint, VirtualStand, virtual_stand
+from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.recipe import read_devices, sensor_of
 
 FAULT_POLL_INTERVAL_S = 0.05

@@ -11,10 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from truestand.cli.options import FAILS, WRONG_USE, DevicesOption, JsonOption, QuietOption
-from truestand.cli.terminal import interrupted_by_signals, print_json, print_table, progress
+from truestand.cli.terminal import print_json, print_table, progress
 from truestand.station import diagnostics
 from truestand.station.diagnostics import DeviceAnswer, StreamReport
 from truestand.station.guard import guard
+from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.recipe import read_devices
 from truestand.station.stand_lock import StandLock
 

@@ -1,7 +1,6 @@
 """What commands print: results to stdout, progress and hints to stderr, nothing at all when asked for quiet."""
 
 import json
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -77,19 +76,3 @@ def _bar(description: str, total: float | None, quiet: bool) -> Iterator[Callabl
     with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
         task = bars.add_task(description, total=total)
         yield lambda **changes: bars.update(task, **changes)
-
-
-@contextmanager
-def interrupted_by_signals() -> Iterator[None]:
-    """Have a request to end (SIGTERM, a closed terminal) act as Ctrl-C does: the stand stops, frames are kept."""
-
-    def interrupt(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    names = [n for n in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, n)]
-    before = {n: signal.signal(getattr(signal, n), interrupt) for n in names}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(getattr(signal, name), handler)

@@ -9,11 +9,11 @@ A thread writes the events, so that a reader that stalls never delays the pollin
 """
 
 import json
-import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from math import degrees
 from pathlib import Path
 from queue import SimpleQueue
@@ -25,6 +25,7 @@ from truestand.core.errors import BadRecipe, Fault, TruestandError
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout
 from truestand.station.acquire import Live
+from truestand.station.interrupts import interrupted_by_signals, interrupts_not_lost
 from truestand.station.jobs import STEPS, Job, Observer, run_job
 from truestand.station.pipeline import Outcome
 
@@ -38,15 +39,10 @@ Emit = Callable[[Mapping[str, Any]], None]
 
 def main() -> int:
     """Do the job of standard input: 0 done, 1 failed, 130 aborted."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _interrupt)
-    request = json.loads(sys.stdin.readline())
-    events = EventWriter(sys.stdout)
-    try:
-        return _work(request, events.emit)
-    finally:
-        events.close()
+    with interrupts_not_lost(), interrupted_by_signals():
+        request = json.loads(sys.stdin.readline())
+        with closing(EventWriter(sys.stdout)) as events:
+            return _work(request, events.emit)
 
 
 def _work(request: Mapping[str, Any], emit: Emit) -> int:
@@ -168,10 +164,6 @@ class EventWriter:
             except OSError:  # a broken pipe, by whatever name the system has for it
                 self._reader_gone = True
                 return
-
-
-def _interrupt(number: int, frame: Any) -> None:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -41,8 +41,8 @@ MOST_BLANK_BYTES = 200
 def is_xyz_blocks(head: bytes) -> bool:
     """Whether a text is a matrix of numbers without a header: the first line holds no letters but nan's."""
     text = head[:SAMPLE_BYTES].removeprefix(BYTE_ORDER_MARK).replace(b"\r", b"\n").lstrip()
-    first = text.split(b"\n", 1)[0].lower().replace(b"nan", b"")
-    return bool(first.strip()) and not any(c in b"abcdfghijklmnopqrstuvwxyz\"'{}[]<>" for c in first)
+    first = text.split(b"\n", 1)[0].lower()
+    return bool(first) and not any(c in b"abcdfghijklmnopqrstuvwxyz\"'{}[]<>" for c in first.replace(b"nan", b""))
 
 
 def read_xyz_blocks(path: Path, head: bytes) -> Recording:
