@@ -44,7 +44,7 @@ def test_help_names_every_command_and_loads_nothing_heavy():
 @pytest.mark.parametrize("commands", [main.COMMANDS, main.STAND_COMMANDS, main.STORE_COMMANDS])
 def test_the_list_of_commands_shows_the_first_paragraph_of_each_command_s_help(commands):
     for name, (function, summary) in commands.items():
-        paragraph, *_ = main.LazyCommand(name, function, summary).load().help.split("\n\n")
+        paragraph, *_ = main.LazyCommand(name, function, summary).load().__doc__.split("\n\n")
         assert " ".join(paragraph.split()) == summary
 
 
@@ -355,6 +355,31 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     for words in ("paper's method", "exact model", "truth", "report.html", "cloud.ply"):
         assert words in done.stdout
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
+
+
+@pytest.mark.parametrize(
+    ("command", "kept", "named"),
+    [
+        ("calibrate k1.h5 --artefact shaft.toml -o ./k1.h5", "k1.h5", "output and as scans"),
+        ("calibrate k1.h5 --artefact shaft.toml -o shaft.toml", "shaft.toml", "output and as artefact"),
+        ("calibrate k1.h5 --artefact shaft.toml -o c.json --report k1.h5", "k1.h5", "report and as scans"),
+        ("calibrate k1.h5 --artefact shaft.toml -o c.html --report c.html", "k1.h5", "report and as output"),
+        ("roll k1.h5 --calibration calibration.json -o k1.h5", "k1.h5", "output and as scan"),
+        ("verify k1.h5 --calibration calibration.json -o calibration.json", "calibration.json", "as calibration"),
+        ("form k1.h5 --calibration calibration.json --feature circle -o k1.h5", "k1.h5", "output and as points"),
+    ],
+)
+def test_what_a_command_reads_is_never_written_over(bench, command, kept, named):
+    before = (bench / kept).read_bytes()
+    refused = run(*command.split(), cwd=bench)
+    assert refused.returncode == 2 and refused.stderr.count("\n") == 1 and named in refused.stderr
+    assert (bench / kept).read_bytes() == before and not (bench / "c.html").exists()
+
+
+@pytest.mark.parametrize("output", [".", ".."])
+def test_a_folder_is_no_output(bench, output):
+    refused = run("calibrate", "k1.h5", "--artefact", "shaft.toml", "-o", output, cwd=bench)
+    assert refused.returncode == 2 and "is a directory" in refused.stderr
 
 
 def test_the_demo_never_overwrites_a_real_scan(tmp_path):

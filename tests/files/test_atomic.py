@@ -39,6 +39,18 @@ def test_an_interrupt_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_only_a_file_is_replaced(tmp_path):
+    (tmp_path / "folder").mkdir()
+    targets = [tmp_path / "folder"]
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        targets.append(tmp_path / "pipe")
+    for target in targets:
+        with pytest.raises(OSError, match="no file"):
+            write_text_atomic(target, "x")
+    assert sorted(tmp_path.iterdir()) == sorted(targets) and not any(target.is_file() for target in targets)
+
+
 def test_folders_are_made_and_unicode_survives(tmp_path):
     target = tmp_path / "a" / "ü b" / "out.json"
     write_json_atomic(target, {"name": "Klarák µm"})

@@ -15,6 +15,7 @@ from truestand.cli.options import (
     OperatorOption,
     QuietOption,
     StoreOption,
+    output_option,
 )
 from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, print_json, progress, scan_progress
@@ -29,7 +30,7 @@ from truestand.station.scan import ScanOutcome, output_path, take_scan, write_sc
 
 def acquire(
     stand: DevicesOption,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="SCAN.h5", help="The scan; native.")],
+    output: Annotated[Path, output_option("--output", "-o", metavar="SCAN.h5", help="The scan; native.")],
     turns: Annotated[
         float | None, typer.Option(min=0.01, max=1000.0, help="Turns to scan; default: [devices.acquire] turns.")
     ] = None,
@@ -65,7 +66,7 @@ def acquire(
 def recover(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The .log that a recording left.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="SCAN.h5", help="Default: beside the log.")
+        Path | None, output_option("--output", "-o", metavar="SCAN.h5", help="Default: beside the log.")
     ] = None,
     force: ForceOption = False,
     as_json: JsonOption = False,

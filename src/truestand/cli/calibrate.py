@@ -19,6 +19,7 @@ from truestand.cli.options import (
     StartAngleOption,
     StoreOption,
     TruthOption,
+    output_option,
 )
 from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, print_json, print_table, step_progress
@@ -36,7 +37,7 @@ def calibrate(
     stand: StandOption = None,
     method: Annotated[Method, typer.Option(help="The exact model, or the published procedure.")] = "stand",
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="CALIBRATION.json", help="The record to write.")
+        Path, output_option("--output", "-o", metavar="CALIBRATION.json", help="The record to write.")
     ] = Path("calibration.json"),
     report: ReportOption = None,
     truth: TruthOption = None,
@@ -109,7 +110,7 @@ def verify(
     ] = None,
     stand: StandOption = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="VERIFICATION.json", help="Write the record.")
+        Path | None, output_option("--output", "-o", metavar="VERIFICATION.json", help="Write the record.")
     ] = None,
     limit_um: Annotated[float, typer.Option(min=0.0, help="How far a calibrated point may have moved.")] = 10.0,
     start_angle_deg: StartAngleOption = None,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from truestand.cli.options import UNDECIDED, JsonOption, QuietOption
+from truestand.cli.options import UNDECIDED, JsonOption, QuietOption, output_option
 from truestand.cli.terminal import hint, print_json
 from truestand.core.errors import BadRecipe
 from truestand.files.atomic import write_bytes_atomic
@@ -19,9 +19,9 @@ from truestand.report.certificate_administration import CertificateInput
 
 def certificate(
     calibration: Annotated[Path, typer.Argument(metavar="CALIBRATION.json", help="A valid calibration.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DCC.xml", help="The certificate to write.")] = Path(
-        "dcc.xml"
-    ),
+    output: Annotated[
+        Path, output_option("--output", "-o", metavar="DCC.xml", help="The certificate to write.")
+    ] = Path("dcc.xml"),
     schema_dir: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Hold it against dcc.xsd of this folder, offline.")
     ] = None,

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from truestand.calibration.peers import peers
 from truestand.cli.evaluation import scan_reader
-from truestand.cli.options import ArtefactOption, JsonOption, QuietOption, StandOption, StartAngleOption
+from truestand.cli.options import ArtefactOption, JsonOption, QuietOption, StandOption, StartAngleOption, output_option
 from truestand.cli.terminal import print_json, print_table, progress
 from truestand.files.atomic import write_json_atomic
 from truestand.files.recipes.recipes import read_shaft
@@ -27,7 +27,7 @@ def compare(
         Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: errors against the truth.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="COMPARISON.json", help="Write the record.")
+        Path | None, output_option("--output", "-o", metavar="COMPARISON.json", help="Write the record.")
     ] = None,
     start_angle_deg: StartAngleOption = None,
     as_json: JsonOption = False,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption
+from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption, output_option
 from truestand.cli.terminal import hint, print_json, progress
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_stand, write_starters
@@ -43,7 +43,7 @@ def init(
 
 def import_scan(
     scan: ScanArgument,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="SCAN.h5", help="The native file to write.")],
+    output: Annotated[Path, output_option("--output", "-o", metavar="SCAN.h5", help="The native file to write.")],
     stand: StandOption = None,
     pick: PickOption = None,
     raw_type: RawTypeOption = None,

@@ -7,7 +7,7 @@ import typer
 
 from truestand.apply.transfer import Transfer
 from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
-from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption
+from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, output_option
 from truestand.cli.terminal import print_json, progress
 from truestand.core.artefact import Cylinder
 from truestand.core.calibration import Calibration
@@ -65,7 +65,7 @@ def form(
     stand: StandOption = None,
     start_angle_deg: StartAngleOption = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FORM.json", help="Write the record.")
+        Path | None, output_option("--output", "-o", metavar="FORM.json", help="Write the record.")
     ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.options import JsonOption, QuietOption, StoreOption
+from truestand.cli.options import JsonOption, QuietOption, StoreOption, output_option
 from truestand.cli.store import open_store
 from truestand.cli.terminal import print_json, print_table
 from truestand.core.errors import BadRecipe
@@ -33,7 +33,9 @@ def history(
             "--gage-rr", metavar="STUDY.csv|PART", help="Gage R&R of a table, or of a part's repeated inspections."
         ),
     ] = None,
-    report: Annotated[Path | None, typer.Option("--report", metavar="REPORT.html", help="Write one HTML file.")] = None,
+    report: Annotated[
+        Path | None, output_option("--report", metavar="REPORT.html", help="Write one HTML file.")
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:

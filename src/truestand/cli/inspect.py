@@ -20,6 +20,7 @@ from truestand.cli.options import (
     StartAngleOption,
     StoreOption,
     TruthOption,
+    output_option,
 )
 from truestand.cli.store import result_keeper
 from truestand.cli.terminal import hint, print_json, print_table, progress, step_progress
@@ -44,15 +45,15 @@ def inspect(
     part: Annotated[Path, typer.Option("--part", metavar="PART.toml", help="The part: gear, turned or CAD model.")],
     stand: StandOption = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="INSPECTION.json", help="The record to write.")
+        Path, output_option("--output", "-o", metavar="INSPECTION.json", help="The record to write.")
     ] = Path("inspection.json"),
     report: ReportOption = None,
     table: Annotated[
-        Path | None, typer.Option("--csv", metavar="CHARACTERISTICS.csv", help="Write the characteristics as CSV.")
+        Path | None, output_option("--csv", metavar="CHARACTERISTICS.csv", help="Write the characteristics as CSV.")
     ] = None,
     cloud: Annotated[
         Path | None,
-        typer.Option("--cloud", metavar="CLOUD", help="Write the cloud with its deviations: .ply, .xyz, .npz."),
+        output_option("--cloud", metavar="CLOUD", help="Write the cloud with its deviations: .ply, .xyz, .npz."),
     ] = None,
     truth: TruthOption = None,
     start_angle_deg: StartAngleOption = None,
@@ -95,7 +96,7 @@ def roll(
     scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of any part on the calibrated stand.")],
     calibration: CalibrationOption,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
+        Path, output_option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
     ],
     stand: StandOption = None,
     start_angle_deg: StartAngleOption = None,
@@ -122,7 +123,7 @@ def identify(
     calibration: CalibrationOption,
     stand: StandOption = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="GEAR.toml", help="Write a recipe to start from.")
+        Path | None, output_option("--output", "-o", metavar="GEAR.toml", help="Write a recipe to start from.")
     ] = None,
     from_mm: Annotated[float | None, typer.Option(help="Lower end of the face, height; default: seen.")] = None,
     to_mm: Annotated[float | None, typer.Option(help="Upper end of the face; default: seen.")] = None,

@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from truestand._version import __version__
-from truestand.cli.options import DONE, WRONG_USE
+from truestand.cli.options import DONE, WRONG_USE, refuse_overwriting
 from truestand.core.errors import TruestandError
 from truestand.station.interrupts import interrupts_not_lost
 
@@ -131,15 +131,18 @@ class LazyCommand(TyperCommand):
         self._function = function
 
     def load(self) -> Any:
-        """The command itself, with its options."""
+        """The function, with its options in its annotations."""
         module, function = self._function.split(":")
-        app = typer.Typer(add_completion=False, rich_markup_mode=None)
-        app.command()(getattr(import_module(f"truestand.cli.{module}"), function))
-        return get_command(app)
+        return getattr(import_module(f"truestand.cli.{module}"), function)
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """The context of the command itself, which click then runs."""
-        return self.load().make_context(*arguments, **options)
+        function = self.load()
+        app = typer.Typer(add_completion=False, rich_markup_mode=None)
+        app.command()(function)
+        context = get_command(app).make_context(*arguments, **options)
+        refuse_overwriting(function, context.params)
+        return context
 
 
 root = typer.Typer(

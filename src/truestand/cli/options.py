@@ -1,8 +1,9 @@
 """Options and exit codes that mean the same in every command."""
 
+from collections.abc import Callable, Iterator, Mapping
 from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -21,6 +22,39 @@ INTERRUPTED = 130
 VERDICT_CODES = {
     "conforms": DONE, "does_not_conform": FAILS, "holds": DONE, "does_not_hold": FAILS, "undecided": UNDECIDED,
 }  # fmt: skip
+
+
+def output_option(*names: str, metavar: str, help: str) -> Any:
+    """An option that names a file to write; commands refuse one that they also read."""
+    return typer.Option(*names, metavar=metavar, help=help, dir_okay=False, writable=True)
+
+
+def refuse_overwriting(command: Callable[..., None], given: Mapping[str, Any]) -> None:
+    """Refuse to write over what a command reads, unless it is forced to, and to write two things to one file.
+
+    ``given``: its parameters by name.
+
+    Raises:
+        BadRecipe: with both options.
+    """
+    if given.get("force"):
+        return
+    written, read = ([p for p in _paths(command, given) if p[0] is is_written] for is_written in (True, False))
+    for i, (_, name, path) in enumerate(written):
+        for _, other_name, other in (*read, *written[:i]):
+            if path.resolve() == other.resolve():
+                raise BadRecipe(f"found {path} as {name} and as {other_name}; choose another name for what is written")
+
+
+def _paths(command: Callable[..., None], given: Mapping[str, Any]) -> Iterator[tuple[bool, str, Path]]:
+    """Of each path among the parameters: whether it is written, the parameter's name, the path."""
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        kind, *options = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        value = given.get(name)
+        if value is not None and Path in (kind, *get_args(kind)):
+            for path in value if isinstance(value, (list, tuple)) else [value]:
+                yield any(o.writable for o in options), name.replace("_", " "), Path(path)
+
 
 StandOption = Annotated[
     Path | None, typer.Option("--stand", metavar="STAND.toml", help="The stand; default: the one the input carries.")
@@ -50,7 +84,7 @@ OperatorOption = Annotated[
 ]
 ReportOption = Annotated[
     Path | None,
-    typer.Option("--report", metavar="REPORT", help="Write the report: one HTML file, or PDF where its name ends so."),
+    output_option("--report", metavar="REPORT", help="Write the report: one HTML file, or PDF where its name ends so."),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Overwrite an existing scan or recipe.")]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from truestand.cli.options import ForceOption, QuietOption, radians_or_none
+from truestand.cli.options import ForceOption, QuietOption, output_option, radians_or_none
 from truestand.cli.terminal import progress
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
@@ -38,12 +38,12 @@ def simulate(
     stand: Annotated[Path, typer.Argument(metavar="STAND.toml", help="The stand, with its [simulation] table.")],
     output: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="SCAN", help="By suffix: .csv (as sensors export) or .h5 (native)."),
+        output_option("--output", "-o", metavar="SCAN", help="By suffix: .csv (as sensors export) or .h5 (native)."),
     ],
     artefact: ArtefactOption = None,
     part: PartOption = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
+        Path | None, output_option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same scan.")] = 0,
     clamped_at_deg: Annotated[
@@ -91,7 +91,7 @@ def serve_virtual_stand(
         ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Write what is true of it.")
+        Path | None, output_option("--truth", metavar="TRUTH.json", help="Write what is true of it.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
 ) -> None:

@@ -1,5 +1,6 @@
 """Files replaced as a whole: written beside the target, then put in its place, so that none is ever half written."""
 
+import errno
 import json
 import os
 import secrets
@@ -14,8 +15,13 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """A temporary path in the target's folder that takes the target's place when the block ends well.
 
     On any exception the temporary file is removed and the target stays as it was. The folder is made if missing.
+
+    Raises:
+        OSError: the target is a folder or a device.
     """
     target = Path(path)
+    if target.exists() and not target.is_file():
+        raise OSError(errno.EINVAL, "is no file that could be replaced", str(target))
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(8)}.part")
     os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # less what the process's umask takes
