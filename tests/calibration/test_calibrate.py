@@ -14,9 +14,10 @@ from truestand.calibration.start import rough_stand
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
-from truestand.core.scan import Scan
+from truestand.core.scan import Scan, interpret
 from truestand.core.surface import apply_calibration
-from truth import PER_TURN, POINTS, STANDS, scan_of, shaft, simulated, truth_of
+from truestand.sim import FormWave, simulate
+from truth import PER_TURN, POINTS, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
 
@@ -37,6 +38,20 @@ def test_the_numbers_are_right(name):
     assert abs(found.plane_tilt - radians(true["sensor"]["laser_plane_tilt_deg"])) < 2.5e-4
     assert abs(1000 * found.tilt - true["shaft"]["tilt_mrad"]) < 0.06
     assert is_proper(found.table_from_sensor) and is_proper(found.shaft_from_rotor)
+
+
+def test_no_sound_reading_is_left_out_where_the_rough_start_is_far_off():
+    """It does not know the laser plane: 0.4 mm and 0.4 degrees move the trace of a shaft this eccentric by 0.3 mm."""
+    stand = Named(
+        {"plane_offset": 0.4, "plane_tilt": radians(0.4)}, {"eccentricity": 2.5, **TILTED},
+        {"form": (FormWave("base", 6, 0.03, 4.0),)}, {"noise": 0.020},
+        {"profiles": 2 * PER_TURN, "columns": ("angle",)},
+    )  # fmt: skip
+    scan = simulate(stand.stand(), stand.simulation(), shaft(), 1)
+    found = calibrate(interpret(scan.recording, stand.stand()), shaft())
+    assert found.status == "valid", found.reasons
+    assert found.residuals.rejected < 0.001 * found.residuals.points
+    assert abs(found.plane_offset - 0.4) < 0.004
 
 
 @pytest.mark.parametrize("name", ["eccentric 2.5 mm", "from above"])

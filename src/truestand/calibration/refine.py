@@ -30,6 +30,9 @@ from truestand.core.scan import Scan
 
 FIRST_LIMIT_MM = 0.3
 """What the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
+STILL = 0.2
+"""Share of the limit by which the surface may lie off the place about which its cells were collected."""
+MOST_COLLECTIONS = 4
 REACH_MM = 1.0
 """Readings within it of the predicted surface are the surface's, good or bad."""
 LEAST_LIMIT_MM = 0.012
@@ -115,7 +118,8 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     view = _View(scan, segments, artefact, start.outliers)
     model = model_for(scan, segments, artefact, start)
     few = view.thinned
-    first = _fit(few, model, start_values(model, segments, start), FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    rough = start_values(model, segments, start)
+    first = _settled_fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
@@ -135,7 +139,7 @@ def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
 def _narrowed(view: _View, first: Refined) -> Refined:
     """The fit to all readings, trusted as far as the noise goes that the fit before has shown."""
     limit = _noise_limit(first)
-    second = _fit(view, first.model, first.solution.parameters, limit)
+    second = _settled_fit(view, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
     if tighter > 0.8 * limit or second.solution.stuck:
         return second
@@ -161,6 +165,29 @@ def _steady(fit: Refined) -> Refined:
     return fit.held_by(
         tuple(replace(q, u=float(u[q.index[0]]), considered=True) if q.index[0] in u else q for q in fit.priors)
     )
+
+
+def _settled_fit(
+    view: _View,
+    model: Model,
+    parameters: Array,
+    limit: float,
+    settled: float = SETTLED,
+    groups_per_turn: int = GROUPS_PER_TURN,
+) -> Refined:
+    """The model fitted to cells, collected again while the surface moves away from where they were collected.
+
+    Readings beyond the limit have no weight: about a surface that is far off, sound ones are left out, and the fit
+    bends itself to the rest.
+    """
+    fit = _fit(view, model, parameters, limit, settled, groups_per_turn)
+    for _ in range(MOST_COLLECTIONS):
+        moved = model.residuals(parameters, fit.cells.readings) - fit.solution.residuals
+        if fit.solution.stuck or np.abs(moved).max() < STILL * limit:
+            break
+        parameters = fit.solution.parameters
+        fit = _fit(view, model, parameters, limit, settled, groups_per_turn)
+    return fit
 
 
 def _fit(
