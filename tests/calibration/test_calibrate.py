@@ -16,8 +16,8 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose
 from truestand.core.scan import Scan, interpret
 from truestand.core.surface import apply_calibration
-from truestand.sim import FormWave, simulate
-from truth import PER_TURN, POINTS, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
+from truestand.sim import FormWave, simulate, truth_record
+from truth import PER_TURN, POINTS, ROUND, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
 
@@ -52,6 +52,21 @@ def test_no_sound_reading_is_left_out_where_the_rough_start_is_far_off():
     assert found.status == "valid", found.reasons
     assert found.residuals.rejected < 0.001 * found.residuals.points
     assert abs(found.plane_offset - 0.4) < 0.004
+
+
+@pytest.mark.parametrize(("points", "fan_deg"), [(40, 10.0), (60, 20.0)])
+def test_the_edge_of_a_hidden_shoulder_is_found_with_readings_a_millimetre_apart(points, fan_deg):
+    """To a tenth of the readings' distance. Where height 0 is off, the tilt takes the axis along."""
+    stand = Named(
+        {}, {"tilt": 0.004, "tilt_direction": 2.0}, ROUND, {"fan": radians(fan_deg)},
+        {"profiles": 2 * PER_TURN, "columns": ("angle",)}, points=points,
+    )  # fmt: skip
+    simulation = simulate(stand.stand(), stand.simulation(), shaft(), 1)
+    found = calibrate(interpret(simulation.recording, stand.stand()), shaft())
+    true = truth_record(simulation.truth)
+    assert found.status == "valid", found.reasons
+    assert abs(found.table_from_sensor.translation[2] - true["sensor"]["table_from_sensor"][2][3]) < 0.12
+    assert abs(1000 * found.eccentricity - true["shaft"]["eccentricity_um"]) < 0.3
 
 
 @pytest.mark.parametrize("name", ["eccentric 2.5 mm", "from above"])

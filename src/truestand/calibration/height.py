@@ -30,6 +30,8 @@ MOST_FACE_SLOPE_MM = 0.03
 """By which the inner and the outer half of a face may differ in height."""
 EDGE_REACH_MM = 1.5
 """How far from its expected place the edge of a cylinder is searched for."""
+EDGE_REACH_STEPS = 5
+"""The same in steps between readings: of few points, the rough place is two or three steps off."""
 LEAST_POINTS = 50
 
 
@@ -103,7 +105,10 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     lower, upper = artefact.cylinders[:2]
     larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
     beyond = outwards * (height - artefact.shoulder)
-    row, column = np.nonzero((np.abs(radius - larger.radius) < FACE_REACH_MM) & (np.abs(beyond) < EDGE_REACH_MM))
+    beyond = np.where(np.abs(radius - larger.radius) < FACE_REACH_MM, beyond, np.nan)
+    steps = np.abs(np.diff(beyond, axis=1))
+    step = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
+    row, column = np.nonzero(np.abs(beyond) < max(EDGE_REACH_MM, EDGE_REACH_STEPS * step))
     readings = beyond[row, column]
     order = np.lexsort((readings, row))
     row, readings = row[order], readings[order]
