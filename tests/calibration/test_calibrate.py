@@ -41,7 +41,7 @@ def test_the_numbers_are_right(name):
 
 
 def test_no_sound_reading_is_left_out_where_the_rough_start_is_far_off():
-    """It does not know the laser plane: 0.4 mm and 0.4 degrees move the trace of a shaft this eccentric by 0.3 mm."""
+    """It does not know the laser plane, which changes the trace of a shaft that is this eccentric."""
     stand = Named(
         {"plane_offset": 0.4, "plane_tilt": radians(0.4)}, {"eccentricity": 2.5, **TILTED},
         {"form": (FormWave("base", 6, 0.03, 4.0),)}, {"noise": 0.020},

@@ -29,10 +29,10 @@ from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
 
 FIRST_LIMIT_MM = 0.3
-"""What the traces don't tell (plane, harmonics of single heights) and noise stay below this."""
+"""What the traces don't tell (plane, harmonics of single heights) and noise mostly stay below this."""
 STILL = 0.2
 """Share of the limit by which the surface may lie off the place about which its cells were collected."""
-MOST_COLLECTIONS = 4
+MOST_COLLECTIONS = 5
 REACH_MM = 1.0
 """Readings within it of the predicted surface are the surface's, good or bad."""
 LEAST_LIMIT_MM = 0.012
@@ -119,7 +119,7 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     model = model_for(scan, segments, artefact, start)
     few = view.thinned
     rough = start_values(model, segments, start)
-    first = _settled_fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
@@ -139,7 +139,7 @@ def refine_again(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
 def _narrowed(view: _View, first: Refined) -> Refined:
     """The fit to all readings, trusted as far as the noise goes that the fit before has shown."""
     limit = _noise_limit(first)
-    second = _settled_fit(view, first.model, first.solution.parameters, limit)
+    second = _fit(view, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
     if tighter > 0.8 * limit or second.solution.stuck:
         return second
@@ -167,29 +167,6 @@ def _steady(fit: Refined) -> Refined:
     )
 
 
-def _settled_fit(
-    view: _View,
-    model: Model,
-    parameters: Array,
-    limit: float,
-    settled: float = SETTLED,
-    groups_per_turn: int = GROUPS_PER_TURN,
-) -> Refined:
-    """The model fitted to cells, collected again while the surface moves away from where they were collected.
-
-    Readings beyond the limit have no weight: about a surface that is far off, sound ones are left out, and the fit
-    bends itself to the rest.
-    """
-    fit = _fit(view, model, parameters, limit, settled, groups_per_turn)
-    for _ in range(MOST_COLLECTIONS):
-        moved = model.residuals(parameters, fit.cells.readings) - fit.solution.residuals
-        if fit.solution.stuck or np.abs(moved).max() < STILL * limit:
-            break
-        parameters = fit.solution.parameters
-        fit = _fit(view, model, parameters, limit, settled, groups_per_turn)
-    return fit
-
-
 def _fit(
     view: _View,
     model: Model,
@@ -199,7 +176,28 @@ def _fit(
     groups_per_turn: int = GROUPS_PER_TURN,
     priors: tuple[Prior, ...] | None = None,
 ) -> Refined:
-    """The model fitted to cells about the surface that the parameters predict."""
+    """The model fitted to cells about the surface that the parameters predict, collected again where it moves away.
+
+    Readings beyond the limit have no weight: about a surface that is far off, sound ones are left out, and the fit
+    bends itself to the rest.
+    """
+    priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
+    for _ in range(MOST_COLLECTIONS):
+        cells = _cells(view, model, parameters, limit, groups_per_turn)
+        solution = gauss_newton(model, cells, parameters, priors, settled)
+        moved = model.residuals(parameters, cells.readings) - solution.residuals
+        parameters = solution.parameters
+        if solution.stuck or np.abs(moved).max() < STILL * limit:
+            break
+    return Refined(model, view.segments, cells, solution, priors, limit, view.outliers)
+
+
+def _cells(view: _View, model: Model, parameters: Array, limit: float, groups_per_turn: int) -> Cells:
+    """The cells about the surface that the parameters predict.
+
+    Raises:
+        NotEnoughData: too few of them.
+    """
     cells = robust_cells(
         view.scan, view.segments.bands, model, parameters, limit, max(REACH_MM, limit), view.outliers, groups_per_turn
     )
@@ -208,9 +206,7 @@ def _fit(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
             "drawing, exposure and that nothing else turns in view"
         )
-    priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
-    solution = gauss_newton(model, cells, parameters, priors, settled)
-    return Refined(model, view.segments, cells, solution, priors, limit, view.outliers)
+    return cells
 
 
 def _with_orders(view: _View, fit: Refined, orders: int) -> Refined:

@@ -39,11 +39,11 @@ def refuse_overwriting(command: Callable[..., None], given: Mapping[str, Any]) -
     """
     if given.get("force"):
         return
-    written, read = ([p for p in _paths(command, given) if p[0] is is_written] for is_written in (True, False))
-    for i, (_, name, path) in enumerate(written):
-        for _, other_name, other in (*read, *written[:i]):
-            if path.resolve() == other.resolve():
-                raise BadRecipe(f"found {path} as {name} and as {other_name}; choose another name for what is written")
+    taken: dict[Path, str] = {}
+    for is_written, name, path in sorted(_paths(command, given), key=lambda p: p[0]):  # what is read comes first
+        other = taken.setdefault(path.resolve(), name)
+        if is_written and other != name:
+            raise BadRecipe(f"found {path} as {name} and as {other}; choose another name for what is written")
 
 
 def _paths(command: Callable[..., None], given: Mapping[str, Any]) -> Iterator[tuple[bool, str, Path]]:
