@@ -367,6 +367,7 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
         ("roll k1.h5 --calibration calibration.json -o k1.h5", "k1.h5", "output and as scan"),
         ("verify k1.h5 --calibration calibration.json -o calibration.json", "calibration.json", "as calibration"),
         ("form k1.h5 --calibration calibration.json --feature circle -o k1.h5", "k1.h5", "output and as points"),
+        ("roll k1.h5 --calibration calibration.json -o k1.csv", "k1.csv", "a raw scan is never overwritten by this"),
     ],
 )
 def test_what_a_command_reads_is_never_written_over(bench, command, kept, named):

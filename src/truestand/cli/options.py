@@ -7,7 +7,7 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
-from truestand.core.errors import BadRecipe
+from truestand.core.errors import BadRecipe, UnreadableFile
 
 DONE = 0
 """Done, conforms, holds."""
@@ -30,12 +30,12 @@ def output_option(*names: str, metavar: str, help: str) -> Any:
 
 
 def refuse_overwriting(command: Callable[..., None], given: Mapping[str, Any]) -> None:
-    """Refuse to write over what a command reads, unless it is forced to, and to write two things to one file.
+    """Refuse to write over what a command reads, or over a scan, unless it is forced to; and two things to one file.
 
     ``given``: its parameters by name.
 
     Raises:
-        BadRecipe: with both options.
+        BadRecipe: with both options, or the scan.
     """
     if given.get("force"):
         return
@@ -44,6 +44,22 @@ def refuse_overwriting(command: Callable[..., None], given: Mapping[str, Any]) -
         other = taken.setdefault(path.resolve(), name)
         if is_written and other != name:
             raise BadRecipe(f"found {path} as {name} and as {other}; choose another name for what is written")
+        if is_written and _is_scan(path):
+            advice = "without --force" if "force" in given else "by this command; choose another name"
+            raise BadRecipe(f"{path} is already there; a raw scan is never overwritten {advice}")
+
+
+def _is_scan(path: Path) -> bool:
+    """Whether there is a scan already, in a format that scans are written in."""
+    if not path.is_file():
+        return False
+    from truestand.files.scans.read import recordings
+    from truestand.files.scans.write_scan import NATIVE
+
+    try:
+        return path.suffix.lower() in (*NATIVE, ".csv") and bool(recordings(path))
+    except UnreadableFile:
+        return False
 
 
 def _paths(command: Callable[..., None], given: Mapping[str, Any]) -> Iterator[tuple[bool, str, Path]]:
