@@ -5,7 +5,7 @@ anything is made of it, within its route's limit, and in time.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -93,7 +93,7 @@ def authorize(connection: HTTPConnection, policy: Policy, write: bool) -> None:
 
 
 class Routes(list[GuardedRoute | GuardedWebSocketRoute]):
-    """The routes of one topic, registered by decorating their functions."""
+    """The routes of one topic; HTTP routes are registered by decorating their functions."""
 
     def add(
         self, method: str, path: str, policy: Policy, summary: str, refusals: Sequence[int] = (), **options: Any
@@ -107,17 +107,6 @@ class Routes(list[GuardedRoute | GuardedWebSocketRoute]):
                 path, endpoint, policy=policy, methods=[method], summary=summary, responses=responses, **options
             )
             self.append(route)
-            return endpoint
-
-        return register
-
-    def add_websocket(
-        self, path: str, policy: Policy
-    ) -> Callable[[Callable[[WebSocket], Awaitable[None]]], Callable[[WebSocket], Awaitable[None]]]:
-        """Register a WebSocket."""
-
-        def register(endpoint: Callable[[WebSocket], Awaitable[None]]) -> Callable[[WebSocket], Awaitable[None]]:
-            self.append(GuardedWebSocketRoute(path, endpoint, policy=policy))
             return endpoint
 
         return register

@@ -21,7 +21,7 @@ from truestand.web.hub import Listener
 from truestand.web.models import Job, JobBody
 from truestand.web.problem import Problem
 from truestand.web.recipes import RecipeFile
-from truestand.web.routing import OPERATOR, Routes
+from truestand.web.routing import OPERATOR, GuardedWebSocketRoute, Routes
 
 KEEP = ("keep", "Keep the result")
 STARTING = replace(OPERATOR, max_body_bytes=8_000)
@@ -60,7 +60,6 @@ def abort(id: str, state: StateDep) -> dict[str, Any]:
     return job
 
 
-@routes.add_websocket("/api/live", OPERATOR)
 async def live(websocket: WebSocket) -> None:
     """Send until the listener leaves, says anything, is too slow, or is logged out."""
     state = app_state(websocket)
@@ -81,6 +80,9 @@ async def live(websocket: WebSocket) -> None:
     with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
         async with asyncio.timeout(1.0):
             await websocket.close(POLICY_VIOLATION)
+
+
+routes.append(GuardedWebSocketRoute("/api/live", live, policy=OPERATOR))
 
 
 def _start(body: JobBody, state: AppState, principal: Principal) -> dict[str, Any]:
