@@ -9,10 +9,9 @@ from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from fastapi import WebSocket
+from fastapi import Request, Response, WebSocket
 from fastapi.routing import APIRoute, APIWebSocketRoute
-from starlette.requests import HTTPConnection, Request
-from starlette.responses import Response
+from starlette.requests import HTTPConnection
 from starlette.types import Message, Receive
 
 from truestand.web.app_state import app_state

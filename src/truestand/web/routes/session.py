@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
+from fastapi import Request, Response
 from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
-from starlette.responses import Response
 
 from truestand._version import __version__
 from truestand.core.errors import BadRecipe
