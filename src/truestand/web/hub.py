@@ -16,12 +16,7 @@ class Hub:
         self._version = 0
         self._wake_pending = False
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._listeners: set[Listener] = set()
-
-    @property
-    def listeners(self) -> int:
-        """How many there are."""
-        return len(self._listeners)
+        self.listeners: set[Listener] = set()
 
     def publish(self, kind: str, message: str | None) -> None:
         """Replace the newest message of a kind, from any thread; None removes it."""
@@ -40,12 +35,12 @@ class Hub:
         """Add a listener; called in the event loop."""
         self._loop = asyncio.get_running_loop()
         listener = Listener(self)
-        self._listeners.add(listener)
+        self.listeners.add(listener)
         return listener
 
     def leave(self, listener: "Listener") -> None:
         """Remove a listener."""
-        self._listeners.discard(listener)
+        self.listeners.discard(listener)
 
     def newer(self, seen: int) -> tuple[int, list[str]]:
         """The messages that came after version ``seen``, the oldest first, and the version to ask with next."""
@@ -55,7 +50,7 @@ class Hub:
     def _wake(self) -> None:
         with self._lock:
             self._wake_pending = False
-        for listener in self._listeners:
+        for listener in self.listeners:
             listener.published.set()
 
 

@@ -64,7 +64,7 @@ async def live(websocket: WebSocket) -> None:
     """Send until the listener leaves, says anything, is too slow, or is logged out."""
     state = app_state(websocket)
     await websocket.accept()
-    if state.hub.listeners >= MAX_LISTENERS:
+    if len(state.hub.listeners) >= MAX_LISTENERS:
         await websocket.close(TRY_AGAIN_LATER)
         return
     listener = state.hub.listen()
