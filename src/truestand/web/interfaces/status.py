@@ -1,7 +1,7 @@
 """The stand's status for all interfaces, from the functions that answer the page's routes: so all say the same.
 
-One task polls: the page's hub for jobs and live values, and every few seconds whether the store or the file of a
-latched fault has changed, for what other programs do. Every interface takes the newest snapshot, never a backlog.
+One task polls: the page's hub for jobs and live values, and every few seconds the store and the file of a latched
+fault, for what other programs do. Every interface takes the newest snapshot, never a backlog.
 """
 
 import asyncio
@@ -10,12 +10,11 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, Self
 
 from truestand.core.errors import TruestandError
 from truestand.files.scans.read import sha256_of
-from truestand.station.stand_lock import latched_fault, state_path
+from truestand.station.stand_lock import latched_fault
 from truestand.web.app_state import AppState
 from truestand.web.hub import Listener
 from truestand.web.interfaces.lines import Line, lines_of
@@ -24,8 +23,6 @@ from truestand.web.routes.stand import calibration_state
 
 POLL_INTERVAL_S = 2.0
 """Between two looks at the disk."""
-REFRESH_INTERVAL_S = 60.0
-"""After which all is read again though no file has changed: a calibration expires with time."""
 EVALUATIONS = {"conforms": 1, "does_not_conform": 2, "undecided": 3}
 """ResultEvaluationEnum of OPC 40001-101: in tolerance, out of it, not decidable for its uncertainty; 0: undefined."""
 Json = dict[str, Any]
@@ -58,15 +55,8 @@ class StatusPublisher:
 
     def __init__(self, state: AppState) -> None:
         self.state = state
-        self._snapshot, self._version = Snapshot(), 0
+        self.newest, self._version = Snapshot(), 0
         self._changed = asyncio.Condition()
-        self._signature: object = None
-        self._refresh_at = 0.0
-
-    @property
-    def newest(self) -> Snapshot:
-        """The newest snapshot."""
-        return self._snapshot
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[Self]:
@@ -89,22 +79,26 @@ class StatusPublisher:
             async with self._changed:
                 while self._version == seen:
                     await self._changed.wait()
-                seen, snapshot = self._version, self._snapshot
+                seen, snapshot = self._version, self.newest
             yield snapshot
 
     async def _poll(self, listener: Listener) -> None:
+        read_at = 0.0
         while True:
             messages: list[str] = []
             with suppress(TimeoutError):
                 async with asyncio.timeout(POLL_INTERVAL_S):
                     messages = await listener.next()
             events = [json.loads(message) for message in messages]
-            stored = any(event["type"] == "job" for event in events) or await self._disk_changed()
+            now = asyncio.get_running_loop().time()
+            stored = any(event["type"] == "job" for event in events) or now - read_at >= POLL_INTERVAL_S
+            if stored:
+                read_at = now
             await self._update(events, stored)
 
     async def _update(self, events: list[Json], stored: bool) -> None:
         """Publish a snapshot of what is true now; ``stored``: the disk is read again too."""
-        old = self._snapshot
+        old = self.newest
         job, busy = self.state.runner.current(), self.state.runner.busy
         lives = [_without_profiles(event["live"]) for event in events if event["type"] == "live"]
         snapshot = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
@@ -113,19 +107,9 @@ class StatusPublisher:
             snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state, busy)
         snapshot = replace(snapshot, state=_state(snapshot, busy, fault))
         async with self._changed:
-            if snapshot != self._snapshot:
-                self._snapshot, self._version = snapshot, self._version + 1
+            if snapshot != self.newest:
+                self.newest, self._version = snapshot, self._version + 1
                 self._changed.notify_all()
-
-    async def _disk_changed(self) -> bool:
-        """Whether the disk has changed, or a refresh is due."""
-        now = asyncio.get_running_loop().time()
-        settings = self.state.settings
-        signature = await asyncio.to_thread(_signature, settings.store, state_path(settings.stand))
-        changed = signature != self._signature or now > self._refresh_at
-        if changed:
-            self._signature, self._refresh_at = signature, now + REFRESH_INTERVAL_S
-        return changed
 
 
 def _state(snapshot: Snapshot, busy: bool, fault: str | None) -> Json:
@@ -175,14 +159,3 @@ def _result(state: AppState, entry: Entry) -> Json:
 def _without_profiles(live: Json) -> Json:
     sensors = [{key: value for key, value in s.items() if key != "profile"} for s in live.get("sensors") or ()]
     return live | {"sensors": sensors}
-
-
-def _signature(store: Path, stand_state: Path) -> object:
-    """What changes with every write to the store or to the file of a latched fault."""
-    files = [stand_state, *(sorted(store.iterdir()) if store.is_dir() else ())]
-    found = []
-    for path in files:
-        with suppress(OSError):
-            stat = path.stat()
-            found.append((path.name, stat.st_mtime_ns, stat.st_size))
-    return tuple(found)
