@@ -119,21 +119,8 @@ class ResultIndex:
                 store = Store.open(self._folder)
                 head = store.head()
                 if head != self._head:
-                    self._add(store)
-                    self._head = head
+                    self._entries, self._head = store.entries(), head
             return _Results(self._entries)
-
-    def _add(self, store: Store) -> None:
-        """What came since, by number, for a clock may be set back; everything where it isn't the store that was known.
-
-        The last known entry's hash is chained to all before it.
-        """
-        last = self._entries[-1] if self._entries else None
-        came = store.entries(first=None if last is None else last.number)
-        if last is not None and came and came[0].hash == last.hash:
-            self._entries = [*self._entries, *came[1:]]
-        else:
-            self._entries = store.entries()
 
 
 class _Results:
