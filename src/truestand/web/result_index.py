@@ -16,7 +16,6 @@ from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
 
 KINDS = ("calibration", "verification", "inspection")
-ROLES = ("record", "report", "cloud")
 MAX_INSPECTIONS = 300
 """The newest: a record each is read."""
 
@@ -95,10 +94,10 @@ class ResultIndex:
         return record
 
     def file(self, number: int, role: str) -> Path | None:
-        """Where a file of a result lies: record, report, cloud; None: it has none."""
+        """Where a file of a result lies, by its role (record, report, cloud); None: it has none."""
         stored = self._updated().results.get(number)
         path = None if stored is None else Store(self._folder).evidence(stored).get(role)
-        return path if role in ROLES and path is not None and path.exists() else None
+        return path if path is not None and path.exists() else None
 
     def trends(self, kind: str, parts: Collection[str]) -> list[Quantity]:
         """Of calibrations, or of the inspections of a part; computed again only where something came to the store."""
