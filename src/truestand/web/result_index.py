@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -171,18 +170,6 @@ class _Results:
         )
 
 
-@dataclass(slots=True)
-class _Series:
-    """One characteristic over several inspections."""
-
-    unit: str
-    entries: list[Stored] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    U: list[float | None] = field(default_factory=list)
-    limits: Limits | None = None
-    """Of the newest."""
-
-
 def calibration_trends(store: Store) -> list[Quantity]:
     """The quantities of all calibrations that were not withdrawn; of several sensors, each for itself."""
     names = {key: name for key, name, *_ in QUANTITIES} | {"rms_um": "Residual, rms"}
@@ -202,18 +189,18 @@ def inspection_trends(store: Store, parts: Collection[str]) -> list[Quantity]:
     """The whole part's characteristics over the newest inspections of a part, all serial numbers together."""
     matching = [r for r in inspections(store) if {r.entry.part, r.last.part} & set(parts)]
     standing = sorted((s for s in matching if not s.withdrawn), key=lambda s: s.entry.number)[-MAX_INSPECTIONS:]
-    lines: dict[str, _Series] = {}
+    readings: dict[str, list[tuple[Stored, str, float, float | None, Limits | None]]] = {}
     for inspection in standing:
         record = store.record(inspection.last)
         for name, unit, c in whole_part_lines(record):
-            line = lines.setdefault(name, _Series("µm" if unit == "um" else unit))
-            line.entries.append(inspection.entry)
-            line.values.append(float(c[f"value_{unit}"]))
-            line.U.append(c.get(f"U_{unit}"))
-            line.limits = limits_of(c, record)
-    return [
-        _quantity(name, name, x.unit, x.entries, control_chart(x.values, x.U), x.limits) for name, x in lines.items()
-    ]
+            reading = (inspection.entry, unit, float(c[f"value_{unit}"]), c.get(f"U_{unit}"), limits_of(c, record))
+            readings.setdefault(name, []).append(reading)
+    quantities = []
+    for name, found in readings.items():
+        entries, units, values, U, limits = zip(*found, strict=True)
+        unit = "µm" if units[0] == "um" else units[0]
+        quantities.append(_quantity(name, name, unit, entries, control_chart(values, U), limits[-1]))
+    return quantities
 
 
 def _quantity(
