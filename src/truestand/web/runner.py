@@ -49,7 +49,7 @@ class RunningJob:
     folder: str | None
     """Where the worker writes; removed once the job's result is in the store."""
     step_done: float = 0.0
-    """0..1, of the step that runs."""
+    """0..1, of the step that runs; 0 where none does."""
     aborted_at: float | None = None
     """When the first abort was requested."""
 
@@ -68,10 +68,7 @@ class RunningJob:
     def interrupt(self) -> None:
         """Ask the worker to stop, as Ctrl-C does."""
         self.aborted_at = time.monotonic()
-        if sys.platform == "win32":
-            self.process.send_signal(signal.CTRL_BREAK_EVENT)
-        else:
-            self.process.send_signal(signal.SIGINT)
+        self.process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))  # the former on Windows only
 
     def end(self, code: int, error: str) -> None:
         """The worker has ended; without an event that says how, the job has failed."""
@@ -83,25 +80,21 @@ class RunningJob:
         for step in job.steps:
             if step.state == "running":
                 step.state = "done" if job.state == "done" else "failed"
+        self.step_done = 0.0
         job.done = self._done()
 
     def _update_step(self, name: str, state: Any) -> None:
-        step = next((step for step in self.job.steps if step.name == name), None)
-        if step is None:
-            step = Step(name=name, label=name.replace("_", " ").capitalize(), state="waiting")
-            self.job.steps.append(step)
-        step.state = state
+        steps = {step.name: step for step in self.job.steps}
+        steps[name].state = state
+        self.step_done = 0.0
         if state == "running":
-            self.job.step, self.step_done = name, 0.0
+            self.job.step = name
 
     def _done(self) -> float:
-        steps = self.job.steps
         if self.job.state == "done":
             return 1.0
-        ended = sum(step.state == "done" for step in steps)
-        runs = any(step.name == self.job.step and step.state == "running" for step in steps)
-        step_done = min(max(self.step_done, 0.0), 1.0) if runs else 0.0
-        return round((ended + step_done) / max(len(steps), 1), 4)
+        ended = sum(step.state == "done" for step in self.job.steps)
+        return round((ended + self.step_done) / len(self.job.steps), 4)
 
 
 class JobRunner:
@@ -143,7 +136,6 @@ class JobRunner:
             running = RunningJob(process, _new_job(request["kind"], title, part, steps), request.get("folder"))
             with self._lock:
                 self._running = running
-            self._hub.publish("live", None)
             _enlarge_pipe(process)
             _send_request(process, request)
             self._reader = threading.Thread(target=self._read, args=(running,), name="worker", daemon=True)
