@@ -33,14 +33,14 @@ class Nodes:
         """Paths of the objects that were added under one."""
         return [at for at in self._nodes if at.startswith(f"{path}/") and at not in self._kinds]
 
-    async def add_object(self, path: str, folder: bool = False) -> None:
-        """An object under the one that its path names; at the top under Objects."""
+    async def add_object(self, path: str, kinds: Mapping[str, ua.VariantType], folder: bool = False) -> None:
+        """An object under the one that its path names; at the top under Objects.
+
+        ``kinds``: its variables by name, Null at first, that clients can't write.
+        """
         parent, name = self._parent_and_name(path)
         add = parent.add_folder if folder else parent.add_object
         self._nodes[path] = await add(self._id(path), ua.QualifiedName(name, self._space))
-
-    async def add_variables(self, path: str, kinds: Mapping[str, ua.VariantType]) -> None:
-        """Variables of an object by name, Null at first, that clients can't write."""
         for name, kind in kinds.items():
             at, several = f"{path}/{name}", kind is TEXTS
             datatype = _type(Kind.String if several else kind)

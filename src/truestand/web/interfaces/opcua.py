@@ -71,7 +71,7 @@ async def opcua_server(status: StatusPublisher, url: str) -> AsyncIterator[str]:
     server = Server(PeerRecordingServer(OpcUaUserManager(status.state)))
     try:
         await _configure(server, status.state.authenticator, url)
-        nodes = StandNodes(Nodes(server, await server.register_namespace(NAMESPACE)))
+        nodes = StandNodes(server, await server.register_namespace(NAMESPACE))
         await nodes.build(Methods(status.state, nodes.show_refusal))
         await nodes.show(status.newest)
         await _start(server, url)
@@ -86,61 +86,52 @@ async def opcua_server(status: StatusPublisher, url: str) -> AsyncIterator[str]:
         gc.unfreeze()
 
 
-class StandNodes:
+class StandNodes(Nodes):
     """The stand's nodes, which show snapshots."""
-
-    def __init__(self, nodes: Nodes) -> None:
-        self._nodes = nodes
 
     async def build(self, methods: Methods) -> None:
         """Add the nodes that are always there."""
-        n = self._nodes
-        for path in ("Stand", "Stand/Live", "LastResult"):
-            await n.add_object(path)
+        await self.add_object("Stand", _kinds(STAND) | LATEST)
+        await self.add_object("Stand/Live", _kinds(LIVE))
+        await self.add_object("LastResult", _kinds(RESULT))
         for path in ("Stand/Live/Sensors", LINES):
-            await n.add_object(path, folder=True)
-        for path, variables in (("Stand", STAND), ("Stand/Live", LIVE), ("LastResult", RESULT)):
-            await n.add_variables(path, _kinds(variables))
-        await n.add_variables("Stand", LATEST)
-        await n.add_method("Stand/StartJob", methods.start, START, {"id": "of the job"})
-        await n.add_method("Stand/Abort", methods.abort, {}, {"id": "of the job that was aborted"})
-        await n.add_method("Stand/ResetFault", methods.reset, {}, {"fault": "that was reset; empty: none"})
-        await n.write("Stand", {"Refused": "", "ResultReady": 0, "ResultCount": 0})
+            await self.add_object(path, {}, folder=True)
+        await self.add_method("Stand/StartJob", methods.start, START, {"id": "of the job"})
+        await self.add_method("Stand/Abort", methods.abort, {}, {"id": "of the job that was aborted"})
+        await self.add_method("Stand/ResetFault", methods.reset, {}, {"fault": "that was reset; empty: none"})
+        await self.write("Stand", {"Refused": "", "ResultReady": 0, "ResultCount": 0})
 
     async def show_refusal(self, text: str) -> None:
         """Why the last call was refused; empty where it was not."""
-        await self._nodes.write("Stand", {"Refused": text})
+        await self.write("Stand", {"Refused": text})
 
     async def show(self, snapshot: Snapshot) -> None:
         """Write all values; ``ResultReady`` last, so that who is notified of it finds the whole result."""
         job, result = snapshot.job or {}, snapshot.result or {}
         stand = snapshot.state | {"job_id": job.get("id"), "job_state": job.get("state")}
-        await self._nodes.write("Stand", _values(STAND, stand))
+        await self.write("Stand", _values(STAND, stand))
         await self._show_live(snapshot.live or {})
-        await self._nodes.write("LastResult", _values(RESULT, result | {"time": _time(result.get("time"))}))
+        await self.write("LastResult", _values(RESULT, result | {"time": _time(result.get("time"))}))
         await self._show_lines(snapshot.lines)
-        await self._nodes.write("Stand", {"ResultCount": snapshot.count, "ResultReady": snapshot.number})
+        await self.write("Stand", {"ResultCount": snapshot.count, "ResultReady": snapshot.number})
 
     async def _show_live(self, live: Json) -> None:
-        await self._nodes.write("Stand/Live", _values(LIVE, live))
+        await self.write("Stand/Live", _values(LIVE, live))
         for sensor in live.get("sensors") or ():
             path = f"Stand/Live/Sensors/{sensor['name'].replace('/', '_')}"
-            if path not in self._nodes:
-                await self._nodes.add_object(path)
-                await self._nodes.add_variables(path, _kinds(SENSOR))
-            await self._nodes.write(path, _values(SENSOR, sensor))
+            if path not in self:
+                await self.add_object(path, _kinds(SENSOR))
+            await self.write(path, _values(SENSOR, sensor))
 
     async def _show_lines(self, lines: tuple[Line, ...]) -> None:
         """One object each; those of the result before that this one lacks are removed."""
         by_path = {f"{LINES}/{line.name.replace('/', '_')}": line for line in lines}
-        await self._nodes.remove(LINES, {at for at in self._nodes.children(LINES) if at not in by_path})
+        await self.remove(LINES, {at for at in self.children(LINES) if at not in by_path})
         for path, line in by_path.items():
-            if path not in self._nodes:
-                await self._nodes.add_object(path)
-                await self._nodes.add_variables(path, _kinds(LINE))
+            if path not in self:
+                await self.add_object(path, _kinds(LINE))
                 await asyncio.sleep(0)  # some 3 ms each: let the event loop answer others
-            evaluation = EVALUATIONS.get(line.verdict or "", 0)
-            await self._nodes.write(path, _values(LINE, asdict(line) | {"evaluation": evaluation}))
+            await self.write(path, _values(LINE, asdict(line) | {"evaluation": EVALUATIONS.get(line.verdict or "", 0)}))
 
 
 async def _follow(status: StatusPublisher, nodes: StandNodes) -> None:
@@ -198,11 +189,9 @@ def _address(server: Server, url: str) -> str:
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
     """While the address space is built; it then stays, and is never looked through for garbage again."""
-    collecting = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
-        if collecting:
-            gc.enable()
+        gc.enable()
