@@ -10,30 +10,30 @@ UNITS = ("um", "mm", "mrad", "deg")
 Record = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
     """A characteristic of an inspection, a quantity of a calibration, or a change that a verification looked for."""
 
     name: str
     """Unique in its result: characteristic, section, flank and tooth, as in ``F_alpha left 3``."""
     characteristic: str
-    flank: str | None
-    tooth: int | None
+    flank: str | None = None
+    tooth: int | None = None
     """None: the whole gear."""
-    section: str | None
-    value: float | None
-    U: float | None
+    section: str | None = None
+    value: float | None = None
+    U: float | None = None
     """Expanded, k = 2."""
-    lower: float | None
-    upper: float | None
+    lower: float | None = None
+    upper: float | None = None
     unit: str
     """Of value, U and limits: um, mm, mrad or deg."""
-    verdict: str | None
-    status: str
+    verdict: str | None = None
+    status: str = "measured"
     """measured, partial, not_measurable or not_identifiable."""
-    coverage: float | None
+    coverage: float | None = None
     """0..1."""
-    standard: str | None
+    standard: str | None = None
 
 
 def lines_of(kind: str, record: Record) -> tuple[Line, ...]:
@@ -55,20 +55,19 @@ def _of_inspection(record: Record) -> Iterator[Line]:
 
 def _of_verification(record: Record) -> Iterator[Line]:
     for c in record.get("changes") or ():
-        value, U = c.get("value_um"), c.get("U_um")
-        yield _line(c["name"], "um", value=value, U=U, upper=c.get("limit_um"), verdict=c.get("verdict"))
+        yield _line(
+            c["name"], "um", value=c.get("value_um"), U=c.get("U_um"), upper=c.get("limit_um"), verdict=c.get("verdict")
+        )
 
 
 def _of_calibration(record: Record) -> Iterator[Line]:
     """Quantities with an uncertainty, and those that are not identifiable."""
     values = {**(record.get("sensor") or {}), **(record.get("shaft") or {})}
     for key, stated in (record.get("uncertainty") or {}).items():
-        name, unit = _split(key)
         if key in values:
-            yield _line(name, unit, value=values[key], U=stated.get("U"))
+            yield _line(*_split(key), value=values[key], U=stated.get("U"))
     for key in record.get("not_identifiable") or ():
-        name, unit = _split(key)
-        yield _line(name, unit, status="not_identifiable")
+        yield _line(*_split(key), status="not_identifiable")
 
 
 def _split(key: str) -> tuple[str, str]:
@@ -79,8 +78,7 @@ def _split(key: str) -> tuple[str, str]:
 
 def _line(name: str, unit: str, **fields: Any) -> Line:
     place = [str(fields[key]) for key in ("section", "flank", "tooth") if fields.get(key) is not None]
-    complete: dict[str, Any] = dict.fromkeys(Line.__slots__) | {"status": "measured"} | fields
-    return Line(**complete | {"name": " ".join((name, *place)), "characteristic": name, "unit": unit})
+    return Line(name=" ".join((name, *place)), characteristic=name, unit=unit, **fields)
 
 
 def _with_unique_names(lines: Iterable[Line]) -> Iterator[Line]:
