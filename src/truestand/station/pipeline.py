@@ -23,6 +23,7 @@ from truestand.files.records.calibration_record import calibration_record, read_
 from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.clouds import check_suffix, write_cloud
+from truestand.report.pdf import check_report, write_report
 
 if TYPE_CHECKING:
     from truestand.apply.verify import Verification
@@ -76,10 +77,7 @@ class Outputs:
             MissingExtra: a PDF or a cloud that needs an extra.
             BadRecipe: a cloud of an unknown kind.
         """
-        if self.report is not None:
-            from truestand.report.pdf import check_report
-
-            check_report(self.report)
+        check_report(self.report)
         if self.cloud is not None:
             check_suffix(self.cloud)
 
@@ -129,7 +127,6 @@ def calibrate_job(
         if outputs.report is not None:
             from truestand.calibration.evidence import gather
             from truestand.report.calibration import calibration_report
-            from truestand.report.pdf import write_report
 
             evidence = gather(scans[-1], artefact, calibration, published)
             write_report(outputs.report, calibration_report(calibration, evidence, published, truth, company))
@@ -248,6 +245,5 @@ def _write_inspection(
         write_characteristics(outputs.table, inspection)
     if outputs.report is not None:
         from truestand.report.inspection import inspection_report
-        from truestand.report.pdf import write_report
 
         write_report(outputs.report, inspection_report(inspection, surface.calibration, truth, company))

@@ -14,7 +14,7 @@ from typing import Any
 
 from anyio import CapacityLimiter, to_thread
 
-from truestand.core.errors import TruestandError
+from truestand.core.errors import BadRecipe, TruestandError
 from truestand.web.problem import Problem
 
 
@@ -98,7 +98,6 @@ def audit(store: str) -> list[dict[str, str]]:
 
 def certificate(record: str, laboratory: str) -> str:
     """The Digital Calibration Certificate of a calibration's record; a draft where there is no laboratory.toml."""
-    from truestand.core.errors import BadRecipe
     from truestand.files.json_text import parse_json
     from truestand.files.recipes.laboratory import read_laboratory
     from truestand.files.records.calibration_record import read_calibration
