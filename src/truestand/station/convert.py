@@ -25,7 +25,7 @@ from truestand.station.sync import (
     angle_by_clock,
     angle_by_encoder,
     fit_clocks,
-    latch_skew,
+    latch_skew_ms,
 )
 
 Column = NDArray[Any] | None
@@ -174,9 +174,8 @@ def _table_angles(log: Log, plan: SensorPlan, stream: Stream) -> TableAngles:
     synchronisation: dict[str, Any] = {"clock_rate": clocks.rate, "table_samples": int(track.time.size)}
     if plan.encoder and stream.encoder is not None and log.stand.counts_per_turn:
         position = angle_by_encoder(stream.encoder, log.stand.counts_per_turn, start)
-        skew = latch_skew(moment, position, track)
-        synchronisation |= {"source": "encoder", "latch_skew_ms": None if skew is None else 1e3 * skew.seconds,
-                            "latch_skew_spread_ms": None if skew is None else 1e3 * skew.spread}  # fmt: skip
+        skew_ms, spread_ms = latch_skew_ms(moment, position, track)
+        synchronisation |= {"source": "encoder", "latch_skew_ms": skew_ms, "latch_skew_spread_ms": spread_ms}
         return TableAngles(position, "encoder", synchronisation, _contradiction(stream, position, track))
     if track.time.size < 2:
         return TableAngles(np.full(moment.shape, np.nan), "none", {**synchronisation, "source": "none"})

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Mask
 from truestand.core.robust import robust_sd
 
-Counts = NDArray[np.int64]
-
 WINDOWS = 12
 """Pieces of a scan, the earliest arrival of each being a point of the line of the clocks."""
 STEADY_FACTOR = 3.0
@@ -35,14 +33,6 @@ class TableTrack:
     half_width: Array
     """(n,) s: half of the time between question and answer, within which the position was valid."""
     moving: Mask
-
-
-@dataclass(frozen=True, slots=True)
-class Skew:
-    """By how much the table's own position is later (s) than the encoder at the same moment, and its spread."""
-
-    seconds: float
-    spread: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +58,7 @@ def fit_clocks(device: Array, host: Array) -> ClockFit:
     return ClockFit(float(under.min()), float(slope), float(np.ptp(under[earliest])))
 
 
-def angle_by_encoder(counts: Counts, counts_per_turn: int, start: float) -> Array:
+def angle_by_encoder(counts: NDArray[np.int64], counts_per_turn: int, start: float) -> Array:
     """Table position (n,) rad of profiles from unwrapped counts; the first was taken at rest at ``start`` rad."""
     return np.asarray(start + (counts - counts[0]) * (tau / counts_per_turn), dtype=np.float64)
 
@@ -91,14 +81,17 @@ def angle_by_clock(moment: Array, track: TableTrack, within: tuple[float, float]
     return np.interp(moment, track.time, track.position), False
 
 
-def latch_skew(moment: Array, encoder_angle: Array, track: TableTrack) -> Skew | None:
-    """The skew between table and encoder over the steady middle of a motion; None where there is too little of it."""
+def latch_skew_ms(moment: Array, encoder_angle: Array, track: TableTrack) -> tuple[float | None, float | None]:
+    """By how much the table's own position is later than the encoder at the same moment, and its spread, ms.
+
+    Over the steady middle of a motion; None where there is too little of it.
+    """
     low, high = np.percentile(encoder_angle, [15, 85])
     middle = track.moving & (track.position > low) & (track.position < high)
     inside = middle & (track.time > moment[0]) & (track.time < moment[-1])
     if np.count_nonzero(inside) < 10 or high - low < pi / 18:
-        return None
+        return None, None
     time, position = track.time[inside], track.position[inside]
     speed = (position[-1] - position[0]) / (time[-1] - time[0])
     late = (np.interp(time, moment, encoder_angle) - position) / speed
-    return Skew(float(np.median(late)), robust_sd(late - np.median(late)))
+    return 1e3 * float(np.median(late)), 1e3 * robust_sd(late - np.median(late))
