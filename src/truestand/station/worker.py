@@ -67,12 +67,10 @@ def _job_from(request: Mapping[str, Any]) -> Job:
     """The job that a JSON object describes.
 
     Raises:
-        BadRecipe: an unknown kind, or a path missing.
+        BadRecipe: an unknown kind.
     """
     if request.get("kind") not in STEPS:
         raise BadRecipe(f"found a job of kind {request.get('kind')!r}, need one of {', '.join(STEPS)}")
-    if not request.get("stand") or not request.get("folder"):
-        raise BadRecipe("found a job without stand or folder; it needs both")
     paths = {name: Path(request[name]) for name in PATHS if request.get(name)}
     identity = {key: str(request[key]) for key in ("serial", "order", "operator") if request.get(key)}
     return Job(kind=request["kind"], identity=identity, **paths)
