@@ -15,13 +15,11 @@ from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import read_devices_table, read_stand
 
-Positive = Annotated[float, Field(gt=0)]
-
 
 class AcquireRecipe(Recipe):
     """``[devices.acquire]``."""
 
-    turns: Positive = 2.75
+    turns: Annotated[float, Field(gt=0)] = 2.75
     run_up_deg: Annotated[float, Field(ge=0)] | None = None
     """Turned before the scan counts, to get up to speed; default: what the table turns in one second."""
     most_lost_percent: Annotated[float, Field(ge=0, le=100)] = 0.1

@@ -8,7 +8,6 @@ from truestand.web.authentication import Role
 
 JobKind = Literal["calibrate", "inspect", "verify"]
 Text = Annotated[str, Field(max_length=120)]
-Toml = Annotated[str, Field(max_length=200_000)]
 
 
 class Body(BaseModel):
@@ -37,7 +36,7 @@ class JobBody(Body):
 class RecipeBody(Body):
     """A recipe's new text."""
 
-    text: Toml
+    text: Annotated[str, Field(max_length=200_000)]
 
 
 class ProblemBody(BaseModel):

@@ -21,7 +21,6 @@ from truestand.station.recipe import read_devices
 from truestand.web.problem import Problem
 
 Kind = Literal["stand", "artefact", "part"]
-PartKind = Literal["gear", "turned", "cad"]
 NAME = re.compile(r"[^\W_][\w .+-]{0,79}\.toml")
 MAX_RECIPE_BYTES = 200_000
 
@@ -33,7 +32,7 @@ class RecipeFile:
     file: str
     kind: Kind
     title: str
-    part_kind: PartKind | None = None
+    part_kind: Literal["gear", "turned", "cad"] | None = None
     part_name: str = ""
     """In records."""
 

@@ -23,13 +23,12 @@ START = {
     "serial": "the part's or the shaft's serial number, or empty",
 }
 Answer = list[ua.Variant] | ua.StatusCode
-ShowRefusal = Callable[[str], Awaitable[None]]
 
 
 class Methods:
     """The server's methods; ``show_refusal`` shows why the last call was refused, or an empty text."""
 
-    def __init__(self, state: AppState, show_refusal: ShowRefusal) -> None:
+    def __init__(self, state: AppState, show_refusal: Callable[[str], Awaitable[None]]) -> None:
         self._state, self._show_refusal = state, show_refusal
 
     async def start(self, parent: ua.NodeId, *given: ua.Variant) -> Answer:
