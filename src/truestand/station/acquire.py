@@ -220,8 +220,7 @@ class _Recording:
         watch = TableWatch(speed, target, table.limits.tolerance, began)
         for sensor in self.sensors:
             if sensor.recipe.encoder and sensor.watch.layout.encoder_modulus:
-                counts_per_turn = self.station.stand.counts_per_turn
-                sensor.encoder = EncoderWatch(sensor.recipe.name, counts_per_turn, speed, began)
+                sensor.encoder = EncoderWatch(sensor.recipe.name, self.station.stand.counts_per_turn, speed, began)
         self._expect_triggered(since=began + SETTLING_S)
         while not self._arrived(watch):
             time.sleep(POLL_INTERVAL_S)

@@ -70,8 +70,9 @@ class AppState:
 def make_state(settings: Settings, worker: Sequence[str] = WORKER) -> AppState:
     """The state of a stand's page; ``worker``: the command that runs a job."""
     hub = Hub()
-    authenticator = Authenticator(users_path(settings.store))
-    return AppState(settings, ResultIndex(settings.store), hub, JobRunner(hub, worker), authenticator)
+    return AppState(
+        settings, ResultIndex(settings.store), hub, JobRunner(hub, worker), Authenticator(users_path(settings.store))
+    )
 
 
 def app_state(connection: HTTPConnection) -> AppState:
