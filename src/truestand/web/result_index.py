@@ -26,7 +26,6 @@ class ResultIndex:
         self._folder, self._lock = folder, threading.Lock()
         self._entries: list[Stored] = []
         self._head = (0, "")
-        self._records: dict[str, Mapping[str, Any]] = {}
         self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
 
     def entries(
@@ -85,12 +84,7 @@ class ResultIndex:
         stored = self._updated().results[number]
         if stored.record is None:
             return {}
-        record = self._records.get(stored.record)
-        if record is None:
-            record = Store(self._folder).record(stored)
-            # those of the newest calibration and its verification are asked for again and again
-            self._records = dict([*self._records.items(), (stored.record, record)][-2:])
-        return record
+        return Store(self._folder).record(stored)
 
     def file(self, number: int, role: str) -> Path | None:
         """Where a file of a result lies, by its role (record, report, cloud); None: it has none."""
