@@ -13,7 +13,6 @@ from datetime import UTC, datetime
 from typing import Any, Self
 
 from truestand.core.errors import TruestandError
-from truestand.files.scans.read import sha256_of
 from truestand.station.stand_lock import latched_fault
 from truestand.web.app_state import AppState
 from truestand.web.hub import Listener
@@ -152,7 +151,7 @@ def _result(state: AppState, entry: Entry) -> Json:
     return entry.model_dump(mode="json", exclude={"has"}) | {
         "reasons": [str(reason) for reason in record.get("reasons") or []],
         "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
-        "record_sha256": None if path is None else sha256_of(path),
+        "record_sha256": None if path is None else path.name,  # its hash, as of all evidence
     }
 
 
