@@ -19,11 +19,6 @@ routes = Routes()
 @routes.add("GET", "/api/parts", OPERATOR, "Parts that can be inspected")
 def parts(state: StateDep) -> list[Part]:
     """Every recipe with a kind."""
-    return parts_of(state)
-
-
-def parts_of(state: AppState) -> list[Part]:
-    """The parts of the stand's folder."""
     return [
         Part(name=r.name, title=r.title, kind=r.part_kind, file=r.file) for r in state.folder.recipes() if r.part_kind
     ]

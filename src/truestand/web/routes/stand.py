@@ -8,7 +8,7 @@ from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.app_state import AppState, StateDep
 from truestand.web.models import CalibrationState, Device, Home, Reset
 from truestand.web.problem import Problem
-from truestand.web.routes.recipes import parts_of
+from truestand.web.routes.recipes import parts
 from truestand.web.routing import OPERATOR, Routes
 
 LAST_RESULTS = 8
@@ -27,7 +27,7 @@ def home(state: StateDep) -> dict[str, Any]:
         "job": state.runner.current(),
         "fault": None if busy else latched_fault(state.settings.stand) or None,
         "not_stopped": [] if busy else not_stopped(state.settings.stand),
-        "parts": parts_of(state),
+        "parts": parts(state),
     }
 
 
