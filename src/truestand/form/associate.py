@@ -50,11 +50,6 @@ class FittedFeature:
     frame: Array
     """(3, 3) rows: the axes in which the parameters count, the feature's direction last."""
 
-    @property
-    def layout(self) -> tuple[slice, slice | None, int | None]:
-        """Where position, direction and radius stand among the parameters."""
-        return _LAYOUTS[self.feature]
-
 
 def associate(points: Array, feature: Feature) -> FittedFeature:
     """The least-squares ``feature`` of points (n, 3) mm.
@@ -156,8 +151,12 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     x, y, radius = _algebraic(local)
 
     def residuals(q: Array) -> tuple[Array, Array]:
-        radial, radial_slopes, over, over_slopes = _circle_at(q, local)
-        return np.concatenate([radial, over]), np.vstack([radial_slopes, over_slopes])
+        """Radial deviations, then heights over the plane; slopes over x, y, z, tilts and radius."""
+        away = local - q[:3]
+        normal, tilts, over, distance, outward = _about_axis(away, q[3], q[4])
+        radial_slopes = np.column_stack([-outward, -over[:, None] * (outward @ tilts.T), -np.ones(len(local))])
+        over_slopes = np.column_stack([np.broadcast_to(-normal, away.shape), away @ tilts.T, np.zeros(len(local))])
+        return np.concatenate([distance - q[5], over]), np.vstack([radial_slopes, over_slopes])
 
     start = np.array([x, y, 0.0, 0.0, 0.0, radius])
     scale = np.array([radius, radius, radius, 1.0, 1.0, radius])
@@ -169,15 +168,6 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     in_plane, over = _scatter(1, r[:n], 3), _scatter(1, r[n:], 3)
     scatter = np.concatenate([in_plane, in_plane, over, over, over, in_plane])
     return FittedFeature("circle", point, upright(turned[2]), float(q[5]), r[:n], rms, _inverse(J), scatter, turned)
-
-
-def _circle_at(q: Array, local: Array) -> tuple[Array, Array, Array, Array]:
-    """Radial deviation and height over the plane (n,) with their slopes (n, 6) over x, y, z, tilts and radius."""
-    away = local - q[:3]
-    normal, tilts, over, distance, outward = _about_axis(away, q[3], q[4])
-    radial_slopes = np.column_stack([-outward, -over[:, None] * (outward @ tilts.T), -np.ones(len(local))])
-    over_slopes = np.column_stack([np.broadcast_to(-normal, away.shape), away @ tilts.T, np.zeros(len(local))])
-    return distance - q[5], radial_slopes, over, over_slopes
 
 
 def _about_axis(away: Array, a: float, b: float) -> tuple[Array, Array, Array, Array, Array]:
@@ -247,7 +237,6 @@ def _cylinder_along(points: Array, few: Array, direction: Array) -> tuple[Array,
 
 def _refined_cylinder(points: Array, frame: Array, q: Array) -> tuple[Array, Array, Array, Array]:
     """Frame along the axis, parameters, residuals and Jacobian; the frame follows the axis: slopes stay small."""
-    r, J = np.zeros(0), np.zeros((0, 5))
     size = float(np.abs(points).max())
     for _ in range(6):
         local = points @ frame.T
@@ -307,13 +296,14 @@ def _inverse(J: Array) -> Array:
     return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(size, size))
 
 
-_LAYOUTS: dict[Feature, tuple[slice, slice | None, int | None]] = {
+LAYOUTS: dict[Feature, tuple[slice, slice | None, int | None]] = {
     "line": (slice(0, 2), slice(2, 4), None),
     "plane": (slice(0, 1), slice(1, 3), None),
     "circle": (slice(0, 3), slice(3, 5), 5),
     "cylinder": (slice(0, 2), slice(2, 4), 4),
     "sphere": (slice(0, 3), None, 3),
 }
+"""Where position, direction and radius stand among the parameters."""
 _FITS: dict[Feature, Callable[[Array, Array, Array], FittedFeature]] = {
     "line": _line,
     "plane": _plane,

@@ -14,7 +14,7 @@ import numpy as np
 from truestand.core.arrays import Array, Ints
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
-from truestand.form.associate import Feature, FittedFeature, associate, cylinder_at, upright
+from truestand.form.associate import LAYOUTS, Feature, FittedFeature, associate, cylinder_at, upright
 from truestand.form.upr import transmission, upr_filter
 from truestand.form.zone import Distance, Kind, Zone, zone
 
@@ -149,7 +149,7 @@ def _by_least_squares(fitted: FittedFeature, noise: PointNoise, cutoff: float | 
     U: dict[str, float] = {}
     if np.isfinite(fitted.scatter).all():
         covariance = fitted.unit_covariance * np.outer(fitted.scatter, fitted.scatter)
-        position, slopes, radius = fitted.layout
+        position, slopes, radius = LAYOUTS[fitted.feature]
         U["point"] = _largest(covariance[position, position])
         if slopes is not None:
             U["direction"] = _largest(covariance[slopes, slopes])

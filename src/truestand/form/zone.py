@@ -60,7 +60,7 @@ def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
     everything = np.arange(count)
     d, _ = distance(start, everything)
     radius = float(d.mean())
-    working = _extremes(d, count)
+    working = _extremes(d)
     q = start.copy()
     for _ in range(MOST_WORKING_SETS):
         problem = _Problem(distance, working, kind, radius, start)
@@ -73,9 +73,9 @@ def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
     return problem.certified(q, float(d.max()), float(d.min()))
 
 
-def _extremes(d: Array, count: int) -> Ints:
+def _extremes(d: Array) -> Ints:
     """The outermost and innermost points of some stretches of the data, and of all."""
-    stretches = np.array_split(np.arange(count), min(48, max(count // 4, 1)))
+    stretches = np.array_split(np.arange(d.size), min(48, max(d.size // 4, 1)))
     picked = [s[[int(np.argmax(d[s])), int(np.argmin(d[s]))]] for s in stretches]
     order = np.argsort(d)
     return np.unique(np.concatenate([*picked, order[:16], order[-16:]]))
