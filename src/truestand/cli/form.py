@@ -9,6 +9,7 @@ from truestand.apply.transfer import Transfer
 from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, output_option
 from truestand.cli.terminal import print_json, progress
+from truestand.core.arrays import Array
 from truestand.core.artefact import Cylinder
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
@@ -22,7 +23,7 @@ from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.points import read_points
 from truestand.form.associate import Feature
 from truestand.form.form import Form, Reference, evaluate
-from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, Section, section
+from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, run_out, section
 
 FORM_NAMES = {
     "line": "straightness",
@@ -83,23 +84,23 @@ def form(
         )
     if calibration is not None and (columns is not None or unit is not None):
         raise BadRecipe("--columns and --unit are for points; leave them out with --calibration")
-    run_out, transferred = None, None
+    travel, transferred = None, None
     with progress(f"Reading {points.name}", quiet):
         if calibration is None:
             cloud = read_points(points, columns, unit)
         else:
             transferred = _transferred(points, calibration, stand, feature, start_angle_deg)
-            cells = _section(transferred, feature, surface, height_mm)
-            cloud, run_out = cells.points, cells.run_out
+            cloud = _section(transferred, feature, surface, height_mm)
+            travel = run_out(cloud)
     with progress("Associating", quiet):
         result = evaluate(cloud, feature, reference, filter_upr)
-    record = form_record(result, now(), sha256_of(points), run_out)
+    record = form_record(result, now(), sha256_of(points), travel)
     if output is not None:
         write_json_atomic(output, record)
     if as_json:
         print_json(record)
     elif not quiet:
-        _print(result, run_out)
+        _print(result, travel)
     if transferred is not None:
         print_witness(transferred, quiet)
         end_if_untrusted(transferred.calibration, quiet)
@@ -114,8 +115,8 @@ def _transferred(
     return scan_reader(stand, start_angle_deg, quiet=True).transferred(path, read_calibration(calibration))
 
 
-def _section(transferred: Transfer, feature: Feature, surface: str | None, height: float | None) -> Section:
-    """Cells of one cylinder of the artefact in a scan."""
+def _section(transferred: Transfer, feature: Feature, surface: str | None, height: float | None) -> Array:
+    """Cell means (n, 3) mm of one cylinder of the artefact in a scan."""
     rolled = apply_calibration(transferred.scan, transferred.calibration)
     cylinder, low, high = _measured_cylinder(transferred.calibration, surface)
     if feature == "cylinder":

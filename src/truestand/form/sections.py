@@ -4,8 +4,6 @@ Millions of readings of one cylinder become some thousand points. A mean of many
 them, which is what makes micrometres of form visible under five micrometres of noise.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from truestand.core.arrays import Array
@@ -22,21 +20,8 @@ SECTION = 0.5
 """mm: height of a section."""
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """Cells of one cylinder that hold readings: their means as ``points`` (n, 3) mm in C."""
-
-    points: Array
-
-    @property
-    def run_out(self) -> float:
-        """Indicator travel about the datum axis, mm: circular for one section, total for many (ISO 1101)."""
-        radius = np.hypot(self.points[:, 0], self.points[:, 1])
-        return float(np.ptp(radius))
-
-
-def section(surface: Surface, radius: float, low: float, high: float, cells: tuple[int, int]) -> Section:
-    """Cell means of the readings near ``radius`` (mm) between two heights (mm in C).
+def section(surface: Surface, radius: float, low: float, high: float, cells: tuple[int, int]) -> Array:
+    """Cell means (n, 3) mm in C of the readings near ``radius`` (mm) between two heights (mm in C).
 
     Raises:
         NotEnoughData: fewer than a tenth of the cells hold readings.
@@ -60,4 +45,9 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
     height = low + (np.arange(along) + 0.5) * (high - low) / along
     psi, level = np.tile(angle, along)[full], np.repeat(height, around)[full]
     rho = radius + means[full]
-    return Section(np.column_stack([rho * np.cos(psi), rho * np.sin(psi), level]))
+    return np.column_stack([rho * np.cos(psi), rho * np.sin(psi), level])
+
+
+def run_out(points: Array) -> float:
+    """Indicator travel of points (n, 3) mm about C's axis, mm: circular for one section, total for many (ISO 1101)."""
+    return float(np.ptp(np.hypot(points[:, 0], points[:, 1])))
