@@ -36,7 +36,7 @@ def upr_filter(angle: Array, deviation: Array, cutoff: float) -> Array:
     sorted_, n = np.asarray(angle)[order], len(angle)
     gaps = np.diff(np.append(sorted_, sorted_[0] + tau))
     if np.abs(gaps - tau / n).max() <= EVEN_SPACING * tau / n:
-        passed = _even(deviation[order], cutoff)
+        passed = filtered_evenly(deviation[order], cutoff)
     else:
         highest = max(1, min(int(NEGLIGIBLE * cutoff), n // 4))
         _demand_closed(float(gaps.max()), highest)
@@ -46,9 +46,10 @@ def upr_filter(angle: Array, deviation: Array, cutoff: float) -> Array:
     return out
 
 
-def _even(deviation: Array, cutoff: float) -> Array:
+def filtered_evenly(deviation: Array, cutoff: float) -> Array:
+    """The waves that pass of closed profiles (..., n) mm of even spacing, the cut-off in UPR."""
     spectrum = np.fft.rfft(deviation)
-    return np.asarray(np.fft.irfft(spectrum * transmission(np.arange(spectrum.size), cutoff), deviation.size))
+    return np.fft.irfft(spectrum * transmission(np.arange(spectrum.shape[-1]), cutoff), deviation.shape[-1])
 
 
 def _demand_closed(gap: float, highest: int) -> None:

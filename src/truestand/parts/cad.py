@@ -17,7 +17,7 @@ from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Ins
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.parts.drawings import Cad
-from truestand.parts.patches import Grid, Patches, farthest, patches_of
+from truestand.parts.patches import Grid, Patches, Readings, farthest, patches_of
 from truestand.parts.rays import Rays, Solid, hits_near, solid_of
 from truestand.parts.registration import Registration, motions, register, registration_remarks
 from truestand.parts.visibility import Region, coverage_of, unconfirmed_regions
@@ -91,15 +91,6 @@ class _Comparison:
     solid: Solid
 
 
-@dataclass(frozen=True, slots=True)
-class _OnModel:
-    """Readings on the model: where they stand in the scan (n,), their deviations (n,) mm and cells (n,)."""
-
-    flat: Ints
-    deviation: Array
-    cell: Ints
-
-
 def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     """Deviations of the part from its model, after the fit that the recipe allows, with U (k = 2) and verdict.
 
@@ -118,7 +109,7 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     model_from_shaft = registration.pose @ datum.pose
     grid = _grid(comparison)
     deviation, on_model = _compare(comparison, model_from_shaft, grid)
-    patches = patches_of(grid, on_model.cell, on_model.deviation, part.reach)
+    patches = patches_of(grid, on_model, part.reach)
     marked = _points_on_model(comparison, model_from_shaft)
     coverage, visible = coverage_of(solid, model_from_shaft, scan, calibration, marked)
     found = _characteristics(comparison, registration, model_from_shaft, patches, on_model, coverage)
@@ -240,7 +231,7 @@ def _most(patches: Patches) -> Array:
     return np.asarray(np.take_along_axis(patches.mean, size.argmax(axis=2)[:, :, None], axis=2)[:, :, 0])
 
 
-def _compare(comparison: _Comparison, model_from_shaft: Pose, grid: Grid) -> tuple[Array, _OnModel]:
+def _compare(comparison: _Comparison, model_from_shaft: Pose, grid: Grid) -> tuple[Array, Readings]:
     """Deviation (N, M) mm of every reading, NaN off the model, and the readings on it."""
     n, m = comparison.surface.x.shape
     deviation = np.full((n, m), np.nan)
@@ -258,7 +249,7 @@ def _compare(comparison: _Comparison, model_from_shaft: Pose, grid: Grid) -> tup
         cells.append(grid.cells(psi, points[:, 2], radius))
     deviation.flags.writeable = False
     flat = np.concatenate(flats)
-    return deviation, _OnModel(flat, deviation.ravel()[flat], np.concatenate(cells))
+    return deviation, Readings(flat, deviation.ravel()[flat], np.concatenate(cells))
 
 
 def _statistics(maps: Array) -> Array:
@@ -285,7 +276,7 @@ def _characteristics(
     registration: Registration,
     model_from_shaft: Pose,
     patches: Patches,
-    on_model: _OnModel,
+    on_model: Readings,
     coverage: float,
 ) -> tuple[Characteristic, ...]:
     at = np.flatnonzero(patches.pick.ravel() >= 0)
@@ -305,9 +296,9 @@ def _characteristics(
     )
 
 
-def _beyond_means(patches: Patches, on_model: _OnModel, value: Array) -> Array:
+def _beyond_means(patches: Patches, on_model: Readings, value: Array) -> Array:
     """By how much (5,) mm the characteristics may grow where single places lie farther out than the patches' means."""
-    low, high = farthest(patches, on_model.cell, on_model.deviation)
+    low, high = farthest(patches, on_model)
     missed = [0.0, 0.0, high - value[2], value[3] - low, 2 * max(-low, high) - value[4]]
     return DEEPER * np.maximum(missed, 0.0)
 

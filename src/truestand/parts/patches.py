@@ -35,6 +35,15 @@ LEAST_SCATTER = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings of a surface: where they stand in the scan (n,), their deviations (n,) mm and cells (n,)."""
+
+    flat: Ints
+    deviation: Array
+    cell: Ints
+
+
+@dataclass(frozen=True, slots=True)
 class Patches:
     """Means over a grid's cells, (H, A) or (H, A, R): heights from below, polar angles from -pi, radii from within."""
 
@@ -96,9 +105,10 @@ class Grid:
         return np.asarray(cell * self.radii + ring)
 
 
-def patches_of(grid: Grid, cell: Ints, deviation: Array, reach: float) -> Patches:
-    """Robust means over the grid of deviations (n,) mm, all within ``reach``, in their cells (n,)."""
+def patches_of(grid: Grid, readings: Readings, reach: float) -> Patches:
+    """Robust means over the grid of the readings' deviations, all within ``reach`` mm."""
     shape, size = grid.shape, prod(grid.shape)
+    cell, deviation = readings.cell, readings.deviation
     if not deviation.size:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - medians(cell, deviation, size, 2 * reach)[0][cell]
@@ -126,12 +136,13 @@ def _noise(cell: Ints, off: Array, count: Ints) -> Array:
     return np.asarray(np.sqrt(variance / np.maximum(count, 1)))
 
 
-def farthest(patches: Patches, cell: Ints, deviation: Array) -> tuple[float, float]:
+def farthest(patches: Patches, readings: Readings) -> tuple[float, float]:
     """How low and how high (mm) the surface reaches within patches that lie off the others, reading by reading.
 
     A patch's mean flattens what is smaller than the patch and leaves out its farthest readings; where few agree there
-    is no mean. The arguments are those of ``patches_of``.
+    is no mean. The readings are those that the patches were made of.
     """
+    cell, deviation = readings.cell, readings.deviation
     mean, noise, count = patches.mean.ravel(), patches.noise.ravel(), patches.count.ravel()
     middle = float(np.nanmedian(mean))
     off = np.isnan(mean) & (np.bincount(cell, minlength=mean.size) > FULL * np.median(count[count > 0]))

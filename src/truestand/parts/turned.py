@@ -11,7 +11,7 @@ from math import hypot, pi, tau
 import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
-from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.inspection import (
     EDITION,
@@ -25,9 +25,9 @@ from truestand.core.inspection import (
 )
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
-from truestand.form.upr import NEGLIGIBLE, transmission
+from truestand.form.upr import NEGLIGIBLE, filtered_evenly
 from truestand.parts.drawings import Section, Turned
-from truestand.parts.patches import Grid, Patches, patches_of
+from truestand.parts.patches import Grid, Patches, Readings, patches_of
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
@@ -122,13 +122,12 @@ def read_rings(rings: Rings, deviation: Array) -> Reading:
     rough = form - passed
     own, mean = _cylinder(rings, weight, radius)
     travel = radius - rings.radius - rough
-    ranges = np.where(rings.used, _range(passed, weight), 0.0)
-    turns = np.where(rings.used, _range(travel, weight), 0.0)
-    statistics = [2 * mean, ranges.max(axis=-1), _ranges(own - rough, weight), turns.max(axis=-1)]
+    statistics = [
+        2 * mean, _range(passed, weight, -1).max(axis=-1), _range(own - rough, weight, (-2, -1)),
+        _range(travel, weight, -1).max(axis=-1), _range(travel, weight, (-2, -1)),
+    ]  # fmt: skip
     nothing = np.where(weight, 0.0, np.nan)
-    return Reading(
-        np.stack([*statistics, _ranges(travel, weight)], axis=-1), passed + nothing, travel + nothing, centres
-    )
+    return Reading(np.stack(statistics, axis=-1), passed + nothing, travel + nothing, centres)
 
 
 def _circles(rings: Rings, weight: Mask, radius: Array) -> tuple[Array, Array]:
@@ -170,14 +169,10 @@ def _cylinder(rings: Rings, weight: Mask, radius: Array) -> tuple[Array, Array]:
 
 def _filtered(rings: Rings, weight: Mask, form: Array) -> Array:
     """The Gaussian filter along each circumference; gaps are bridged straight from end to end."""
-    bridged = form
-    if not weight[rings.used].all():
-        bridged = form.copy()
-        for h in np.flatnonzero(rings.used & ~weight.all(axis=1)):
-            bridged[..., h, :] = form[..., h, :] @ _bridge(weight[h])
-    spectrum = np.fft.rfft(bridged, axis=-1)
-    passed = np.fft.irfft(spectrum * transmission(np.arange(spectrum.shape[-1]), rings.cutoff), form.shape[-1], axis=-1)
-    return np.asarray(passed)
+    bridged = form.copy()
+    for h in np.flatnonzero(rings.used & ~weight.all(axis=1)):
+        bridged[..., h, :] = form[..., h, :] @ _bridge(weight[h])
+    return filtered_evenly(bridged, rings.cutoff)
 
 
 def _bridge(seen: Mask) -> Array:
@@ -193,18 +188,10 @@ def _bridge(seen: Mask) -> Array:
     return matrix
 
 
-def _range(values: Array, weight: Mask) -> Array:
-    """Range (..., H) along each circumference."""
-    high, low = np.where(weight, values, -np.inf).max(axis=-1), np.where(weight, values, np.inf).min(axis=-1)
+def _range(values: Array, weight: Mask, axes: int | tuple[int, ...]) -> Array:
+    """Range along some axes of the map; 0 where nothing was seen."""
+    high, low = np.where(weight, values, -np.inf).max(axis=axes), np.where(weight, values, np.inf).min(axis=axes)
     return np.asarray(np.where(np.isfinite(high), high - low, 0.0))
-
-
-def _ranges(values: Array, weight: Mask) -> Array:
-    """Range (...) over the whole map."""
-    axes = (-2, -1)
-    return np.asarray(
-        np.where(weight, values, -np.inf).max(axis=axes) - np.where(weight, values, np.inf).min(axis=axes)
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,15 +234,6 @@ class _Inspected:
     """(N,) rad."""
     calibration: Calibration
     datum: Datum
-
-
-@dataclass(frozen=True, slots=True)
-class _Readings:
-    """The readings of one section: where they stand in the scan, r - R (n,) mm and their cells."""
-
-    flat: Ints
-    deviation: Array
-    cell: Ints
 
 
 def inspect_turned(surface: Surface, part: Turned) -> Inspection:
@@ -301,12 +279,12 @@ def _settings(part: Turned, datum: Datum) -> dict[str, str]:
     }
 
 
-def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, _Readings]:
-    """The section's grid, and its readings within the drawing's reach, about the datum axis."""
+def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, Readings]:
+    """The section's grid, and its readings (r - R) within the drawing's reach, about the datum axis."""
     margin = min(MARGIN, 0.15 * (section.top - section.bottom))
     low, high = section.bottom + margin, section.top - margin
     pose, width = inspected.datum.pose, surface.x.shape[1]
-    flats, psis, heights, offs = [], [], [], []
+    flats, places = [], []
     for first in range(0, inspected.scan.profiles, BLOCK):
         rows = slice(first, first + BLOCK)
         z = surface.z[rows]
@@ -315,14 +293,11 @@ def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tupl
         off = np.hypot(points[:, 0], points[:, 1]) - section.diameter / 2
         on = np.flatnonzero((np.abs(off) < REACH) & (points[:, 2] > low) & (points[:, 2] < high))
         flats.append(near[on] + first * width)
-        psis.append(np.arctan2(points[on, 1], points[on, 0]))
-        heights.append(points[on, 2])
-        offs.append(off[on])
-    off = np.concatenate(offs)
-    grid = _grid(inspected, low, high, off.size)
-    return grid, _Readings(
-        np.concatenate(flats), off, grid.cells(np.concatenate(psis), np.concatenate(heights))
-    )  # fmt: skip
+        places.append(points[on])
+    x, y, z = np.concatenate(places).T
+    grid = _grid(inspected, low, high, z.size)
+    off = np.hypot(x, y) - section.diameter / 2
+    return grid, Readings(np.concatenate(flats), off, grid.cells(np.arctan2(y, x), z))
 
 
 def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid:
@@ -334,10 +309,10 @@ def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid
 
 
 def _section(
-    inspected: _Inspected, section: Section, grid: Grid, readings: _Readings
+    inspected: _Inspected, section: Section, grid: Grid, readings: Readings
 ) -> tuple[list[Characteristic], list[SectionEvidence], list[str]]:
     """One section's characteristics, what is drawn of it and what is to be said."""
-    patches = patches_of(grid, readings.cell, readings.deviation, REACH)
+    patches = patches_of(grid, readings, REACH)
     rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
     if not rings.used.any() or rings.coverage < PARTIAL:
         missing = [
@@ -412,7 +387,7 @@ def _rougher(patches: Patches, rings: Rings, reading: Reading, used: Array) -> f
     return max(1.0, float(np.sqrt(np.nanmedian(np.square(step)) / 0.4549 / 2)) / max(usual, 1e-12))
 
 
-def _moved(inspected: _Inspected, readings: _Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
+def _moved(inspected: _Inspected, readings: Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
     """How the statistics change (2, k, 5) with each independent part of the calibration's U; None: not known."""
     at = np.flatnonzero(patches.pick.ravel() >= 0)
     flat = readings.flat[patches.pick.ravel()[at]]
@@ -445,7 +420,7 @@ def _budgets(
     U = budget_lines.spread_of(moved)
     apart = rings.radius - budget_lines.base_radius(calibration)
     middle = (section.bottom + section.top) / 2
-    offset = max(hypot(*reading.centres[rings.used].mean(axis=0)), 0.0)
+    offset = hypot(*reading.centres[rings.used].mean(axis=0))
     travel = 2 * (calibration.eccentricity + offset)
     axis = [replace(c, U=2 * c.U) for c in inspected.datum.lines(middle)]  # an axis aside by c shows as 2 c
     budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
@@ -460,8 +435,10 @@ def _budgets(
                 budget_lines.temperature_line(section.diameter), budget_lines.artefact_line(calibration, 1.0),
             ]  # fmt: skip
         else:
-            lines += [budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(2.0)]
-            lines.append(budget_lines.scale_line(calibration, float(reading.statistics[i])))
+            lines += [
+                budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(2.0),
+                budget_lines.scale_line(calibration, float(reading.statistics[i])),
+            ]  # fmt: skip
         if name.endswith("runout"):
             lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0)]
         budgets.append(budget_lines.together(lines))
