@@ -87,7 +87,7 @@ def turned():
     a = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     wave = 0.004 * np.cos(3 * a) + np.zeros((4, 1))
     wave[0] = np.nan
-    section = SectionEvidence("<i>hub</i> $", 20.0, a, np.arange(4.0), wave, wave, np.zeros((4, 2)), 0.003, 0.0005)
+    section = SectionEvidence("<i>hub</i> $", 20.0, a, np.arange(4.0), wave, wave, np.zeros((4, 2)), 0.0005)
     lines = (
         Characteristic("d", 40.0123, 0.0045, section=section.name, size=True, limits=(39.98, 40.02), verdict="conforms",
                        budget=(Contribution("linearity of the sensor", 0.0044),)),
@@ -101,9 +101,7 @@ def turned():
 def cad():
     a = np.linspace(-np.pi, np.pi, 90, endpoint=False)
     deviation = 0.01 * np.sin(a) + np.zeros((6, 1))
-    evidence = CadEvidence(
-        a, np.arange(6.0), deviation, np.ones((6, 90), dtype=np.intp), 0.5, 0.003, np.eye(4), 0.0, (), 0.61
-    )
+    evidence = CadEvidence(a, np.arange(6.0), deviation, np.eye(4), 0.0, 0.61)
     lines = (
         Characteristic("deviation_max", 0.0101, 0.0042, limits=(None, 0.03), verdict="conforms"),
         Characteristic("deviation_min", -0.0102, 0.0042, limits=(-0.03, None), verdict="conforms"),

@@ -61,18 +61,10 @@ class CadEvidence:
     deviation: Array
     """(H, A) mm, normal, positive outwards: of the patches at that angle and height, whatever their radius, the one
     that deviates most; NaN = nothing of the model seen there."""
-    count: Ints
-    """(H, A) trusted readings."""
-    patch: float
-    """mm: edge of a patch."""
-    noise: float
-    """mm: standard deviation of one reading."""
     shaft_from_model: Array
     """(4, 4): where the model was found to stand in C."""
     rotation: float
     """rad: against the recipe's pose, ccw from above."""
-    other_angles: tuple[float, ...]
-    """rad: they fit as well."""
     visible: float
     """Share of the model's surface that the sensor could see."""
 
@@ -119,10 +111,7 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
         else ()
     )
     shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
-    evidence = CadEvidence(
-        grid.angle, grid.height, _most(patches), patches.count.sum(axis=2), _edge(grid), patches.scatter,
-        shaft_from_model, registration.angle, registration.other_angles, visible,
-    )  # fmt: skip
+    evidence = CadEvidence(grid.angle, grid.height, _most(patches), shaft_from_model, registration.angle, visible)
     return Inspection(
         "cad", part.name, _confirmed(found, unconfirmed), reasons=calibration.reasons,
         remarks=(*_remarks(comparison, registration, patches, visible), *_region_remarks(unconfirmed)),

@@ -211,8 +211,6 @@ class SectionEvidence:
     """(H, A) mm: filtered deviation from each height's own least-squares circle."""
     centres: Array
     """(H, 2) mm: of these circles, from the datum axis."""
-    noise: float
-    """mm: standard deviation of one reading."""
     floor: float
     """mm: roundness that the noise alone would read; it is taken off."""
 
@@ -341,7 +339,7 @@ def _section(
     ]
     evidence = SectionEvidence(
         section.name, rings.radius, grid.angle, grid.height, reading.travel, reading.form, reading.centres,
-        patches.scatter, float(from_noise(read, used, patches.noise)[1]),
+        float(from_noise(read, used, patches.noise)[1]),
     )  # fmt: skip
     said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
     remarks = [f"{said}{1000 * evidence.floor:.2g} um (taken off)"]
