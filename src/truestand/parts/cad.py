@@ -20,7 +20,7 @@ from truestand.parts.drawings import Cad
 from truestand.parts.patches import Grid, Patches, Readings, farthest, patches_of
 from truestand.parts.rays import Rays, Solid, hits_near, solid_of
 from truestand.parts.registration import Registration, motions, register, registration_remarks
-from truestand.parts.visibility import Region, coverage_of, unconfirmed_regions
+from truestand.parts.visibility import coverage_of, unconfirmed_regions
 from truestand.statistics.noise import cleared
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
@@ -119,23 +119,22 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     )  # fmt: skip
 
 
-def _confirmed(lines: tuple[Characteristic, ...], unconfirmed: tuple[Region, ...]) -> tuple[Characteristic, ...]:
+def _confirmed(lines: tuple[Characteristic, ...], unconfirmed: tuple[str, ...]) -> tuple[Characteristic, ...]:
     """The lines, undecided at least where model surface was not confirmed: what the part does there isn't known."""
     if not unconfirmed:
         return lines
     return tuple(
-        replace(c, verdict="undecided" if c.verdict == "conforms" else c.verdict, reason=unconfirmed[0].text)
-        for c in lines
+        replace(c, verdict="undecided" if c.verdict == "conforms" else c.verdict, reason=unconfirmed[0]) for c in lines
     )
 
 
-def _region_remarks(unconfirmed: tuple[Region, ...]) -> tuple[str, ...]:
+def _region_remarks(unconfirmed: tuple[str, ...]) -> tuple[str, ...]:
     more = (
         (f"{len(unconfirmed) - MOST_REGIONS} more regions are not confirmed",)
         if len(unconfirmed) > MOST_REGIONS
         else ()
     )
-    return (*(r.text for r in unconfirmed[:MOST_REGIONS]), *more)
+    return (*unconfirmed[:MOST_REGIONS], *more)
 
 
 def _settings(comparison: _Comparison, registration: Registration, grid: Grid) -> dict[str, str]:

@@ -6,14 +6,13 @@ is cast from the sensor onto the model. A reading confirms the surface that its 
 place in the profile says, if the sensor's rays keep their direction.
 """
 
-from dataclasses import dataclass
 from math import degrees, tau
 
 import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
-from truestand.core.frames import Pose
+from truestand.core.frames import Pose, in_rotor
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.parts.patches import Grid
@@ -44,28 +43,6 @@ OUTLIER = 10 * STEADY
 """How far off such a direction a reading may lie."""
 SHAFT_MARGIN = 0.3
 """mm by which the shaft may stand before the model where the drawing doesn't say so."""
-
-
-@dataclass(frozen=True, slots=True)
-class Region:
-    """A region of the model's surface that the scan doesn't confirm. mm about the datum axis, rad."""
-
-    heights: tuple[float, float]
-    radii: tuple[float, float]
-    angle: float
-    """Polar angle of its middle."""
-    behind: bool
-    """Whether readings lie behind it: there is no material."""
-
-    @property
-    def text(self) -> str:
-        """Where it is and why."""
-        (a, b), (c, d) = self.heights, self.radii
-        why = "rays went through" if self.behind else "no reading confirms it"
-        return (
-            f"model surface at polar angle {degrees(self.angle) % 360:.0f} deg, height {a:.1f} to {b:.1f} mm, radius "
-            f"{c:.1f} to {d:.1f} mm: {why}"
-        )
 
 
 def coverage_of(
@@ -112,25 +89,23 @@ def _samples(solid: Solid) -> tuple[Array, Array]:
 
 def _in_fan(scan: Scan, x: Array, z: Array) -> Mask:
     """Whether readings lie within the opening of the laser fan and the range that the scan shows."""
-    rows = np.unique(np.linspace(0, scan.profiles - 1, FAN_PROFILES).astype(np.intp))
+    rows = scan.spread(FAN_PROFILES)
     seen_x, seen_z = scan.x[rows], scan.z[rows]
     seen = np.isfinite(seen_z) & np.isfinite(seen_x)
     if not seen.any():
         return np.zeros(x.shape, dtype=np.bool_)
     slope, z_seen = seen_x[seen] / seen_z[seen], seen_z[seen]
     low, high = scan.stand.sensor.range or (float(z_seen.min()), float(z_seen.max()))
-    left, right = slope.min(), slope.max()
-    inside = (z > low) & (z < high)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(inside & (x / z >= left) & (x / z <= right))
+        return np.asarray((z > low) & (z < high) & (x / z >= slope.min()) & (x / z <= slope.max()))
 
 
 def unconfirmed_regions(
     solid: Solid, model_from_shaft: Pose, scan: Scan, angle: Array, calibration: Calibration, reach: float
-) -> tuple[Region, ...]:
+) -> tuple[str, ...]:
     """Regions of the model's surface that rays of this scan should have hit and no reading confirms within ``reach``.
 
-    ``angle``: table angle (N,) rad.
+    Where each is about the datum axis, and why. ``angle``: table angle (N,) rad.
     """
     rows, columns = _sampled(scan)
     origins, directions, length, distance = _rays(scan, angle, calibration, rows, columns)
@@ -173,12 +148,9 @@ def _rays(
     pose = calibration.table_from_sensor
     length = np.sqrt(1.0 + slope[cast] ** 2)
     in_table = (slope[cast][:, None] * pose.rotation[:, 0] + pose.rotation[:, 2]) / length[:, None]
-    c, s = np.cos(angle[rows])[row], np.sin(angle[rows])[row]
-    in_rotor = np.stack(
-        [c * in_table[:, 0] + s * in_table[:, 1], c * in_table[:, 1] - s * in_table[:, 0], in_table[:, 2]], axis=1
-    )
+    rotor = np.stack([*in_rotor(in_table[:, 0], in_table[:, 1], angle[rows][row]), in_table[:, 2]], axis=1)
     origins = sensor_origins(calibration, angle[rows])[row]
-    return origins, in_rotor @ calibration.shaft_from_rotor.rotation.T, length, np.where(seen, z, np.nan)[cast] * length
+    return origins, rotor @ calibration.shaft_from_rotor.rotation.T, length, np.where(seen, z, np.nan)[cast] * length
 
 
 def _directions(slope: Array) -> tuple[Array, Mask]:
@@ -218,7 +190,7 @@ def _grid(solid: Solid, rays: int) -> Grid:
     return Grid(low, high, heights, angles, radii, outer)
 
 
-def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[Region, ...]:
+def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[str, ...]:
     """Unconfirmed cells, as they hang together.
 
     ``points`` (n, 3) mm where rays hit the model, ``off`` (n,) mm by which their readings lie behind; NaN without one.
@@ -245,11 +217,14 @@ def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[Regio
     return tuple(found)
 
 
-def _region(grid: Grid, at: tuple[Ints, ...], behind: bool) -> Region:
+def _region(grid: Grid, at: tuple[Ints, ...], behind: bool) -> str:
+    """Where these cells are, and why they are not confirmed: without material, readings lie behind them."""
     height, radius = (grid.high - grid.low) / grid.heights, grid.outer / (grid.radii or 1)
-    direction = np.exp(1j * grid.angle[at[1]]).mean()
-    return Region(
-        (float(grid.low + height * at[0].min()), float(grid.low + height * (at[0].max() + 1))),
-        (float(radius * at[2].min()), float(radius * (at[2].max() + 1))),
-        float(np.angle(direction)), behind,
-    )  # fmt: skip
+    bottom, top = grid.low + height * at[0].min(), grid.low + height * (at[0].max() + 1)
+    inner, outer = radius * at[2].min(), radius * (at[2].max() + 1)
+    angle = degrees(np.angle(np.exp(1j * grid.angle[at[1]]).mean())) % 360
+    why = "rays went through" if behind else "no reading confirms it"
+    return (
+        f"model surface at polar angle {angle:.0f} deg, height {bottom:.1f} to {top:.1f} mm, radius "
+        f"{inner:.1f} to {outer:.1f} mm: {why}"
+    )
