@@ -166,11 +166,7 @@ def _rays(comparison: _Comparison, rows: slice | Ints, pose: Pose, columns: slic
     """The readings of some profiles through ``pose``, their directions, and where they stand among these profiles'."""
     x, y, z = (a[rows][:, columns] for a in (comparison.surface.x, comparison.surface.y, comparison.surface.z))
     seen = np.flatnonzero(np.isfinite(z))
-    turn = pose.rotation
-    points = np.empty((seen.size, 3))
-    whole = np.stack([x.ravel()[seen], y.ravel()[seen], z.ravel()[seen]], axis=-1)
-    np.dot(whole, turn.T, out=points)
-    points += pose.translation
+    points = pose(np.stack([x.ravel()[seen], y.ravel()[seen], z.ravel()[seen]], axis=-1))
     origins = pose(sensor_origins(comparison.calibration, comparison.angle[rows]))
     directions = points - np.repeat(origins, np.isfinite(z).sum(axis=1), axis=0)
     directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
@@ -350,9 +346,8 @@ def _budgets(
     if lifts is None:
         return None
     jacobian, names = motions(comparison.part.fit, points, normal, np.median(points, axis=0))
-    if comparison.part.fit != "none":
-        fitted = [i for i, name in enumerate(names) if name not in registration.free_motions]
-        lifts = lifts - _taken_up(jacobian[:, fitted], lifts)
+    fitted = [i for i, name in enumerate(names) if name not in registration.free_motions]
+    lifts = lifts - _taken_up(jacobian[:, fitted], lifts)
     U = budget_lines.spread_of(_changes(maps, lifts))
     steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, directions)), 0.95)))
     radius = np.hypot(points[:, 0], points[:, 1])
@@ -363,10 +358,10 @@ def _budgets(
         lines = [
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
             budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
+            budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP_TANGENT * steep),
+            budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"),
+            *_further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height),
         ]
-        lines.append(budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP_TANGENT * steep))
-        lines.append(budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"))
-        lines += _further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height)
         budgets.append(budget_lines.together(lines))
     return budgets
 
@@ -391,8 +386,6 @@ def _further(comparison: _Comparison, factor: float, radius: float, depth: float
 
 def _taken_up(jacobian: Array, lifts: Array) -> Array:
     """The share of lifts (k, n) that the fit takes up, by least squares of its motions (n, m)."""
-    if not jacobian.shape[1]:
-        return np.zeros_like(lifts)
     return np.asarray((jacobian @ np.linalg.lstsq(jacobian, lifts.T, rcond=1e-9)[0]).T)
 
 

@@ -15,6 +15,9 @@ from truestand.core.robust import MAD_TO_SD, TUKEY, tukey_weights
 from truestand.parts.drawings import FitTo
 from truestand.parts.rays import Rays, Solid, hits_near
 
+MOTIONS = ("angle", "height", "x", "y", "tilt about x", "tilt about y")
+ALLOWED: dict[FitTo, int] = {"none": 0, "angle": 1, "angle_and_height": 2, "all": 6}
+"""The first so many of the motions."""
 CANDIDATES = 1440
 """Angles tried: a quarter of a degree apart."""
 BATCHES = 36
@@ -125,15 +128,9 @@ def motions(fit: FitTo, points: Array, normal: Array, middle: Array) -> tuple[Ar
     Turns are about the datum axis, and for ``all`` also about X and Y through the part's middle.
     """
     about_axis = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
-    if fit == "angle":
-        return about_axis[:, None], ("angle",)
-    if fit == "angle_and_height":
-        return np.column_stack([about_axis, normal[:, 2]]), ("angle", "height")
-    lever = points - middle
-    about = np.cross(lever, normal)
-    return np.column_stack([about_axis, normal[:, 2], normal[:, :2], about[:, :2]]), (
-        "angle", "height", "x", "y", "tilt about x", "tilt about y",
-    )  # fmt: skip
+    about = np.cross(points - middle, normal)
+    allowed = ALLOWED[fit]
+    return np.column_stack([about_axis, normal[:, 2], normal[:, :2], about[:, :2]])[:, :allowed], MOTIONS[:allowed]
 
 
 def _refined(
@@ -185,27 +182,12 @@ def _step(
 
 
 def _motion(step: Array, middle: Array) -> Pose:
-    """The pose of a motion in the order of ``motions``."""
-    pose = _turn(float(step[0]))
-    if step.size == 1:
-        return pose
-    height = np.array([0.0, 0.0, step[1]])
-    if step.size == 2:
-        return Pose(pose.rotation, height)
-    vector = np.array([step[4], step[5], 0.0])
-    tilt = _rotation(vector)
-    shift = height + np.array([step[2], step[3], 0.0])
-    return Pose(tilt, middle - tilt @ middle + shift) @ pose
+    """The pose of a motion (the first of ``MOTIONS``, no other)."""
+    from scipy.spatial.transform import Rotation
 
-
-def _rotation(vector: Array) -> Array:
-    """The rotation (3, 3) by a vector's length about its direction (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-300:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + sin(angle) * cross + (1.0 - cos(angle)) * cross @ cross)
+    angle, height, x, y, about_x, about_y = np.append(step, np.zeros(len(MOTIONS) - step.size))
+    tilt = Rotation.from_rotvec([about_x, about_y, 0.0]).as_matrix()
+    return Pose(tilt, middle - tilt @ middle + np.array([x, y, height])) @ _turn(angle)
 
 
 def registration_remarks(registration: Registration) -> list[str]:
