@@ -169,7 +169,7 @@ def _largest(covariance: Array) -> float:
 def _by_zone(points: Array, fitted: FittedFeature, kind: Kind, noise: PointNoise, cutoff: float | None) -> Form:
     local = (points - fitted.point) @ fitted.frame.T
     circle = fitted.feature == "circle"
-    distance = _in_plane(local) if circle else _about_axis(local)
+    distance = _about_axis(local)
     best = zone(distance, len(local), np.zeros(2 if circle else 4), kind)
     radius = {"MZC": (best.outer + best.inner) / 2, "MCC": best.outer, "MIC": best.inner}[kind]
     q = best.parameters
@@ -207,22 +207,11 @@ def _zone_expanded(best: Zone, kind: Kind, noise: float, circle: bool) -> dict[s
     return U if circle else {**U, "direction": float(np.linalg.norm(response[2:4], 2))}
 
 
-def _in_plane(local: Array) -> Distance:
-    """Distances from a centre (x, y) in the circle's plane."""
-
-    def distance(q: Array, which: Ints) -> tuple[Array, Array]:
-        away = local[which, :2] - q
-        length = np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-300)
-        return length, -away / length[:, None]
-
-    return distance
-
-
 def _about_axis(local: Array) -> Distance:
-    """Distances from an axis (x, y, slope x, slope y) near the frame's own."""
+    """Distances from an axis (x, y, slope x, slope y) near the frame's own; that of a circle (x, y) has no slopes."""
 
     def distance(q: Array, which: Ints) -> tuple[Array, Array]:
-        length, slopes = cylinder_at(np.append(q, 0.0), local[which])
-        return length, slopes[:, :4]
+        length, slopes = cylinder_at(np.append(q, np.zeros(5 - q.size)), local[which])
+        return length, slopes[:, : q.size]
 
     return distance
