@@ -27,19 +27,6 @@ NEIGHBOURS_AMONG = 300_000
 
 
 @dataclass(frozen=True, slots=True)
-class ZoneCertificate:
-    """The proof that a zone is optimal: forces at its contacts that hold the axis in balance."""
-
-    contacts: tuple[int, ...]
-    """Row numbers, from 0, of the points that hold the axis."""
-    outside: tuple[bool, ...]
-    forces: tuple[float, ...]
-    imbalance: float
-    scope: Literal["global", "local"]
-    """Proven against every other axis, or against every small move."""
-
-
-@dataclass(frozen=True, slots=True)
 class Form:
     """An associated feature and how far the points depart from it: mm."""
 
@@ -62,7 +49,8 @@ class Form:
     """Expanded (k = 2), from the scatter of the points: point, radius and form in mm, direction in rad."""
     deviation: Array
     """(n,) mm from the feature."""
-    certificate: ZoneCertificate | None = None
+    certificate: Zone | None = None
+    """The zone that gave the reference, proven by forces at its contacts that hold the axis in balance."""
 
 
 def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cutoff_upr: float | None = None) -> Form:
@@ -179,14 +167,10 @@ def _by_zone(points: Array, fitted: FittedFeature, kind: Kind, noise: PointNoise
         direction = upright(axis / np.linalg.norm(axis))
         point = point + direction * float((points.mean(axis=0) - point) @ direction)
     deviation = distance(q, np.arange(len(local)))[0] - radius
-    certificate = ZoneCertificate(
-        tuple(map(int, best.contacts)), tuple(map(bool, best.outside)), tuple(map(float, best.forces)),
-        best.imbalance, "global" if circle and kind == "MCC" else "local",
-    )  # fmt: skip
     return Form(
         fitted.feature, kind, point, direction, radius, float(np.sqrt(np.mean(deviation**2))),
         best.outer - best.inner, len(local), cutoff, noise.sd, noise.floor,
-        _zone_expanded(best, kind, noise.sd, circle), deviation, certificate,
+        _zone_expanded(best, kind, noise.sd, circle), deviation, best,
     )  # fmt: skip
 
 

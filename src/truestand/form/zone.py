@@ -49,6 +49,8 @@ class Zone:
     """Largest component of the unbalanced force: 0 at an optimum."""
     sensitivity: Array
     """(m + 2, contacts): how parameters, outer and inner radius follow the noise of the contacts."""
+    scope: Literal["global", "local"]
+    """Proven against every other axis, or against every small move."""
 
 
 def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
@@ -144,10 +146,8 @@ class _Problem:
         unit, size = self._scales(d, slopes)
         _, _, forces = _linear_program((d - self.radius) / unit, slopes / size, self.kind, 1e-4)
         n = self.working.size
-        both = np.concatenate([self.working, self.working])
-        outside = np.arange(2 * n) < n
         holding = np.flatnonzero(forces > 1e-6)
-        return both[holding], outside[holding], forces[holding]
+        return self.working[holding % n], holding < n, forces[holding]
 
     def _sharpened(self, q: Array) -> Array:
         """Newton's method on balance and contact of the points that hold the axis."""
@@ -203,7 +203,10 @@ class _Problem:
         imbalance = float(np.abs((slopes / size).T @ (sign * forces)).max(initial=0.0))
         matrix, _ = self._conditions(q, contacts, outside, forces)
         response = np.linalg.pinv(-matrix, rcond=1e-12)[: q.size + 2, q.size + 2 :]
-        return Zone(q, outer, inner, contacts, outside, forces, imbalance, np.asarray(response, dtype=np.float64))
+        scope: Literal["global", "local"] = "global" if self.kind == "MCC" and q.size == 2 else "local"
+        return Zone(
+            q, outer, inner, contacts, outside, forces, imbalance, np.asarray(response, dtype=np.float64), scope
+        )
 
 
 def _linear_program(d: Array, slopes: Array, kind: Kind, trust: float) -> tuple[Array, float, Array]:

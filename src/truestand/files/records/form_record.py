@@ -27,9 +27,9 @@ def form_record(form: Form, created: str, source_sha256: str, run_out: float | N
         "certificate": None
         if form.certificate is None
         else {
-            "contacts": list(form.certificate.contacts),
-            "outside": list(form.certificate.outside),
-            "forces": list(form.certificate.forces),
+            "contacts": form.certificate.contacts.tolist(),
+            "outside": form.certificate.outside.tolist(),
+            "forces": form.certificate.forces.tolist(),
             "imbalance": form.certificate.imbalance,
             "scope": form.certificate.scope,
         },
