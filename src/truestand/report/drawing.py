@@ -12,14 +12,13 @@ from truestand.core.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.colorbar import Colorbar
     from matplotlib.figure import Figure
 
 
 INK, GREY, PALE = "#1f2933", "#7b8794", "#d5dbe1"
 SURFACES = ("#1f6fb2", "#c8641b", "#3d8b5f", "#8a5a9e")
 """One colour a surface, told apart by the colour-blind too (with different lightness)."""
-BEFORE, PAPER, EXACT = "#7b8794", "#c8641b", "#1f6fb2"
+BEFORE, PAPER, EXACT, FAILS = "#7b8794", "#c8641b", "#1f6fb2", "#a8240b"
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -91,23 +90,17 @@ def image(
 
 
 def deviation_map(
-    fig: "Figure",
-    axes: "Axes",
-    values: Array,
-    extent: tuple[float, float, float, float],
-    limit: float,
-    label: str = "µm",
-) -> "Colorbar":
-    """Draw deviations (rows, columns) um with their colour bar, ``limit`` um to either side; the colour bar."""
+    fig: "Figure", axes: "Axes", values: Array, extent: tuple[float, float, float, float], limit: float
+) -> None:
+    """Draw deviations (rows, columns) um with their colour bar, ``limit`` um to either side."""
     drawn = image(axes, values, extent, (-limit, limit), DIVERGING)
-    return fig.colorbar(drawn, ax=axes, label=label, pad=0.01)
+    fig.colorbar(drawn, ax=axes, label="µm", pad=0.01)
 
 
 def polar_frame(axes: "Axes", title: str, reach: float) -> None:
     """A title and room for a polar plot of radius ``reach``, without axes."""
     axes.set(title=title, xlim=(-reach, reach), ylim=(-reach, reach))
     axes.set_axis_off()
-    axes.title.set_visible(True)
 
 
 def robust(*arrays: Array | None, share: float = 0.99) -> float:

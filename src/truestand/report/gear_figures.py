@@ -18,7 +18,7 @@ from truestand.report.notation import drawn_symbol, number, value_text
 
 WIDTH = 10.2
 """Inches, of every figure of an inspection."""
-LEFT, RIGHT, TOLERANCE_BAND, FAILS = "#1f6fb2", "#c8641b", "#e7ecf0", "#a8240b"
+LEFT, RIGHT, TOLERANCE_BAND = "#1f6fb2", "#c8641b", "#e7ecf0"
 FLANKS: tuple[tuple[Flank, str, str], ...] = (("left", LEFT, "o"), ("right", RIGHT, "s"))
 F_I = r"$F_\mathrm{i}$"
 RUNOUT_TITLE = "both flanks: radial place of the ball in the space after each tooth (µm, about its mean)"
@@ -28,9 +28,9 @@ MOST_SHARE = 2.5
 """Times the limit to which the overview reaches."""
 
 
-def line_of(inspection: Inspection, name: str, flank: str | None, tooth: int | None = None) -> Characteristic | None:
-    """The characteristic of that name, flank and tooth."""
-    return next((c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth)), None)
+def line_of(inspection: Inspection, name: str, flank: str | None) -> Characteristic | None:
+    """The whole part's characteristic of that name and flank."""
+    return next((c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, None)), None)
 
 
 def limit_of(inspection: Inspection, name: str) -> float | None:
@@ -42,13 +42,18 @@ def limit_of(inspection: Inspection, name: str) -> float | None:
 @styled
 def limits_used(inspection: Inspection) -> Figure:
     """Every limited line of the whole gear as a share of its limit, with its U."""
-    lines = [c for c in inspection.characteristics if c.tooth is None and _has_share(c)]
-    names = list(dict.fromkeys(c.name for c in lines))
+    lines = [
+        (c, abs(c.value) / c.limits[1], c.U / c.limits[1])
+        for c in inspection.characteristics
+        if c.tooth is None and not c.size and c.limits is not None and c.limits[1] is not None
+        if c.value is not None and c.U is not None
+    ]
+    names = list(dict.fromkeys(c.name for c, _, _ in lines))
     fig, axes = single(WIDTH, 0.9 + 0.3 * len(names))
     axes.axvspan(0.0, 1.0, color=TOLERANCE_BAND, lw=0, zorder=0)
     axes.axvline(1.0, color=INK, lw=1.2)
-    for c in lines:
-        _share(axes, c, names.index(c.name))
+    for c, share, u_share in lines:
+        _share(axes, c.flank, share, u_share, names.index(c.name))
     for flank, colour, marker in FLANKS:
         axes.plot([], [], marker, ms=5, color=colour, label=f"{flank} flanks")
     axes.plot([], [], "D", ms=5, color=INK, label="both")
@@ -62,16 +67,8 @@ def limits_used(inspection: Inspection) -> Figure:
     return fig
 
 
-def _has_share(c: Characteristic) -> bool:
-    return c.value is not None and c.U is not None and c.limits is not None and c.limits[1] is not None and not c.size
-
-
-def _share(axes: Axes, c: Characteristic, row: int) -> None:
-    assert c.value is not None and c.U is not None and c.limits is not None and c.limits[1] is not None
-    share, u_share = abs(c.value) / c.limits[1], c.U / c.limits[1]
-    colour, marker, shift = {"left": (LEFT, "o", -0.16), "right": (RIGHT, "s", 0.16)}.get(
-        c.flank or "", (INK, "D", 0.0)
-    )
+def _share(axes: Axes, flank: Flank | None, share: float, u_share: float, row: int) -> None:
+    colour, marker, shift = {"left": (LEFT, "o", -0.16), "right": (RIGHT, "s", 0.16)}.get(flank or "", (INK, "D", 0.0))
     axes.plot([max(share - u_share, 0.0), share + u_share], [row + shift] * 2, color=colour, lw=1.6, alpha=0.45)
     if share <= MOST_SHARE:
         axes.plot([share], [row + shift], marker, ms=5, color=colour, clip_on=False, zorder=3)

@@ -14,8 +14,8 @@ from truestand.core.arrays import Array
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
-from truestand.report.drawing import GREY, INK, PALE, figure, round_down, styled
-from truestand.report.gear_figures import FAILS, FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
+from truestand.report.drawing import FAILS, GREY, INK, PALE, figure, round_down, styled
+from truestand.report.gear_figures import FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
 from truestand.report.notation import drawn_symbol, limit_text, number
 
 SHOWN_TEETH = 5

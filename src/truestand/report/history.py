@@ -6,7 +6,7 @@ from datetime import datetime
 from html import escape
 from typing import TYPE_CHECKING
 
-from truestand.report.drawing import EXACT, GREY, INK, PALE, PAPER, figure, single, styled
+from truestand.report.drawing import EXACT, FAILS, GREY, INK, PALE, PAPER, figure, single, styled
 from truestand.report.notation import number, places
 from truestand.report.page import framed, page
 from truestand.statistics.control import MR_FACTOR, ControlChart
@@ -14,8 +14,6 @@ from truestand.statistics.gage import GageStudy
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-MARK_COLOUR = "#a8240b"
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +142,7 @@ def _control_chart(chart: ControlChart, times: Sequence[str], label: str) -> "Fi
             upper.plot([k, k], [p.value - p.U, p.value + p.U], color=PALE, lw=3.0, zorder=1)
     upper.plot(x, values, "-o", ms=4.0, lw=1.0, color=EXACT, zorder=3)
     marked = [k for k, p in enumerate(chart.points) if not p.ok]
-    upper.plot(marked, [values[k] for k in marked], "D", ms=7.0, mfc="none", mec=MARK_COLOUR, mew=1.6, zorder=4)
+    upper.plot(marked, [values[k] for k in marked], "D", ms=7.0, mfc="none", mec=FAILS, mew=1.6, zorder=4)
     if chart.mean is not None:
         upper.axhline(chart.mean, color=INK, lw=0.8, zorder=2)
     for limit in (chart.lower, chart.upper):

@@ -44,9 +44,9 @@ def cell(text: str, kind: str = "n", span: int = 1) -> str:
     return f'<td class="{kind}"{across}>{text}</td>'
 
 
-def headings(names: Iterable[str], kind: str = "n") -> str:
-    """Cells of a head."""
-    return "".join(f'<th class="{kind}">{n}</th>' for n in names)
+def headings(names: Iterable[str]) -> str:
+    """Cells of a head over numbers."""
+    return "".join(f'<th class="n">{n}</th>' for n in names)
 
 
 def name_cell(c: Characteristic) -> str:
