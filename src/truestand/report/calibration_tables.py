@@ -39,8 +39,8 @@ def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
     for q in rows:
         decimals = max(places(q.U), 3)
         cells = [number(q.paper, decimals)] + [with_u(q.value, q.U)] * with_exact
-        cells += [number(q.truth, decimals), number(q.paper_error, decimals)] * with_truth
-        cells += [number(q.error, decimals)] * (with_truth and with_exact)
+        cells += [number(q.truth, decimals), number(q.minus_truth(q.paper), decimals)] * with_truth
+        cells += [number(q.minus_truth(q.value), decimals)] * (with_truth and with_exact)
         row = "".join(f'<td class="n">{text}</td>' for text in cells)
         body += f"<tr><td>{q.name} ({q.unit})<small>{q.meaning}</small></td>{row}</tr>"
     head = "<th>quantity</th>" + "".join(f'<th class="n">{title}</th>' for title in titles)
@@ -108,10 +108,8 @@ def positions(found: Positions) -> str:
                 f'<tr><td>{escape(s.harmonic.surface)}, {s.harmonic.upr} UPR</td><td class="n">{turn}</td>'
                 f'<td class="n">{um(s.U):.2f}</td></tr>'
             )
-    inseparable = ", ".join(map(str, found.inseparable))
-    note = ""
-    if inseparable:
-        note = f"<p>Not told apart by these angles: {inseparable} UPR; they stand as the shaft's.</p>"
+    listed = ", ".join(map(str, found.inseparable))
+    note = f"<p>Not told apart by these angles: {listed} UPR; they stand as the shaft's.</p>" if listed else ""
     head = '<th>what</th><th class="n">µm</th><th class="n">U (k = 2), µm</th>'
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f"<p>Shaft clamped at {angles}° for the scans, in this order.</p>{table}{note}"

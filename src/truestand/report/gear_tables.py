@@ -120,11 +120,9 @@ def _worst(lines: Sequence[Characteristic]) -> str:
 
 
 def every_tooth(inspection: Inspection) -> str:
-    """Tooth by tooth, folded away: pitch, position, run-out and the flanks' figures."""
+    """Tooth by tooth, folded away: pitch, position, run-out and the flanks' figures, where ``worst_teeth`` has any."""
     lines = {(c.name, c.flank, c.tooth): c for c in inspection.characteristics if c.tooth is not None}
     numbers = sorted({tooth for _, _, tooth in lines if tooth is not None})
-    if not numbers:
-        return ""
     names = [n for n in PER_TOOTH if any(key[0] == n for key in lines)]
     columns = [(n, f) for n in names for f in FLANKS]
     pitch = _pitches(inspection.evidence)
@@ -173,9 +171,8 @@ def published_table(inspection: Inspection) -> str:
             continue
         cells = ""
         for c, value in zip(pair, theirs, strict=True):
-            measured = c is not None and c.value is not None
             cells += cell(number(None if value is None else um(value), 0), "n first")
-            cells += cell(f"{value_text(c)} ± {u_text(c)}" if c is not None and measured else NONE)
+            cells += cell(f"{value_text(c)} ± {u_text(c)}" if c is not None and c.value is not None else NONE)
         body += f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>"
     columns = '<th class="n first">published</th><th class="n">here ± <i>U</i><small>k = 2</small></th>'
     head = (

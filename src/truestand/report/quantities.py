@@ -22,17 +22,8 @@ class Quantity:
     paper: float | None
     truth: float | None
 
-    @property
-    def error(self) -> float | None:
-        """Exact model minus truth; directions the short way round."""
-        return self._minus_truth(self.value)
-
-    @property
-    def paper_error(self) -> float | None:
-        """Published method minus truth."""
-        return self._minus_truth(self.paper)
-
-    def _minus_truth(self, value: float | None) -> float | None:
+    def minus_truth(self, value: float | None) -> float | None:
+        """A value less the true one, directions the short way round; None where either is not known."""
         if value is None or self.truth is None:
             return None
         difference = value - self.truth

@@ -33,7 +33,7 @@ def summary_table(
         row += [number(q.paper, decimals)] if published else []
         row += [with_u(q.value, q.U)] if exact else []
         if truth is not None:
-            row += [number(q.truth, decimals), number(q.error if exact else q.paper_error, decimals)]
+            row += [number(q.truth, decimals), number(q.minus_truth(q.value if exact else q.paper), decimals)]
         table.add_row(*row)
     row = ["Residual, 90 % within (µm)"]
     for c in ([paper or calibration] if published else []) + ([calibration] if exact else []):
