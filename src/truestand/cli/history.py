@@ -49,12 +49,13 @@ def history(
         return
     opened = open_store(store)
     quantities, parts = series(opened, since, quantity), inspections(opened, since, part)
+    courses, lines = [_course(s) for s in quantities], [_line(i) for i in parts]
     if report is not None:
-        _write_report(report, opened, quantities, parts)
+        _write_report(report, opened, courses, lines)
     if as_json:
         print_json(_record(opened, quantities, parts))
     elif not quiet:
-        _print(quantities, parts, quantity)
+        _print(courses, lines, quantity)
         if report is not None:
             typer.echo(report)
 
@@ -67,26 +68,22 @@ def _check(since: str | None) -> None:
         raise BadRecipe(f"found --since {since!r}, need a day such as 2026-01-31") from None
 
 
-def _print(quantities: list[Series], parts: list[Result], quantity: str | None) -> None:
-    courses = [_course(s) for s in quantities]
+def _print(courses: list[QuantityHistory], lines: list[InspectionRow], quantity: str | None) -> None:
     if quantity is not None:
         for course in courses:
             print_table(readings_table(course))
         return
     print_table(series_table(courses))
-    if parts:
-        print_table(inspections_table([_line(i) for i in parts]))
+    if lines:
+        print_table(inspections_table(lines))
 
 
-def _write_report(path: Path, store: Store, quantities: list[Series], parts: list[Result]) -> None:
+def _write_report(path: Path, store: Store, courses: list[QuantityHistory], lines: list[InspectionRow]) -> None:
     stand = Path("stand.toml")
     company = read_company(stand) if stand.is_file() else None
     number, stated = store.head()
     head = f"{store.folder.name}: last entry {number}, hash {stated}"
-    text = history_report(
-        [_course(s) for s in quantities], [_line(i) for i in parts], head, company.name if company else None
-    )
-    write_text_atomic(path, text)
+    write_text_atomic(path, history_report(courses, lines, head, company.name if company else None))
 
 
 def _course(s: Series) -> QuantityHistory:
