@@ -58,7 +58,6 @@ class Mesh:
 
     vertices: Array
     faces: NDArray[np.int64]
-    sha256: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,5 @@
 """CAD models as triangles in mm: STL (binary and text), PLY, and STEP with an extra, told apart by their content."""
 
-import hashlib
 import re
 from importlib.util import find_spec
 from io import BytesIO
@@ -55,7 +54,7 @@ def read_mesh(path: Path | str, unit: Unit = "mm") -> Mesh:
     if not data.lstrip()[:12].upper().startswith(STEP_START):
         vertices = vertices * MM_PER_UNIT[unit]
     _refuse_invalid(vertices, faces, path.name)
-    return _merged(vertices, faces, path.name, hashlib.sha256(data).hexdigest())
+    return _merged(vertices, faces, path.name)
 
 
 def _triangles(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
@@ -155,7 +154,7 @@ def _refuse_invalid(vertices: Array, faces: NDArray[np.int64], name: str) -> Non
         )
 
 
-def _merged(vertices: Array, faces: NDArray[np.int64], name: str, sha256: str) -> Mesh:
+def _merged(vertices: Array, faces: NDArray[np.int64], name: str) -> Mesh:
     """The model with each vertex once, facing outwards where it is closed."""
     import trimesh
 
@@ -170,4 +169,4 @@ def _merged(vertices: Array, faces: NDArray[np.int64], name: str, sha256: str) -
             raise UnreadableFile(f"{name}: the triangles face both ways; let your CAD repair the model's normals")
         if mesh.volume < 0:
             found = found[:, ::-1].copy()
-    return Mesh(np.asarray(mesh.vertices, np.float64), found, sha256)
+    return Mesh(np.asarray(mesh.vertices, np.float64), found)
