@@ -191,10 +191,9 @@ def _points_on_model(comparison: _Comparison, model_from_shaft: Pose) -> Array:
 
 def _grid(comparison: _Comparison) -> Grid:
     """Patches about the datum axis over the model and what lies within its reach."""
-    corners = comparison.solid.corners
-    low, high = float(corners[:, :, 2].min()) - GRID_MARGIN, float(corners[:, :, 2].max()) + GRID_MARGIN
-    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max()) + GRID_MARGIN
-    area = float(comparison.solid.area.sum()) / 2  # some half of it is seen
+    solid = comparison.solid
+    low, high, outer = float(solid.low[2]) - GRID_MARGIN, float(solid.high[2]) + GRID_MARGIN, solid.outer + GRID_MARGIN
+    area = float(solid.area.sum()) / 2  # some half of it is seen
     readings = max(comparison.surface.x.size * comparison.scan.seen, 1.0)
     edge = max(
         PATCH,

@@ -44,6 +44,8 @@ class Solid:
     low: Array
     """(3,) mm: the box around the model."""
     high: Array
+    outer: float
+    """mm: how far it reaches from the axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +97,8 @@ def solid_of(mesh: Mesh, pose: Array) -> Solid:
         TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
     level = np.einsum("ij,ij->i", normal, corners[:, 0])
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    return Solid(scenes[0], scenes[1], normal, level, corners, twice[whole] / 2, low, high)
+    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max())
+    return Solid(scenes[0], scenes[1], normal, level, corners, twice[whole] / 2, low, high, outer)
 
 
 def hits_near(solid: Solid, rays: Rays, reach: float, tight: bool = True) -> Hits:

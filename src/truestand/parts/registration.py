@@ -54,9 +54,8 @@ class Registration:
 
 def register(solid: Solid, rays: Rays, fit: FitTo, reach: float) -> Registration:
     """The pose that ``fit`` allows in which the readings lie best on the model; tries all angles first."""
-    still = Pose.from_matrix(np.eye(4))
     if fit == "none" or len(rays.points) < 100:
-        return Registration(still, 0.0)
+        return Registration(Pose.from_matrix(np.eye(4)), 0.0)
     middle = np.median(rays.points, axis=0)
     few = rays.sample(COMPARED_READINGS)
     starts = [_refined(solid, few, _turn(a), fit, reach, middle, COARSE_STEPS)[0] for a in _starts(solid, few, reach)]

@@ -182,9 +182,7 @@ def _at_shaft(origins: Array, directions: Array, calibration: Calibration) -> Ar
 
 def _grid(solid: Solid, rays: int) -> Grid:
     """Cells about the datum axis, over the model."""
-    corners = solid.corners
-    low, high = float(corners[:, :, 2].min()), float(corners[:, :, 2].max())
-    outer = float(np.hypot(corners[:, :, 0], corners[:, :, 1]).max())
+    low, high, outer = float(solid.low[2]), float(solid.high[2]), solid.outer
     edge = max(CELL, (RAYS_PER_CELL * float(solid.area.sum()) / 2 / max(rays, 1)) ** 0.5)
     heights, angles, radii = (max(1, round(extent / edge)) for extent in (high - low, tau * outer, outer))
     return Grid(low, high, heights, angles, radii, outer)
