@@ -100,7 +100,11 @@ def serve_virtual_stand(
     Example: truestand stand simulate stand.toml --part gear.toml --pace 5
     """
     faults = sorted((fault_at(text) for text in fault or []), key=lambda one: one[2])
-    virtual = _virtual_stand(stand, artefact, part, pace, seed)
+    described, recipes = read_devices(stand)
+    endpoints = [_endpoint(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
+    on_shaft, shaft = _virtual_part(part), _shaft(artefact)
+    simulation = simulation_from(read_simulation(stand))
+    virtual = virtual_stand(described, simulation, shaft, recipes.table, endpoints, on_shaft, pace, seed)
     virtual.mount(part is not None if mounted is None else mounted == "part")
     if truth is not None:
         write_json_atomic(truth, truth_record(virtual.truth(part is not None)))
@@ -115,14 +119,6 @@ def _virtual_part(recipe: Path | None) -> VirtualPart | None:
     if recipe is None:
         return None
     return virtual_part_from(read_part(recipe), read_part_simulation(recipe), f"{recipe}: [simulation]")
-
-
-def _virtual_stand(stand: Path, artefact: Path | None, part: Path | None, pace: float, seed: int) -> VirtualStand:
-    described, recipes = read_devices(stand)
-    endpoints = [_endpoint(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
-    mounted, shaft = _virtual_part(part), _shaft(artefact)
-    simulation = simulation_from(read_simulation(stand))
-    return virtual_stand(described, simulation, shaft, recipes.table, endpoints, mounted, pace, seed)
 
 
 def _endpoint(recipe: SensorRecipe, sensor: Sensor) -> SensorEndpoint:
