@@ -17,7 +17,7 @@ from truestand.cli.options import (
     StoreOption,
     output_option,
 )
-from truestand.cli.store import result_keeper
+from truestand.cli.store import keep, results_folder
 from truestand.cli.terminal import hint, print_json, progress, scan_progress
 from truestand.core.errors import BadRecipe
 from truestand.files.scans.write_scan import NATIVE, check_output
@@ -50,16 +50,16 @@ def acquire(
     if output.suffix.lower() not in NATIVE:
         raise BadRecipe(f"{output}: found suffix {output.suffix!r}, need .h5; `truestand import` writes others")
     described, devices = read_devices(stand)
-    keeper = result_keeper(store, stand, operator, quiet)
+    results = results_folder(store, stand)
     settings = scan_settings(described, devices.acquire, turns)
     for sensor in devices.sensor:
         check_output(output_path(output, sensor.name, len(devices.sensor)), force)
     with interrupted_by_signals(), scan_progress(quiet) as show:
         outcome = take_scan(stand, described, devices, settings, output, show, keep_log)
     if outcome.written:
-        scans = {f"scan {one.scan.sensor}": one.path for one in outcome.written}
+        evidence = {f"scan {one.scan.sensor}": one.path for one in outcome.written} | {"stand": stand}
         status = "complete" if outcome.complete else "incomplete"
-        keeper.add("scan", {"status": status, **_record(outcome)}, {**scans, "stand": stand})
+        keep(results, "scan", {"status": status, **_record(outcome)}, evidence, operator, quiet)
     _print_and_exit(outcome, as_json, quiet)
 
 

@@ -21,7 +21,7 @@ from truestand.cli.options import (
     TruthOption,
     output_option,
 )
-from truestand.cli.store import result_keeper
+from truestand.cli.store import keep, results_folder
 from truestand.cli.terminal import hint, print_json, print_table, step_progress
 from truestand.core.calibration import Method
 from truestand.core.errors import BadRecipe
@@ -62,7 +62,7 @@ def calibrate(
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
     clamped = _clamping_angles(scans, clamped_at_deg, method)
-    keeper = result_keeper(store, stand, operator, quiet)
+    results = results_folder(store, stand)
     reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
     outcome = calibrate_job(
@@ -70,7 +70,7 @@ def calibrate(
         step_progress("Calibrating", quiet), method=method, clamped=clamped, truth=known,
     )  # fmt: skip
     calibration, _ = outcome.result
-    keeper.add(outcome.kind, outcome.record, outcome.evidence)
+    keep(results, outcome.kind, outcome.record, outcome.evidence, operator, quiet)
     if as_json:
         print_json(outcome.record)
     elif not quiet:
@@ -123,14 +123,14 @@ def verify(
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
-    keeper = result_keeper(store, stand, operator, quiet)
+    results = results_folder(store, stand)
     reader = scan_reader(stand, start_angle_deg, quiet)
     outcome = verify_job(
         Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.when_asked(scan),
         step_progress("Verifying", quiet), limit=mm_from_um(limit_um), start_stated=reader.start_stated,
     )  # fmt: skip
     verification = outcome.result
-    keeper.add(outcome.kind, outcome.record, outcome.evidence)
+    keep(results, outcome.kind, outcome.record, outcome.evidence, operator, quiet)
     if as_json:
         print_json(outcome.record)
     elif not quiet:

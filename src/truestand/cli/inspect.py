@@ -22,7 +22,7 @@ from truestand.cli.options import (
     TruthOption,
     output_option,
 )
-from truestand.cli.store import result_keeper
+from truestand.cli.store import keep, results_folder
 from truestand.cli.terminal import hint, print_json, print_table, progress, step_progress
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
@@ -69,7 +69,7 @@ def inspect(
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
-    keeper = result_keeper(store, stand, operator, quiet)
+    results = results_folder(store, stand)
     reader = scan_reader(stand, start_angle_deg, quiet)
     known = None if truth is None else read_json(truth)
     outputs = Outputs(output, cloud, report, table)
@@ -79,7 +79,7 @@ def inspect(
         step_progress("Inspecting", quiet), identity=identity, start_stated=reader.start_stated, truth=known,
     )  # fmt: skip
     inspection = outcome.result
-    keeper.add(outcome.kind, outcome.record, outcome.evidence)
+    keep(results, outcome.kind, outcome.record, outcome.evidence, operator, quiet)
     if as_json:
         print_json(outcome.record)
     elif not quiet:

@@ -1,7 +1,6 @@
 """``truestand store`` and ``audit``, and how other commands add their results to a store."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,23 +32,8 @@ def _folder(store: Path | None) -> Path:
     return folder
 
 
-@dataclass(frozen=True, slots=True)
-class ResultKeeper:
-    """Adds results to a store, once their files are written; without a store nothing is kept."""
-
-    folder: Path | None
-    operator: str | None
-    quiet: bool
-
-    def add(self, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path]) -> None:
-        """Add a record with the files, by role, that it rests on, and print the entry's number."""
-        if self.folder is not None:
-            entry = Store.open(self.folder, create=True).add(kind, record, evidence, operator=self.operator)
-            hint(f"kept as entry {entry.number} in {self.folder}", self.quiet)
-
-
-def result_keeper(store: Path | None, stand: Path | None, operator: str | None, quiet: bool) -> ResultKeeper:
-    """For the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
+def results_folder(store: Path | None, stand: Path | None) -> Path | None:
+    """Of the store that the options name; without ``--store`` that of stand.toml. To be called before the work.
 
     Raises:
         BadStore: a store that can't be written to.
@@ -57,7 +41,20 @@ def result_keeper(store: Path | None, stand: Path | None, operator: str | None, 
     folder = store or (None if stand is None else read_store_folder(stand))
     if folder is not None:
         Store.open(folder, create=True)
-    return ResultKeeper(folder, operator, quiet)
+    return folder
+
+
+def keep(
+    folder: Path | None, kind: str, record: Mapping[str, Any], evidence: Mapping[str, Path], operator: str | None,
+    quiet: bool,
+) -> None:  # fmt: skip
+    """Add a record with the files, by role, that it rests on, once they are written; without a store nothing is kept.
+
+    Prints the entry's number.
+    """
+    if folder is not None:
+        entry = Store.open(folder, create=True).add(kind, record, evidence, operator=operator)
+        hint(f"kept as entry {entry.number} in {folder}", quiet)
 
 
 def list_entries(
