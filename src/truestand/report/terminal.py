@@ -2,25 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from math import hypot
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from rich.table import Table
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
+from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.notation import limit_text, number, places, u_text, unit, value_text, with_u
 from truestand.report.quantities import quantities
 from truestand.report.true_values import true_value, true_values
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from truestand.report.history import InspectionRow, QuantityHistory
-    from truestand.statistics.gage import GageStudy
+from truestand.statistics.gage import GageStudy
 
 
 def summary_table(
     calibration: Calibration, paper: Calibration | None = None, truth: Mapping[str, Any] | None = None
-) -> "Table":
+) -> Table:
     """Paper's method, exact model with U (k = 2), truth and error where given."""
     exact, published = calibration.method == "stand", paper is not None or calibration.method == "paper"
     columns = ["paper's method"] if published else []
@@ -42,7 +40,7 @@ def summary_table(
     return table
 
 
-def positions_table(positions: Positions) -> "Table":
+def positions_table(positions: Positions) -> Table:
     """What several clampings told apart: the steps' axes and the table's bearing."""
     angles = ", ".join(f"{degrees(a):g}" for a in positions.clamped)
     table = _table(f"Told apart by clampings at {angles} deg", ("what",), ("um", "U (k = 2), um"))
@@ -58,7 +56,7 @@ def positions_table(positions: Positions) -> "Table":
     return table
 
 
-def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = None) -> "Table":
+def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = None) -> Table:
     """The whole part's characteristics with U, limit, class and verdict; what was not measurable says so.
 
     Beside them what the published compensation makes of the same scan, and the truth where it is given.
@@ -97,7 +95,7 @@ def _row(c: Characteristic) -> tuple[str, ...]:
     return label, c.flank or "", value + status, limits, "" if c.grade is None else str(c.grade), verdict
 
 
-def series_table(histories: "Sequence[QuantityHistory]") -> "Table":
+def series_table(histories: Sequence[QuantityHistory]) -> Table:
     """Each quantity with its last reading, what changed, the limits and whether all is well."""
     right = ("n", "last", "U", "change", "drift", "limits", "unit")
     table = _table("Calibrations", ("quantity",), right, ("ok",))
@@ -112,7 +110,7 @@ def series_table(histories: "Sequence[QuantityHistory]") -> "Table":
     return table
 
 
-def readings_table(history: "QuantityHistory") -> "Table":
+def readings_table(history: QuantityHistory) -> Table:
     """One quantity, reading by reading."""
     d = places(history.chart.points[-1].U)
     title = f"{history.title} ({history.unit}), limits {_control_limits(history, d)}"
@@ -124,7 +122,7 @@ def readings_table(history: "QuantityHistory") -> "Table":
     return table
 
 
-def inspections_table(inspections: "Sequence[InspectionRow]") -> "Table":
+def inspections_table(inspections: Sequence[InspectionRow]) -> Table:
     """Inspections by part."""
     table = _table("Inspections", ("part", "serial"), ("entry",), ("time", "operator", "verdict"))
     for i in inspections:
@@ -133,7 +131,7 @@ def inspections_table(inspections: "Sequence[InspectionRow]") -> "Table":
     return table
 
 
-def study_table(studies: "Mapping[str, GageStudy]", source: str) -> "Table":
+def study_table(studies: Mapping[str, GageStudy], source: str) -> Table:
     """Standard deviations of each source, Gage R&R in per cent of the total variation, categories."""
     first = next(iter(studies.values()))
     title = f"{source}: {first.operators} operators x {first.parts} parts x {first.trials} trials"
@@ -144,7 +142,7 @@ def study_table(studies: "Mapping[str, GageStudy]", source: str) -> "Table":
     return table
 
 
-def _control_limits(history: "QuantityHistory", decimals: int) -> str:
+def _control_limits(history: QuantityHistory, decimals: int) -> str:
     chart = history.chart
     if chart.lower is None:
         return ""
@@ -152,10 +150,8 @@ def _control_limits(history: "QuantityHistory", decimals: int) -> str:
     return f"{number(chart.lower, decimals)} .. {number(chart.upper, decimals)}{few}"
 
 
-def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence[str] = ()) -> "Table":
+def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence[str] = ()) -> Table:
     """An empty table: columns of text, of numbers, and of text again."""
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left")
     groups: list[tuple[Sequence[str], Literal["left", "right"]]] = [(left, "left"), (right, "right"), (last, "left")]
     for headings, justify in groups:
