@@ -331,7 +331,7 @@ def _section(
     clear = replace(clear, value=np.append(reading.statistics[0], clear.value[1:]))  # a mean has no bias
     whole = status_of(rings.coverage)
     closed = whole if bool(rings.closed.all()) else "partial"
-    noise = np.maximum(clear.u, 0.0) * _rougher(patches, rings, reading, used)
+    noise = clear.u * _rougher(patches, rings, used)
     U = _budgets(inspected, section, rings, _moved(inspected, readings, patches, rings, used), reading, noise)
     lines = [
         _characteristic(section, how, float(clear.value[i]), U[i], rings.coverage, closed if i else whole)
@@ -378,7 +378,7 @@ def _characteristic(
     )  # fmt: skip
 
 
-def _rougher(patches: Patches, rings: Rings, reading: Reading, used: Array) -> float:
+def _rougher(patches: Patches, rings: Rings, used: Array) -> float:
     """By how much neighbouring cells differ more than their readings' own noise explains: speckle, drift, fine form."""
     usual = float(np.sqrt(np.nanmean(np.square(patches.noise[patches.seen]))))
     step = np.diff(np.where(rings.used[:, None], used, np.nan), axis=1)

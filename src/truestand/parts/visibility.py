@@ -56,8 +56,7 @@ def coverage_of(
     from scipy.spatial import cKDTree
 
     points, normal = _samples(solid)
-    shaft_from_part = part_from_shaft.inverse
-    at = shaft_from_part(points)
+    at = part_from_shaft.inverse(points)
     angle = seen_at(calibration, at)
     reached = np.flatnonzero(np.isfinite(angle))
     x, z = readings_of(calibration, at[reached], angle[reached])
@@ -67,7 +66,7 @@ def coverage_of(
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     facing = np.einsum("ij,ij->i", normal[reached], directions) < -LEAST_FACING
     reached, origins = reached[facing], origins[facing]
-    visible = points[reached[clear_view(solid, origins, points[reached], NEAR)]] if reached.size else points[:0]
+    visible = points[reached[clear_view(solid, origins, points[reached], NEAR)]]
     if not len(visible) or not len(readings):
         return 0.0, len(visible) / SAMPLES
     distance, _ = cKDTree(readings).query(visible, distance_upper_bound=SEEN_WITHIN)
