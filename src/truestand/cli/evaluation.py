@@ -13,6 +13,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Stand
 from truestand.files.recipes.recipes import read_stand
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.scans.read import read_recording
 from truestand.station.pipeline import TakeScans
 
@@ -41,9 +42,10 @@ class ScanReader:
         """Reads these scans when a job of the pipeline asks for them."""
         return lambda calibrated: tuple(self.read(path, calibrated) for path in paths)
 
-    def transferred(self, path: Path, calibration: Calibration) -> Transfer:
+    def transferred(self, path: Path, calibration: Path) -> Transfer:
         """A scan of any part, and the calibration as it applies to it."""
-        return transfer(self.read(path, calibration.stand), calibration, self.start_stated)
+        known = read_calibration(calibration)
+        return transfer(self.read(path, known.stand), known, self.start_stated)
 
 
 def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool) -> ScanReader:

@@ -16,7 +16,6 @@ from truestand.core.errors import BadRecipe
 from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_json_atomic
-from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.form_record import form_record
 from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
@@ -112,7 +111,7 @@ def _transferred(
     """The scan, and the calibration as it applies to it."""
     if feature not in ("circle", "cylinder"):
         raise BadRecipe(f"a {feature} can't be taken from a scan of the artefact; use circle or cylinder")
-    return scan_reader(stand, start_angle_deg, quiet=True).transferred(path, read_calibration(calibration))
+    return scan_reader(stand, start_angle_deg, quiet=True).transferred(path, calibration)
 
 
 def _section(transferred: Transfer, feature: Feature, surface: str | None, height: float | None) -> Array:

@@ -30,7 +30,6 @@ from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_text_atomic
 from truestand.files.recipes.parts import recipe_of_identified
-from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.record import read_json
 from truestand.files.shapes.clouds import check_suffix, write_cloud
 from truestand.gear.match import IdentifiedGear, toothed_heights
@@ -107,8 +106,7 @@ def roll(
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
     check_suffix(output)
-    known = read_calibration(calibration)
-    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, known)
+    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, calibration)
     with progress("Rolling up", quiet):
         surface = apply_calibration(transferred.scan, transferred.calibration)
         write_cloud(output, surface.x, surface.y, surface.z)
@@ -138,8 +136,7 @@ def identify(
     """
     if output is not None and output.exists() and not force:
         raise BadRecipe(f"found {output} already there; choose another name or pass --force")
-    known = read_calibration(calibration)
-    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, known)
+    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, calibration)
     with progress("Identifying", quiet):
         surface = apply_calibration(transferred.scan, transferred.calibration)
         datum = Pose.from_matrix(np.eye(4))
