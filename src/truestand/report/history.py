@@ -162,8 +162,7 @@ def _variation_bars(study: GageStudy) -> "Figure":
     """What each source contributes, per cent of the total variation."""
     fig, axes = single(6.0, 1.9)
     names = ("repeatability EV", "operators AV", "interaction", "Gage R&R", "parts PV")
-    values = (study.EV, study.AV, study.INT, study.GRR, study.PV)
-    shares = [study.share(v) or 0.0 for v in values]
+    shares = [study.share(v) or 0.0 for v in (study.EV, study.AV, study.INT, study.GRR, study.PV)]
     axes.barh(names[::-1], shares[::-1], color=[EXACT, PAPER, GREY, GREY, GREY])
     axes.set(xlabel="% of total variation", xlim=(0.0, 105.0))
     for name, share in zip(names, shares, strict=True):
