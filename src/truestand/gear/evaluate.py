@@ -386,7 +386,7 @@ def noise_of(m: Measures, weights: Weights) -> tuple[Figures, Figures]:
 def corrected(base: Figures, noisier: Figures) -> Figures:
     """The figures without the bias of noise: the largest of many values reads too much even where all are zero.
 
-    The square of a figure is extrapolated to no noise (as ``core.denoise`` does, Cook and Stefanski 1994).
+    The square of a figure is extrapolated to no noise (as ``statistics.noise`` does, Cook and Stefanski 1994).
     """
     return {
         n: np.sqrt(np.maximum(2 * v * v - noisier[n] ** 2, 0.0)) if n.removesuffix(MEAN) in NEVER_NEGATIVE else v

@@ -87,7 +87,7 @@ def inspect_cad(surface: Surface, part: Cad) -> Inspection:
     """Deviations of the part from its model, after the fit that the recipe allows, with U (k = 2) and verdict.
 
     The pose of the recipe places the model about the datum axis. Statistics are taken on patches of the surface, less
-    noise's share (``core.denoise``); coverage is the share of the visible surface that has readings.
+    noise's share (``statistics.noise``); coverage is the share of the visible surface that has readings.
 
     Raises:
         NotEnoughData: a model without surface.

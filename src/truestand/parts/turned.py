@@ -36,7 +36,7 @@ STATISTICS = ("d", "roundness", "cylindricity", "runout", "total_runout")
 STEPS = 5
 """Of the fits: each gains the ratio of radius to offset, 10 and more."""
 GAP = 1.5
-"""Of half the shortest wave that passes the filter: the largest gap of a closed profile (as in ``core.upr``)."""
+"""Of half the shortest wave that passes the filter: the largest gap of a closed profile (as in ``form.upr``)."""
 REACH = 1.0
 """mm: a surface farther than this from its drawing is another one's, or an outlier."""
 MARGIN = 0.3
@@ -238,7 +238,7 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
     """Each section's diameter, roundness, cylindricity, circular and total run-out, with U (k = 2) and verdict.
 
     All about the datum axis. Where too little was seen there is no number; a circumference that isn't closed makes form
-    and run-out partial at best. Noise's share of the ranges is taken off (``core.denoise``).
+    and run-out partial at best. Noise's share of the ranges is taken off (``statistics.noise``).
 
     Raises:
         BadRecipe: a surface without its scan and calibration, or a datum that the shaft doesn't have.
