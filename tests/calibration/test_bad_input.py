@@ -125,6 +125,15 @@ def test_a_wave_is_found_beside_a_flat(share):
     assert np.count_nonzero(found.outliers & flat) > 0.9 * np.count_nonzero(flat)
 
 
+def test_a_wave_is_found_though_the_table_stands_still_for_most_of_the_scan():
+    turning = np.linspace(0, 4.4 * pi, 1100)
+    angle = np.concatenate([turning[:600], np.full(3000, turning[599]), turning[600:]])
+    trace = 1.5 * np.cos(angle - 0.7) + np.random.default_rng(1).normal(0, 0.005, angle.size)
+    found = robust_wave(angle, trace)
+    assert found.series.amplitude(1) == pytest.approx(1.5, abs=0.002)
+    assert not found.outliers.any()
+
+
 def test_form_of_many_waves_has_no_outliers():
     angle = np.linspace(0, 2 * pi, 1000, endpoint=False)
     trace = 0.9 * np.cos(angle) + sum(0.02 / n * np.cos(n * angle - n) for n in range(2, 9))

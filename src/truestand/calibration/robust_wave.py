@@ -150,7 +150,7 @@ def _concentrated(design: Array, trace: Array, solutions: Array, kept: int, step
     for _ in range(steps):
         squares = np.square(trace - solutions @ design.T)
         nearest = (squares <= np.partition(squares, kept - 1)[:, kept - 1 : kept]).astype(np.float64)
-        normal = (nearest @ products).reshape(-1, p, p) + 1e-12 * np.eye(p)
+        normal = (nearest @ products).reshape(-1, p, p) + 1e-12 * kept * np.eye(p)  # all may have one angle
         better = np.asarray(np.linalg.solve(normal, (nearest @ moments)[:, :, None])[:, :, 0], dtype=np.float64)
         if np.abs(better - solutions).max() < 1e-9:
             break
