@@ -14,7 +14,7 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose, in_rotor, shaft_parameters
+from truestand.core.frames import Pose, in_rotor, in_table, shaft_parameters
 from truestand.core.scan import Scan
 
 BLOCK = 64
@@ -128,17 +128,12 @@ def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tu
 def _published(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
     """The same by steps 5, 8 and 9 of the paper: radial less the compensation wave, then rolled up."""
     ex, ey, _, _ = shaft_parameters(shaft_from_rotor)
-    rotation, translation = table_from_sensor.rotation, table_from_sensor.translation
-    c, s = np.cos(angle), np.sin(angle)
-    wave = ex * c - ey * s
+    wave, _ = in_rotor(ex, -ey, angle)
     out = np.empty((3, *scan.x.shape))
     for first in range(0, scan.profiles, BLOCK):
-        rows = slice(first, min(first + BLOCK, scan.profiles))
-        x, z = scan.x[rows], scan.z[rows]
-        radial = rotation[0, 0] * x + rotation[0, 2] * z + (translation[0] - wave[rows])[:, None]
-        out[0, rows] = radial * c[rows, None]
-        out[1, rows] = -radial * s[rows, None]
-        out[2, rows] = rotation[2, 0] * x + rotation[2, 2] * z + translation[2]
+        rows = slice(first, first + BLOCK)
+        radial, out[2, rows] = in_table(table_from_sensor, scan.x[rows], scan.z[rows])
+        out[0, rows], out[1, rows] = in_rotor(radial - wave[rows, None], 0.0, angle[rows, None])
     return out
 
 
