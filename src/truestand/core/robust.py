@@ -59,7 +59,6 @@ def tukey_fit(design: Array, samples: Array, least_limit: float) -> tuple[Array,
     ``least_limit`` (the samples' unit): deviations below it are never outliers.
     """
     solution = np.linalg.lstsq(design, samples, rcond=None)[0]
-    weights = np.ones(samples.size)
     for _ in range(MOST_FIT_STEPS):
         deviations = samples - design @ solution
         weights = tukey_weights(deviations / max(TUKEY * robust_sd(deviations), least_limit))
@@ -107,11 +106,9 @@ def medians(
 def trimmed_means(cell: NDArray[np.integer], values: Array, cells: int) -> tuple[Array, Array]:
     """Mean (cells,) of the values (n,) in each cell without outliers, 0 where there is none, and how many they are."""
     trusted = np.ones(values.size, dtype=np.bool_)
-    count, means = np.zeros(cells), np.zeros(cells)
     for _ in range(TRIMMING_PASSES):
         count = np.bincount(cell[trusted], minlength=cells).astype(np.float64)
         means = np.bincount(cell[trusted], values[trusted], cells) / np.maximum(count, 1.0)
         off = np.abs(values - means[cell])
-        limit = TRIMMED_SD * robust_sd(off) if off.size else 0.0
-        trusted = off < limit + 1e-9
+        trusted = off < TRIMMED_SD * robust_sd(off) + 1e-9
     return means, count
