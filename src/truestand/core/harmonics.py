@@ -5,7 +5,7 @@ whenever the arc is no whole number of turns (theory page, *Leakage*).
 """
 
 from dataclasses import dataclass
-from math import atan2, hypot, pi
+from math import hypot, pi
 
 import numpy as np
 
@@ -26,11 +26,6 @@ class Harmonics:
         """Amplitude of the harmonic ``upr``, in the trace's unit."""
         i = self.orders.index(upr)
         return hypot(self.cos[i], self.sin[i])
-
-    def phase(self, upr: int) -> float:
-        """Phase p of the harmonic A cos(upr t - p), rad in (-pi, pi]."""
-        i = self.orders.index(upr)
-        return atan2(self.sin[i], self.cos[i])
 
     def __call__(self, angle: Array) -> Array:
         """The series at ``angle`` (rad)."""
