@@ -94,8 +94,7 @@ def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
     """The keys that a table knows, following ``parents`` down from ``model``."""
     for parent in parents:
         if isinstance(parent, str):
-            inner = _model_in(model.model_fields[parent].annotation)
-            model = inner if inner is not None else model
+            model = _model_in(model.model_fields[parent].annotation) or model
     return list(model.model_fields)
 
 

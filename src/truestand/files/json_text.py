@@ -20,21 +20,16 @@ def parse_json(text: str, name: str, advice: str) -> Any:
     try:
         return json.loads(text, parse_float=_finite, parse_int=_whole, parse_constant=_refuse)
     except _NoNumber as wrong:
-        place = re.search(rf"[:,\[]\s*{re.escape(wrong.found)}(?=\s*[,\]}}])", text)
+        found = str(wrong)
+        place = re.search(rf"[:,\[]\s*{re.escape(found)}(?=\s*[,\]}}])", text)
         line = text.count("\n", 0, place.end() if place else 0) + 1
-        raise UnreadableFile(
-            f"{name}: found {wrong.found[:40]} in line {line}, need finite numbers; {advice}"
-        ) from wrong
+        raise UnreadableFile(f"{name}: found {found[:40]} in line {line}, need finite numbers; {advice}") from wrong
     except (ValueError, RecursionError) as wrong:
         raise UnreadableFile(f"{name}: no JSON ({wrong})") from wrong
 
 
 class _NoNumber(Exception):
-    """What JSON's grammar or Python's parser lets pass as a number, and is none."""
-
-    def __init__(self, found: str) -> None:
-        super().__init__(found)
-        self.found = found
+    """What JSON's grammar or Python's parser lets pass as a number, and is none; the message is its text."""
 
 
 def _finite(text: str) -> float:

@@ -18,7 +18,7 @@ from truestand.core.artefact import Artefact, Certificate, Cylinder
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_text_atomic
-from truestand.files.checking import Recipe, checked
+from truestand.files.checking import R, Recipe, checked
 
 Positive = Annotated[float, Field(gt=0)]
 STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
@@ -136,7 +136,6 @@ class ShaftRecipe(Recipe):
     operator: str | None = None
 
 
-R = TypeVar("R", bound=Recipe)
 Made = TypeVar("Made")
 
 
