@@ -127,11 +127,9 @@ def refuse_infinite(values: Array, name: str, first_line: int) -> None:
     Raises:
         UnreadableFile: with the line.
     """
-    highest = np.fmax.reduce(values, axis=None, initial=0.0)
-    lowest = np.fmin.reduce(values, axis=None, initial=0.0)  # twice over the values, and no copy of them
-    if np.isinf(highest) or np.isinf(lowest):
-        row = int(np.flatnonzero(np.isinf(values).any(axis=1))[0])
-        raise UnreadableFile(f"{name}: found a number too large in line {first_line + row}; need finite numbers")
+    wrong = np.flatnonzero(np.isinf(values).any(axis=1))
+    if wrong.size:
+        raise UnreadableFile(f"{name}: found a number too large in line {first_line + wrong[0]}; need finite numbers")
 
 
 def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:

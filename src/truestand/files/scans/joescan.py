@@ -84,22 +84,20 @@ def _unpacked(data: bytes, name: str) -> bytes:
     if not data.startswith(GZIP):
         return data
     limit = max(ALWAYS_UNPACKED_BYTES, MOST_COMPRESSION * len(data))
-    chunks: list[bytes] = []
-    size = 0
+    unpacked = bytearray()
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             while chunk := file.read1(1 << 16):
-                chunks.append(chunk)
-                size += len(chunk)
-                if size > limit:
+                unpacked += chunk
+                if len(unpacked) > limit:
                     raise UnreadableFile(
                         f"{name}: {len(data)} bytes unpack to more than {limit}, need a recording; it is no scan"
                     )
     except (EOFError, OSError, zlib.error) as wrong:
         raise UnreadableFile(
-            f"{name}: the packed data ends at byte {size} of the unpacked ({wrong}); {ADVICE}"
+            f"{name}: the packed data ends at byte {len(unpacked)} of the unpacked ({wrong}); {ADVICE}"
         ) from wrong
-    return b"".join(chunks)
+    return bytes(unpacked)
 
 
 def _profiles(data: bytes, name: str) -> list[_Profile]:

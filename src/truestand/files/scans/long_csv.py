@@ -93,10 +93,9 @@ def _columns(names: list[str], file: str) -> dict[str, tuple[int, float]]:
 
 def _dialect(header: bytes, body: bytes, name: str) -> Dialect:
     separator = next((s for s in (b";", b"\t", b",") if s in header), b",")
-    sample = body[:20_000]
     if separator == b",":
         return Dialect(b",", b".")
-    return Dialect(separator, dialect_of(sample, name).decimal if sample.strip() else b".")
+    return Dialect(separator, dialect_of(body[:20_000], name).decimal)
 
 
 def _numbers(body: bytes, dialect: Dialect, columns: int, name: str) -> tuple[Array, Ints]:

@@ -196,13 +196,12 @@ def _records(data: mmap.mmap, damages: list[Damage]) -> Iterator[Record]:
     place = len(MAGIC)
     while place < len(data):
         record, end = _record_at(data, place)
-        if record is not None:
+        if record is None:
+            end = _next_valid(data, place + 1)
+            damages.append(Damage(place, end - place))
+        else:
             yield record
-            place = end
-            continue
-        resumed = _next_valid(data, place + 1)
-        damages.append(Damage(place, resumed - place))
-        place = resumed
+        place = end
 
 
 def _next_valid(data: mmap.mmap, place: int) -> int:

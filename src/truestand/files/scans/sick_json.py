@@ -60,8 +60,7 @@ def read_sick_json(path: Path) -> Recording:
     """
     name, data = path.name, path.read_bytes()
     try:
-        text = data.decode("utf-8-sig")
-        parts = parse_json(text, name, ADVICE)
+        parts = parse_json(data.decode("utf-8-sig"), name, ADVICE)
         parts = parts if isinstance(parts, list) else [parts]
         images = [_image(part["data"], name) for part in parts if part["class"] == "Image"]
         encoders = list(_encoders([part["data"] for part in parts if part["class"] == "SensorData"]))

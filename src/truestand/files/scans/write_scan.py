@@ -87,16 +87,13 @@ def _has_columns(recording: Recording) -> bool:
 
 
 def _write_matrix(file: TextIO, values: Array) -> None:
-    """Decimal text, as short as gives every number back."""
-    decimals = _decimals(values)
-    form = "%.9g" if decimals is None else f"%.{decimals}f"
-    np.savetxt(file, values, fmt=form, delimiter=",")
+    np.savetxt(file, values, fmt=_number_format(values), delimiter=",")
 
 
-def _decimals(values: Array) -> int | None:
-    """Fewest decimals (up to 6) that give the first thousand profiles back exactly."""
+def _number_format(values: Array) -> str:
+    """As short as gives numbers back: the fewest decimals (up to 6) that do for the first thousand profiles."""
     sample = values[:1000]
     for decimals in range(7):
         if np.array_equal(np.round(sample, decimals), sample, equal_nan=True):
-            return decimals
-    return None
+            return f"%.{decimals}f"
+    return "%.9g"
