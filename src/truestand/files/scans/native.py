@@ -50,12 +50,14 @@ def write_native(recording: Recording, path: Path, stand: Stand | None = None) -
     import h5py
 
     with replacing(path) as temporary, h5py.File(temporary, "w", libver=("v108", "v108")) as file:
-        file.attrs["Conventions"] = "CF-1.8"
-        file.attrs["format"] = LAYOUT
-        file.attrs["version"] = VERSION
-        file.attrs["software"] = f"truestand {__version__}"
-        file.attrs["source_format"] = recording.format
-        file.attrs["source_sha256"] = recording.sha256
+        file.attrs.update(
+            Conventions="CF-1.8",
+            format=LAYOUT,
+            version=VERSION,
+            software=f"truestand {__version__}",
+            source_format=recording.format,
+            source_sha256=recording.sha256,
+        )
         if stand is not None:
             file.attrs["stand"] = json.dumps(stand_recipe(stand))
         if recording.acquisition is not None:
@@ -113,10 +115,8 @@ def _recording(file: "h5py.File", name: str, sha256: str) -> Recording:
 
 def _dataset(file: "h5py.File", key: str, name: str, shape: tuple[int, ...] | None = None) -> "h5py.Dataset":
     """A dataset of numbers, of that shape where one is given; nothing is read yet."""
-    import h5py
-
     dataset = file[key]
-    if not isinstance(dataset, h5py.Dataset) or dataset.shape is None or dataset.dtype.kind not in "iuf":
+    if getattr(dataset, "shape", None) is None or dataset.dtype.kind not in "iuf":  # groups and types have no shape
         raise UnreadableFile(f"{name}: {key} holds no numbers; the file was edited: import it again")
     if shape not in (None, dataset.shape):
         raise UnreadableFile(f"{name}: {dataset.name} has shape {dataset.shape}, need {shape}; import it again")
@@ -144,8 +144,7 @@ def _write(file: "h5py.File", name: str, values: NDArray[Any], unit: str) -> "h5
         chunks = (min(512, values.shape[0]), values.shape[1])
         options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "chunks": chunks}
     dataset = file.create_dataset(name, data=values, **options)
-    dataset.attrs["units"] = unit
-    dataset.attrs["sha256"] = _hash(values)
+    dataset.attrs.update(units=unit, sha256=_hash(values))
     for i, axis in enumerate(("profile", "point")[: values.ndim]):
         dataset.dims[i].attach_scale(file[axis])
     return dataset
