@@ -27,8 +27,7 @@ def read_study(path: Path) -> list[tuple[str, str, float]]:
     head = lines[0] if lines else ""
     mark = next((m for m in ";\t" if m in head), ",")
     names = [name.strip().lower() for name in next(csv.reader([head], delimiter=mark), [])]
-    missing = [name for name in NEEDED if name not in names]
-    if missing:
+    if not set(NEEDED) <= set(names):
         raise UnreadableFile(f"{path}: found columns {', '.join(names) or 'none'}, need {', '.join(NEEDED)}")
     columns = [names.index(name) for name in NEEDED]
     rows = []

@@ -39,9 +39,13 @@ def write_cloud(path: Path | str, x: Array, y: Array, z: Array, deviation: Array
     """
     path = Path(path)
     check_suffix(path)
-    writers = {".ply": _write_ply, ".xyz": _write_xyz, ".npz": _write_npz, ".e57": _write_e57}
     with replacing(path) as temporary:
-        return writers[path.suffix.lower()](temporary, x, y, z, deviation)
+        if path.suffix.lower() == ".ply":
+            return _write_ply(temporary, x, y, z, deviation)
+        columns = _columns(x, y, z, deviation)
+        writers = {".xyz": _write_xyz, ".npz": _write_npz, ".e57": _write_e57}
+        writers[path.suffix.lower()](temporary, columns)
+        return columns["x"].size
 
 
 def _columns(x: Array, y: Array, z: Array, deviation: Array | None, first: int = 0) -> dict[str, NDArray[Any]]:
@@ -74,24 +78,19 @@ def _write_ply(path: Path, x: Array, y: Array, z: Array, deviation: Array | None
     return count
 
 
-def _write_xyz(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
-    columns = _columns(x, y, z, deviation)
+def _write_xyz(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     lengths = [values for name, values in columns.items() if name not in ("profile", "point")]
     np.savetxt(path, np.column_stack(lengths), fmt="%.5f")
-    return columns["x"].size
 
 
-def _write_npz(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
-    columns: dict[str, Any] = _columns(x, y, z, deviation)
+def _write_npz(path: Path, columns: dict[str, Any]) -> None:
     with path.open("wb") as file:
         np.savez(file, **columns)
-    return int(columns["x"].size)
 
 
-def _write_e57(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
+def _write_e57(path: Path, columns: dict[str, NDArray[Any]]) -> None:
     import pye57
 
-    columns = _columns(x, y, z, None)
     data = {f"cartesian{axis.upper()}": columns[axis] / 1000.0 for axis in "xyz"}  # E57 counts in metres
     data |= {"rowIndex": columns["profile"], "columnIndex": columns["point"]}
     path.unlink()  # the library writes new files only
@@ -100,7 +99,6 @@ def _write_e57(path: Path, x: Array, y: Array, z: Array, deviation: Array | None
         file.write_scan_raw(data, name="truestand")
     finally:
         file.close()
-    return columns["x"].size
 
 
 def open_cloud(path: Path | str) -> "np.memmap[Any, np.dtype[np.void]]":

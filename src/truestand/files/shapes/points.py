@@ -112,16 +112,14 @@ def _text_columns(
     """
     numbers = [str(i + 1) for i in range(width)]
     names = _header(heading, width)
-    if names is not None and len(names) != width:
-        if wanted is None or unit is None or not set(wanted) <= set(numbers):
-            raise UnreadableFile(
-                f"{file}: found {len(names)} column names, {_listed(names)}, and {width} numbers a line, need as many; "
-                "pass --columns by number and --unit"
-            )
-        names = None
-    if names is None:
-        return _columns(numbers, wanted or numbers[:3], unit, file)
-    return _columns(names, wanted or AXES, unit, file)
+    if names is not None and len(names) == width:
+        return _columns(names, wanted or AXES, unit, file)
+    if names is not None and (wanted is None or unit is None or not set(wanted) <= set(numbers)):
+        raise UnreadableFile(
+            f"{file}: found {len(names)} column names, {_listed(names)}, and {width} numbers a line, need as many; "
+            "pass --columns by number and --unit"
+        )
+    return _columns(numbers, wanted or numbers[:3], unit, file)
 
 
 def _header(heading: list[bytes], width: int) -> list[str] | None:
