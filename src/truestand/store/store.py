@@ -10,10 +10,9 @@ from pathlib import Path
 from sqlite3 import Connection
 from typing import Any
 
-from truestand._version import __version__
 from truestand.core.errors import BadStore
 from truestand.files.atomic import record_text, replacing
-from truestand.files.records.record import Record, now
+from truestand.files.records.record import SOFTWARE, Record, now
 from truestand.store import database, evidence, ledger, lock
 from truestand.store.anchor import Anchor, read_anchor, write_anchor
 from truestand.store.audit import Advance, Report, audit
@@ -282,7 +281,7 @@ class Store:
             sha256 = None if record is None else evidence.keep(self.folder, BytesIO(record_text(record).encode()))
             values = identity | {
                 "kind": kind, "time": time or now(), "operator": operator or identity["operator"], "record": sha256,
-                "evidence": kept, "about": about, "text": text, "software": f"truestand {__version__}",
+                "evidence": kept, "about": about, "text": text, "software": SOFTWARE,
             }  # fmt: skip
             return ledger.append(self.folder, anchor, values)
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truestand._version import __version__
 from truestand.core.arrays import Array
 from truestand.core.calibration import (
     Calibration,
@@ -33,7 +32,7 @@ from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
 from truestand.files.recipes.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
-from truestand.files.records.record import Record, now, read_json, scan_record, without_nan
+from truestand.files.records.record import SOFTWARE, Record, now, read_json, scan_record, without_nan
 
 if TYPE_CHECKING:
     from truestand.apply.verify import Verification
@@ -59,7 +58,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         "method": c.method,
         "created": created,
         "valid_until": c.valid_until,
-        "software": f"truestand {__version__}",
+        "software": SOFTWARE,
         "scan": None if c.scan is None else scan_record(c.scan),
         "stand": stand_recipe(c.stand),
         "artefact": None if c.artefact is None else shaft_recipe(c.artefact),
@@ -131,7 +130,7 @@ def verification_record(verification: "Verification", created: str, calibration_
         "verdict": v.verdict,
         "reasons": list(v.reasons),
         "created": created,
-        "software": f"truestand {__version__}",
+        "software": SOFTWARE,
         "calibration": {"sha256": calibration_sha256},
         "scan": scan_record(v.scan),
         "by": v.by,

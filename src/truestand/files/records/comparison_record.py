@@ -5,16 +5,13 @@ from math import atan2, degrees, hypot
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from truestand._version import __version__
 from truestand.calibration.peers import Finding, Peer
 from truestand.core.calibration import ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.frames import Pose, sensor_parameters, shaft_parameters
 from truestand.core.harmonics import wrap
 from truestand.core.scan import Scan
-from truestand.files.records.record import Record, scan_record
+from truestand.files.records.record import SOFTWARE, Record, scan_record
 
 Truth = tuple[float, tuple[float, float, float, float]]
 """phi (rad) and (ex, ey, tx, ty) of the shaft's axis: mm and slopes."""
@@ -33,8 +30,8 @@ def axis_of(truth: Mapping[str, Any], path: Path) -> Truth:
         UnreadableFile: it holds no poses.
     """
     try:
-        sensor = Pose.from_matrix(np.array(truth["sensor"]["table_from_sensor"], dtype=np.float64))
-        shaft = Pose.from_matrix(np.array(truth["shaft"]["shaft_from_rotor"], dtype=np.float64))
+        sensor = Pose.from_matrix(truth["sensor"]["table_from_sensor"])
+        shaft = Pose.from_matrix(truth["shaft"]["shaft_from_rotor"])
     except (KeyError, TypeError, ValueError, IndexError) as wrong:
         raise UnreadableFile(f"{path}: found no table_from_sensor and shaft_from_rotor, need a truth.json") from wrong
     return sensor_parameters(sensor)[0], shaft_parameters(shaft)
@@ -68,7 +65,7 @@ def comparison_record(scan: Scan, rows: list[Record], created: str) -> Record:
         "format": "truestand.comparison",
         "version": 1,
         "created": created,
-        "software": f"truestand {__version__}",
+        "software": SOFTWARE,
         "scan": scan_record(ScanSummary.of(scan)),
         "rows": rows,
     }

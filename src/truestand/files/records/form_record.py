@@ -1,7 +1,6 @@
 """form.json (CONTRACT.md): an associated feature with its form, mm and rad."""
 
-from truestand._version import __version__
-from truestand.files.records.record import Record
+from truestand.files.records.record import SOFTWARE, Record
 from truestand.form.form import Form
 
 
@@ -34,6 +33,6 @@ def form_record(form: Form, created: str, source_sha256: str, run_out: float | N
             "scope": form.certificate.scope,
         },
         "source": {"sha256": source_sha256},
-        "software": f"truestand {__version__}",
+        "software": SOFTWARE,
         "created": created,
     }

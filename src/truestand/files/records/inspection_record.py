@@ -10,12 +10,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from truestand._version import __version__
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.files.atomic import write_text_atomic
-from truestand.files.records.record import Record, scan_record, without_nan
+from truestand.files.records.record import SOFTWARE, Record, scan_record, without_nan
 from truestand.gear.evaluate import NEVER_NEGATIVE
 
 Limits = tuple[float | None, float | None]
@@ -51,7 +50,7 @@ def inspection_record(
         "published": [_published(name, value) for name, value in i.published.items()],
         "calibration": {"sha256": calibration_sha256, "status": calibration.status, "created": calibration.created},
         "scan": scan_record(scan),
-        "software": f"truestand {__version__}",
+        "software": SOFTWARE,
         "created": created,
     }
     return without_nan(record)

@@ -7,11 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from truestand._version import __version__
 from truestand.core.calibration import ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.files.json_text import parse_json
 
 Record = dict[str, Any]
+
+SOFTWARE = f"truestand {__version__}"
+"""What wrote a record."""
 
 
 def now() -> str:
