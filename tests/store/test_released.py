@@ -83,7 +83,7 @@ def test_a_migration_that_died_is_done_again(copy, monkeypatch):
 
 @pytest.mark.parametrize("copy", STORES[:1], indirect=True, ids=lambda p: p.name)
 def test_a_store_that_can_only_be_read_is_read_and_audited(copy, monkeypatch):
-    for name in ("truestand.store.store", "truestand.store.audit"):
+    for name in ("truestand.store.store", "truestand.store.audit", "truestand.store.database"):
         monkeypatch.setattr(f"{name}.is_read_only", lambda folder: True)
     (copy / "lock").unlink()
     before = sorted(p.name for p in copy.rglob("*"))

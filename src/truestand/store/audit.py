@@ -10,7 +10,6 @@ from truestand.core.errors import BadStore
 from truestand.files.scans.read import sha256_of
 from truestand.store import anchor as anchors
 from truestand.store import database
-from truestand.store.anchor import Anchor
 from truestand.store.entry import Entry, entry_of, genesis, hash_of
 from truestand.store.evidence import EVIDENCE, evidence_path
 from truestand.store.lock import is_read_only, locked
@@ -88,7 +87,7 @@ def audit(
     return Report(tuple(findings), len(entries), files, end, anchor is not None and anchor.sealed)
 
 
-def _anchor(folder: Path, findings: list[Finding]) -> Anchor | None:
+def _anchor(folder: Path, findings: list[Finding]) -> anchors.Anchor | None:
     try:
         return anchors.read_anchor(folder)
     except FileNotFoundError:
@@ -101,7 +100,7 @@ def _anchor(folder: Path, findings: list[Finding]) -> Anchor | None:
 def _rows(folder: Path, findings: list[Finding]) -> list[database.Row]:
     """All entries that SQLite can read, after it looked at the file's structure."""
     try:
-        with database.reading(folder, is_read_only(folder)) as connection:
+        with database.reading(folder) as connection:
             return _readable(connection, findings)
     except BadStore as wrong:
         if "update it" in str(wrong) and not findings:
@@ -129,7 +128,7 @@ def _schema_as_made(version: int) -> list[object]:
         return _schema(made)
 
 
-def _chain(rows: list[database.Row], anchor: Anchor | None, findings: list[Finding]) -> list[Entry]:
+def _chain(rows: list[database.Row], anchor: anchors.Anchor | None, findings: list[Finding]) -> list[Entry]:
     """The entries that are what their hash says; the chain is followed over those that aren't.
 
     A damaged database may hold anything anywhere: nothing of a row is taken for what it ought to be.
@@ -163,7 +162,7 @@ def _entry(row: database.Row) -> Entry | None:
     return entry if (entry.number, entry.kind, entry.time) == (number, kind, time) else None
 
 
-def _end(end: tuple[int, str] | None, anchor: Anchor | None, findings: list[Finding]) -> None:
+def _end(end: tuple[int, str] | None, anchor: anchors.Anchor | None, findings: list[Finding]) -> None:
     """Hold the last entry against the anchor: what a shortened chain alone doesn't show."""
     if anchor is None:
         return

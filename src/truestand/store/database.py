@@ -12,6 +12,7 @@ from typing import Any
 
 from truestand.core.errors import BadStore
 from truestand.files.scans.read import sha256_of
+from truestand.store.lock import is_read_only
 
 NAME = "store.db"
 READER_TIMEOUT_S = 5.0
@@ -40,14 +41,9 @@ Row = tuple[int, str, str, str, str]
 """number, kind, time, body, hash."""
 
 
-def schema_version() -> int:
-    """The version that this truestand writes."""
-    return len(MIGRATIONS)
-
-
 @contextmanager
-def reading(folder: Path, immutable: bool = False) -> Iterator[sqlite3.Connection]:
-    """A connection that can't change a byte. ``immutable``: the folder can't be written, and nobody else writes.
+def reading(folder: Path) -> Iterator[sqlite3.Connection]:
+    """A connection that can't change a byte; where the folder can only be read, it is taken that nobody writes.
 
     Raises:
         BadStore: no store, or no database.
@@ -55,7 +51,7 @@ def reading(folder: Path, immutable: bool = False) -> Iterator[sqlite3.Connectio
     path = (folder / NAME).absolute()
     if not path.is_file():
         raise BadStore(f"{folder}: found no results store; name the folder of one, or create it by storing a result")
-    with _connection(path, f"{path.as_uri()}?mode=ro{'&immutable=1' * immutable}") as connection:
+    with connected(path, f"?mode=ro{'&immutable=1' * is_read_only(folder)}") as connection:
         yield connection
 
 
@@ -66,8 +62,7 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
     Raises:
         BadStore: SQLite's errors in one line.
     """
-    path = folder / NAME
-    with _connection(path, path.absolute().as_uri(), isolation_level=None) as connection:
+    with connected(folder / NAME, isolation_level=None) as connection:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA wal_autocheckpoint = 0")
@@ -76,23 +71,13 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
 
 
 @contextmanager
-def copying(path: Path) -> Iterator[sqlite3.Connection]:
-    """A connection to a copy that nobody else knows of yet.
+def connected(path: Path, query: str = "", **options: Any) -> Iterator[sqlite3.Connection]:
+    """A connection to a database's file that is closed in the end; ``query`` is that of its URI.
 
     Raises:
         BadStore: SQLite's errors in one line.
     """
-    with _connection(path, path.absolute().as_uri()) as connection:
-        yield connection
-
-
-@contextmanager
-def _connection(path: Path, uri: str, **options: Any) -> Iterator[sqlite3.Connection]:
-    """A connection that is closed in the end.
-
-    Raises:
-        BadStore: SQLite's errors in one line.
-    """
+    uri = path.absolute().as_uri() + query
     try:
         with closing(sqlite3.connect(uri, uri=True, timeout=READER_TIMEOUT_S, **options)) as connection:
             yield connection
@@ -120,23 +105,9 @@ def version_of(connection: sqlite3.Connection) -> int:
     return found
 
 
-def head_of(connection: sqlite3.Connection) -> tuple[int, str] | None:
-    """Number and hash of the last entry; None where there is none."""
-    last: tuple[int, str] | None = connection.execute(
-        "SELECT number, hash FROM entry ORDER BY number DESC LIMIT 1"
-    ).fetchone()
-    return last
-
-
 def rows_of(connection: sqlite3.Connection, where: str = "", values: tuple[object, ...] = ()) -> list[Row]:
     """Entries in their order."""
     return list(connection.execute(f"SELECT number, kind, time, body, hash FROM entry {where} ORDER BY number", values))
-
-
-def checkpoint(connection: sqlite3.Connection) -> bool:
-    """Move all that was written from the log into the file; False where a long reader is in the way."""
-    busy, _, _ = connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-    return not busy
 
 
 def file_hash(folder: Path) -> str | None:

@@ -3,11 +3,9 @@
 import json
 import secrets
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from sqlite3 import Connection
 from typing import Any
 
 from truestand.core.errors import BadStore
@@ -17,7 +15,6 @@ from truestand.store import database, evidence, ledger, lock
 from truestand.store.anchor import Anchor, read_anchor, write_anchor
 from truestand.store.audit import Advance, Report, audit
 from truestand.store.entry import RESULTS, Entry, entry_of, genesis, identity_of
-from truestand.store.evidence import EVIDENCE, INCOMING, evidence_path, keep_file
 from truestand.store.lock import is_read_only, locked
 
 WRITER_TIMEOUT_S = 60.0
@@ -54,7 +51,7 @@ def _end_of_copy(folder: Path, target: Path, anchor: Anchor) -> tuple[int, str]:
     """
     start = (0, genesis(anchor.id))
     if not ledger.has_anchor(target):
-        begun = (lock.NAME, EVIDENCE, INCOMING)
+        begun = (lock.NAME, evidence.EVIDENCE, evidence.INCOMING)
         if any(p.name not in begun and not p.name.startswith(f".{database.NAME}.") for p in target.iterdir()):
             raise BadStore(f"{target}: found something else; give an empty folder or an earlier backup of this store")
         return start
@@ -69,7 +66,7 @@ def _end_of_copy(folder: Path, target: Path, anchor: Anchor) -> tuple[int, str]:
 
 def _copy_database(folder: Path, copy: Path) -> list[Entry]:
     """Copy the database as it is at this moment; its entries."""
-    with database.reading(folder) as source, database.copying(copy) as destination:
+    with database.reading(folder) as source, database.connected(copy) as destination:
         source.backup(destination)
         return [entry_of(row[3], row[4]) for row in database.rows_of(source)]
 
@@ -77,12 +74,12 @@ def _copy_database(folder: Path, copy: Path) -> list[Entry]:
 def _copy_evidence(folder: Path, target: Path, entries: list[Entry]) -> None:
     """What the copied entries name and the target lacks; each file is checked on its way."""
     for sha256 in dict.fromkeys(sha256 for entry in entries for sha256 in entry.files):
-        if evidence_path(target, sha256).exists():
+        if evidence.evidence_path(target, sha256).exists():
             continue
-        source = evidence_path(folder, sha256)
+        source = evidence.evidence_path(folder, sha256)
         if not source.exists():
             raise BadStore(f"{source}: missing; run truestand audit")
-        if keep_file(target, source) != sha256:
+        if evidence.keep_file(target, source) != sha256:
             raise BadStore(f"{source}: changed since it was kept; run truestand audit")
 
 
@@ -130,8 +127,8 @@ class Store:
             store.folder.mkdir(parents=True, exist_ok=True)
             with locked(store.folder, timeout):
                 store._create()
-        with store._reading() as connection:
-            old = database.version_of(connection) < database.schema_version()
+        with database.reading(store.folder) as connection:
+            old = database.version_of(connection) < len(database.MIGRATIONS)
         if old and not is_read_only(store.folder):
             with locked(store.folder, timeout):
                 ledger.migrate(store.folder)
@@ -193,7 +190,7 @@ class Store:
         tests = {"kind = ?": kind, "time >= ?": since, "number >= ?": first}
         given = {test: value for test, value in tests.items() if value is not None}
         where = f"WHERE {' AND '.join(given)}" if given else ""
-        with self._reading() as connection:
+        with database.reading(self.folder) as connection:
             rows = database.rows_of(connection, where, tuple(given.values()))
         first_row = 0 if last is None else max(len(rows) - last, 0)
         return [entry_of(body, stated_hash) for *_, body, stated_hash in rows[first_row:]]
@@ -204,7 +201,7 @@ class Store:
         Raises:
             BadStore: there is none of this number.
         """
-        with self._reading() as connection:
+        with database.reading(self.folder) as connection:
             rows = database.rows_of(connection, "WHERE number = ?", (number,))
         if not rows:
             raise BadStore(f"{self.folder}: found no entry {number}; truestand history lists them")
@@ -247,8 +244,8 @@ class Store:
         Raises:
             BadStore: no store, or one that is damaged.
         """
-        with self._reading() as connection:
-            last = database.head_of(connection)
+        with database.reading(self.folder) as connection:
+            last = connection.execute("SELECT number, hash FROM entry ORDER BY number DESC LIMIT 1").fetchone()
             (identity,) = connection.execute("SELECT value FROM meta WHERE name = 'id'").fetchone()
             return last or (0, genesis(identity))
 
@@ -293,9 +290,6 @@ class Store:
             raise BadStore(f"{self.folder}: found a database without its anchor; run truestand audit")
         else:
             ledger.create(self.folder, secrets.token_hex(16))
-
-    def _reading(self) -> AbstractContextManager[Connection]:
-        return database.reading(self.folder, is_read_only(self.folder))
 
 
 def _refuse_other_evidence(record: Mapping[str, Any], kept: Mapping[str, str]) -> None:
