@@ -16,7 +16,7 @@ from truestand.store.entry import Entry, entry_of, genesis, new_entry
 
 
 def recover(folder: Path) -> Anchor:
-    """Finish what a writer that died had begun; the anchor of a store that may now be written to.
+    """Finish what a writer that died had begun, the schema too; the anchor of a store that may now be written to.
 
     Raises:
         BadStore: the database isn't what the anchor says, or its chain is broken.
@@ -27,7 +27,7 @@ def recover(folder: Path) -> Anchor:
             raise _damaged(folder, "changed since the last entry")
         return anchor
     with database.writing(folder) as connection:
-        if database.version_of(connection) == 0:
+        if database.version_of(connection) < len(database.MIGRATIONS):
             database.migrate(connection, anchor.id)
         if connection.execute("PRAGMA integrity_check(1)").fetchone() != ("ok",):
             raise _damaged(folder, "its structure is damaged")
@@ -61,9 +61,7 @@ def migrate(folder: Path) -> None:
     """Bring an older store's database to this version; the entries stay as they are. Under the lock."""
     anchor = recover(folder)
     write_anchor(folder, replace(anchor, pending=(anchor.number, anchor.head)))
-    with database.writing(folder) as connection:
-        database.migrate(connection, anchor.id)
-    _seal(folder, anchor)
+    recover(folder)
 
 
 def has_anchor(folder: Path) -> bool:
