@@ -186,6 +186,5 @@ def _evidence(folder: Path, entries: list[Entry], findings: list[Finding], advan
     present = {path.name for path in found}
     for sha256, number in needed.items():
         if sha256 not in present:
-            where = f"{EVIDENCE}/{sha256[:2]}/{sha256}, entry {number}"
-            findings.append(Finding("evidence missing", where))
+            findings.append(Finding("evidence missing", f"{EVIDENCE}/{sha256[:2]}/{sha256}, entry {number}"))
     return len(found)

@@ -15,7 +15,6 @@ from truestand.core.errors import BadStore
 
 VERSION = 1
 RESULTS = ("calibration", "verification", "inspection", "scan")
-KINDS = (*RESULTS, "correction", "note")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +24,7 @@ class Entry:
     number: int
     """From 1, without a gap."""
     kind: str
-    """One of ``KINDS``."""
+    """One of ``RESULTS``, or correction, or note."""
     time: str
     """ISO, UTC."""
     previous: str

@@ -21,28 +21,6 @@ WRITER_TIMEOUT_S = 60.0
 """Wait for another writer."""
 
 
-def back_up(folder: Path, target: Path, timeout: float) -> int:
-    """Copy a store or bring its copy up to date; the number of entries in the copy.
-
-    The copy is whole at any moment: a backup that was interrupted is finished by the next one.
-
-    Raises:
-        BadStore: the store is damaged, or ``target`` holds something else.
-    """
-    if not (folder / database.NAME).is_file():
-        raise BadStore(f"{folder}: found no results store; name the folder of one")
-    target.mkdir(parents=True, exist_ok=True)
-    with locked(target, timeout), replacing(target / database.NAME) as copy:
-        with locked(folder, timeout):
-            anchor = ledger.recover(folder)
-            end = _end_of_copy(folder, target, anchor)
-            entries = _copy_database(folder, copy)
-        _copy_evidence(folder, target, entries)
-        write_anchor(target, Anchor(anchor.id, *end, None, (anchor.number, anchor.head)))
-    with locked(target, timeout):
-        return ledger.recover(target).number
-
-
 def _end_of_copy(folder: Path, target: Path, anchor: Anchor) -> tuple[int, str]:
     """Number and hash of the last entry in the copy so far.
 
@@ -252,10 +230,24 @@ class Store:
     def backup(self, target: Path | str) -> int:
         """Copy the store into a folder while others use it, or bring an earlier copy up to date; entries in the copy.
 
+        The copy is whole at any moment: a backup that was interrupted is finished by the next one.
+
         Raises:
             BadStore: the store is damaged, or the folder holds something else.
         """
-        return back_up(self.folder, Path(target), self.timeout)
+        target = Path(target)
+        if not (self.folder / database.NAME).is_file():
+            raise BadStore(f"{self.folder}: found no results store; name the folder of one")
+        target.mkdir(parents=True, exist_ok=True)
+        with locked(target, self.timeout), replacing(target / database.NAME) as copy:
+            with locked(self.folder, self.timeout):
+                anchor = ledger.recover(self.folder)
+                end = _end_of_copy(self.folder, target, anchor)
+                entries = _copy_database(self.folder, copy)
+            _copy_evidence(self.folder, target, entries)
+            write_anchor(target, Anchor(anchor.id, *end, None, (anchor.number, anchor.head)))
+        with locked(target, self.timeout):
+            return ledger.recover(target).number
 
     def audit(self, noted: tuple[str, ...] = (), advance: Advance = lambda done, total: None) -> Report:
         """Check every hash; ``noted``: heads written down earlier, which must be in the chain.
