@@ -95,13 +95,10 @@ def check_text(data: bytes, name: str) -> None:
     """
     if not data.strip():
         raise UnreadableFile(f"{name}: the file is empty; need a scan")
-    wrong = data.find(b"\0")
-    if wrong < 0 and (match := _NO_NUMBER.search(data)):
-        wrong = match.start()
-    if wrong >= 0:
-        found = data[wrong : wrong + 1]
+    wrong = re.search(rb"\0", data) or _NO_NUMBER.search(data)
+    if wrong:
         raise UnreadableFile(
-            f"{name}: found {found!r} in line {line_number(data, wrong)}, need numbers; see docs/formats.md"
+            f"{name}: found {wrong[0]!r} in line {line_number(data, wrong.start())}, need numbers; see docs/formats.md"
         )
 
 

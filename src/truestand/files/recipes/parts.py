@@ -159,14 +159,15 @@ def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
     Raises:
         BadRecipe, UnreadableFile, MissingExtra: as ``read_part``.
     """
-    kind = table.get("kind")
-    if kind not in KINDS:
-        raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')
-    if kind == "gear":
-        return build(_gear, checked(GearRecipe, table, str(path)), path)
-    if kind == "turned":
-        return build(_turned, checked(TurnedRecipe, table, str(path)), path)
-    return build(partial(_cad, Path(path).parent), checked(CadRecipe, table, str(path)), path)
+    match table.get("kind"):
+        case "gear":
+            return build(_gear, checked(GearRecipe, table, str(path)), path)
+        case "turned":
+            return build(_turned, checked(TurnedRecipe, table, str(path)), path)
+        case "cad":
+            return build(partial(_cad, Path(path).parent), checked(CadRecipe, table, str(path)), path)
+        case kind:
+            raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')
 
 
 def recipe_of_identified(seen: IdentifiedGear, bottom: float, top: float) -> str:

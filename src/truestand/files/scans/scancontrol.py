@@ -208,8 +208,7 @@ def _unwrapped(counts: Counts, modulus: int, back: int, last: int | None) -> Cou
 def _millimetres(raw: NDArray[np.uint16], seen: Mask, step: float, offset: float) -> Array:
     """Whole counts over counts a mm, so that 0.002 x 47,500 is 95 and not its neighbour."""
     a_mm = round(1.0 / step)
-    values = (raw + (offset * a_mm - RAW_ZERO)) / a_mm
-    return np.where(seen, values, np.nan)
+    return np.where(seen, (raw + (offset * a_mm - RAW_ZERO)) / a_mm, np.nan)
 
 
 def _big_endian(columns: Counts) -> Counts:

@@ -63,13 +63,12 @@ def read_scancontrol_raw(path: Path, layout: RawLayout) -> Recording:
     stamps = profiles.stamps
     _refuse_other_points(data, stamps, layout.points, path.name)
     encoder = drop_constant(unwrap_encoder(stamps.encoder))
-    opened = unwrap_time(stamps.opened)
     return Recording(
         profiles.x,
         profiles.z,
         FORMAT,
         hashlib.sha256(data).hexdigest(),
-        time=opened + _exposure(stamps) / 2,
+        time=unwrap_time(stamps.opened) + _exposure(stamps) / 2,
         encoder=None if encoder is None else encoder.astype(np.float64),
         counter=unwrap_counter(stamps.counter),
     )
