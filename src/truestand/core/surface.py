@@ -96,7 +96,10 @@ def table_angle(scan: Scan, calibration: Calibration) -> Array:
 
 def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
     """Points (3, N, M) mm of C by the rigid chain."""
-    gain_x, gain_z, shift = _chains(table_from_sensor, shaft_from_rotor, angle)
+    directions = table_from_sensor.rotation.T
+    # for each profile, what p_C gains by x and by z, and its shift: (N, 3) each
+    gain_x, gain_z = (_points_in_rotor(directions[i], angle) @ shaft_from_rotor.rotation.T for i in (0, 2))
+    shift = shaft_from_rotor(_points_in_rotor(table_from_sensor.translation, angle))
     out = np.empty((3, *scan.x.shape))
     buffer = np.empty((BLOCK, scan.x.shape[1]))
     for first in range(0, scan.profiles, BLOCK):
@@ -112,17 +115,10 @@ def _affine(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: 
     return out
 
 
-def _chains(table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> tuple[Array, Array, Array]:
-    """For each profile, what p_C gains by x and by z, and its shift: three (N, 3) arrays."""
-    c, s = np.cos(angle), np.sin(angle)
-    turn = np.zeros((angle.size, 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = c
-    turn[:, 0, 1], turn[:, 1, 0] = s, -s
-    turn[:, 2, 2] = 1.0
-    chain = shaft_from_rotor.rotation @ turn
-    gains = chain @ table_from_sensor.rotation
-    shift = chain @ table_from_sensor.translation + shaft_from_rotor.translation
-    return gains[:, :, 0], gains[:, :, 2], shift
+def _points_in_rotor(points: Array, angle: Array) -> Array:
+    """Points (N, 3), or one (3,), of T in R at table angles (N,) rad: (N, 3)."""
+    x, y, z = points.T
+    return np.stack([*in_rotor(x, y, angle), np.full_like(angle, z)], axis=-1)
 
 
 def _published(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angle: Array) -> Array:
@@ -139,8 +135,7 @@ def _published(scan: Scan, table_from_sensor: Pose, shaft_from_rotor: Pose, angl
 
 def sensor_origins(calibration: Calibration, angle: Array) -> Array:
     """Origins (N, 3) mm in C of the sensor's rays at table angles (N,) rad."""
-    x, y, z = calibration.table_from_sensor.translation
-    return calibration.shaft_from_rotor(np.stack([*in_rotor(x, y, angle), np.full_like(angle, z)], axis=-1))
+    return calibration.shaft_from_rotor(_points_in_rotor(calibration.table_from_sensor.translation, angle))
 
 
 def seen_at(calibration: Calibration, points: Array) -> Array:
@@ -161,6 +156,5 @@ def seen_at(calibration: Calibration, points: Array) -> Array:
 def readings_of(calibration: Calibration, points: Array, angle: Array) -> tuple[Array, Array]:
     """x and z (n,) mm that the sensor reads of points (n, 3) mm of C at table angles (n,) rad."""
     rotor = calibration.shaft_from_rotor.inverse(points)
-    table = np.stack([*in_rotor(rotor[:, 0], rotor[:, 1], -angle), rotor[:, 2]], axis=-1)
-    sensor = calibration.table_from_sensor.inverse(table)
+    sensor = calibration.table_from_sensor.inverse(_points_in_rotor(rotor, -angle))
     return np.asarray(sensor[:, 0]), np.asarray(sensor[:, 2])
