@@ -63,10 +63,10 @@ def writing(folder: Path) -> Iterator[sqlite3.Connection]:
         BadStore: SQLite's errors in one line.
     """
     with connected(folder / NAME, isolation_level=None) as connection:
-        connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("PRAGMA wal_autocheckpoint = 0")
-        connection.execute("PRAGMA trusted_schema = OFF")
+        connection.executescript(
+            "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; "
+            "PRAGMA wal_autocheckpoint = 0; PRAGMA trusted_schema = OFF;"
+        )
         yield connection
 
 
