@@ -13,7 +13,7 @@ import numpy as np
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
-from truestand.files.scans.columns import drop_constant
+from truestand.files.scans.columns import drop_constant, encoder_counts
 from truestand.files.scans.scancontrol import (
     COUNTER_MODULUS,
     FEWEST_POINTS,
@@ -62,14 +62,13 @@ def read_scancontrol_raw(path: Path, layout: RawLayout) -> Recording:
         raise UnreadableFile(f"{path.name}: {wrong}") from wrong
     stamps = profiles.stamps
     _refuse_other_points(data, stamps, layout.points, path.name)
-    encoder = drop_constant(unwrap_encoder(stamps.encoder))
     return Recording(
         profiles.x,
         profiles.z,
         FORMAT,
         hashlib.sha256(data).hexdigest(),
         time=unwrap_time(stamps.opened) + _exposure(stamps) / 2,
-        encoder=None if encoder is None else encoder.astype(np.float64),
+        encoder=encoder_counts(drop_constant(unwrap_encoder(stamps.encoder)), path.name),
         counter=unwrap_counter(stamps.counter),
     )
 
