@@ -76,9 +76,7 @@ class Scan:
     @property
     def step(self) -> float:
         """Mean table angle from one profile to the next, rad, signed."""
-        if self.profiles < 2:
-            return 0.0
-        return float((self.angle[-1] - self.angle[0]) / (self.profiles - 1))
+        return float((self.angle[-1] - self.angle[0]) / max(self.profiles - 1, 1))
 
     @property
     def revolutions(self) -> float:
