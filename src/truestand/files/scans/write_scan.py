@@ -62,15 +62,14 @@ def write_long_csv(recording: Recording, path: Path) -> None:
     seen[~seen.any(axis=1), 0] = True  # a profile that saw nothing still has its columns
     row, point = np.nonzero(seen)
     columns: list[tuple[str, NDArray[Any], str]] = [("profile", row, "%d"), ("point", point, "%d")]
-    if recording.counter is not None:
-        columns.append(("counter", recording.counter[row], "%d"))
-    for name, one_a_profile, scale in (
-        ("time_s", recording.time, 1.0),
-        ("angle_deg", recording.angle, float(np.degrees(1.0))),
-        ("encoder", recording.encoder, 1.0),
+    for name, one_a_profile, scale, form in (
+        ("counter", recording.counter, 1, "%d"),
+        ("time_s", recording.time, 1.0, "%.12g"),
+        ("angle_deg", recording.angle, float(np.degrees(1.0)), "%.12g"),
+        ("encoder", recording.encoder, 1.0, "%.12g"),
     ):
         if one_a_profile is not None:
-            columns.append((name, one_a_profile[row] * scale, "%.12g"))
+            columns.append((name, one_a_profile[row] * scale, form))
     columns += [("x_mm", recording.x[row, point], "%.9g"), ("z_mm", recording.z[row, point], "%.9g")]
     if recording.intensity is not None:
         columns.append(("intensity", recording.intensity[row, point], "%.9g"))
