@@ -52,8 +52,6 @@ def dialect_of(sample: bytes, name: str) -> Dialect:
         return Dialect(separator, b"," if b"," in sample else b".")
     if b"," not in sample:
         return Dialect(b" ", b".")
-    if re.search(rb"\d,[ ]+[-+.\d]", sample) and not re.search(rb"\d,\d", sample):
-        return Dialect(b",", b".")
     if b" " in sample.strip() and re.search(rb"\d,\d+[ ]+[-+]?\d", sample):
         return Dialect(b" ", b",")
     if b"." not in sample and re.search(rb"\d,\d", sample):

@@ -174,8 +174,6 @@ def _profiles(rows: list[Row], header: Row, file: _File) -> Recording:
     for axis in (b"X", b"I"):
         if row_of[axis] and row_of[axis].keys() != row_of[b"Z"].keys():
             raise file.refuse(rows[0][0], f"starts frames with Z but no {axis.decode()}, or the other way round")
-    if not row_of[b"Z"]:
-        raise file.refuse(rows[0][0], "starts frames without Z")
     frames = list(row_of[b"Z"])
     encoder = [_stamp(header, rows[i], b"Encoder", file) for i in row_of[b"Z"].values()]
     return Recording(
