@@ -160,12 +160,12 @@ def _rows(buffer: bytes | bytearray | memoryview, points: int) -> NDArray[np.uin
 
 
 def _stamps(rows: NDArray[np.uint8]) -> Stamps:
-    stamp = rows[:, -STAMP:].astype(np.int64)
+    words = np.ascontiguousarray(rows[:, -STAMP:]).view(">u4").astype(np.int64)
     return Stamps(
-        counter=_big_endian(stamp[:, 1:4]),
-        opened=_seconds(_big_endian(stamp[:, 4:8])),
-        closed=_seconds(_big_endian(stamp[:, 12:16])),
-        encoder=_big_endian(stamp[:, 8:10]) // 2,
+        counter=words[:, 0] & 0xFFFFFF,
+        opened=_seconds(words[:, 1]),
+        closed=_seconds(words[:, 3]),
+        encoder=words[:, 2] >> 17,
     )
 
 
@@ -209,13 +209,6 @@ def _millimetres(raw: NDArray[np.uint16], seen: Mask, step: float, offset: float
     """Whole counts over counts a mm, so that 0.002 x 47,500 is 95 and not its neighbour."""
     a_mm = round(1.0 / step)
     return np.where(seen, (raw + (offset * a_mm - RAW_ZERO)) / a_mm, np.nan)
-
-
-def _big_endian(columns: Counts) -> Counts:
-    value = np.zeros(len(columns), dtype=np.int64)
-    for column in columns.T:
-        value = value << 8 | column
-    return value
 
 
 def _seconds(stamp: Counts) -> Array:
