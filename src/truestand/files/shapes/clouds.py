@@ -71,10 +71,7 @@ def _write_ply(path: Path, x: Array, y: Array, z: Array, deviation: Array | None
         for first in range(0, x.shape[0], BLOCK_PROFILES):
             rows = slice(first, first + BLOCK_PROFILES)
             columns = _columns(x[rows], y[rows], z[rows], None if deviation is None else deviation[rows], first)
-            block = np.empty(columns["x"].size, dtype=record)
-            for name, values in columns.items():
-                block[name] = values
-            file.write(block.tobytes())
+            file.write(np.rec.fromarrays(list(columns.values()), dtype=record).tobytes())
     return count
 
 
