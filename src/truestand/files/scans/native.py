@@ -174,9 +174,7 @@ def _exact(values: Array, step: float, offset: float) -> NDArray[np.int16] | Non
     back = _values(steps, step, offset)
     if not ((back == values) | unseen).all():
         return None
-    counts = steps.astype(np.int16)
-    counts[unseen] = FILL
-    return counts
+    return np.where(unseen, FILL, steps).astype(np.int16)
 
 
 def _values(counts: NDArray[Any], step: float, offset: float) -> Array:
