@@ -74,7 +74,7 @@ def _columns(names: list[str], file: str) -> dict[str, tuple[int, float]]:
     for i, full in enumerate(names):
         key, _, unit = full.partition("_")
         if full in UNITLESS:
-            key, factor = full, 1.0
+            factor = 1.0
         elif key in UNITS:
             if unit not in UNITS[key]:
                 known = ", ".join(f"{key}_{u}" for u in UNITS[key])

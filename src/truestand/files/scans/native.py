@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truestand._version import __version__
 from truestand.core.arrays import Array
-from truestand.core.errors import TruestandError, UnreadableFile
+from truestand.core.errors import UnreadableFile
 from truestand.core.scan import Recording
 from truestand.core.stand import Stand
 from truestand.files.atomic import replacing
@@ -84,8 +84,6 @@ def read_native(path: Path, sha256: str) -> Recording:
     try:
         with h5py.File(path, "r") as file:
             return _recording(file, path.name, sha256)
-    except TruestandError:
-        raise
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as wrong:
         raise UnreadableFile(f"{path.name}: the HDF5 file is damaged or cut off ({wrong}); import it again") from wrong
 
