@@ -68,9 +68,13 @@ def joescan_recordings(path: Path) -> Mapping[str, Callable[[], Recording]]:
     """
     packed = path.read_bytes()
     sha256 = hashlib.sha256(packed).hexdigest()
+    data = _unpacked(packed, path.name)
     groups: dict[tuple[int, int, int], list[_Profile]] = {}
-    for profile in _profiles(_unpacked(packed, path.name), path.name):
+    at = count = 0
+    while at < len(data):
+        profile, at = _profile(data, at, f"{path.name}: profile {count}")
         groups.setdefault((profile.head, profile.camera, profile.laser), []).append(profile)
+        count += 1
     several = len(groups) > len({key[:2] for key in groups})
     return {
         f"head{head}-camera{camera}" + f"-laser{laser}" * several: partial(
@@ -98,15 +102,6 @@ def _unpacked(data: bytes, name: str) -> bytes:
             f"{name}: the packed data ends at byte {len(unpacked)} of the unpacked ({wrong}); {ADVICE}"
         ) from wrong
     return bytes(unpacked)
-
-
-def _profiles(data: bytes, name: str) -> list[_Profile]:
-    found: list[_Profile] = []
-    at = 0
-    while at < len(data):
-        profile, at = _profile(data, at, f"{name}: profile {len(found)}")
-        found.append(profile)
-    return found
 
 
 def _profile(data: bytes, at: int, where: str) -> tuple[_Profile, int]:
