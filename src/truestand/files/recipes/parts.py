@@ -211,13 +211,12 @@ def model_of(path: Path | str) -> Path | None:
 
 
 def read_part_simulation(path: Path | str) -> dict[str, Any]:
-    """The ``[simulation]`` table of a part's recipe, as it stands; empty where there is none.
+    """The ``[simulation]`` table of a recipe that ``read_part`` takes, as it stands; empty where there is none.
 
     Raises:
         BadRecipe: unreadable or no TOML.
     """
-    found = read_toml(path).get("simulation", {})
-    return dict(found) if isinstance(found, Mapping) else {}
+    return dict(read_toml(path).get("simulation", {}))
 
 
 def _gear(r: GearRecipe) -> Gear:
