@@ -60,26 +60,20 @@ class SentFrame:
     """A frame as it is sent."""
 
     block: int
-    leader: bytes
-    payload: bytes
-    trailer: bytes
-    data_bytes: int
-    """Of a full packet."""
+    packets: list[Packet]
+    """By their ids: leader, payload, trailer."""
 
-    @property
-    def last(self) -> int:
-        """Id of the trailer's packet."""
-        return -(-len(self.payload) // self.data_bytes) + 1
 
-    def packet(self, number: int) -> Packet:
-        """A packet by its id; 0 is the leader."""
-        if number == 0:
-            return Header(self.block, 0, PacketFormat.LEADER).encode(), memoryview(self.leader)
-        if number >= self.last:
-            return Header(self.block, self.last, PacketFormat.TRAILER).encode(), memoryview(self.trailer)
-        start = (number - 1) * self.data_bytes
-        view = memoryview(self.payload)[start : start + self.data_bytes]
-        return Header(self.block, number, PacketFormat.PAYLOAD).encode(), view
+def sent_frame(block: int, leader: Leader, payload: bytes, data_bytes: int) -> SentFrame:
+    """The frame of number ``block``, cut into packets of ``data_bytes`` each."""
+    view = memoryview(payload)
+    packets = [(Header(block, 0, PacketFormat.LEADER).encode(), memoryview(leader.encode()))]
+    for start in range(0, len(payload), data_bytes):
+        header = Header(block, len(packets), PacketFormat.PAYLOAD)
+        packets.append((header.encode(), view[start : start + data_bytes]))
+    trailer = memoryview(gvsp.encode_trailer(leader.height))
+    packets.append((Header(block, len(packets), PacketFormat.TRAILER).encode(), trailer))
+    return SentFrame(block, packets)
 
 
 class StreamChannel:
@@ -96,26 +90,24 @@ class StreamChannel:
         registers.put(Register.STREAM_SOURCE_PORT, self._socket.getsockname()[1])
         self._lock = threading.Lock()
         self._history: deque[SentFrame] = deque()
-        self._history_bytes = 0
         self._queue: deque[tuple[float, SentFrame]] = deque()
         """Frames to be sent, each with its time."""
         self._previous: bytes | None = None
         self._block = 0
 
-    def restart(self) -> None:
-        """A new stream: blocks count from 1."""
+    def restart(self, frame_bytes: int) -> None:
+        """A new stream of frames of this size: blocks count from 1."""
         with self._lock:
-            self._history.clear()
+            self._history = deque(maxlen=max(HISTORY_BYTES // frame_bytes, 2))
             self._queue.clear()
-            self._block, self._history_bytes, self._previous = 0, 0, None
+            self._block, self._previous = 0, None
 
     def queue(self, payload: bytes, frame: FrameFormat, ticks: int) -> None:
         """Send a frame: now, or later by the latency of a slow network."""
         size = gvsp.data_bytes(self._registers.value(Register.STREAM_PACKET_SIZE) & 0xFFFF)
-        leader = Leader(ticks, PixelFormat.MONO16, frame.width, frame.height).encode()
+        leader = Leader(ticks, PixelFormat.MONO16, frame.width, frame.height)
         self._block = self._block % gvsp.BLOCKS + 1
-        trailer = gvsp.encode_trailer(frame.height)
-        sent = SentFrame(self._block, leader, self._with_faults(payload), trailer, size)
+        sent = sent_frame(self._block, leader, self._with_faults(payload), size)
         self._queue.append((time.monotonic() + self._faults.strength(FaultKind.LATENCY) / 1000, sent))
         self.flush()
 
@@ -124,11 +116,9 @@ class StreamChannel:
         now = time.monotonic()
         while self._queue and self._queue[0][0] <= now:
             frame = self._queue.popleft()[1]
-            self._store(frame)
-            numbers = list(range(frame.last + 1))
-            if FaultKind.DISORDER in self._faults:
-                numbers = self._disordered(numbers)
-            self._send([frame.packet(number) for number in numbers])
+            with self._lock:
+                self._history.append(frame)
+            self._send(self._disordered(frame.packets) if FaultKind.DISORDER in self._faults else frame.packets)
             self.frames += 1
 
     def resend(self, request: Resend) -> None:
@@ -141,7 +131,7 @@ class StreamChannel:
             header = Header(request.block & 0xFFFF, request.first, PacketFormat.PAYLOAD, Status.PACKET_UNAVAILABLE)
             self._send([(header.encode(), memoryview(b""))])
             return
-        packets = [frame.packet(number) for number in range(request.first, min(request.last, frame.last) + 1)]
+        packets = frame.packets[request.first : request.last + 1]
         self._send(packets)
         self.resent += len(packets)
 
@@ -160,18 +150,12 @@ class StreamChannel:
         self._previous = payload
         return self._random.randbytes(len(payload)) if FaultKind.GARBAGE in self._faults else payload
 
-    def _store(self, frame: SentFrame) -> None:
-        with self._lock:
-            self._history.append(frame)
-            self._history_bytes += len(frame.payload)
-            while self._history_bytes > HISTORY_BYTES and len(self._history) > 2:
-                self._history_bytes -= len(self._history.popleft().payload)
-
-    def _disordered(self, numbers: list[int]) -> list[int]:
-        for i in range(len(numbers) - 1):
+    def _disordered(self, packets: list[Packet]) -> list[Packet]:
+        swapped = packets.copy()
+        for i in range(len(swapped) - 1):
             if self._random.random() < SWAPPED_SHARE:
-                numbers[i], numbers[i + 1] = numbers[i + 1], numbers[i]
-        return [n for number in numbers for n in ([number] * (2 if self._random.random() < DUPLICATED_SHARE else 1))]
+                swapped[i], swapped[i + 1] = swapped[i + 1], swapped[i]
+        return [p for packet in swapped for p in ([packet] * (2 if self._random.random() < DUPLICATED_SHARE else 1))]
 
     def _send(self, packets: list[Packet]) -> None:
         port = self._registers.value(Register.STREAM_PORT) & 0xFFFF
@@ -257,9 +241,9 @@ class Streamer:
         """Begin: the first exposure is now."""
         self.stop()
         self._stop.clear()
-        self._channel.restart()
-        begin = self._clock.now()
-        self._thread = threading.Thread(target=self._run, args=(begin, self._registers.format), name=self._name)
+        frame = self._registers.format
+        self._channel.restart(frame.frame_bytes)
+        self._thread = threading.Thread(target=self._run, args=(self._clock.now(), frame), name=self._name)
         self._thread.start()
 
     def stop(self) -> None:
