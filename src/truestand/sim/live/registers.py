@@ -22,7 +22,7 @@ TICKS_PER_S = 1_000_000_000
 DEFAULT_HEARTBEAT_MS = 3000
 """Of the standard."""
 MIN_PACKET_BYTES, MAX_PACKET_BYTES, DEFAULT_PACKET_BYTES = 220, 16404, 1500
-DESCRIPTION_ADDRESS = 0x00100000
+BOOTSTRAP_BYTES, DESCRIPTION_ADDRESS = 0x1000, 0x00100000
 DEFAULT_POINTS, DEFAULT_PROFILES = 640, 20
 MAX_TIME_10US = 4095
 """Of exposure and idle time, in 10 us."""
@@ -126,10 +126,9 @@ class Registers:
         self.on_write: dict[int, Callable[[int], None]] = {}
         self.on_read: dict[int, Callable[[], int]] = {}
         self.streaming = False
-        self._description = description.ljust(-(-len(description) // 4) * 4, b"\0")
-        self._low = bytearray(0x1000)
-        self._words: dict[int, int] = dict.fromkeys(DeviceRegister, 0)
+        self._words: dict[int, int] = dict.fromkeys((*range(0, BOOTSTRAP_BYTES, 4), *DeviceRegister), 0)
         self._bootstrap(identity, len(description))
+        self._put_bytes(DESCRIPTION_ADDRESS, description)
         initial = default_format(points, DEFAULT_PROFILES)
         self._words.update(
             {
@@ -170,8 +169,7 @@ class Registers:
             (Register.USER_NAME, identity.name),
             (Register.FIRST_URL, f"Local:truestand_virtual.xml;{DESCRIPTION_ADDRESS:x};{size:x}"),
         ):
-            raw = text.encode()[: TEXT_BYTES[register] - 1]
-            self._low[register : register + TEXT_BYTES[register]] = raw.ljust(TEXT_BYTES[register], b"\0")
+            self._put_bytes(register, text.encode()[: TEXT_BYTES[register] - 1])
 
     def value(self, address: int) -> int:
         """The value of a register.
@@ -183,10 +181,12 @@ class Registers:
 
     def put(self, address: int, value: int) -> None:
         """Set a register from within the device: no limits, no action."""
-        if address < len(self._low):
-            self._low[address : address + 4] = value.to_bytes(4, "big")
-        else:
-            self._words[address] = value
+        self._words[address] = value
+
+    def _put_bytes(self, address: int, data: bytes) -> None:
+        """Set registers from within the device; zeros fill up the last one."""
+        for offset in range(0, len(data), 4):
+            self.put(address + offset, int.from_bytes(data[offset : offset + 4].ljust(4, b"\0"), "big"))
 
     def read(self, address: int, count: int) -> bytes:
         """``count`` bytes.
@@ -196,11 +196,6 @@ class Registers:
         """
         if address % 4 or count % 4:
             raise RegisterError(Status.BAD_ALIGNMENT)
-        if address + count <= len(self._low):
-            return bytes(self._low[address : address + count])
-        offset = address - DESCRIPTION_ADDRESS
-        if offset >= 0 and offset + count <= len(self._description):
-            return self._description[offset : offset + count]
         try:
             return b"".join(self._word(at).to_bytes(4, "big") for at in range(address, address + count, 4))
         except KeyError:
@@ -241,7 +236,7 @@ class Registers:
             raise RegisterError(Status.BAD_ALIGNMENT)
         end = Register.USER_NAME + TEXT_BYTES[Register.USER_NAME]
         if address >= Register.USER_NAME and address + len(data) <= end:
-            self._low[address : address + len(data)] = data
+            self._put_bytes(address, data)
             return
         for offset in range(0, len(data), 4):
             self.write(address + offset, int.from_bytes(data[offset : offset + 4], "big"))
