@@ -98,7 +98,6 @@ class Assembler:
         self._complete = self._lost = self._incomplete = self._resent = 0
         self._packets = self._duplicates = self._malformed = 0
         self._set_packets(extended=False)
-        self._current = self._none = self._new_frame(-1, -1)
 
     def _set_packets(self, extended: bool) -> None:
         self._extended = extended
@@ -108,6 +107,7 @@ class Assembler:
         self._full = self._head + self._data_bytes if not extended else -1  # extended ids take the longer path
         self._data = self._view[self._head : self._head + self._data_bytes]
         self._free: list[tuple[bytearray, list[memoryview]]] = []
+        self._current = self._none = self._new_frame(-1, -1)
 
     def _new_frame(self, number: int, wire: int) -> _OpenFrame:
         if not self._free:
@@ -168,7 +168,6 @@ class Assembler:
             if self._newest >= 0:
                 raise Malformed("found both standard and extended ids")
             self._set_packets(header.extended)
-            self._current = self._none = self._new_frame(-1, -1)
         data = size - self._head
         if header.status & gvsp.FAILED:
             return
@@ -243,7 +242,7 @@ class Assembler:
             self._collect()
 
     def _collect(self) -> None:
-        """Move the frames that are complete, and have none open before them, to ``frames``."""
+        """Move the frames that are complete, and have none open before them, to ``frames``; the oldest left is not."""
         while (block := self._open.get(self._next)) is not None and not block.missing:
             self._complete += 1
             self._finish(block, Frame(block.number, block.completed, bytes(block.buffer)))
@@ -258,23 +257,21 @@ class Assembler:
             self._current = self._none
 
     def _close(self, block: _OpenFrame, now: float) -> None:
-        """Close the oldest frame with what was received of it."""
-        if not block.missing:
-            self._collect()
-            return
+        """Close the oldest frame, which is not complete, with what was received of it."""
         if block.missing == self._count:
             self._lost += 1
             self._finish(block, None)
-            return
-        missing = [i for i in range(1, len(block.status)) if block.status[i] != 1]
-        for id_ in missing:
-            start = (id_ - 1) * self._data_bytes
-            end = start + len(block.places[id_])
-            start, end = start // self._row * self._row, -(-end // self._row) * self._row
-            block.buffer[start:end] = bytes(min(end, self._payload) - start)
-        self._incomplete += 1
-        size = sum(len(block.places[i]) for i in missing)
-        self._finish(block, Frame(block.number, now, bytes(block.buffer), size))
+        else:
+            missing = [i for i in range(1, len(block.status)) if block.status[i] != 1]
+            for id_ in missing:
+                start = (id_ - 1) * self._data_bytes
+                end = start + len(block.places[id_])
+                start, end = start // self._row * self._row, -(-end // self._row) * self._row
+                block.buffer[start:end] = bytes(min(end, self._payload) - start)
+            self._incomplete += 1
+            size = sum(len(block.places[i]) for i in missing)
+            self._finish(block, Frame(block.number, now, bytes(block.buffer), size))
+        self._collect()
 
     def tick(self, now: float) -> list[Resend]:
         """Check the open frames, every few ms: close those that are overdue; returns the packets to request again."""
@@ -290,10 +287,9 @@ class Assembler:
                 requests += self._requests(block, gaps, now)
         timeout = GAP_TIMEOUT_S if self._resend else GAP_TIMEOUT_WITHOUT_RESEND_S
         while (oldest := self._open.get(self._next)) is not None:
-            if oldest.missing:
-                refused = 0 < oldest.missing == oldest.status.count(3, 1)
-                if not refused and now - oldest.gap_seen < timeout:
-                    break
+            refused = oldest.missing == oldest.status.count(3, 1)
+            if not refused and now - oldest.gap_seen < timeout:
+                break
             self._close(oldest, now)
         return requests
 
