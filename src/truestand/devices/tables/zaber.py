@@ -1,8 +1,9 @@
 """A Zaber stage over TCP or a serial port: the ASCII protocol. Angles travel as microsteps."""
 
+import re
 import threading
 import time
-from math import isfinite, nan, tau
+from math import tau
 
 from truestand.devices.axis import DriveState, malformed, refused, timed
 from truestand.devices.tables.line import Line
@@ -78,13 +79,9 @@ class ZaberTable:
 
     def _number(self, data: str) -> float:
         """A position, in counts."""
-        try:
-            number = float(data)
-        except ValueError:
-            number = nan
-        if not isfinite(number):
+        if not re.fullmatch(r"-?\d{1,15}(\.\d+)?", data):
             raise malformed(self.name, f"position {data[:20]!r}", "a number")
-        return number
+        return float(data)
 
     def _flags(self) -> list[str]:
         """All warning flags: a count, then the flags."""
