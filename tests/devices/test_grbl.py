@@ -15,7 +15,7 @@ from patience import NOT_FOR_EVER
 from tables import listener, on_virtual_time, served, table_at
 from truestand.core.errors import DeviceError, DeviceLost, MoveTimeout
 from truestand.devices.tables import TableRecipe, open_table
-from truestand.devices.wire.grbl import Alarm, Note, Ok, Refused, Report, Welcome, decode_line, jog_to
+from truestand.devices.wire.grbl import Alarm, Ok, Refused, Report, Welcome, decode_line, jog_to
 from truestand.devices.wire.malformed import Malformed
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.grbl_server import GrblServer
@@ -26,8 +26,8 @@ SAID = [
     (b"error:9\r", Refused(9)),
     (b"ALARM:1", Alarm(1)),
     (b"Grbl 1.1h ['$' for help]", Welcome()),
-    (b"[MSG:'$H'|'$X' to unlock]", Note("[MSG:'$H'|'$X' to unlock]")),
-    (b"", Note("")),
+    (b"[MSG:'$H'|'$X' to unlock]", None),
+    (b"", None),
     (b"<Idle|MPos:0.000,0.000,0.000|FS:0.0,0>", Report("Idle", (0.0, 0.0, 0.0))),
     (b"<Jog|MPos:-5.250,0.000,0.000|Bf:15,128|FS:100,0|Pn:X|Ov:100,100,100>", Report("Jog", (-5.25, 0.0, 0.0))),
     (b"<Hold:1|MPos:1.000,2.000,3.000,4.000|FS:0,0>", Report("Hold", (1.0, 2.0, 3.0, 4.0), 1)),

@@ -15,7 +15,7 @@ from truestand.devices.axis import DriveState, refused, timed
 from truestand.devices.tables.line import Line
 from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
 from truestand.devices.wire import grbl
-from truestand.devices.wire.grbl import Alarm, Message, Note, Ok, Refused, Report, Welcome
+from truestand.devices.wire.grbl import Alarm, Message, Ok, Refused, Report, Welcome
 from truestand.devices.wire.malformed import Malformed
 
 BOOT_TIMEOUT_S = 3.0
@@ -163,8 +163,8 @@ class GrblTable:
                 if isinstance(message, Refused) and self._home == "searching":
                     raise self._refused(message)
 
-    def _until(self, seconds: float, wanted: type[Ok | Report | Welcome], booting: bool = False) -> Message:
-        """The first ``wanted`` message or refusal; a note where the board is silent during the home search.
+    def _until(self, seconds: float, wanted: type[Ok | Report | Welcome], booting: bool = False) -> Message | None:
+        """The first ``wanted`` message or refusal; None where the board is silent during the home search.
 
         A board that boots sends bytes that are no GRBL, and ignores the first questions.
 
@@ -176,7 +176,7 @@ class GrblTable:
         while time.monotonic() < end:
             line = self._line.receive(min(end, time.monotonic() + self._line.timeout))
             try:
-                message = Note("") if line is None else self._decoded(line)
+                message = None if line is None else self._decoded(line)
             except Malformed:
                 malformed = line or b""
                 if not booting:
@@ -189,10 +189,10 @@ class GrblTable:
         if malformed:
             raise self._line.malformed(repr(malformed[:40]), "a line of GRBL 1.1")
         if searching:
-            return Note("")
+            return None
         raise self._line.silent()
 
-    def _decoded(self, line: bytes) -> Message:
+    def _decoded(self, line: bytes) -> Message | None:
         """A message; the state of homing and alarms follows it."""
         message = grbl.decode_line(line)
         if isinstance(message, Ok) and self._home == "searching":

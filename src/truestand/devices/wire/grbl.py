@@ -75,14 +75,7 @@ class Welcome:
     """The board was switched on or reset."""
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
-    """``[MSG:...]`` and other lines that need no action."""
-
-    text: str
-
-
-Message = Ok | Refused | Alarm | Report | Welcome | Note
+Message = Ok | Refused | Alarm | Report | Welcome
 
 
 def jog_to(axis: str, position: float, feed: float) -> bytes:
@@ -90,8 +83,8 @@ def jog_to(axis: str, position: float, feed: float) -> bytes:
     return f"$J=G90 G21 G53 {axis}{position:.4f} F{feed:.3f}\n".encode("ascii")
 
 
-def decode_line(line: bytes) -> Message:
-    """A message of the board.
+def decode_line(line: bytes) -> Message | None:
+    """A message of the board, or None for ``[MSG:...]`` and other lines that need no action.
 
     Raises:
         Malformed: none of GRBL 1.1.
@@ -105,7 +98,7 @@ def decode_line(line: bytes) -> Message:
     if re.match(r"(Grbl|GrblHAL) ", text):
         return Welcome()
     if (text.startswith("[") and text.endswith("]")) or not text:
-        return Note(text)
+        return None
     if found := re.fullmatch(r"(error|ALARM):(\d{1,3})", text):
         return Refused(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
     if found := _REPORT.fullmatch(text):
