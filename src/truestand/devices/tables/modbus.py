@@ -50,7 +50,7 @@ class ModbusTable:
 
     def start_move(self, position: float, speed: float) -> None:
         """Begin to move to ``position`` (rad) at ``speed`` (rad/s) and stop there."""
-        self._command(MOVE, self._counts(position), max(1, self._counts(speed)))
+        self._command(MOVE, (self._map.target, self._counts(position)), (self._map.speed, max(1, self._counts(speed))))
 
     def halt(self) -> None:
         """Begin to slow down to rest."""
@@ -83,12 +83,11 @@ class ModbusTable:
         with self._lock:
             self._client.close()
 
-    def _command(self, bits: int, target: int | None = None, speed: int | None = None) -> None:
-        """Send a command, and wait until the PLC has accepted it."""
+    def _command(self, bits: int, *numbers: tuple[int, int]) -> None:
+        """Send a command, after its numbers (register, value), and wait until the PLC has accepted it."""
         with self._lock:
-            for register, value in ((self._map.target, target), (self._map.speed, speed)):
-                if value is not None:
-                    self._write(register, *self._order(*unpack(">HH", pack(">i", value))))
+            for register, value in numbers:
+                self._write(register, *self._order(*unpack(">HH", pack(">i", value))))
             number = (self._status()[self._map.status] >> 8) % 255 + 1
             self._write(self._map.command, number << 8 | bits)
             end = time.monotonic() + self._timeout
