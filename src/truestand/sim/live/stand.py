@@ -45,13 +45,14 @@ class VirtualStand(Service):
         clock: the stand's time.
         table: the rotary table.
         sensors: by name; their faults may be those of the table too.
-        servers: of the table, by protocol.
+        protocol: of the table.
+        server: of the table.
     """
 
     def __init__(
-        self, clock: Clock, table: VirtualTable, sensors: dict[str, GigeDevice], servers: dict[str, ServerThread]
+        self, clock: Clock, table: VirtualTable, sensors: dict[str, GigeDevice], protocol: str, server: ServerThread
     ) -> None:
-        self.clock, self.table, self.sensors, self.servers = clock, table, sensors, servers
+        self.clock, self.table, self.sensors, self.protocol, self.server = clock, table, sensors, protocol, server
         self._running = ExitStack()
 
     def start(self) -> None:
@@ -61,15 +62,14 @@ class VirtualStand(Service):
             DeviceError: one of them is taken, or not this machine's.
         """
         with ExitStack() as started:
-            for name, server in self.servers.items():
-                try:
-                    server.start()
-                except OSError as wrong:
-                    raise DeviceError(
-                        f"virtual table: can't serve {name} ({wrong}); take another port in [devices.table], or end "
-                        "the program that holds this one"
-                    ) from wrong
-                started.callback(server.stop)
+            try:
+                self.server.start()
+            except OSError as wrong:
+                raise DeviceError(
+                    f"virtual table: can't serve {self.protocol} ({wrong}); take another port in [devices.table], or "
+                    "end the program that holds this one"
+                ) from wrong
+            started.callback(self.server.stop)
             for sensor in self.sensors.values():
                 started.enter_context(sensor)
             self._running = started.pop_all()
@@ -80,8 +80,8 @@ class VirtualStand(Service):
 
     def addresses(self) -> list[str]:
         """Device, name and address of each: "table modbus 127.0.0.1:5020", "sensor front 127.0.0.11:3956"."""
-        tables = [f"table {protocol} {server.address}" for protocol, server in self.servers.items()]
-        return tables + [f"sensor {name} {device.identity.address}:{PORT}" for name, device in self.sensors.items()]
+        sensors = [f"sensor {name} {device.identity.address}:{PORT}" for name, device in self.sensors.items()]
+        return [f"table {self.protocol} {self.server.address}", *sensors]
 
     def begin(self, kind: FaultKind, strength: float | None = None) -> None:
         """Begin a fault of all sensors, or of the table; ``NONE`` ends all.
@@ -131,7 +131,7 @@ def virtual_stand(
         endpoint.name: _sensor(endpoint, stand, simulation, artefact, turning, part, seed + number)
         for number, endpoint in enumerate(sensors)
     }
-    return VirtualStand(clock, turning, devices, {table.protocol: table_server(turning, table)})
+    return VirtualStand(clock, turning, devices, table.protocol, table_server(turning, table))
 
 
 def table_server(table: VirtualTable, recipe: TableRecipe) -> ServerThread:
