@@ -9,7 +9,6 @@ import socket
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
@@ -55,17 +54,8 @@ Packet = tuple[bytes, memoryview]
 """Header and data."""
 
 
-@dataclass(frozen=True, slots=True)
-class SentFrame:
-    """A frame as it is sent."""
-
-    block: int
-    packets: list[Packet]
-    """By their ids: leader, payload, trailer."""
-
-
-def sent_frame(block: int, leader: Leader, payload: bytes, data_bytes: int) -> SentFrame:
-    """The frame of number ``block``, cut into packets of ``data_bytes`` each."""
+def packets_of(block: int, leader: Leader, payload: bytes, data_bytes: int) -> list[Packet]:
+    """The packets of frame ``block`` by their ids: leader, payload in pieces of ``data_bytes``, trailer."""
     view = memoryview(payload)
     packets = [(Header(block, 0, PacketFormat.LEADER).encode(), memoryview(leader.encode()))]
     for start in range(0, len(payload), data_bytes):
@@ -73,7 +63,7 @@ def sent_frame(block: int, leader: Leader, payload: bytes, data_bytes: int) -> S
         packets.append((header.encode(), view[start : start + data_bytes]))
     trailer = memoryview(gvsp.encode_trailer(leader.height))
     packets.append((Header(block, len(packets), PacketFormat.TRAILER).encode(), trailer))
-    return SentFrame(block, packets)
+    return packets
 
 
 class StreamChannel:
@@ -89,9 +79,10 @@ class StreamChannel:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         registers.put(Register.STREAM_SOURCE_PORT, self._socket.getsockname()[1])
         self._lock = threading.Lock()
-        self._history: deque[SentFrame] = deque()
-        self._queue: deque[tuple[float, SentFrame]] = deque()
-        """Frames to be sent, each with its time."""
+        self._history: deque[tuple[int, list[Packet]]] = deque()
+        """Frames that were sent, by block."""
+        self._queue: deque[tuple[float, int, list[Packet]]] = deque()
+        """Frames to be sent, each with its time and block."""
         self._previous: bytes | None = None
         self._block = 0
 
@@ -107,18 +98,19 @@ class StreamChannel:
         size = gvsp.data_bytes(self._registers.value(Register.STREAM_PACKET_SIZE) & 0xFFFF)
         leader = Leader(ticks, PixelFormat.MONO16, frame.width, frame.height)
         self._block = self._block % gvsp.BLOCKS + 1
-        sent = sent_frame(self._block, leader, self._with_faults(payload), size)
-        self._queue.append((time.monotonic() + self._faults.strength(FaultKind.LATENCY) / 1000, sent))
+        packets = packets_of(self._block, leader, self._with_faults(payload), size)
+        due = time.monotonic() + self._faults.strength(FaultKind.LATENCY) / 1000
+        self._queue.append((due, self._block, packets))
         self.flush()
 
     def flush(self) -> None:
         """Send what is due."""
         now = time.monotonic()
         while self._queue and self._queue[0][0] <= now:
-            frame = self._queue.popleft()[1]
+            _, block, packets = self._queue.popleft()
             with self._lock:
-                self._history.append(frame)
-            self._send(self._disordered(frame.packets) if FaultKind.DISORDER in self._faults else frame.packets)
+                self._history.append((block, packets))
+            self._send(self._disordered(packets) if FaultKind.DISORDER in self._faults else packets)
             self.frames += 1
 
     def resend(self, request: Resend) -> None:
@@ -126,12 +118,12 @@ class StreamChannel:
         if FaultKind.NO_RESEND in self._faults:
             return
         with self._lock:
-            frame = next((f for f in reversed(self._history) if f.block == request.block), None)
-        if frame is None:
+            sent = next((packets for block, packets in reversed(self._history) if block == request.block), None)
+        if sent is None:
             header = Header(request.block & 0xFFFF, request.first, PacketFormat.PAYLOAD, Status.PACKET_UNAVAILABLE)
             self._send([(header.encode(), memoryview(b""))])
             return
-        packets = frame.packets[request.first : request.last + 1]
+        packets = sent[request.first : request.last + 1]
         self._send(packets)
         self.resent += len(packets)
 
