@@ -92,11 +92,11 @@ def test_the_mesh_is_watertight_and_faces_outwards(beta):
     errors = GearErrors(
         pitch=0.02, dents=(Dent(3, "left", 5.0, 12.0, 0.6, 0.05),), chips=(Chip(4, 5.0, 9.0, 1.5),), missing=(1, 24, 7)
     )
-    mesh = gear_mesh(GearSurface(gear(beta), errors), 7.0)
-    edges = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    there, back = (np.sort(e @ [len(mesh.vertices), 1]) for e in (edges, edges[:, ::-1]))
+    vertices, triangles, _ = gear_mesh(GearSurface(gear(beta), errors), 7.0)
+    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    there, back = (np.sort(e @ [len(vertices), 1]) for e in (edges, edges[:, ::-1]))
     assert np.all(np.diff(there) > 0) and np.array_equal(there, back)  # each edge once, and once the other way
-    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
     full = np.pi * 20.0 * (23.9**2 - 7.0**2)
     assert 0.8 * full < np.sum(a * np.cross(b, c)) / 6 < 1.1 * full
 

@@ -33,19 +33,11 @@ class Flanks:
     """(F,) +1 left, -1 right, 0 none."""
 
 
-@dataclass(frozen=True, slots=True)
-class GearMesh:
-    """Triangles in the gear's own frame, counter-clockwise seen from outside, and the flank to which each belongs."""
+def gear_mesh(surface: GearSurface, bore: float) -> tuple[Array, NDArray[np.int64], Flanks]:
+    """The mesh of a gear with a bore of radius ``bore`` (mm), in its own frame, and what its triangles stand for.
 
-    vertices: Array
-    """(V, 3) mm."""
-    faces: NDArray[np.int64]
-    """(F, 3)."""
-    flanks: Flanks
-
-
-def gear_mesh(surface: GearSurface, bore: float) -> GearMesh:
-    """The mesh of a gear with a bore of radius ``bore`` (mm)."""
+    Returns vertices (V, 3) mm, triangles (F, 3) counter-clockwise seen from outside, and the flank of each.
+    """
     heights = _rows(surface)
     outline, tooth, side = _outline(surface, heights)
     rows, around = heights.size, tooth.size
@@ -59,7 +51,7 @@ def gear_mesh(surface: GearSurface, bore: float) -> GearMesh:
     of_tooth = np.full((rows + 2, around), -1, dtype=np.intp)
     of_side = np.zeros((rows + 2, around), dtype=np.int8)
     of_tooth[1:rows], of_side[1:rows] = tooth, side
-    return GearMesh(rings, walls, Flanks(surface, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2)))
+    return rings, walls, Flanks(surface, np.repeat(of_tooth.ravel(), 2), np.repeat(of_side.ravel(), 2))
 
 
 def _walls(rings: int, around: int) -> NDArray[np.int64]:

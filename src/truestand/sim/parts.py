@@ -71,9 +71,9 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
     if isinstance(part, VirtualGear):
         check_gear(part)
         surface = GearSurface(part.gear, part.errors)
-        mesh = gear_mesh(surface, _bore(part.gear, artefact, surface.circles.root))
+        vertices, triangles, flanks = gear_mesh(surface, _bore(part.gear, artefact, surface.circles.root))
         pose = shaft_from_gear(part, artefact, workpiece)
-        return Scene(steps, faces, body(mesh.vertices, mesh.faces, pose, mesh.flanks))
+        return Scene(steps, faces, body(vertices, triangles, pose, flanks))
     if isinstance(part, VirtualTurned):
         part_steps, part_faces = _sections(part, workpiece.clamped)
         return Scene(steps + part_steps, faces + part_faces)
