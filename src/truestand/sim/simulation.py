@@ -108,8 +108,6 @@ class Workpiece:
 
     def in_shaft_frame(self) -> "Workpiece":
         """The same with the angle of the clamping applied: azimuths in C, which has no twist against the table."""
-        if not self.clamped:
-            return self
         c, s = cos(self.clamped), sin(self.clamped)
         return replace(
             self,
