@@ -51,7 +51,7 @@ class OpcUaServer(ServerThread):
             started.set()
             while not self._stopped.is_set():
                 for node, value in variables:
-                    await node.write_value(ua.DataValue(_variant(value())))
+                    await node.write_value(ua.DataValue(ua.Variant(value())))
                     _serve_reads(server, node, value)
                 await asyncio.sleep(PUBLISH_INTERVAL_S)
 
@@ -76,7 +76,7 @@ class OpcUaServer(ServerThread):
             (m.homed, lambda: self.table.status().homed),
             (m.fault, lambda: self.table.status().fault),
         ]
-        return [(await parent.add_variable(space, name, _variant(value())), value) for name, value in variables]
+        return [(await parent.add_variable(space, name, value()), value) for name, value in variables]
 
 
 @contextmanager
@@ -91,14 +91,11 @@ def _no_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _variant(value: Value) -> ua.Variant:
-    kind = ua.VariantType.Boolean if isinstance(value, bool) else None
-    return ua.Variant(value, kind or (ua.VariantType.String if isinstance(value, str) else ua.VariantType.Double))
-
-
 def _serve_reads(server: Server, node: Node, value: Callable[[], Value]) -> None:
     """Answer reads of ``node`` with ``value`` at that moment; each write of a value takes this callback away."""
-    server.set_attribute_value_callback(node.nodeid, lambda *_: ua.DataValue(_variant(value())), ua.AttributeIds.Value)
+    server.set_attribute_value_callback(
+        node.nodeid, lambda *_: ua.DataValue(ua.Variant(value())), ua.AttributeIds.Value
+    )
 
 
 def _method(function: Method, count: int) -> Callable[..., ua.StatusCode | list[ua.Variant]]:
