@@ -254,9 +254,7 @@ class GigeDevice(Service):
             self._control.expire(time.monotonic())
             try:
                 data, sender = self._socket.recvfrom(2048)
-            except TimeoutError:
-                continue
-            except OSError:  # an earlier answer met a closed port
+            except OSError:  # nothing came in time, or an earlier answer met a closed port
                 continue
             if FaultKind.UNPLUGGED in self.faults:
                 continue
