@@ -1,20 +1,17 @@
 """What a virtual sensor sees: the virtual stand at this moment."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
-from truestand.sim.live.scancontrol_frames import FrameFormat, Raw, raw_profiles
+from truestand.sim.live.scancontrol_frames import Counts, FrameFormat, Raw, raw_profiles
 from truestand.sim.live.table import VirtualTable
 from truestand.sim.parts import VirtualPart
 from truestand.sim.sensor_model import SensorModel
 from truestand.sim.simulation import DEFAULT_COUNTS_PER_TURN, Simulation, speed_and_rate
 from truestand.sim.truth import Truth
-
-Counts = NDArray[np.int64]
 
 
 class SimulatedSource:
