@@ -2,7 +2,7 @@
 
 import re
 
-from truestand.devices.wire.gvcp import Register
+from truestand.devices.wire.gvcp import TEXT_BYTES, Register
 from truestand.devices.wire.gvsp import PixelFormat
 from truestand.sim.live.faults import FaultKind
 from truestand.sim.live.registers import MAX_PACKET_BYTES, MAX_TIME_10US, MIN_PACKET_BYTES, DeviceRegister
@@ -29,14 +29,14 @@ def description(model: str) -> bytes:
 
 def _device() -> dict[str, str]:
     texts = (
-        ("DeviceVendorName", Register.MANUFACTURER, 32, "RO"),
-        ("DeviceModelName", Register.MODEL, 32, "RO"),
-        ("DeviceVersion", Register.DEVICE_VERSION, 32, "RO"),
-        ("DeviceManufacturerInfo", Register.MANUFACTURER_INFO, 48, "RO"),
-        ("DeviceID", Register.SERIAL, 16, "RO"),
-        ("DeviceUserID", Register.USER_NAME, 16, "RW"),
+        ("DeviceVendorName", Register.MANUFACTURER, "RO"),
+        ("DeviceModelName", Register.MODEL, "RO"),
+        ("DeviceVersion", Register.DEVICE_VERSION, "RO"),
+        ("DeviceManufacturerInfo", Register.MANUFACTURER_INFO, "RO"),
+        ("DeviceID", Register.SERIAL, "RO"),
+        ("DeviceUserID", Register.USER_NAME, "RW"),
     )
-    return {name: _node("StringReg", name, _location(address, mode, size)) for name, address, size, mode in texts}
+    return {name: _node("StringReg", name, _location(at, mode, TEXT_BYTES[at])) for name, at, mode in texts}
 
 
 def _image() -> dict[str, str]:
@@ -67,8 +67,8 @@ def _acquisition() -> dict[str, str]:
     )  # fmt: skip
     return {
         "AcquisitionMode": _enumeration("AcquisitionMode", DeviceRegister.ACQUISITION_MODE, {"Continuous": 0}),
-        "AcquisitionStart": _command("AcquisitionStart", DeviceRegister.ACQUISITION_START),
-        "AcquisitionStop": _command("AcquisitionStop", DeviceRegister.ACQUISITION_STOP),
+        "AcquisitionStart": _command("AcquisitionStart", _bits(DeviceRegister.ACQUISITION_START)),
+        "AcquisitionStop": _command("AcquisitionStop", _bits(DeviceRegister.ACQUISITION_STOP)),
         "ExposureTimeRaw": _integer("ExposureTimeRaw", _bits(DeviceRegister.EXPOSURE), 1, MAX_TIME_10US),
         "IdleTimeRaw": _integer("IdleTimeRaw", _bits(DeviceRegister.IDLE), 1, MAX_TIME_10US),
         "ExposureTime": _ten_us("ExposureTime", "ExposureTimeRaw"),
@@ -93,12 +93,12 @@ def _transport() -> dict[str, str]:
         "GevSCPSDoNotFragment": _node(
             "Boolean", "GevSCPSDoNotFragment", "<pValue>GevSCPSDoNotFragmentReg</pValue>"
         ) + _node("MaskedIntReg", "GevSCPSDoNotFragmentReg", _bits(packet, 30, 30)),
-        "GevSCPSFireTestPacket": _command("GevSCPSFireTestPacket", packet, 31),
+        "GevSCPSFireTestPacket": _command("GevSCPSFireTestPacket", _bits(packet, 31, 31)),
         "GevSCPD": _integer("GevSCPD", _bits(Register.STREAM_DELAY)),
         "GevSCDA": _integer("GevSCDA", _bits(Register.STREAM_ADDRESS)),
         "GevSCSP": _integer("GevSCSP", _bits(Register.STREAM_SOURCE_PORT, mode="RO")),
         "GevTimestampTickFrequency": _integer("GevTimestampTickFrequency", _bits(Register.TICKS_LOW, mode="RO")),
-        "GevTimestampControlLatch": _command("GevTimestampControlLatch", Register.TIMESTAMP_CONTROL, value=2),
+        "GevTimestampControlLatch": _command("GevTimestampControlLatch", _bits(Register.TIMESTAMP_CONTROL), value=2),
         "GevTimestampValue": _node(
             "IntReg", "GevTimestampValue",
             _location(Register.TIMESTAMP_HIGH, "RO", 8) + _UNCACHED + "<Sign>Unsigned</Sign>" + _BIG,
@@ -153,8 +153,7 @@ def _enumeration(name: str, address: int, entries: dict[str, int]) -> str:
     )
 
 
-def _command(name: str, address: int, bit: int | None = None, value: int = 1) -> str:
-    location = _bits(address) if bit is None else _bits(address, bit, bit)
+def _command(name: str, location: str, value: int = 1) -> str:
     return _node("Command", name, f"<pValue>{name}Reg</pValue><CommandValue>{value}</CommandValue>") + _node(
         "MaskedIntReg", f"{name}Reg", location
     )
