@@ -136,11 +136,10 @@ class ZaberServer(LineServer):
     def _set(self, name: str, value: str) -> str:
         """Change a setting to a number; the speed only within its limits."""
         try:
-            fits = name != "maxspeed" or 0 < float(value) <= self._speed_limit()
-            float(value)
+            number = float(value)
         except ValueError:
             return "RJ BADDATA"
-        if not fits:
+        if name == "maxspeed" and not 0 < number <= self._speed_limit():
             return "RJ BADDATA"
         self._settings[name] = value
         return "0"
