@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import radians
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from truestand.files.checking import Recipe, checked
 from truestand.gear.drawing import Gear
@@ -26,8 +26,6 @@ from truestand.sim.simulation import (
 )
 
 Share = Annotated[float, Field(ge=0, le=1)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Tooth = Annotated[int, Field(ge=1)]
 UM = 1000.0
 """Per mm."""
@@ -47,8 +45,8 @@ class KeywayRecipe(Recipe):
 
     surface: str
     azimuth_deg: float = 0.0
-    width_mm: Positive
-    depth_mm: Positive
+    width_mm: PositiveFloat
+    depth_mm: PositiveFloat
     from_mm: float = -1e9
     to_mm: float = 1e9
 
@@ -102,30 +100,30 @@ class SimulationRecipe(WorkpieceRecipe):
     """``[simulation]`` as a whole."""
 
     phi_deg: float = -41.802
-    standoff_mm: Positive = 95.0
+    standoff_mm: PositiveFloat = 95.0
     height_mm: float = -1.0
     laser_plane_tilt_deg: float = 0.0
     laser_plane_offset_mm: float = 0.0
     azimuth_deg: float = 0.0
-    eccentricity_um: NotNegative = 878.9
+    eccentricity_um: NonNegativeFloat = 878.9
     eccentricity_direction_deg: float = 0.0
     tilt_mrad: float = 0.0
     tilt_direction_deg: float = 0.0
     clamped_deg: float = 0.0
-    chamfer_mm: NotNegative = 0.0
-    fillet_mm: NotNegative = 0.0
+    chamfer_mm: NonNegativeFloat = 0.0
+    fillet_mm: NonNegativeFloat = 0.0
     table_disc_mm: float | None = None
-    fan_deg: Positive = 16.0
-    noise_um: NotNegative = 4.0
-    correlated_noise_um: NotNegative = 0.0
+    fan_deg: PositiveFloat = 16.0
+    noise_um: NonNegativeFloat = 4.0
+    correlated_noise_um: NonNegativeFloat = 0.0
     correlation_points: Annotated[int, Field(ge=1)] = 8
-    speckle_um: NotNegative = 0.0
-    speckle_cell_mm: Positive = 0.1
+    speckle_um: NonNegativeFloat = 0.0
+    speckle_cell_mm: PositiveFloat = 0.1
     nonlinearity_um: float = 0.0
     nonlinearity_phase_deg: float = 57.3
     scale_error_ppm: float = 0.0
-    step_z_um: NotNegative = 4.0
-    step_x_um: NotNegative = 1.0
+    step_z_um: NonNegativeFloat = 4.0
+    step_x_um: NonNegativeFloat = 1.0
     triangulation_deg: float = 0.0
     incidence_noise: bool = False
     incidence_bias_um: float = 0.0
@@ -139,10 +137,10 @@ class SimulationRecipe(WorkpieceRecipe):
     profiles: Annotated[int, Field(ge=2, le=1_000_000)] = 11000
     start_angle_deg: float = 0.0
     columns: tuple[Literal["angle", "time", "encoder", "counter"], ...] = ()
-    speed_factor: Positive = 1.0
+    speed_factor: PositiveFloat = 1.0
     ripple: float = 0.0
     ripple_per_turn: Annotated[int, Field(ge=1)] = 1
-    ramp_s: NotNegative = 0.0
+    ramp_s: NonNegativeFloat = 0.0
     dropped: Annotated[int, Field(ge=0)] = 0
 
 
@@ -151,9 +149,9 @@ class DentRecipe(Recipe):
 
     tooth: Tooth
     flank: Literal["left", "right"]
-    roll_length_mm: Positive
+    roll_length_mm: PositiveFloat
     height_mm: float
-    radius_mm: Positive
+    radius_mm: PositiveFloat
     depth_um: float
     """Positive into the material."""
 
@@ -163,13 +161,13 @@ class WornRecipe(Recipe):
 
     tooth: Tooth | None = None
     flank: Literal["left", "right"]
-    from_roll_length_mm: NotNegative
-    to_roll_length_mm: Positive
+    from_roll_length_mm: NonNegativeFloat
+    to_roll_length_mm: PositiveFloat
     from_mm: float
     to_mm: float
     depth_um: float
     """Positive into the material."""
-    edge_mm: Positive = 0.1
+    edge_mm: PositiveFloat = 0.1
 
 
 class ChipRecipe(Recipe):
@@ -178,7 +176,7 @@ class ChipRecipe(Recipe):
     tooth: Tooth
     from_mm: float
     to_mm: float
-    depth_mm: Positive
+    depth_mm: PositiveFloat
 
 
 class GearErrorsRecipe(Recipe):
@@ -186,17 +184,17 @@ class GearErrorsRecipe(Recipe):
 
     phase_deg: float = 3.0
     seed: Annotated[int, Field(ge=0)] = 0
-    pitch_um: NotNegative = 0.0
+    pitch_um: NonNegativeFloat = 0.0
     pitch_left_um: tuple[float, ...] = ()
     pitch_right_um: tuple[float, ...] = ()
-    eccentricity_um: NotNegative = 0.0
+    eccentricity_um: NonNegativeFloat = 0.0
     eccentricity_direction_deg: float = 0.0
     thickness_um: float = 0.0
     profile_slope_um: float = 0.0
     profile_slope_left_um: float | None = None
     profile_slope_right_um: float | None = None
     profile_wave_um: float = 0.0
-    profile_waves: Positive = 1.0
+    profile_waves: PositiveFloat = 1.0
     profile_crowning_um: float = 0.0
     helix_slope_um: float = 0.0
     helix_slope_left_um: float | None = None

@@ -3,7 +3,7 @@
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor
@@ -11,7 +11,6 @@ from truestand.devices.sensor import Laser
 from truestand.files.checking import Recipe
 from truestand.files.scans import scancontrol
 
-Positive = Annotated[float, Field(gt=0)]
 Driver = Literal["scancontrol", "range-camera", "replay"]
 MAX_PROFILES_PER_FRAME = 20
 """So many are lost at most where a recording is cut off."""
@@ -49,7 +48,7 @@ class SensorRecipe(Recipe):
     """Request lost packets again."""
     x_first_mm: float = 0.0
     """Range camera: x of the first column."""
-    x_step_mm: Positive | None = None
+    x_step_mm: PositiveFloat | None = None
     z_zero_mm: float = 0.0
     """Range camera: z of the raw value 0 (which itself means no data)."""
     z_step_mm: float | None = None

@@ -7,12 +7,11 @@ import re
 from math import inf, radians
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from truestand.devices.axis import Limits
 from truestand.files.checking import Recipe
 
-Positive = Annotated[float, Field(gt=0)]
 Protocol = Literal["modbus", "opcua", "zaber", "grbl"]
 Register = Annotated[int, Field(ge=0, le=65534)]
 PORTS = {"modbus": 502, "zaber": 55550, "grbl": 23}
@@ -37,7 +36,7 @@ class ModbusRecipe(Recipe):
     """
 
     unit: Annotated[int, Field(ge=0, le=255)] = 1
-    counts_per_turn: Annotated[int, Field(gt=0)] = 360000
+    counts_per_turn: PositiveInt = 360000
     words: Literal["high-first", "low-first"] = "high-first"
     """Order of the two registers of a number."""
     status_in: Literal["holding", "input"] = "holding"
@@ -94,9 +93,9 @@ class ZaberRecipe(Recipe):
 
     device: Annotated[int, Field(ge=1, le=99)] = 1
     axis: Annotated[int, Field(ge=1, le=9)] = 1
-    counts_per_turn: Annotated[int, Field(gt=0)] = 576000
+    counts_per_turn: PositiveInt = 576000
     """360 deg over the microstep size in the stage's data sheet; 0.000625 deg gives 576,000."""
-    baud: Annotated[int, Field(gt=0)] = 115200
+    baud: PositiveInt = 115200
 
 
 class GrblRecipe(Recipe):
@@ -105,9 +104,9 @@ class GrblRecipe(Recipe):
     axis: Literal["X", "Y", "Z", "A", "B", "C"] = "X"
     axes: Annotated[str, Field(pattern="^[XYZABC]{1,6}$")] = "XYZ"
     """In the order in which the board reports them."""
-    degrees_per_unit: Positive = 1.0
+    degrees_per_unit: PositiveFloat = 1.0
     """A board that counts its axis in degrees: 1; in turns: 360."""
-    baud: Annotated[int, Field(gt=0)] = 115200
+    baud: PositiveInt = 115200
 
     @model_validator(mode="after")
     def _known(self) -> "GrblRecipe":
@@ -122,13 +121,13 @@ class TableRecipe(Recipe):
     protocol: Protocol
     address: Annotated[str, Field(min_length=1)]
     """``host:port``, ``opc.tcp://host:port/path``, or a serial port: ``/dev/ttyUSB0``, ``COM3``."""
-    max_speed_deg_per_s: Positive = 90.0
+    max_speed_deg_per_s: PositiveFloat = 90.0
     range_deg: tuple[float, float] | None = None
     """For a table with stops; without it the table turns endlessly."""
-    tolerance_deg: Positive = 0.05
-    home_timeout_s: Positive = 60.0
-    stop_timeout_s: Positive = 5.0
-    timeout_s: Positive = 0.5
+    tolerance_deg: PositiveFloat = 0.05
+    home_timeout_s: PositiveFloat = 60.0
+    stop_timeout_s: PositiveFloat = 5.0
+    timeout_s: PositiveFloat = 0.5
     """Of the connection: a controller that does not answer for longer is lost."""
     modbus: ModbusRecipe = ModbusRecipe()
     opcua: OpcUaRecipe = OpcUaRecipe()
