@@ -211,17 +211,13 @@ class Resend:
 
 
 def decode_resend(request: Request) -> Resend:
-    """The packets that a PACKET_RESEND requests.
+    """The packets that a PACKET_RESEND requests, by standard ids: the virtual sensor sends no others.
 
     Raises:
         Malformed: a body of the wrong size.
     """
-    extended = bool(request.flags & 0x10)
-    if len(request.body) < (20 if extended else 12):
-        raise Malformed(f"found {len(request.body)} bytes, need {20 if extended else 12} for PACKET_RESEND")
-    if extended:
-        channel, _, first, last, block = struct.unpack_from(">HHIIQ", request.body)
-        return Resend(block, first, last, channel, extended=True)
+    if len(request.body) < 12:
+        raise Malformed(f"found {len(request.body)} bytes, need 12 for PACKET_RESEND")
     channel, block, first, last = struct.unpack_from(">HHII", request.body)
     return Resend(block, first & 0xFFFFFF, last & 0xFFFFFF, channel)
 
@@ -236,13 +232,7 @@ def text_at(memory: bytes, register: Register) -> str:
 
 
 def identity_of(bootstrap: bytes) -> dict[str, str]:
-    """Maker, model, serial, ... out of a discovery acknowledge, or of the first 248 bytes of memory.
-
-    Raises:
-        Malformed: too short.
-    """
-    if len(bootstrap) < DISCOVERY_BYTES:
-        raise Malformed(f"found {len(bootstrap)} bytes, need {DISCOVERY_BYTES} for a discovery acknowledge")
+    """Maker, model, serial, ... out of the first 248 bytes of memory, which a discovery acknowledge holds too."""
     mac = bootstrap[Register.MAC_HIGH + 2 : Register.MAC_HIGH + 8]
     address = bootstrap[Register.CURRENT_IP : Register.CURRENT_IP + 4]
     return {
