@@ -138,10 +138,6 @@ class GearSurface:
         """Whether the tooth of this index is not there."""
         return tooth + 1 in self.errors.missing
 
-    def centre(self, tooth: Ints | Array) -> Array:
-        """Polar angle of the nominal centre at mid-face."""
-        return np.asarray(self.first + 2 * np.pi / self.gear.teeth * tooth)
-
     def delta(self, tooth: Ints, side: int, radius: Array, height: Array) -> Array:
         """Excess material over the unmodified involute helicoid, along the base tangent, mm."""
         roll = np.sqrt(np.maximum(radius**2 - self.circles.base**2, 0.0))
@@ -177,8 +173,9 @@ class GearSurface:
         """Polar angle (not wrapped) of a flank at radius and height."""
         c = self.circles
         alpha = np.arccos(np.minimum(c.base / radius, 1.0))
+        centre = self.first + 2 * np.pi / self.gear.teeth * tooth
         half = c.half_tooth - np.tan(alpha) + alpha + self.delta(tooth, side, radius, height) / c.base
-        return np.asarray(self.centre(tooth) + side * half + (height - self.middle) * c.twist)
+        return np.asarray(centre + side * half + (height - self.middle) * c.twist)
 
     def distance(self, x: Array, y: Array, height: Array, tooth: Ints, side: int) -> Array:
         """Distance of points from one flank's surface, along the base tangent, mm; negative: in the material."""
