@@ -24,10 +24,24 @@ DEFAULT_BORE = 0.6
 
 @dataclass(frozen=True, slots=True)
 class VirtualGear:
-    """A gear and its errors."""
+    """A gear and its errors.
+
+    Raises:
+        BadRecipe: errors of teeth that the gear hasn't got, with the number.
+    """
 
     gear: Gear
     errors: GearErrors = field(default_factory=GearErrors)
+
+    def __post_init__(self) -> None:
+        teeth, e = self.gear.teeth, self.errors
+        for name, listed in (("pitch_left_um", e.pitch_left), ("pitch_right_um", e.pitch_right)):
+            if listed and len(listed) != teeth:
+                raise BadRecipe(f"[simulation] {name}: found {len(listed)} values, need {teeth}, one a tooth")
+        worn = (w.tooth for w in e.worn if w.tooth is not None)
+        for number in (*e.missing, *worn, *(d.tooth for d in e.dents), *(c.tooth for c in e.chips)):
+            if not 1 <= number <= teeth:
+                raise BadRecipe(f"[simulation] found tooth {number}, need one of 1..{teeth}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +83,6 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
     """
     steps, faces = steps_of(artefact, workpiece), faces_of(artefact, workpiece)
     if isinstance(part, VirtualGear):
-        check_gear(part)
         surface = GearSurface(part.gear, part.errors)
         vertices, triangles, flanks = gear_mesh(surface, _bore(part.gear, artefact, surface.circles.root))
         pose = shaft_from_gear(part, artefact, workpiece)
@@ -81,22 +94,6 @@ def scene_of(artefact: Artefact, workpiece: Workpiece, part: VirtualPart | None 
         model = part.cad.mesh
         return Scene(steps, faces, body(model.vertices, model.faces, shaft_from_cad(part, workpiece)))
     return Scene(steps, faces)
-
-
-def check_gear(part: VirtualGear) -> None:
-    """Refuse errors of teeth that the gear hasn't got.
-
-    Raises:
-        BadRecipe: with the number.
-    """
-    teeth, e = part.gear.teeth, part.errors
-    for name, listed in (("pitch_left_um", e.pitch_left), ("pitch_right_um", e.pitch_right)):
-        if listed and len(listed) != teeth:
-            raise BadRecipe(f"[simulation] {name}: found {len(listed)} values, need {teeth}, one a tooth")
-    worn = (w.tooth for w in e.worn if w.tooth is not None)
-    for number in (*e.missing, *worn, *(d.tooth for d in e.dents), *(c.tooth for c in e.chips)):
-        if not 1 <= number <= teeth:
-            raise BadRecipe(f"[simulation] found tooth {number}, need one of 1..{teeth}")
 
 
 def shaft_from_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> Array:

@@ -11,7 +11,7 @@ from truestand.files.checking import Recipe, checked
 from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
 from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
-from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned, check_gear
+from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
 from truestand.sim.simulation import (
     Acquisition,
     FormWave,
@@ -310,9 +310,7 @@ def virtual_part_from(
         BadRecipe: a wrong or unknown key, or a tooth that the gear hasn't got.
     """
     if isinstance(part, Gear):
-        gear = VirtualGear(part, _gear_errors(checked(GearErrorsRecipe, table, where)))
-        check_gear(gear)
-        return gear
+        return VirtualGear(part, _gear_errors(checked(GearErrorsRecipe, table, where)))
     if isinstance(part, Turned):
         return VirtualTurned(part, _workpiece(checked(WorkpieceRecipe, table, where)))
     pose = checked(CadPoseRecipe, table, where)
