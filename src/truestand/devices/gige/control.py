@@ -88,20 +88,18 @@ class Control:
         return status == Status.SUCCESS
 
     def _hold(self, period: float) -> None:
-        while not self._stop.wait(period):
+        while not self.lost_reason and not self._stop.wait(period):
             try:
                 if not self.read(Register.CONTROL) & (gvcp.CONTROL | gvcp.EXCLUSIVE):
-                    self._lose("it gave up our control, as if it had not heard us for too long; check the network")
+                    self.lost_reason = (
+                        "it gave up our control, as if it had not heard us for too long; check the network"
+                    )
             except DeviceLost:
-                self._lose(f"{self.address} doesn't answer any more; {ADVICE}")
+                self.lost_reason = f"{self.address} doesn't answer any more; {ADVICE}"
             except DeviceError as wrong:
-                self._lose(f"its heartbeat ended ({wrong})")
-            if self.lost_reason:
-                return
-
-    def _lose(self, reason: str) -> None:
-        self.lost_reason = reason
-        self.on_lost()
+                self.lost_reason = f"its heartbeat ended ({wrong})"
+        if self.lost_reason:
+            self.on_lost()
 
     def check(self) -> None:
         """Whether the device still answers its heartbeat, without asking it.
