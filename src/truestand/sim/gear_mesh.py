@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Ints
-from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface
+from truestand.sim.gear_surface import LEFT, RIGHT, GearSurface, inv
 
 FLANK_POINTS = 40
 """Along an involute: chords stay within 0.3 um of a flank of module 2."""
@@ -135,9 +135,8 @@ def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
 def _fillet_angle(surface: GearSurface) -> float:
     """Angle that a fillet covers: 0.38 modules of the root circle, less where the space is narrow."""
     c = surface.circles
-    alpha = np.arccos(min(c.base / c.start, 1.0))
-    space = np.pi / surface.gear.teeth - (c.half_tooth - np.tan(alpha) + alpha)
-    return min(0.38 * surface.gear.module / c.root, 0.8 * float(space))
+    space = np.pi / surface.gear.teeth - c.half_tooth + inv(c.base, c.start)
+    return min(0.38 * surface.gear.module / c.root, 0.8 * space)
 
 
 def _foot(surface: GearSurface, k: int, side: int, heights: Array) -> Array:

@@ -67,15 +67,16 @@ def circles_of(gear: Gear) -> Circles:
         base, reference, tip, root, _form_radius(gear, base, reference, float(alpha), start), start, half_tooth,
         2 * tan(beta) / (2 * reference),
     )  # fmt: skip
-    at_tip = half_tooth - _inv(base, tip)
+    at_tip = half_tooth - inv(base, tip)
     if at_tip <= 0:
         raise BadRecipe(f"the teeth come to a point below tip_diameter_mm {gear.tip_diameter:g}; need a smaller tip")
-    if pi / gear.teeth - half_tooth + _inv(base, start) <= 0:
+    if pi / gear.teeth - half_tooth + inv(base, start) <= 0:
         raise BadRecipe("the teeth leave no space between them at the root; check profile_shift and root_diameter_mm")
     return circles
 
 
-def _inv(base: float, radius: float) -> float:
+def inv(base: float, radius: float) -> float:
+    """The involute function at a radius: tan alpha - alpha, cos alpha = base / radius."""
     a = acos(min(base / radius, 1.0))
     return tan(a) - a
 
