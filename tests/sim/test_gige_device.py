@@ -591,7 +591,7 @@ def test_aravis_receives_every_frame(last, rate, packet):
         counters = [stamp_of(frame[2], k, 3840)[0] for frame in frames for k in range(20)]
         assert np.array_equal(counters, np.arange(len(counters)))
         time.sleep(0.2)
-        assert client.statistics()[:3] == (virtual.frames, 0, 0)
+        assert client.statistics()[:3] == (virtual.channel.frames, 0, 0)
 
 
 def test_aravis_reads_and_writes_nodes():

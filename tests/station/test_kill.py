@@ -42,13 +42,13 @@ def kill_once(stand, name, wait) -> Killed:
     while not log.exists():
         assert process.poll() is None
         time.sleep(0.002)
-    before = device.frames
+    before = device.channel.frames
     while stand.at_rest:
         assert process.poll() is None
         time.sleep(0.005)
     time.sleep(wait)
     process.send_signal(signal.SIGKILL)
-    sent = (device.frames - before) * 4
+    sent = (device.channel.frames - before) * 4
     killed = time.monotonic()
     process.wait()
     while not stand.safe:

@@ -199,11 +199,6 @@ class GigeDevice(Service):
         self._thread: threading.Thread | None = None
 
     @property
-    def frames(self) -> int:
-        """Frames sent since the start."""
-        return self.channel.frames
-
-    @property
     def laser(self) -> int:
         """0 off, 1 reduced, 2 full."""
         return self.registers.value(DeviceRegister.LASER)

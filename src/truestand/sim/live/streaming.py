@@ -71,6 +71,7 @@ class StreamChannel:
 
     def __init__(self, address: str, registers: Registers, faults: Faults, seed: int = 0) -> None:
         self.frames = 0
+        """Frames sent since the start."""
         self.resent = 0
         self._registers, self._faults = registers, faults
         self._random = random.Random(seed)
