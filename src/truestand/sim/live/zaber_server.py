@@ -7,7 +7,7 @@ from math import tau
 
 from truestand.devices.tables.recipe import PORTS, TableRecipe
 from truestand.devices.wire.malformed import Malformed
-from truestand.devices.wire.zaber import SPEED_UNIT, Command, Reply, decode_command
+from truestand.devices.wire.zaber import SPEED_UNIT, Reply, decode_command
 from truestand.sim.live.servers import LineServer, Receive, Send
 from truestand.sim.live.table import VirtualTable
 
@@ -73,9 +73,6 @@ class ZaberServer(LineServer):
             data = "RJ BADAXIS"
         else:
             data = self._execute(command.text.split())
-        return self._reply_to(command, data)
-
-    def _reply_to(self, command: Command, data: str) -> Reply:
         status, flags = self.table.status(), self._flags()
         accepted, data = not data.startswith(REJECTED), data.removeprefix(REJECTED)
         return Reply(self.device, command.axis, command.id, accepted, status.moving, (*flags, "--")[0], data)
