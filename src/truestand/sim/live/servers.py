@@ -7,8 +7,9 @@ import asyncio
 import os
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
-from typing import Self, cast
+from typing import Self
 
 from truestand.devices.tables.recipe import host_and_port, is_network
 
@@ -108,18 +109,20 @@ class LineServer(ServerThread):
             await asyncio.sleep(0)
 
     async def _listen(self) -> Callable[[], None]:
-        transports: set[asyncio.Transport] = set()
-        where = host_and_port(self._requested, self._default_port)
-        server = await asyncio.get_running_loop().create_server(lambda: _Connection(self, transports), *where)
+        server = await asyncio.start_server(self._serve_client, *host_and_port(self._requested, self._default_port))
         host, port = server.sockets[0].getsockname()[:2]
         self.address = f"{host}:{port}"
+        return server.close
 
-        def close() -> None:
-            server.close()
-            for transport in tuple(transports):
-                transport.abort()
-
-        return close
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Take what a client sends until it goes, or until the event loop ends."""
+        self._clients.add(writer.write)
+        receive = self._connected(writer.write)
+        with suppress(ConnectionError, asyncio.CancelledError):  # the client is gone, or the server ends
+            while data := await reader.read(4096):
+                receive(data)
+        self._clients.discard(writer.write)
+        writer.transport.abort()
 
     def _open_terminal(self) -> Callable[[], None]:
         """A pseudo terminal; this process keeps the driver's end open too, so that a driver may come and go."""
@@ -144,21 +147,3 @@ class LineServer(ServerThread):
             os.close(driver_end)
 
         return close
-
-
-class _Connection(asyncio.Protocol):
-    def __init__(self, server: LineServer, transports: set[asyncio.Transport]) -> None:
-        self._server, self._transports = server, transports
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.Transport, transport)
-        self._transports.add(self._transport)
-        self._server._clients.add(self._transport.write)
-        self._receive = self._server._connected(self._transport.write)
-
-    def data_received(self, data: bytes) -> None:
-        self._receive(data)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._transports.discard(self._transport)
-        self._server._clients.discard(self._transport.write)
