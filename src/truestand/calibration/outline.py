@@ -13,7 +13,7 @@ import numpy as np
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane
-from truestand.core.robust import medians, nan_median, robust_sd
+from truestand.core.robust import medians, robust_sd
 from truestand.core.scan import Scan
 
 NEIGHBOUR_SLOPE = 4.0
@@ -91,27 +91,6 @@ def supported(x: Array, z: Array) -> Mask:
     mask[:, :-1] |= close
     mask[:, 1:] |= close
     return mask
-
-
-def median_profile(seen: Scan) -> tuple[Array, Array]:
-    """The typical profile, x and z (G,) mm.
-
-    Readings are binned along x, not by column, because some exports leave points without data out.
-    """
-    x, z = seen.x, seen.z
-    good = np.isfinite(z)
-    low, high = np.quantile(x[good], [0.001, 0.999])
-    bins = x.shape[1]
-    column = np.floor((x - low) * (bins / max(high - low, 1e-9)), where=good, out=np.full(x.shape, -1.0)).astype(
-        np.intp
-    )
-    good &= (column >= 0) & (column < bins)
-    grid = np.full((2, x.shape[0], bins), np.nan)
-    where = (np.broadcast_to(np.arange(x.shape[0])[:, None], x.shape)[good], column[good])
-    grid[0][where], grid[1][where] = x[good], z[good]
-    full = np.count_nonzero(np.isfinite(grid[1]), axis=0) >= 0.1 * x.shape[0]
-    typical = nan_median(grid[:, :, full], axis=1)
-    return typical[0], typical[1]
 
 
 def directions(seen: Scan) -> list[float]:
