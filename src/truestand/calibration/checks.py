@@ -98,8 +98,6 @@ def shared_form(fit: Refined) -> float:
     """The largest amplitude (mm) of a form harmonic that all surfaces share in size and phase; 0 where none is."""
     p, model = fit.solution.parameters, fit.model
     waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
-    if not waves.size:
-        return 0.0
     complex_waves = waves[:, 0] + 1j * waves[:, 1]
     common = complex_waves.mean(axis=0)
     alike = np.abs(complex_waves - common).max(axis=0) < ALIKE * np.abs(common)
@@ -172,8 +170,6 @@ def outlier_share(scan: Scan, fit: Refined) -> float:
     for k, band in enumerate(fit.segments.bands):
         near = (v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR_SURFACE_MM)
         row, column = np.nonzero(near)
-        if not row.size:
-            continue
         readings = Readings.of(scan, rows, (row, column), np.full(row.size, k, dtype=np.intp))
         on_shaft = np.abs(fit.model.residuals(fit.solution.parameters, readings)) < fit.limit
         row, column = row[on_shaft], column[on_shaft]

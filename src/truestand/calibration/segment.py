@@ -251,8 +251,6 @@ def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
     """Explanations of a silhouette by the drawing, both ways up; none where nothing fits."""
     seen = np.isfinite(outline.u)
     v, u = outline.v[seen], outline.u[seen]
-    if v.size < LEAST_RUN:
-        return []
     matches = []
     for phi, along, across in ((outline.phi, v, u), (outline.phi - pi, -v[::-1], u[::-1])):
         drawn = _Drawing(artefact, outline.bin, along, across)
