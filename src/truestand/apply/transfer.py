@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestand.apply.witness import Witness, witness
-from truestand.calibration.checks import angle_zero_reasons
+from truestand.calibration.checks import UNTIED
 from truestand.core.calibration import Calibration, Check
 from truestand.core.frames import in_table
 from truestand.core.scan import AngleZero, Scan
@@ -75,7 +75,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         checks = checks if untied or unknown else (*checks, _still_tied(band, limit))
     elif untied or unknown or abs(band.angle_shift) > band.angle_U:
         scan = replace(scan, angle=scan.angle + band.angle_shift)
-        others = tuple(r for r in calibration.reasons if r not in angle_zero_reasons("unknown"))
+        others = tuple(r for r in calibration.reasons if r != UNTIED)
         calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
     failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)

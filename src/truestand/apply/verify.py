@@ -11,7 +11,7 @@ import numpy as np
 from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import angle_zero_reasons
+from truestand.calibration.checks import UNTIED
 from truestand.calibration.positions import calibrate_on_axes
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
@@ -90,7 +90,7 @@ def verify(
         aligned = transfer(scan, old)
         scan = aligned.scan
         if aligned.calibration.angle_zero != "witness":
-            reasons = (*reasons, *(untied_reasons(scan, old) or angle_zero_reasons("unknown")))
+            reasons = (*reasons, *(untied_reasons(scan, old) or (UNTIED,)))
     new, untrusted = _calibrated(scan, artefact, old)
     band = None if new is not None and _shows_artefact(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
@@ -108,7 +108,7 @@ def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calib
         new = calibrate_on_axes(scan, artefact, axes) if axes else calibrate(scan, artefact)
     except NotEnoughData as error:
         return None, (str(error),)
-    return new, tuple(r for r in new.reasons if r not in angle_zero_reasons("unknown"))
+    return new, tuple(r for r in new.reasons if r != UNTIED)
 
 
 def _shows_artefact(new: Calibration) -> bool:

@@ -130,6 +130,10 @@ def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[S
     return checks
 
 
+UNTIED = (
+    "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
+    "home the table or record its angle"
+)
 DECISIVE = (
     "readings rejected, share",
     "residual, um rms",
@@ -149,12 +153,7 @@ def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZ
 
 def angle_zero_reasons(angle_zero: AngleZero) -> tuple[str, ...]:
     """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
-    if angle_zero != "unknown":
-        return ()
-    return (
-        "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
-        "home the table or record its angle",
-    )
+    return (UNTIED,) if angle_zero == "unknown" else ()
 
 
 def outlier_share(scan: Scan, fit: Refined) -> float:
