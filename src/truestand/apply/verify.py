@@ -1,9 +1,7 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
-from operator import itemgetter
 from typing import Literal
 
 import numpy as np
@@ -160,18 +158,15 @@ def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: floa
     covariance = _repeatability(old, new)
     points = _seen_points(new, artefact)
     moved = unknowns_of(new)[0] - unknowns_of(old)[0]
-    radial = _worst(_radial_move(old, new, point, covariance) for point in points)
-    sideways = _worst(_move(_plane_sensitivity(v), moved, covariance) for _, _, v in points)
-    shaft = _worst(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
+    # The largest move counts, with its own U.
+    radial = max(_radial_move(old, new, point, covariance) for point in points)
+    sideways = max(_move(_plane_sensitivity(v), moved, covariance) for _, _, v in points)
+    shaft = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
     changes = [_change("sensor, radially", radial, SENSOR_MOVED, limit)]
     if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
         advice = "the laser plane has moved or tilted: calibrate again"
         changes.append(_change("sensor, sideways", sideways, advice, limit))
     return [*changes, _change("shaft on the table", shaft, SHAFT_MOVED, limit)]
-
-
-def _worst(moves: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    return max(moves, key=itemgetter(0))
 
 
 def _repeatability(old: Calibration, new: Calibration) -> Array:
