@@ -123,19 +123,16 @@ class Model:
     @property
     def size(self) -> int:
         """Number of unknowns, p."""
-        return self._form_start + self._form_terms * len(self.radii)
+        return int(self.form_slice(len(self.radii)).start)
 
     def static_degrees(self, cylinder: int) -> list[int]:
         """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
         return [n for n in range(STATIC_DEGREE + 1) if (n or cylinder) and (n != 1 or cylinder != self.longest)]
 
     @property
-    def _form_start(self) -> int:
-        return int(self.static_slice(len(self.radii)).start)
-
-    @property
-    def _form_terms(self) -> int:
-        return 2 * max(self.orders - 1, 0)
+    def axes_slice(self) -> slice:
+        """Axes of all further cylinders, one behind the other."""
+        return slice(len(GEOMETRY), len(GEOMETRY) + 4 * (len(self.radii) - 1))
 
     def axis_slice(self, cylinder: int) -> slice:
         """Offset x, y (mm) and angle x, y (rad) of a further cylinder's axis against the base's."""
@@ -144,14 +141,14 @@ class Model:
 
     def static_slice(self, cylinder: int) -> slice:
         """Legendre coefficients (mm) of the static profile, in the order of ``static_degrees``."""
-        start = len(GEOMETRY) + 4 * (len(self.radii) - 1)
-        start += sum(len(self.static_degrees(k)) for k in range(cylinder))
+        start = self.axes_slice.stop + sum(len(self.static_degrees(k)) for k in range(cylinder))
         return slice(start, start + len(self.static_degrees(cylinder)))
 
     def form_slice(self, cylinder: int) -> slice:
         """Form: cos 2..orders, then sin 2..orders (mm)."""
-        start = self._form_start + self._form_terms * cylinder
-        return slice(start, start + self._form_terms)
+        terms = 2 * max(self.orders - 1, 0)
+        start = self.static_slice(len(self.radii)).start + terms * cylinder
+        return slice(start, start + terms)
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""

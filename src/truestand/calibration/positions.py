@@ -13,7 +13,7 @@ import numpy as np
 
 from truestand.calibration.calibrate import fit_of
 from truestand.calibration.estimate import solve
-from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, precision_of
+from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, Model, precision_of
 from truestand.calibration.refine import Refined, refine_again
 from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import segment
@@ -176,9 +176,16 @@ def fits_on_common_axes(
 
 def _axes_of(joint: Refined) -> Array:
     """(further cylinders, 4): where their axes stand against the base's, in C of the last scan."""
-    count = len(joint.model.radii) - 1
-    known = np.array(joint.model.axes) if joint.model.axes else np.zeros((count, 4))
-    return np.asarray(known + [joint.solution.parameters[joint.model.axis_slice(k + 1)] for k in range(count)])
+    parameters = joint.solution.parameters + _known_axes(joint.model, joint.solution.parameters.size)
+    return np.asarray(parameters[joint.model.axes_slice].reshape(-1, 4))
+
+
+def _known_axes(model: Model, size: int) -> Array:
+    """Where the unknowns of the further cylinders' axes count from, in their places among all (size,); 0 elsewhere."""
+    known = np.zeros(size)
+    if model.axes:
+        known[model.axes_slice] = np.ravel(model.axes)
+    return known
 
 
 def _with_axes(fit: Refined, joint: Refined, axes: Array, turn: float) -> Refined:
@@ -188,8 +195,7 @@ def _with_axes(fit: Refined, joint: Refined, axes: Array, turn: float) -> Refine
         for k in range(1, len(fit.model.radii))
     )
     p = fit.solution.parameters.copy()
-    for k in range(1, len(fit.model.radii)):
-        p[fit.model.axis_slice(k)] = 0.0
+    p[fit.model.axes_slice] = 0.0
     return replace(fit, model=replace(fit.model, axes=own_axes), solution=replace(fit.solution, parameters=p))
 
 
@@ -204,33 +210,23 @@ def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
     information, scores, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     shared = tuple(replace(q, considered=False) for q in last.priors if q.name in SHARED_PRIORS)
     priors = list(shared)
+    known = _known_axes(last.model, size)
     for fit, index, turn in zip(fits, indices, clamped, strict=True):
         transfer = _transfer(fit, last, index, turn - clamped[-1], size)
         data = fit.solution
         information += transfer.T @ data.information @ transfer
         scores += transfer.T @ fit.score_covariance @ transfer
-        difference = _axis_difference(fit, last, turn - clamped[-1])
+        # The unknowns of its axes and of the last scan's, turned, count from different places.
+        difference = transfer @ known - _known_axes(fit.model, fit.model.size)
         right += transfer.T @ (data.information @ (data.parameters - difference) - data.gradient)
         others = (q for q in fit.priors if q.name not in SHARED_PRIORS)
         priors += [replace(q, index=tuple(int(index[j]) for j in q.index)) for q in others]
-    stated = precision_of(shared, size)
-    for k, axis in enumerate(last.model.axes, 1):  # the certificate says coaxial, the unknowns count from elsewhere
-        at = last.model.axis_slice(k)
-        right[at] -= stated[at] * axis
+    right -= precision_of(shared, size) * known  # the certificate says coaxial, the unknowns count from elsewhere
     p = solve(information + np.diag(precision_of(priors, size)), right)
     steps, converged = max(f.solution.steps for f in fits), all(f.solution.converged for f in fits)
     # The data's cost is not looked at again from here on: the gradient stays that of the single fits.
     solution = replace(last.solution, parameters=p, information=information, steps=steps, converged=converged)
     return replace(last, solution=solution, score_covariance=scores, priors=tuple(priors))
-
-
-def _axis_difference(fit: Refined, last: Refined, turn: float) -> Array:
-    """(own,): by how much the last scan's known axes, turned, difference from the ones that this fit started from."""
-    difference = np.zeros(fit.model.size)
-    for k, axis in enumerate(last.model.axes, 1):
-        lever = fit.model.middles[k] - last.model.middles[k]
-        difference[fit.model.axis_slice(k)] = _turned(turn, lever) @ axis - fit.model.axes[k - 1]
-    return difference
 
 
 def _turned(turn: float, lever: float) -> Array:
@@ -246,18 +242,14 @@ def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
     """Where each scan's unknowns stand among all of them: sensor and axes shared, the rest its own."""
     last = np.arange(fits[-1].model.size)
     indices = []
-    size = int(last.size)
+    size = last.size
     for fit in fits[:-1]:
-        shared = np.zeros(fit.model.size, dtype=np.bool_)
-        shared[:SENSOR_UNKNOWNS] = True
-        index = np.zeros(fit.model.size, dtype=np.intp)
-        index[:SENSOR_UNKNOWNS] = last[:SENSOR_UNKNOWNS]
-        for k in range(1, len(fit.model.radii)):
-            shared[fit.model.axis_slice(k)] = True
-            index[fit.model.axis_slice(k)] = last[fits[-1].model.axis_slice(k)]
+        own = np.ones(fit.model.size, dtype=np.bool_)
+        own[:SENSOR_UNKNOWNS] = own[fit.model.axes_slice] = False  # these have the same places in every scan
+        index = np.arange(fit.model.size)
         # Without gaps: unknowns that nobody uses would make the normal matrix singular.
-        index[~shared] = size + np.arange(np.count_nonzero(~shared))
-        size += int(np.count_nonzero(~shared))
+        index[own] = size + np.arange(np.count_nonzero(own))
+        size += int(np.count_nonzero(own))
         indices.append(index)
     return [*indices, last]
 
@@ -337,10 +329,9 @@ def _form_and_bearing(
 
 def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
     """Harmonic n on a surface as the complex w of Re(w exp(i n psi)), mm, and the variance of one of its parts."""
-    start = fit.model.form_slice(k).start
-    at = (start + n - 2, start + n - 2 + fit.model.orders - 1)
-    a, b = fit.solution.parameters[list(at)]
-    variances = np.diag(_covariance(fit))[list(at)]
+    form = fit.model.form_slice(k)
+    a, b = fit.solution.parameters[form].reshape(2, -1)[:, n - 2]
+    variances = np.diag(_covariance(fit))[form].reshape(2, -1)[:, n - 2]
     return complex(a, -b), float(variances.sum()) / 2
 
 
