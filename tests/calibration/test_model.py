@@ -40,7 +40,7 @@ def on_the_surface(p, r):
     v = np.linspace(-15.0, 20.0, x.size)
     for k in (0, 1):
         on = r.cylinder == k
-        u = MODEL.radial_position(p, v[on], r.angle[on], r.time[on], k) + p[8] * r.time[on]
+        u = MODEL.radial_position(p, v[on], r.angle[on], r.time[on], r.cylinder[on]) + p[8] * r.time[on]
         across, up = u - p[1] - p[8] * r.time[on], v[on] - MODEL.height
         x[on] = -np.cos(p[0]) * across + np.sin(p[0]) * up
         z[on] = np.sin(p[0]) * across + np.cos(p[0]) * up
@@ -67,7 +67,7 @@ def test_the_predicted_position_has_no_residual():
     v = np.linspace(-15.0, 20.0, 50)
     angle, time = np.linspace(0, 7, 50), np.linspace(-0.5, 0.5, 50)
     for cylinder in (0, 1):
-        u = MODEL.radial_position(p, v, angle, time, cylinder)
+        u = MODEL.radial_position(p, v, angle, time, np.full(50, cylinder))
         side, phi = -1.0, p[0]
         across, up = u - p[1], v - MODEL.height
         x = side * np.cos(phi) * across + np.sin(phi) * up
@@ -81,6 +81,6 @@ def test_an_eccentric_circle_seen_radially_has_the_second_harmonic_that_subtract
     p = np.zeros(MODEL.size)
     p[0], p[1], p[4] = -0.7296, 75.3, 0.8789
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
-    u = MODEL.radial_position(p, np.full(720, -10.0), angle, np.zeros(720), 0)
+    u = MODEL.radial_position(p, np.full(720, -10.0), angle, np.zeros(720), np.zeros(720, dtype=np.intp))
     second = 2 * abs(np.mean(u * np.exp(2j * angle)))
     assert second == pytest.approx(0.8789**2 / (4 * 12.5), rel=2e-3)

@@ -171,17 +171,12 @@ def _predicted(scan: Scan, model: Model, parameters: Array, grid: Grid) -> Array
     """u (groups + 1, B) mm where the model puts the surface at the groups' borders."""
     border = np.arange(grid.groups + 1) * grid.group
     last = np.minimum(border, scan.profiles - 1)
-    heights, cylinder = grid.centres, grid.cylinder
-    angle = np.repeat(scan.angle[last] + scan.step * (border - last), heights.size)
-    time = np.repeat(border / max(scan.profiles - 1, 1) - 0.5, heights.size)
-    out = np.empty((border.size, heights.size))
-    v = np.tile(heights, border.size)
-    which = np.tile(cylinder, border.size)
-    flat = out.reshape(-1)
-    for k in range(len(model.radii)):
-        on = which == k
-        flat[on] = model.radial_position(parameters, v[on], angle[on], time[on], k)
-    return out
+    shape = (border.size, grid.centres.size)
+    angle = np.repeat(scan.angle[last] + scan.step * (border - last), shape[1])
+    time = np.repeat(scan.time_at(border), shape[1])
+    v = np.tile(grid.centres, shape[0])
+    which = np.tile(grid.cylinder, shape[0])
+    return model.radial_position(parameters, v, angle, time, which).reshape(shape)
 
 
 def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -> Iterator[_Block]:

@@ -248,12 +248,12 @@ class Model:
         turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
         jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
 
-    def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, cylinder: int) -> Array:
-        """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm."""
+    def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, which: Ints) -> Array:
+        """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm on the
+        cylinders ``which`` (n,)."""
         plane = LaserPlane(parameters[PHI], parameters[RADIAL], self.height)
         drift = parameters[DRIFT] * time
-        u = np.full(v.shape, self.radii[cylinder])
-        which = np.full(v.shape, cylinder, dtype=np.intp)
+        u = np.array(self.radii)[which]
         for _ in range(6):  # the residual changes by 0.97..1 per unit of u: each pass gains over one digit
             x, z = plane.from_uv(u - drift, v)
             u = u - self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
