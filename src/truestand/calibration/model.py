@@ -179,10 +179,9 @@ class Model:
         jacobian = np.zeros((readings.x.size, self.size))
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
-            block = jacobian[rows]  # a view, or a copy where the cylinder's readings are scattered
+            block = jacobian[rows]
             out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, block)
-            if block.base is not jacobian:
-                jacobian[rows] = block
+            jacobian[rows] = block  # a copy where the cylinder's readings are scattered
         return out, jacobian
 
     def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None) -> Array:
@@ -343,23 +342,20 @@ def start_values(model: Model, segments: Segments, start: RoughStand) -> Array:
     p[[ECCENTRICITY_X, ECCENTRICITY_Y]] = start.eccentricity
     p[[TILT_X, TILT_Y]] = start.tilt
     for k, wave in enumerate(start.waves):
-        form = p[model.form_slice(k)].reshape(2, -1)
+        form = p[model.form_slice(k)].reshape(2, -1)  # a view of p
         # At table angle theta the sensor sees the surface at psi = -theta: sines change sign.
         form[0, : wave.cos.size - 1], form[1, : wave.sin.size - 1] = wave.cos[1:], -wave.sin[1:]
-        p[model.form_slice(k)] = form.reshape(-1)
     return p
 
 
 def carried(before: Model, after: Model, parameters: Array) -> Array:
-    """The parameters (p,) of a model with other form harmonics, all else as it was."""
+    """The parameters (p,) of a model with more form harmonics, all else as it was."""
     p = np.zeros(after.size)
     common = before.form_slice(0).start
     p[:common] = parameters[:common]
     for k in range(len(before.radii)):
-        old, new = parameters[before.form_slice(k)].reshape(2, -1), p[after.form_slice(k)].reshape(2, -1)
-        n = min(old.shape[1], new.shape[1])
-        new[:, :n] = old[:, :n]
-        p[after.form_slice(k)] = new.reshape(-1)
+        old = parameters[before.form_slice(k)].reshape(2, -1)
+        p[after.form_slice(k)].reshape(2, -1)[:, : old.shape[1]] = old
     return p
 
 
