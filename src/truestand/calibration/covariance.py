@@ -8,8 +8,6 @@ every wave; what all share is hidden at few waves, where the fit takes it for fo
 first-order autoregressive noise on a white floor (Whittle 1953).
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from truestand.calibration.cells import Cells
@@ -131,19 +129,14 @@ def _smoothed(power: Array) -> Array:
     return smooth
 
 
-def covariance(information: Array, scores: Array, priors: Iterable[Prior]) -> dict[str, Array]:
+def covariance(information: Array, scores: Array, priors: tuple[Prior, ...]) -> dict[str, Array]:
     """Covariance (p, p) of the unknowns by source: ``noise`` from the data's score, each prior under its name.
 
     Their sum is the whole: H^-1 (S + P u^2 P) H^-1, with H the data's information (p, p) and the priors' precision P,
     S the score's covariance, and u each prior's standard uncertainty.
     """
-    priors = tuple(priors)
     size = information.shape[0]
     inverse = solve(information + np.diag(precision_of(priors, size)), np.eye(size))
-    return _by_source(inverse, scores, priors)
-
-
-def _by_source(inverse: Array, scores: Array, priors: Iterable[Prior]) -> dict[str, Array]:
     parts = {"noise": inverse @ scores @ inverse.T}
     for prior in priors:
         rows = inverse[:, prior.index]
@@ -153,7 +146,7 @@ def _by_source(inverse: Array, scores: Array, priors: Iterable[Prior]) -> dict[s
 
 
 def weigh(
-    solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool = True
+    solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool
 ) -> tuple[Array, dict[str, Array]]:
     """Combine the scan's reading of the laser plane with its mounting prior: Kalman's update of two numbers.
 
@@ -169,11 +162,12 @@ def weigh(
     """
     size = solution.parameters.size
     mountings = [q for q in priors if q.name == MOUNTING]
-    others = [q for q in priors if q.name != MOUNTING]
+    others = tuple(q for q in priors if q.name != MOUNTING)
     held = precision_of(mountings, size)
-    normal = solution.information + np.diag(precision_of(others, size) + MOUNTING_LEFT * held)
+    information = solution.information + np.diag(MOUNTING_LEFT * held)
+    normal = information + np.diag(precision_of(others, size))
     released = solution.parameters + solve(normal, (1.0 - MOUNTING_LEFT) * held * solution.parameters)
-    parts = _by_source(solve(normal, np.eye(size)), scores, others)
+    parts = covariance(information, scores, others)
     reading = np.asarray(sum(parts.values()))[np.ix_(PLANE, PLANE)]
     mounting = np.diag([next(q.u for q in mountings if i in q.index) ** 2 for i in PLANE])
     gain = mounting @ np.linalg.inv(mounting + reading) if plane_identifiable else np.zeros((2, 2))
@@ -188,10 +182,7 @@ def _followers(normal: Array) -> Array:
     """How every unknown follows the laser plane's two, (p, 2), from the normal matrix (p, p)."""
     size = normal.shape[0]
     others = [i for i in range(size) if i not in PLANE]
-    scale = 1.0 / np.sqrt(np.diag(normal))
-    scaled = normal * scale[:, None] * scale[None, :]
-    inner = np.linalg.lstsq(scaled[np.ix_(others, others)], scaled[np.ix_(others, PLANE)], rcond=1e-13)[0]
     follow = np.zeros((size, 2))
-    follow[others] = -inner * scale[others][:, None] / scale[list(PLANE)][None, :]
+    follow[others] = -solve(normal[np.ix_(others, others)], normal[np.ix_(others, PLANE)])
     follow[list(PLANE)] = np.eye(2)
     return follow

@@ -147,9 +147,8 @@ def solve(matrix: Array, right: Array) -> Array:
     """Solve a normal system whose unknowns have very different units: scaled to a unit diagonal first."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * scale[:, None] * scale[None, :]
-    right_scaled = right * (scale if right.ndim == 1 else scale[:, None])
-    solved = np.linalg.lstsq(scaled, right_scaled, rcond=1e-13)[0]
-    return np.asarray(solved * (scale if right.ndim == 1 else scale[:, None]))
+    by_row = scale if right.ndim == 1 else scale[:, None]
+    return np.asarray(np.linalg.lstsq(scaled, right * by_row, rcond=1e-13)[0] * by_row)
 
 
 def _standard_uncertainty(normal: Array) -> Array:
