@@ -101,11 +101,6 @@ class _View:
     artefact: Artefact
     outliers: Mask
 
-    @property
-    def thinned(self) -> "_View":
-        """Every n-th profile of a long scan: enough for the first fit."""
-        return replace(self, scan=self.scan.taken(slice(None, None, max(1, self.scan.x.size // FIRST_READINGS))))
-
 
 def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Refined:
     """Fit the exact model to all trusted readings of all the artefact's cylinders.
@@ -117,7 +112,7 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     """
     view = _View(scan, segments, artefact, start.outliers)
     model = model_for(scan, segments, artefact, start)
-    few = view.thinned
+    few = replace(view, scan=scan.taken(slice(None, None, max(1, scan.x.size // FIRST_READINGS))))
     rough = start_values(model, segments, start)
     first = _fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
     first = _with_orders(few, first, _orders(first, few.scan))
