@@ -18,10 +18,9 @@ from truestand.core.frames import (
     TILT_X,
     TILT_Y,
     UNKNOWNS,
-    in_rotor,
-    shaft_from_rotor,
 )
 from truestand.core.scan import Scan
+from truestand.uncertainty.influence import points_of
 
 SAMPLED_PROFILES = 1000
 FACE_REACH_MM = 0.3
@@ -44,35 +43,26 @@ def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
     if len(artefact.cylinders) < 2:
         return fit
     radius, height = _in_shaft(scan, fit)
-    face = _on_face(artefact, radius, height) if fit.segments.shoulder_seen else np.empty(0)
-    if face.size:
-        return _moved(fit, _middle(face), seen=True)
-    edge = _edge(artefact, radius, height)
-    if edge is not None:
-        return _moved(fit, edge, seen=False)
-    return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
+    face = _face(artefact, radius, height) if fit.segments.shoulder_seen else None
+    shift = _edge(artefact, radius, height) if face is None else face
+    if shift is None:
+        return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
+    return _moved(fit, shift, seen=face is not None)
 
 
 def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     """Radius and height in C (n, M) mm of the readings of evenly spread profiles."""
     p = fit.solution.parameters
     rows = scan.spread(SAMPLED_PROFILES)
-    u, v = fit.plane.to_uv(scan.x[rows], scan.z[rows])
     angle = fit.model.angle(p, scan.angle[rows])[:, None]
-    y, level = p[PLANE_OFFSET] + sin(p[PLANE_TILT]) * v, cos(p[PLANE_TILT]) * v
-    rotor = (*in_rotor(u, y, angle), level)
-    pose = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
-    x, y, height = (
-        sum((pose.rotation[i, j] * rotor[j] for j in range(3)), start=np.full(u.shape, pose.translation[i]))
-        for i in range(3)
-    )
-    return np.hypot(x, y), height
+    points = points_of(p[:UNKNOWNS], fit.model.height, scan.x[rows], scan.z[rows], angle)
+    return np.hypot(points[..., 0], points[..., 1]), points[..., 2]
 
 
-def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
-    """Heights (n,) mm above the drawing's shoulder of readings on its face, clear of its fillet and chamfer.
+def _face(artefact: Artefact, radius: Array, height: Array) -> float | None:
+    """Height (mm) above the drawing's shoulder of the readings on its face, clear of its fillet and chamfer.
 
-    Empty where there are too few, or where their height changes across the face: that is a fillet, no face.
+    None where there are too few, or where their height changes across the face: that is a fillet, no face.
     """
     inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
     margin = min(0.5, 0.2 * (outer - inner))
@@ -80,12 +70,12 @@ def _on_face(artefact: Artefact, radius: Array, height: Array) -> Array:
     on = (radius > inner + margin) & (radius < outer - margin) & (np.abs(above) < FACE_REACH_MM)
     face, across = above[on], radius[on]
     if face.size < LEAST_POINTS:
-        return np.empty(0)
+        return None
     inside = across < np.median(across)
     if not inside.any():
-        return np.empty(0)
+        return None
     slope = float(np.median(face[~inside]) - np.median(face[inside]))
-    return face if abs(slope) < MOST_FACE_SLOPE_MM else np.empty(0)
+    return _middle(face) if abs(slope) < MOST_FACE_SLOPE_MM else None
 
 
 def _middle(heights: Array) -> float:

@@ -28,15 +28,14 @@ STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
 """rad and mm: small against any curvature, large against rounding."""
 
 
-def points_of(parameters: Array, height: float, x: Array, z: Array, angle: Array) -> Array:
-    """Points (n, 3) mm in C of readings x, z (n,) mm at table angles (n,) rad, for unknowns (8,) mm and rad.
+def points_of(p: Array, height: float, x: Array, z: Array, angle: Array) -> Array:
+    """Points (..., 3) mm in C of readings x, z (...) mm at table angles (...) rad, for unknowns (8,) mm and rad.
 
     ``height`` (mm) places the sensor's origin along the laser plane, which is a convention and no unknown.
     """
-    p = parameters
     pose = table_from_sensor(p[PHI], p[RADIAL], height, p[PLANE_TILT], p[PLANE_OFFSET])
     table = pose(np.stack([x, np.zeros_like(x), z], axis=-1))
-    rotor = np.stack([*in_rotor(table[:, 0], table[:, 1], angle), table[:, 2]], axis=-1)
+    rotor = np.stack([*in_rotor(table[..., 0], table[..., 1], angle), table[..., 2]], axis=-1)
     return shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(rotor)
 
 
