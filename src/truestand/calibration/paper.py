@@ -46,8 +46,6 @@ class BaseSurface:
 
     x: Array
     z: Array
-    angle: Array
-    columns: slice
 
 
 def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurface:
@@ -57,11 +55,8 @@ def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurf
     band = next((b for b in segments.bands if b.cylinder == 0), None)
     if band is None:
         raise _base_not_seen(artefact)
-    reach = (
-        MOST_ECCENTRICITY_MM
-        if len(artefact.cylinders) < 2
-        else min(MOST_ECCENTRICITY_MM, 0.45 * _nearest_step(artefact))
-    )
+    steps = [abs(c.radius - artefact.base.radius) for c in artefact.cylinders[1:]]
+    reach = min([MOST_ECCENTRICITY_MM, *(0.45 * step for step in steps)])
     on = np.empty(scan.x.shape, dtype=np.bool_)
     for rows in _blocks(scan.profiles):
         u, v = segments.plane.to_uv(scan.x[rows], scan.z[rows])
@@ -71,17 +66,11 @@ def base_surface(scan: Scan, artefact: Artefact, segments: Segments) -> BaseSurf
         raise _base_not_seen(artefact)
     columns = slice(int(used[0]), int(used[-1]) + 1)
     part = on[:, columns]
-    return BaseSurface(
-        np.where(part, scan.x[:, columns], np.nan), np.where(part, scan.z[:, columns], np.nan), scan.angle, columns
-    )
+    return BaseSurface(np.where(part, scan.x[:, columns], np.nan), np.where(part, scan.z[:, columns], np.nan))
 
 
 def _base_not_seen(artefact: Artefact) -> NotEnoughData:
     return NotEnoughData(f"the base surface {artefact.base.name!r} is not seen; the published method needs it")
-
-
-def _nearest_step(artefact: Artefact) -> float:
-    return min(abs(c.radius - artefact.base.radius) for c in artefact.cylinders[1:])
 
 
 def base_line(base: BaseSurface) -> float:
