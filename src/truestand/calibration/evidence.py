@@ -9,6 +9,7 @@ from math import tau
 
 import numpy as np
 
+from truestand.calibration.paper import radial_signal
 from truestand.calibration.segment import EDGE_MARGIN_MM
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Artefact, Cylinder
@@ -182,8 +183,7 @@ def _projection(part: Scan, calibration: Calibration, surface: Surface, seen: tu
 
 def _signal(uncentred: Surface, angle: Array, turns: Array, cylinder: Cylinder, scan: Scan) -> tuple[Wave, Spectrum]:
     radius = np.where(_on(uncentred, cylinder), uncentred.radius, np.nan)
-    count = np.isfinite(radius).sum(axis=1)
-    signal = np.where(count > 0, np.nansum(radius, axis=1) / np.maximum(count, 1), np.nan) - cylinder.radius
+    signal = radial_signal(radius) - cylinder.radius
     good = np.isfinite(signal)
     fit = fit_harmonics(angle, signal, (1,))
     even = np.linspace(0.0, turns[-1], turns.size)
@@ -236,10 +236,8 @@ def _binned(
     column = np.clip((turns / max(total, 1e-9) * columns).astype(np.intp), 0, columns - 1)
     index, size = row * columns + column, MAP_HEIGHTS * columns
     count = np.bincount(index, minlength=size)
-    total_of = np.bincount(index, values, minlength=size)
-    means = np.full(size, np.nan)
-    means[count > 0] = total_of[count > 0] / count[count > 0]
-    return means.reshape(MAP_HEIGHTS, columns)
+    means = np.bincount(index, values, minlength=size) / np.maximum(count, 1)
+    return np.where(count > 0, means, np.nan).reshape(MAP_HEIGHTS, columns)
 
 
 def _rolled(cylinder: Cylinder, surfaces: tuple[Surface, Surface | None, Surface]) -> Rolled:
