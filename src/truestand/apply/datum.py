@@ -21,8 +21,8 @@ COAXIALITY = "coaxiality of the datum"
 CLEARANCE = "bore clearance"
 SEAT = "seat"
 """A cylinder of that name is the seat; without one it is the first above the base."""
-UNSTATED_DISTANCE_MM = 20.0
-"""Between base and seat, and length of the seat, where the calibration carries no drawing."""
+UNSTATED_SHAFT = Cylinder("base", 0.0, -20.0, 0.0), Cylinder(SEAT, 0.0, 0.0, 20.0)
+"""Base and seat where the calibration carries no drawing: 20 mm apart, the seat as long; no diameter is used."""
 SLOPE_OF_OFFSET = sqrt(12.0)
 """Over a length L, the slope of a line through evenly spread noise is known to sqrt(12) / L of what its middle is."""
 
@@ -75,23 +75,21 @@ def datum_of(calibration: Calibration, name: DatumName, bore_clearance: float = 
         return _datum(name, (0.0, 0.0, 0.0, 0.0), None, 0.0, 0.0, clearance, "the shaft's base: Z of C")
     base, seat = _cylinders(calibration)
     axis = _measured(calibration, seat)
+    at = seat.middle
     U, why = _coaxiality(seat, axis)
     line = Contribution(f"{COAXIALITY}{why}", U, U / K, "normal", 1.0)
     source = "measured by several clampings" if axis is not None else "taken for coaxial with the base"
-    seat_name = SEAT if seat is None else seat.name
-    at = UNSTATED_DISTANCE_MM / 2 if seat is None else seat.middle
     x, y, slope_x, slope_y = (0.0, 0.0, 0.0, 0.0) if axis is None else axis.at(at)
     if name == "seat":
-        length = UNSTATED_DISTANCE_MM if seat is None else seat.length
-        U_slope = U / length * (1.0 if axis is None else SLOPE_OF_OFFSET)
+        U_slope = U / seat.length * (1.0 if axis is None else SLOPE_OF_OFFSET)
         stands = (x - slope_x * at, y - slope_y * at, slope_x, slope_y)
-        return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat_name}, {source}")
-    low = at - UNSTATED_DISTANCE_MM if base is None else base.middle
+        return _datum(name, stands, line, U_slope, at, clearance, f"the axis of {seat.name}, {source}")
+    low = base.middle
     slope_x, slope_y = x / (at - low), y / (at - low)
     stands = (-slope_x * low, -slope_y * low, slope_x, slope_y)
     # The common axis leaves the base's at its middle, so all that is open on the seat is a slope about there.
     hinge = Contribution(line.name, 0.0, 0.0, "normal", 1.0)
-    remark = f"the common axis of base and {seat_name}, {source}"
+    remark = f"the common axis of base and {seat.name}, {source}"
     return _datum(name, stands, hinge, U / (at - low), low, clearance, remark)
 
 
@@ -116,10 +114,10 @@ def _clearance(bore_clearance: float) -> tuple[Contribution, ...]:
     return (Contribution(CLEARANCE, K * u, u, "rectangular", 1.0),) if u > 0 else ()
 
 
-def _cylinders(calibration: Calibration) -> tuple[Cylinder | None, Cylinder | None]:
-    """Base and seat of the calibrated shaft; None where the calibration carries no drawing."""
+def _cylinders(calibration: Calibration) -> tuple[Cylinder, Cylinder]:
+    """Base and seat of the calibrated shaft."""
     if calibration.artefact is None:
-        return None, None
+        return UNSTATED_SHAFT
     base, *further = calibration.artefact.cylinders
     if not further:
         raise BadRecipe(
@@ -129,16 +127,14 @@ def _cylinders(calibration: Calibration) -> tuple[Cylinder | None, Cylinder | No
     return base, next((c for c in further if c.name == SEAT), further[0])
 
 
-def _measured(calibration: Calibration, seat: Cylinder | None) -> StepAxis | None:
+def _measured(calibration: Calibration, seat: Cylinder) -> StepAxis | None:
+    """The seat's axis as several clampings found it; without a drawing, the first step's."""
     axes = () if calibration.positions is None else calibration.positions.axes
-    if seat is None:
-        return axes[0] if axes else None
-    return next((a for a in axes if a.surface == seat.name), None)
+    return next((a for a in axes if a.surface == seat.name or calibration.artefact is None), None)
 
 
-def _coaxiality(seat: Cylinder | None, axis: StepAxis | None) -> tuple[float, str]:
+def _coaxiality(seat: Cylinder, axis: StepAxis | None) -> tuple[float, str]:
     """U (mm, k = 2) of the seat's axis at its middle, and what to add to the line's name."""
     if axis is not None:
         return axis.U, ""
-    stated = None if seat is None else seat.coaxiality_U
-    return (COAXIALITY_U, " (assumed)") if stated is None else (stated, "")
+    return (COAXIALITY_U, " (assumed)") if seat.coaxiality_U is None else (seat.coaxiality_U, "")
