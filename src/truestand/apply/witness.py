@@ -132,9 +132,7 @@ def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Ban
         wave = robust_wave(angle[seen], trace[seen])
         outliers = np.zeros(seen.size, dtype=np.bool_)
         outliers[seen] = wave.outliers
-        on = on & ~outliers[:, None]
-        if not on.any():
-            continue
+        on = on & ~outliers[:, None]  # more than half of the trace is the wave's
         middle = float(np.median(v[on]))
         bands.append(_Band(cylinder, on, float(np.ptp(v[on]))))
         # Seen along T's X the axis stands at e cos(beta + theta): cos -> ex, sin -> -ey.
