@@ -27,23 +27,24 @@ class Cleared:
     u: Array
 
 
-def cleared(statistics: Statistics, values: Array, noise: Array, trials: int = TRIALS, seed: int = 1) -> Cleared:
+def cleared(statistics: Statistics, values: Array, noise: Array) -> Cleared:
     """Statistics of ``values`` without the share of independent ``noise`` (standard deviations, of values' shape).
 
-    NaN among the values stay; the same seed gives the same answer.
+    NaN among the values stay; the same values give the same answer.
     """
-    rng = np.random.default_rng(seed)
     raw = statistics(values)
-    noisier = np.stack([statistics(values + noise * rng.standard_normal(values.shape)) for _ in range(trials)])
+    noisier = _with_noise(statistics, values, noise)
     more = np.maximum(noisier.mean(axis=0), raw)  # noise never makes them smaller but for the trials' own chance
     value = np.sqrt(np.maximum(2 * raw**2 - more**2, 0.0))
-    return Cleared(raw, value, noisier.std(axis=0) if trials > 1 else np.zeros_like(raw))
+    return Cleared(raw, value, noisier.std(axis=0))
 
 
-def from_noise(statistics: Statistics, values: Array, noise: Array, trials: int = TRIALS, seed: int = 1) -> Array:
+def from_noise(statistics: Statistics, values: Array, noise: Array) -> Array:
     """What the statistics (k,) read on average where there is nothing but the noise; NaN among the values stay."""
-    rng = np.random.default_rng(seed)
-    nothing = 0.0 * values
-    return np.asarray(
-        np.mean([statistics(nothing + noise * rng.standard_normal(values.shape)) for _ in range(trials)], axis=0)
-    )
+    return np.asarray(_with_noise(statistics, 0.0 * values, noise).mean(axis=0))
+
+
+def _with_noise(statistics: Statistics, values: Array, noise: Array) -> Array:
+    """The statistics (TRIALS, k) of values with noise drawn on them."""
+    rng = np.random.default_rng(1)  # any fixed seed
+    return np.stack([statistics(values + noise * rng.standard_normal(values.shape)) for _ in range(TRIALS)])
