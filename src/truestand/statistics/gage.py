@@ -74,7 +74,7 @@ class GageStudy:
         return None if self.TV == 0.0 else 100.0 * (component / self.TV) ** 2
 
 
-def gage_study(readings: Array, significant: float = SIGNIFICANT) -> GageStudy:
+def gage_study(readings: Array) -> GageStudy:
     """The study of readings (operators, parts, trials); without NaN.
 
     Raises:
@@ -86,7 +86,8 @@ def gage_study(readings: Array, significant: float = SIGNIFICANT) -> GageStudy:
         raise NotEnoughData(f"found {found} readings, need at least 2 operators x 2 parts x 2 trials, none missing")
     o, p, r = y.shape
     full = _analysis(y)
-    pooled = _p(full, "interaction") >= significant
+    p_interaction = next(line.p for line in full if line.name == "interaction")
+    pooled = p_interaction is None or p_interaction >= SIGNIFICANT  # nothing to test against is nothing significant
     used = _without_interaction(full) if pooled else full
     mean = {line.name: line.mean or 0.0 for line in used}
     within = mean["repeatability"]
@@ -152,12 +153,6 @@ def _lines(squares: dict[str, float], dof: dict[str, int], against: dict[str, st
         p = None if F is None or other is None else float(fdtrc(dof[name], dof[other], F))
         lines.append(Line(name, dof[name], squares[name], mean, F, p))
     return (*lines, Line("total", sum(dof.values()), sum(squares.values()), None, None, None))
-
-
-def _p(lines: tuple[Line, ...], name: str) -> float:
-    """The chance of such an F; 1 where there is none: nothing to test against is nothing significant."""
-    found = next(line.p for line in lines if line.name == name)
-    return 1.0 if found is None else found
 
 
 def _root(variance: float) -> float:
