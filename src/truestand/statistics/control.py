@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
 
+import numpy as np
+
 MR_FACTOR = 2.66
 RUN = 8
 ENOUGH = 20
@@ -64,7 +66,8 @@ def control_chart(
     ``period``: of a direction, 360 in degrees; each reading is then taken the short way round from the one before.
     """
     known = list(U) if U is not None else [None] * len(values)
-    straight = _straight(values, period)
+    # A direction is taken the short way round from the reading before.
+    straight = list(values) if period is None else [float(v) for v in np.unwrap(values, period=period)]
     changes = [None, *(b - a for a, b in pairwise(straight))][: len(straight)]
     mean, lower, upper = _limits(straight)
     sides = _runs(straight, mean)
@@ -90,15 +93,6 @@ def _limits(values: Sequence[float]) -> tuple[float | None, float | None, float 
     mean = sum(values) / len(values)
     half = MR_FACTOR * sum(abs(b - a) for a, b in pairwise(values)) / (len(values) - 1)
     return mean, mean - half, mean + half
-
-
-def _straight(values: Sequence[float], period: float | None) -> list[float]:
-    """The values, each the short way round from the one before."""
-    found: list[float] = []
-    for value in values:
-        turns = 0.0 if period is None or not found else period * round((found[-1] - value) / period)
-        found.append(value + turns)
-    return found
 
 
 def _runs(values: Sequence[float], mean: float | None) -> list[int]:
