@@ -6,7 +6,7 @@ usual value stands in and its name says so (``core.assumptions``).
 """
 
 from dataclasses import dataclass, replace
-from math import degrees, hypot, inf, sqrt
+from math import degrees, hypot, sqrt
 
 import numpy as np
 
@@ -33,7 +33,6 @@ class Input:
     distribution: str
     follows: dict[str, float]
     """Sensitivity by key of the record, in the record's unit per the input's (mm, rad or relative)."""
-    dof: float = inf
 
 
 def budget_of(
@@ -130,8 +129,8 @@ def _from_fit(name: str, part: Array, gradient: Array, noise_dof: float, stated:
     if name == "noise":
         return Contribution(name, K * u, u, "normal", 1.0, noise_dof)
     value = stated.get(name) or u
-    return Contribution(name, K * u, value, "normal", u / value if value else 0.0, inf)
+    return Contribution(name, K * u, value, "normal", u / value if value else 0.0)
 
 
 def _from_input(i: Input, key: str) -> Contribution:
-    return Contribution(i.name, K * i.u * i.follows[key], i.u, i.distribution, i.follows[key], i.dof)
+    return Contribution(i.name, K * i.u * i.follows[key], i.u, i.distribution, i.follows[key])
