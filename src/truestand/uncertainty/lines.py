@@ -39,19 +39,15 @@ def linearity_name(sensor: Sensor) -> str:
     return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
 
 
-def linearity_between(calibration: Calibration, distance: float) -> float:
-    """By how much (mm, k = 2) the sensor may read two surfaces differently that lie ``distance`` mm apart in range.
+def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
+    """From the sensor's linearity between surfaces ``distance`` mm apart in range, ``factor`` times.
 
     The calibration has taken up the error at the shaft's own surface. The error is smooth: over SMOOTH mm it changes by
     all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it.
     """
-    U = linearity_of(calibration.stand.sensor, calibration.static_profiles)
-    return U * min(1.0, abs(distance) / SMOOTH)
-
-
-def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
-    """From the sensor's linearity between surfaces ``distance`` mm apart in range, ``factor`` times."""
-    return line(linearity_name(calibration.stand.sensor), factor * linearity_between(calibration, distance))
+    sensor = calibration.stand.sensor
+    U = linearity_of(sensor, calibration.static_profiles) * min(1.0, abs(distance) / SMOOTH)
+    return line(linearity_name(sensor), factor * U)
 
 
 def scale_name(sensor: Sensor) -> str:
