@@ -193,26 +193,26 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
     }
 
 
-def tolerance(name: str, gear: Gear, accuracy_class: int, standard: Standard | None = None) -> float:
-    """Tolerance (mm) of a characteristic in a class.
+def tolerance(name: str, gear: Gear, accuracy_class: int) -> float:
+    """Tolerance (mm) in a class of a characteristic that has one (``has_tolerance``).
 
     Raises:
-        BadRecipe: a gear or class outside the standard's range, or a characteristic without a tolerance.
+        BadRecipe: a gear or class outside the standard's range.
     """
-    standard = standard or gear.standard
-    d, m, b = _size(gear, standard)
-    lowest, highest = CLASSES[standard]
+    size = _size(gear)
+    lowest, highest = CLASSES[gear.standard]
     if not lowest <= accuracy_class <= highest:
-        raise BadRecipe(f"found accuracy_class {accuracy_class}, need {lowest}..{highest} of {standard}")
-    return _rounded(_unrounded(name, d, m, b, standard) * STEP ** (accuracy_class - 5)) / UM
+        raise BadRecipe(f"found accuracy_class {accuracy_class}, need {lowest}..{highest} of {gear.standard}")
+    formulas = _CLASS_5[gear.standard]
+    parts = (name,) if name in formulas else TOTALS[name]
+    return _rounded(hypot(*(formulas[part](*size) for part in parts)) * STEP ** (accuracy_class - 5)) / UM
 
 
-def reached(name: str, value: float, gear: Gear, standard: Standard | None = None) -> int | None:
+def reached(name: str, value: float, gear: Gear) -> int | None:
     """The best class whose tolerance holds |value| (mm); None beyond the last class."""
-    standard = standard or gear.standard
-    lowest, highest = CLASSES[standard]
+    lowest, highest = CLASSES[gear.standard]
     classes = range(max(lowest, 1), highest + 1)
-    return next((a for a in classes if abs(value) <= tolerance(name, gear, a, standard)), None)
+    return next((a for a in classes if abs(value) <= tolerance(name, gear, a)), None)
 
 
 def has_tolerance(name: str) -> bool:
@@ -220,7 +220,9 @@ def has_tolerance(name: str) -> bool:
     return name in _CLASS_5["ISO 1328-1:2013"] or name in TOTALS
 
 
-def _size(gear: Gear, standard: Standard) -> tuple[float, float, float]:
+def _size(gear: Gear) -> tuple[float, float, float]:
+    """Reference diameter, module and face width (mm) with which the standard's formulas are read."""
+    standard = gear.standard
     d, m, b = gear.teeth * gear.module / cos(gear.helix_angle), gear.module, gear.face_width
     most_d, most_b = (15000, 1200) if standard == "ISO 1328-1:2013" else (10000, 1000)
     inside = 5 <= d <= most_d and 0.5 <= m <= 70 and 4 <= b <= most_b and gear.teeth >= 5
@@ -241,16 +243,6 @@ def _mean_of(value: float, limits: tuple[float, ...]) -> float:
     if value == limits[at - 1] and at > 1:
         at -= 1  # a limit belongs to the range below it
     return sqrt(limits[at - 1] * limits[at])
-
-
-def _unrounded(name: str, d: float, m: float, b: float, standard: Standard) -> float:
-    """Class 5, um."""
-    formulas = _CLASS_5[standard]
-    if name in formulas:
-        return formulas[name](d, m, b)
-    if name in TOTALS and standard == "ISO 1328-1:2013":
-        return hypot(*(formulas[part](d, m, b) for part in TOTALS[name]))
-    raise BadRecipe(f"{standard} has no tolerance of {name}; leave its limit out")
 
 
 def _rounded(um: float) -> float:
