@@ -97,7 +97,6 @@ class Coverage:
     """Whether the tooth's position was seen: 0 or 1."""
     profile: Array
     helix: Array
-    area: Array
 
 
 def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
@@ -182,7 +181,6 @@ def coverage_of(grid: Grid, step: float) -> Coverage:
         (near >= 0.5).astype(np.float64),
         (area.mean(axis=3) > LEAST_SEEN).mean(axis=2),
         (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
-        area.mean(axis=(2, 3)),
     )
 
 
