@@ -17,7 +17,7 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, Toothing, find_flanks, find_toothing
 from truestand.gear.geometry import SIGMA
-from truestand.gear.grid import CLIP, MEDIAN_SPAN
+from truestand.gear.grid import CLIP, MEDIAN_SPAN, bin_index
 
 LEAST_TURNS = 1.99
 """Fewer leave most of the flanks with one pass."""
@@ -157,8 +157,7 @@ def _inliers(flanks: Flanks, key: NDArray[np.int64], passes: int) -> Mask:
 
 def _roll_bin(flanks: Flanks) -> NDArray[np.int64]:
     nominal = flanks.toothing.nominal
-    share = (flanks.roll - nominal.control_roll) / nominal.control_length
-    return np.clip((share * ROLL_BINS).astype(np.int64), 0, ROLL_BINS - 1)
+    return bin_index(flanks.roll, nominal.control_roll, nominal.tip_roll, ROLL_BINS)
 
 
 def _without_shape(flanks: Flanks, key: NDArray[np.int64], passes: int) -> Array:

@@ -137,8 +137,8 @@ def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
 
 def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, heights: int) -> NDArray[np.int64]:
     """Flat index (n,) of the cell, among (2, teeth, rolls, heights), in which each point lies."""
-    i = _bin_index(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
-    j = _bin_index(points.height, *_face(nominal), heights)
+    i = bin_index(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
+    j = bin_index(points.height, *_face(nominal), heights)
     return np.asarray((points.flank.astype(np.int64) * rolls + i) * heights + j)
 
 
@@ -162,7 +162,8 @@ def centres_of(low: float, high: float, cells: int) -> Array:
     return np.asarray(low + (np.arange(cells) + 0.5) * (high - low) / cells)
 
 
-def _bin_index(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
+def bin_index(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
+    """Which of equal cells from low to high each value (n,) lies in; the first or the last where it lies beyond."""
     return np.clip(((values - low) / (high - low) * cells).astype(np.int64), 0, cells - 1)
 
 

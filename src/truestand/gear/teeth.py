@@ -17,7 +17,7 @@ from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.surface import Surface
 from truestand.gear.flanks import END_MARGIN, Toothing, blocks, toothed_zone
 from truestand.gear.geometry import Involute
-from truestand.gear.grid import centres_of
+from truestand.gear.grid import bin_index, centres_of
 
 PLACES = 48
 HEIGHT_CELL, COLUMNS = 0.5, 3.0
@@ -98,10 +98,10 @@ def fold(surface: Surface, toothing: Toothing) -> FoldedMap:
     )
     pitches = (angle - toothing.first_tooth) / g.pitch
     tooth = np.rint(pitches)
-    place = np.clip(((pitches - tooth + 0.5) * PLACES).astype(np.int64), 0, PLACES - 1)
+    place = bin_index(pitches - tooth, -0.5, 0.5, PLACES)
     spacing = (top - bottom) * surface.x.shape[0] / max(height.size, 1)  # of the points of a profile
     rows = max(1, round((top - bottom) / max(HEIGHT_CELL, COLUMNS * spacing)))
-    row = np.clip(((height - bottom) / (top - bottom) * rows).astype(np.int64), 0, rows - 1)
+    row = bin_index(height, bottom, top, rows)
     cell = ((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row
     middle, span = (low + high) / 2, 1.01 * (high - low)
     median, count = medians(cell, radius - middle, g.teeth * PLACES * rows, span)
