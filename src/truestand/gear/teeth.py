@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Contribution
+from truestand.core.harmonics import fit_harmonics_robustly
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.surface import Surface
@@ -212,17 +213,11 @@ def _usual_tips(folded: FoldedMap, nominal: Involute, missing: Mask) -> Array:
     """
     tips = folded.tip_radius(nominal)
     known = np.isfinite(tips) & ~missing
-    usual = np.full(tips.size, float(np.median(tips[known])) if known.any() else nominal.gear.tip_diameter / 2)
     if np.count_nonzero(known) < LEAST_TEETH:
-        return usual
-    around = np.arange(tips.size) * nominal.gear.pitch
-    design = np.stack([np.ones(tips.size), np.cos(around), np.sin(around)], axis=1)
-    for _ in range(ROUNDS):
-        weight = np.where(known, 1 / np.maximum(np.abs(np.nan_to_num(tips) - usual), TOOTH_DEPTH / 10), 0.0)
-        root = np.sqrt(weight)[:, None]
-        wave = np.linalg.lstsq(design * root, np.nan_to_num(tips) * root[:, 0], rcond=None)[0]
-        usual = design @ wave
-    return np.asarray(usual)
+        return np.full(tips.size, float(np.median(tips[known])) if known.any() else nominal.gear.tip_diameter / 2)
+    around = np.arange(tips.size, dtype=np.float64) * nominal.gear.pitch
+    wave = fit_harmonics_robustly(around, np.where(known, tips, np.nan), (1,), TOOTH_DEPTH / 10, ROUNDS)
+    return wave(around)
 
 
 def _runs(on: Mask) -> list[Mask]:
