@@ -135,9 +135,8 @@ def _passes(rolled: AngleCorrection) -> "_Passes | None":
     flanks, key = flanks.select(inliers), key[inliers]
     delta = SIGMA[np.where(flanks.flank < teeth, 0, 1)] * _without_shape(flanks, key, size)
     count = np.bincount(key, minlength=size)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        position, time = (np.bincount(key, v, minlength=size) / count for v in (delta, flanks.profile))
-    usual = np.median(count[count > 0]) if (count > 0).any() else 0.0
+    position, time = (np.bincount(key, v, minlength=size) / np.maximum(count, 1) for v in (delta, flanks.profile))
+    usual = np.median(count[count > 0])
     whole = np.flatnonzero(count > WHOLE_PASS * usual)
     flank = whole // turns
     if np.unique(flank).size == flank.size:

@@ -116,10 +116,9 @@ def weights_of(grid: Grid, whole_flank: bool = False) -> Weights:
         far = tukey_weights(ratio / TUKEY) if last else HUBER / np.maximum(ratio, HUBER)
         weight = np.where(inside, far, 0.0)
     by_cell = weight.reshape(grid.delta.shape)
-    with np.errstate(invalid="ignore"):
-        rolls = (by_cell * grid.roll).sum(axis=3) / by_cell.sum(axis=3)
-    rolls = np.where(np.isnan(rolls), grid.rolls, rolls).reshape(flanks, -1)
-    return Weights(grid, weight, basis, _solver(basis, weight), rolls)
+    total = by_cell.sum(axis=3)
+    rolls = np.where(total > 0, (by_cell * grid.roll).sum(axis=3) / np.maximum(total, 1e-300), grid.rolls)
+    return Weights(grid, weight, basis, _solver(basis, weight), rolls.reshape(flanks, -1))
 
 
 def evaluate(delta: Array, weights: Weights) -> Measures:
@@ -313,8 +312,7 @@ def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) 
     number = np.maximum(n, 1)
     x = np.where(inside, at - (w * at).sum(axis=1, keepdims=True) / number[:, None], 0.0)
     mean = y.sum(axis=1) / number
-    with np.errstate(invalid="ignore", divide="ignore"):
-        slope = (x * y).sum(axis=1) / (x * x).sum(axis=1)
+    slope = (x * y).sum(axis=1) / np.maximum((x * x).sum(axis=1), 1e-300)
     rest = np.where(inside, y - mean[:, None] - slope[:, None] * x, np.nan)
     form, total = (largest(v) - smallest(v) for v in (rest, np.where(inside, trace, np.nan)))
     return np.where(able, slope * length, np.nan), np.where(able, form, np.nan), np.where(able, total, np.nan)

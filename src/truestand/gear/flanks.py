@@ -121,10 +121,9 @@ def toothed_zone(
     """Some profiles' points inside the face with radii ``low`` to ``high`` (mm), every ``thin``-th of a profile."""
     g = nominal.gear
     x, y, z = (a[rows, ::thin] for a in (surface.x, surface.y, surface.z))
-    with np.errstate(invalid="ignore"):
-        square = x * x + y * y
-        inside = (z > g.face_from + END_MARGIN) & (z < g.face_to - END_MARGIN)
-        inside &= (square > (low - 1.0) ** 2) & (square < (high + 1.0) ** 2)
+    square = x * x + y * y
+    inside = (z > g.face_from + END_MARGIN) & (z < g.face_to - END_MARGIN)
+    inside &= (square > (low - 1.0) ** 2) & (square < (high + 1.0) ** 2)
     row, column = np.nonzero(inside)
     points = np.stack([x[row, column], y[row, column], z[row, column]], axis=1)
     if np.abs(datum.pose.matrix - np.eye(4)).max() > 0:

@@ -159,8 +159,7 @@ def _points(surface: Surface, datum: Pose, bottom: float, top: float) -> tuple[A
     """Polar angle, radius, height (n,) of about ``SAMPLE_POINTS`` points between two heights."""
     thin = max(1, int(surface.x.size / SAMPLE_POINTS / 4))
     x, y, z = (a[:, ::thin] for a in (surface.x, surface.y, surface.z))
-    with np.errstate(invalid="ignore"):
-        inside = np.isfinite(x) & (z > bottom + 0.3) & (z < top - 0.3)
+    inside = np.isfinite(x) & (z > bottom + 0.3) & (z < top - 0.3)
     points = datum(np.stack([x[inside], y[inside], z[inside]], axis=1))
     if points.shape[0] < 1000:
         raise NotEnoughData(
@@ -194,8 +193,7 @@ def _teeth_and_twist(angle: Array, radius: Array, height: Array, root: float, ti
     column = ((at / (2 * pi)) % 1.0 * places).astype(np.intp) % places
     np.add.at(sums, (row, column), up)
     np.add.at(counts, (row, column), 1.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(counts > 0, sums / counts, 0.0)
+    mean = sums / np.maximum(counts, 1.0)
     if np.count_nonzero(counts.any(axis=0)) < LEAST_TURN * places:
         raise NotEnoughData("found too small a part of a turn, need a regular toothing in view over most of it")
     mean -= mean.mean(axis=1, keepdims=True)
