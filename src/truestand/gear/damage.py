@@ -135,12 +135,10 @@ def _unconfirmed(flanks: Flanks, grid: Grid, step: float) -> tuple[Array, Mask]:
     lowest = grid.rolls - nominal.control_roll < step_on_flank(nominal, nominal.control_roll, step)
     shown = bridge_gaps(grid.solid, grid, step)
     shown |= bridge_gaps(grid.solid, grid, 2 * step) & lowest[:, None]  # no profile may lie below the first one
-    cut = np.zeros_like(shown)
-    if flanks.outside_gate is not None:
-        at = cell_of(flanks.outside_gate, nominal, *grid.delta.shape[2:])
-        outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
-        enough = np.maximum(CONFIRMED * grid.usual, FEW)
-        cut = (outside >= enough) & (grid.count < enough)
+    at = cell_of(flanks.outside_gate, nominal, *grid.delta.shape[2:])
+    outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
+    enough = np.maximum(CONFIRMED * grid.usual, FEW)
+    cut = (outside >= enough) & (grid.count < enough)
     missed = ~shown | cut
     missed &= (~missed).mean(axis=1, keepdims=True) >= ON_MOST
     profiles = np.minimum(nominal.gear.evaluation.resolution / advance, 1.0)[:, None]

@@ -93,7 +93,7 @@ class Flanks:
     index: NDArray[np.int64]
     """Reading of the scan, row * points + point."""
     toothing: Toothing
-    outside_gate: FlankPoints | None = None
+    outside_gate: FlankPoints
     """The points that lie where this toothing should, but ``GATE`` and more from the flank."""
 
     def select(self, mask: Mask) -> "Flanks":
@@ -196,7 +196,7 @@ def _on_flanks(points: ToothedZone, toothing: Toothing, origins: Array | None, c
 
 def _joined(parts: list[Flanks]) -> Flanks:
     """The points of all blocks of profiles."""
-    outside = [p.outside_gate for p in parts if p.outside_gate is not None]
+    outside = [p.outside_gate for p in parts]
     beside = FlankPoints(*(np.concatenate([getattr(o, name) for o in outside]) for name in FlankPoints.__slots__))
     columns: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS}
     return replace(parts[0], **columns, outside_gate=beside)
