@@ -65,9 +65,9 @@ class IdentifiedGear:
         )
 
 
-def is_standard(seen: IdentifiedGear) -> bool:
-    """Whether its module is a standard one, as near as a scan can tell."""
-    return min(abs(seen.module / m - 1) for m in MODULES) < STANDARD_TOLERANCE
+def is_standard(module: float) -> bool:
+    """Whether a module (mm) is a standard one, as near as a scan can tell."""
+    return min(abs(module / m - 1) for m in MODULES) < STANDARD_TOLERANCE
 
 
 def check_drawing(surface: Surface, flanks: Flanks) -> None:
@@ -256,13 +256,9 @@ def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) ->
 
 def _standard(base: float, base_helix: float, teeth: int) -> tuple[float, float, float]:
     """Normal pressure angle, normal module, helix angle: the standard pair if one fits, else 20 degrees."""
-    best: tuple[float, float, float] | None = None
+    pairs = []
     for alpha in (radians(a) for a in PRESSURE_ANGLES):
         beta = asin(sin(base_helix) / cos(alpha))
         module = 2 * base * cos(beta) / (teeth * cos(atan(tan(alpha) / cos(beta))))
-        nearest = min(MODULES, key=lambda m: abs(m - module))
-        if abs(module / nearest - 1) < STANDARD_TOLERANCE:
-            return alpha, module, beta
-        best = best or (alpha, module, beta)
-    assert best is not None
-    return best
+        pairs.append((alpha, module, beta))
+    return next((pair for pair in pairs if is_standard(pair[1])), pairs[0])

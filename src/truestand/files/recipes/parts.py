@@ -174,7 +174,7 @@ def recipe_of_identified(seen: IdentifiedGear, bottom: float, top: float) -> str
     """A gear.toml (text) of a gear that was identified, to start from: rounded as drawings are where that is near."""
     shift = 0.0 if seen.profile_shift is None or abs(seen.profile_shift) < 0.02 else seen.profile_shift
     helix = degrees(seen.helix_angle)
-    module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen) else round(seen.module, 4)
+    module = min(MODULES, key=lambda m: abs(m - seen.module)) if is_standard(seen.module) else round(seen.module, 4)
     return (
         "# Identified from a scan: check every number against the drawing, and add accuracy_class.\n\n"
         'kind = "gear"\n'
