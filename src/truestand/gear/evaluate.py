@@ -11,7 +11,7 @@ from math import cos, sin
 import numpy as np
 
 from truestand.core.arrays import Array
-from truestand.core.robust import TUKEY, robust_sd, tukey_weights
+from truestand.core.robust import TUKEY, nan_median, robust_sd, tukey_weights
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid
 
@@ -261,12 +261,9 @@ def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
     A cell that few teeth have takes the value between those beside it on the profile: its own tooth must not be what it
     is compared with, or a flank would be free to drift there. 0 where no tooth shows it.
     """
-    stacked = np.sort(residual.reshape(shape[0], shape[1], -1), axis=1)  # NaN last
-    number = np.isfinite(stacked).sum(axis=1)
-    last = np.maximum(number - 1, 0)
-    low, high = (np.take_along_axis(stacked, i[:, None], 1)[:, 0] for i in (last // 2, (last + 1) // 2))
-    known = (number >= min(LEAST_TEETH, shape[1])).reshape(shape[0], shape[2], shape[3])
-    shared = np.where(known, ((low + high) / 2).reshape(known.shape), 0.0)
+    by_tooth = residual.reshape(shape)
+    known = np.isfinite(by_tooth).sum(axis=1) >= min(LEAST_TEETH, shape[1])
+    shared = np.where(known, nan_median(by_tooth, axis=1), 0.0)
     rows = np.arange(shape[2])
     for side, height in np.argwhere(known.any(axis=1) & ~known.all(axis=1)):
         support = known[side, :, height]
