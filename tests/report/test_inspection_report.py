@@ -69,8 +69,10 @@ def without(side):
     def blind(a):
         return np.where(hidden.reshape(2, *[1] * (a.ndim - 1)), np.nan, a)
 
-    fields = ("position", "profile", "helix", "index", "pitch", "f_Halpha", "f_Hbeta")
-    measures = replace(e.measures, **{f: blind(getattr(e.measures, f)) for f in fields}, runout=np.full(24, np.nan))
+    fields = ("position", "profile", "helix", "index", "pitch")
+    of_flank = {name: blind(values) for name, values in e.measures.of_flank.items()}
+    blinded = {f: blind(getattr(e.measures, f)) for f in fields}
+    measures = replace(e.measures, **blinded, of_flank=of_flank, runout=np.full(24, np.nan))
     grid = replace(e.grid, delta=blind(e.grid.delta), count=np.nan_to_num(blind(e.grid.count)))
     lines = tuple(
         replace(c, value=None, U=None, grade=None, coverage=0.0, status="not_measurable", budget=(), verdict=None)

@@ -78,15 +78,8 @@ class Measures:
     """(2, teeth, roll lengths) traces."""
     helix: Array
     """(2, teeth, heights) traces."""
-    f_Halpha: Array
-    f_falpha: Array
-    F_alpha: Array
-    C_alpha: Array
-    """Crowning: height of the mean parabola over the control length."""
-    f_Hbeta: Array
-    f_fbeta: Array
-    F_beta: Array
-    C_beta: Array
+    of_flank: Figures
+    """Slope, form, total and crowning (height of the mean parabola) of profile and helix: ``MEANS``."""
     index: Array
     """F_i: tooth position along the measuring circle, ccw positive."""
     pitch: Array
@@ -127,7 +120,7 @@ def evaluate(delta: Array, weights: Weights) -> Measures:
     values, shared, c = _fit(delta, weights)
     residual = values - shared - _times(weights.basis, c)
     profile, helix = _traces(values, c, weights)
-    alpha, beta = _trace_lines(profile, helix, weights)
+    crowning = {"C_alpha": -c[:, 3], "C_beta": -c[:, 5]}
     middle = _shared_at(shared, weights, nominal.measuring_roll)
     position = (c[:, 0] + middle).reshape(by_flank)
     ball = _ball_roll(nominal)
@@ -135,17 +128,14 @@ def evaluate(delta: Array, weights: Weights) -> Measures:
     at_ball = (c[:, 0] + c[:, 1] * x + c[:, 3] * x**2 + _shared_at(shared, weights, ball)).reshape(by_flank)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
     per_delta = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
-    measured = {
-        "area": c @ _area_means(nominal) + middle, "C_alpha": -c[:, 3], "C_beta": -c[:, 5],
-        "f_Halpha": alpha[0], "f_falpha": alpha[1], "F_alpha": alpha[2],
-        "f_Hbeta": beta[0], "f_fbeta": beta[1], "F_beta": beta[2],
-    }  # fmt: skip
+    of_flank = _trace_lines(profile, helix, weights) | crowning
     return Measures(
-        **{name: values.reshape(by_flank) for name, values in measured.items()},
         position=position,
+        area=(c @ _area_means(nominal) + middle).reshape(by_flank),
         at_ball=at_ball,
         profile=profile.reshape(*by_flank, -1),
         helix=helix.reshape(*by_flank, -1),
+        of_flank={name: values.reshape(by_flank) for name, values in of_flank.items()},
         index=index,
         pitch=index - np.roll(index, 1, axis=1),
         runout=_runout(at_ball, per_delta),
@@ -174,16 +164,13 @@ def _runout(at_ball: Array, per_delta: float) -> Array:
     return np.asarray((at_ball[0] + np.roll(at_ball[1], -1)) * per_delta)
 
 
-Lines = tuple[Array, Array, Array]
-
-
-def _trace_lines(profile: Array, helix: Array, weights: Weights) -> tuple[Lines, Lines]:
-    """Slope, form and total (flanks,) of profile and helix traces (flanks, n)."""
+def _trace_lines(profile: Array, helix: Array, weights: Weights) -> Figures:
+    """Slope, form and total (flanks,) of profile and helix traces (flanks, n), by name."""
     nominal, heights = weights.grid.nominal, np.broadcast_to(weights.grid.heights, helix.shape)
-    return (
-        _lines(profile, weights.rolls, nominal.profile_range, slope_length(nominal, along_profile=True)),
-        _lines(helix, heights, nominal.helix_range, slope_length(nominal, along_profile=False)),
-    )
+    alpha = _lines(profile, weights.rolls, nominal.profile_range, slope_length(nominal, along_profile=True))
+    beta = _lines(helix, heights, nominal.helix_range, slope_length(nominal, along_profile=False))
+    names = ("f_Halpha", "f_falpha", "F_alpha", "f_Hbeta", "f_fbeta", "F_beta")
+    return dict(zip(names, (*alpha, *beta), strict=True))
 
 
 def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
@@ -297,7 +284,7 @@ def _traces(values: Array, c: Array, weights: Weights) -> tuple[Array, Array]:
     return profile, helix
 
 
-def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) -> Lines:
+def _lines(trace: Array, at: Array, limits: tuple[float, float], length: float) -> tuple[Array, Array, Array]:
     """Slope over ``length``, form and total deviation (flanks,) of traces inside the limits; NaN where too short."""
     low, high = limits
     inside = np.isfinite(trace) & (at >= low) & (at <= high)
@@ -343,22 +330,20 @@ def figures_of(m: Measures, nominal: Involute) -> Figures:
     found: Figures = dict(pitch_extremes(m.index, pitch_span(nominal.gear)))
     areal = pitch_extremes(SIGMA[:, None] * m.area * nominal.arc_per_delta, pitch_span(nominal.gear))
     found |= {name + AREAL: areal[name] for name in AREAL_NAMES}
-    for name in PER_TOOTH:
-        found[name] = getattr(m, name)
-    for name in MEANS:
-        found[name + MEAN] = _mean(getattr(m, name))
-    both = _mean(m.position).sum()
+    found |= {name: m.of_flank[name] for name in PER_TOOTH}
+    found |= {name + MEAN: mean_seen(m.of_flank[name]) for name in MEANS}
+    both = mean_seen(m.position).sum()
     ball = nominal.ball_diameter
     found["F_r"] = np.asarray(largest(m.runout) - smallest(m.runout))
     found["s"] = np.asarray(nominal.thickness + both * nominal.arc_per_delta)
     found["W_k"] = np.asarray(nominal.span + both * nominal.normal_per_delta)
     across = nominal.over_balls(ball) - ball
     centre = nominal.base_radius / np.cos(nominal.ball_angle(ball))
-    found["M_d"] = np.asarray(ball + across * (1 + _mean(m.runout) / centre))
+    found["M_d"] = np.asarray(ball + across * (1 + mean_seen(m.runout) / centre))
     return found
 
 
-def _mean(values: Array) -> Array:
+def mean_seen(values: Array) -> Array:
     """Mean over the last axis, NaN aside; NaN where there is nothing else."""
     number = np.isfinite(values).sum(axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -426,13 +411,11 @@ def _noisier(m: Measures, weights: Weights) -> list[Measures]:
 def _moved(m: Measures, weights: Weights, off: Array, across: Array, along: Array) -> Measures:
     """The measures, positions moved by ``off`` (2, teeth), traces by ``across`` and ``along`` (flanks, n) mm."""
     profile, helix = (t + d.reshape(t.shape) for t, d in ((m.profile, across), (m.helix, along)))
-    alpha, beta = _trace_lines(profile.reshape(across.shape), helix.reshape(along.shape), weights)
-    slope, form, total = (v.reshape(off.shape) for v in alpha)
-    helix_slope, helix_form, helix_total = (v.reshape(off.shape) for v in beta)
+    lines = _trace_lines(profile.reshape(across.shape), helix.reshape(along.shape), weights)
     at_ball = m.at_ball + off
     return replace(
         m, position=m.position + off, area=m.area + off, at_ball=at_ball,
         index=SIGMA[:, None] * (m.position + off) * weights.grid.nominal.arc_per_delta,
         runout=_runout(at_ball, m.runout_per_delta), profile=profile, helix=helix,
-        f_Halpha=slope, f_falpha=form, F_alpha=total, f_Hbeta=helix_slope, f_fbeta=helix_form, F_beta=helix_total,
+        of_flank=m.of_flank | {name: v.reshape(off.shape) for name, v in lines.items()},
     )  # fmt: skip

@@ -6,12 +6,11 @@ from math import cos
 
 import numpy as np
 
-from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan
 from truestand.gear.angle import AngleCorrection
 from truestand.gear.damage import Damage
-from truestand.gear.evaluate import Measures, slope_length
+from truestand.gear.evaluate import Measures, mean_seen, slope_length
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, Coverage, profiles_for, step_on_flank
@@ -121,7 +120,7 @@ def _slopes(m: Measures, nominal: Involute) -> tuple[str, ...]:
     dr sin(alpha_y), a skew eps of the laser line tilts the helices by +-eps b cos(alpha). A gear can have such slopes
     of its own, so these are remarks: they say which number of the calibration to look at first.
     """
-    (left, right), (helix_left, helix_right) = (_means(slopes) for slopes in (m.f_Halpha, m.f_Hbeta))
+    (left, right), (helix_left, helix_right) = (mean_seen(m.of_flank[n]) for n in ("f_Halpha", "f_Hbeta"))
     if not np.isfinite([left, right, helix_left, helix_right]).all():
         return ()
     found = []
@@ -145,11 +144,6 @@ def _slopes(m: Measures, nominal: Involute) -> tuple[str, ...]:
             f"{1000 * eps:.2f} mrad"
         )
     return tuple(f"{f}; or the gear is made so" for f in found)
-
-
-def _means(values: Array) -> list[float]:
-    """Of the teeth seen on each side; NaN where none was."""
-    return [float(side[np.isfinite(side)].mean()) if np.isfinite(side).any() else float("nan") for side in values]
 
 
 def _profile_slope(nominal: Involute, wave: np.ufunc) -> float:
