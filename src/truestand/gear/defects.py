@@ -5,7 +5,6 @@ sizes; what stands out of the noise of all flanks is a dent or a bump. Cells at 
 out: edges make false alarms.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from math import pi, sqrt
@@ -160,15 +159,11 @@ def _inner(seen: Mask) -> Mask:
     """Cells well inside what was seen; stripes between profiles are inside."""
     from scipy.ndimage import binary_closing, binary_erosion
 
-    closed = np.zeros_like(seen)
-    for side in range(seen.shape[0]):
-        for tooth in range(seen.shape[1]):
-            whole = np.pad(seen[side, tooth], PROFILE_GAP)
-            whole = binary_closing(whole, np.ones((PROFILE_GAP, 3), dtype=bool))
-            whole = binary_erosion(whole, np.ones((3, 3), dtype=bool), BORDER)
-            cut = slice(PROFILE_GAP, -PROFILE_GAP)
-            closed[side, tooth] = whole[cut, cut]
-    return closed
+    ends = (PROFILE_GAP, PROFILE_GAP)
+    whole = np.pad(seen, ((0, 0), (0, 0), ends, ends))
+    whole = binary_closing(whole, np.ones((1, 1, PROFILE_GAP, 3), dtype=bool))
+    whole = binary_erosion(whole, np.ones((1, 1, 3, 3), dtype=bool), BORDER)
+    return np.asarray(whole[:, :, PROFILE_GAP:-PROFILE_GAP, PROFILE_GAP:-PROFILE_GAP])
 
 
 def _on_flanks(m: DefectMap, grid: Grid) -> list[Defect]:
@@ -226,12 +221,12 @@ def _second_scores(found: list[Defect], m: DefectMap) -> list[Defect]:
         return found
     from sklearn.ensemble import IsolationForest
 
-    patches = _patches(m.residual)
     usable = np.flatnonzero(np.isfinite(m.score).reshape(-1))
-    sample = patches(np.random.default_rng(0).choice(usable, min(PATCHES, usable.size), replace=False))
+    drawn = np.random.default_rng(0).choice(usable, min(PATCHES, usable.size), replace=False)
+    sample = _patches(m.residual, drawn)
     forest = IsolationForest(n_estimators=100, random_state=0).fit(sample)
     usual = np.sort(-forest.score_samples(sample))
-    strange = -forest.score_samples(patches(np.array([_cell_of(d, m) for d in found])))
+    strange = -forest.score_samples(_patches(m.residual, np.array([_cell_of(d, m) for d in found])))
     shares = np.searchsorted(usual, strange) / usual.size
     return [replace(d, second_score=float(share)) for d, share in zip(found, shares, strict=True)]
 
@@ -243,13 +238,9 @@ def _cell_of(d: Defect, m: DefectMap) -> int:
     return int(np.ravel_multi_index((FLANKS.index(d.flank or "left"), d.tooth - 1, i, j), m.residual.shape))
 
 
-def _patches(residual: Array) -> Callable[[Ints], Array]:
-    """Patches (n, 25) of residuals about cells given by their flat index; 0 where nothing was seen."""
+def _patches(residual: Array, cells: Ints) -> Array:
+    """Patches (n, 25) of residuals about ``cells`` (n,), given by their flat index; 0 where nothing was seen."""
     padded = np.pad(np.nan_to_num(residual), ((0, 0), (0, 0), (PATCH, PATCH), (PATCH, PATCH)))
-
-    def about(cells: Ints) -> Array:
-        side, tooth, i, j = np.unravel_index(cells, residual.shape)
-        size = 2 * PATCH + 1
-        return np.stack([padded[side, tooth, i + a, j + b] for a in range(size) for b in range(size)], axis=1)
-
-    return about
+    side, tooth, i, j = np.unravel_index(cells, residual.shape)
+    size = 2 * PATCH + 1
+    return np.stack([padded[side, tooth, i + a, j + b] for a in range(size) for b in range(size)], axis=1)
