@@ -92,6 +92,10 @@ def mirrored(record):
         (lambda r: r["shaft"].update(shaft_from_rotor=[[float("nan")] * 4] * 4), "finite"),
         (lambda r: r["sensor"].update(table_from_sensor="x"), "malformed"),
         (lambda r: r["residuals"].update(points=None), "malformed"),
+        (lambda r: r.update(status="good"), "need valid or untrusted"),
+        (lambda r: r["table"].update(direction="cw"), "found direction 'cw' beside a stand that turns 'ccw'"),
+        (lambda r: r["uncertainty"]["phi_deg"].update(U=-0.1), "found U -0.1"),
+        (lambda r: r["covariance"]["matrix"][0].__setitem__(0, -1e-9), "negative variance"),
         (lambda r: r["stand"]["table"].update(sped=1), "sped"),
     ],
 )

@@ -1,14 +1,14 @@
 """The budget: complete, confirmed by Monte Carlo, honest near zero."""
 
 from dataclasses import replace
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 import pytest
 
 from truestand.calibration.calibrate import calibrate
 from truestand.core.stand import Sensor
-from truestand.uncertainty.budget import DIRECTIONS, Input, monte_carlo, sensitivities
+from truestand.uncertainty.budget import Input, budget_of, monte_carlo, sensitivities
 from truestand.uncertainty.lines import linearity_name, linearity_of
 from truth import scan_of, shaft
 
@@ -33,12 +33,21 @@ def test_every_quantity_names_at_least_seven_inputs_and_eccentricity_eleven(foun
 
 
 def test_the_lines_make_the_whole_and_each_is_value_times_sensitivity(found):
-    for key, u in found.uncertainty.items():
+    for u in found.uncertainty.values():
         for line in u.contributions:
             assert 2 * line.value * line.sensitivity == pytest.approx(line.U, rel=1e-9, abs=1e-12)
         whole = float(np.sqrt(sum(c.U**2 for c in u.contributions)))
-        if key not in DIRECTIONS:
-            assert u.U in (pytest.approx(whole), u.monte_carlo)
+        assert u.U in (pytest.approx(whole), u.monte_carlo)
+
+
+def test_a_direction_that_is_hardly_known_has_the_wider_of_both_doubts():
+    """Twice the slope's share is not enough where a vector is as short as its own doubt."""
+    p = P.copy()
+    p[6:] = 1e-4, 0.0
+    parts = {"noise": np.diag(np.square([1e-5, 1e-3, 0.02, 4e-4, 5e-4, 7e-4, 6e-5, 6e-5]))}
+    found = budget_of(p, parts, (), inf, {})["tilt_direction_deg"]
+    assert found.monte_carlo > 1.05 * np.degrees(2 * 0.6)
+    assert found.monte_carlo == found.U
 
 
 def test_monte_carlo_agrees_where_things_are_normal():

@@ -5,7 +5,7 @@ Type A comes from the scatter of the fit, type B from certificate, data sheet an
 usual value stands in and its name says so (``core.assumptions``).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees, hypot, sqrt
 
 import numpy as np
@@ -54,9 +54,11 @@ def budget_of(
         lines += [_from_input(i, key) for i in inputs if key in i.follows]
         U = float(np.sqrt(sum(line.U**2 for line in lines)))
         lines.sort(key=lambda line: -line.U)
-        reported = simulated[key] if abs(simulated[key] - U) > MOST_DISAGREEMENT * U and key not in DIRECTIONS else U
+        reported = simulated[key] if abs(simulated[key] - U) > MOST_DISAGREEMENT * U else U
+        if key in DIRECTIONS:  # trials are never farther off than half a turn, and U neither
+            reported = min(max(reported, U), HALF_TURN_DEG)
         budget[key] = Uncertainty(reported, K, tuple(lines), simulated[key])
-    return budget | {key: replace(budget[key], U=min(budget[key].U, HALF_TURN_DEG)) for key in DIRECTIONS}
+    return budget
 
 
 def sensitivities(p: Array) -> dict[str, Array]:

@@ -187,6 +187,8 @@ def _calibration(record: Record) -> Calibration:
     table, sensor, shaft = record["table"], record["sensor"], record["shaft"]
     covariance = record.get("covariance") or {}
     stand = stand_from_recipe(record["stand"]) if record.get("stand") else _stand_of(table, sensor)
+    if table.get("direction", stand.table.direction) != stand.table.direction:
+        raise ValueError(f"found direction {table['direction']!r} beside a stand that turns {stand.table.direction!r}")
     source = table.get("angle_source", "index")
     return Calibration(
         method="paper" if record.get("method") == "paper" else "stand",
@@ -222,6 +224,8 @@ def _calibration(record: Record) -> Calibration:
 
 def _reasons(record: Record) -> tuple[str, ...]:
     reasons = tuple(record.get("reasons", ()))
+    if record.get("status") not in (None, "valid", "untrusted"):
+        raise ValueError(f"found status {record['status']!r}, need valid or untrusted")
     if record.get("status") == "untrusted" and not reasons:
         return ("the record says untrusted and gives no reason",)
     return reasons
@@ -377,6 +381,8 @@ def _uncertainty(u: Any) -> Uncertainty:
         )
         for c in u.get("contributions", [])
     )  # fmt: skip
+    if u["U"] is not None and u["U"] < 0:
+        raise ValueError(f"found U {u['U']}, need 0 or more")
     return Uncertainty(u["U"], u["k"], lines, u.get("U_monte_carlo"))
 
 
@@ -399,6 +405,8 @@ def _matrix(rows: Any) -> Array:
     matrix = _array(rows or np.zeros((0, 0)))
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"covariance: found shape {matrix.shape}, need a square matrix")
+    if (np.diag(matrix) < 0).any():
+        raise ValueError("covariance: found a negative variance")
     return matrix
 
 
