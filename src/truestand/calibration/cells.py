@@ -114,7 +114,8 @@ def robust_cells(
         model: the model with its layout.
         parameters: present estimate.
         limit: mm from the predicted surface at which a reading's weight becomes zero.
-        reach: mm from the predicted surface within which a reading counts as one of the surface's at all.
+        reach: mm from the predicted surface within which a reading counts as one of the surface's at all; no less than
+            ``limit``.
         outliers: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
         groups_per_turn: of neighbouring profiles.
     """
@@ -128,7 +129,6 @@ def robust_cells(
     for block in _blocks(scan, grid, predicted, parameters, model.height):
         near = np.abs(block.deviation) < reach
         weight = tukey_weights(block.deviation * (1.0 / limit))
-        weight[~near] = 0.0
         if trusted is not None:
             outlier = ~trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
             near |= outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
@@ -138,11 +138,10 @@ def robust_cells(
         mass, slope = mass + float(weight.sum()), slope + float(tukey_slopes(weight).sum())
         span = block.cells
         size = span.stop - span.start
-        deviation = np.where(near, block.deviation, 0.0)
-        weighted = weight * deviation
+        weighted = weight * block.deviation
         sums[0, span] += np.bincount(block.index, weight, size)
         sums[1, span] += np.bincount(block.index, weighted, size)
-        sums[2, span] += np.bincount(block.index, weighted * deviation, size)
+        sums[2, span] += np.bincount(block.index, weighted * block.deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
         sums[4, span] += np.bincount(block.index, weight * block.profile, size)
     correction = m_estimator_correction(mass, slope)
@@ -171,12 +170,12 @@ def _predicted(scan: Scan, model: Model, parameters: Array, grid: Grid) -> Array
     """u (groups + 1, B) mm where the model puts the surface at the groups' borders."""
     border = np.arange(grid.groups + 1) * grid.group
     last = np.minimum(border, scan.profiles - 1)
-    shape = (border.size, grid.centres.size)
-    angle = np.repeat(scan.angle[last] + scan.step * (border - last), shape[1])
-    time = np.repeat(scan.time_at(border), shape[1])
-    v = np.tile(grid.centres, shape[0])
-    which = np.tile(grid.cylinder, shape[0])
-    return model.radial_position(parameters, v, angle, time, which).reshape(shape)
+    shape = (grid.centres.size, border.size)  # cylinder after cylinder
+    angle = np.tile(scan.angle[last] + scan.step * (border - last), shape[0])
+    time = np.tile(scan.time_at(border), shape[0])
+    v = np.repeat(grid.centres, shape[1])
+    which = np.repeat(grid.cylinder, shape[1])
+    return model.radial_position(parameters, v, angle, time, which).reshape(shape).T
 
 
 def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -> Iterator[_Block]:
@@ -185,7 +184,7 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
     (ux, uz), (vx, vz) = plane.across, plane.along
     table, low = grid.lookup()
     bins = grid.centres.size
-    centres = np.append(grid.centres, 0.0)
+    centres = grid.centres
     per_block = max(1, BLOCK // grid.group)
     for first in range(0, grid.groups, per_block):
         last = min(first + per_block, grid.groups)
@@ -196,20 +195,19 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
             step = np.clip((v - low) * (1.0 / LOOKUP_MM), 0, table.size - 1)
         step[np.isnan(step)] = 0
         bin_ = table[step.astype(np.intp)]
-        pick = np.flatnonzero(bin_.reshape(-1) < bins)
+        on = bin_ < bins
+        seen = np.count_nonzero(on, axis=1)
+        chosen = bin_[on]
         n = np.arange(rows.start, rows.stop)
         part = (n % grid.group) / grid.group
         group = n // grid.group
         surface = predicted[group] * (1 - part)[:, None] + predicted[group + 1] * part[:, None]
-        row = pick // x.shape[1]
-        chosen = bin_.reshape(-1)[pick]
-        u = ux * x.reshape(-1)[pick] + uz * z.reshape(-1)[pick] + plane.radial
-        deviation = u - surface.reshape(-1)[row * bins + chosen]
+        u = ux * x[on] + uz * z[on] + plane.radial
         yield _Block(
-            deviation,
-            v.reshape(-1)[pick] - centres[chosen],
-            n[row].astype(np.float64),
-            (group[row] - first) * (bins + 1) + chosen,
+            u - surface.reshape(-1)[np.repeat((n - rows.start) * bins, seen) + chosen],
+            v[on] - centres[chosen],
+            np.repeat(n.astype(np.float64), seen),
+            np.repeat((group - first) * (bins + 1), seen) + chosen,
             slice(first * (bins + 1), last * (bins + 1)),
         )
 

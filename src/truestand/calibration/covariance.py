@@ -45,11 +45,7 @@ def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
 
 def clustered(scores: Array, sectors: Ints) -> Array:
     """Sum over sectors of the outer product of each sector's whole score (n, p) (Liang and Zeger 1986): (p, p)."""
-    count = int(sectors.max()) + 1
-    order = np.argsort(sectors, kind="stable")
-    starts = np.searchsorted(sectors[order], np.arange(count))
-    starts = starts[np.diff(np.append(starts, sectors.size)) > 0]
-    sums = np.add.reduceat(scores[order], starts, axis=0)
+    sums = np.stack([np.bincount(sectors, column) for column in scores.T], axis=1)[np.bincount(sectors) > 0]
     n, p = sums.shape
     return np.asarray(sums.T @ sums) * (n / max(n - p, 1) if n > 2 * p else 2.0)
 
@@ -60,17 +56,11 @@ def _sector_series(residuals: Array, jacobian: Array, weights: Array, sector: In
     Of cells (n,): residuals mm, jacobian (n, p), weights 1/mm2, their stretch of table angle and bin of height.
     """
     shape = (int(sector.max()) + 1, int(bins.max()) + 1)
-    cell = sector * shape[1] + bins
-    order = np.argsort(cell, kind="stable")
-    found, starts = np.unique(cell[order], return_index=True)
-    mass = np.add.reduceat(weights[order], starts)
-    root = np.sqrt(np.maximum(mass, 1e-300))
-    means = np.add.reduceat((weights * residuals)[order], starts) / root
-    slopes = np.add.reduceat((weights[:, None] * jacobian)[order], starts) / root[:, None]
-    seen = mass > 0
-    flat, wide = np.zeros(shape[0] * shape[1]), np.zeros((shape[0] * shape[1], jacobian.shape[1]))
-    flat[found[seen]], wide[found[seen]] = means[seen], slopes[seen]
-    return flat.reshape(shape), wide.reshape(*shape, -1)
+    cell, size = sector * shape[1] + bins, shape[0] * shape[1]
+    mass = np.bincount(cell, weights, size)
+    unit: Array = np.where(mass > 0, 1.0 / np.sqrt(np.maximum(mass, 1e-300)), 0.0)
+    flat, *slopes = (np.bincount(cell, weights * column, size) * unit for column in (residuals, *jacobian.T))
+    return flat.reshape(shape), np.stack(slopes, axis=1).reshape(*shape, -1)
 
 
 def _correlated(residuals: Array, jacobian: Array, orders: int) -> Array | None:

@@ -77,8 +77,9 @@ def _linearised(model: Model, cells: Cells, p: Array) -> Solution:
     residuals, jacobian = model.linearised(p, cells.readings)
     noise = noise_of(residuals, cells.weight)
     weights = noise.weights(residuals, cells.weight)
-    weighted = jacobian * weights[:, None]
-    return Solution(p, weighted.T @ residuals, weighted.T @ jacobian, residuals, weights, noise)
+    root = np.sqrt(weights)
+    scaled = jacobian * root[:, None]  # times itself: BLAS works out one half only
+    return Solution(p, scaled.T @ (root * residuals), scaled.T @ scaled, residuals, weights, noise)
 
 
 def _improved(model: Model, cells: Cells, at: Solution, change: Array, precision: Array) -> tuple[Array, int]:

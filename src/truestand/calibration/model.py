@@ -176,7 +176,7 @@ class Model:
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
         """Residuals (n,) and their Jacobian (n, size)."""
         out = np.empty(readings.x.size)
-        jacobian = np.zeros((readings.x.size, self.size))
+        jacobian = np.zeros((self.size, readings.x.size)).T  # it is filled column by column
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
             block = jacobian[rows]
@@ -188,14 +188,14 @@ class Model:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
         at = self._geometry(p, r, k)
         coefficients = p[self.form_slice(k)]
-        cosines, sines = _waves(at.psi, self.orders)
+        cosines, sines = _waves(at.normal, self.orders)
         a, b = np.split(coefficients, 2)
-        residual = (at.distance - self.radii[k] - (cosines @ a + sines @ b)) / at.facing
+        residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
         if jacobian is None:
             return np.asarray(residual)
         n = np.arange(2, self.orders + 1)
         # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
-        lean = (cosines @ (n * b) - sines @ (n * a)) / at.distance
+        lean = ((n * b) @ cosines - (n * a) @ sines) / at.distance
         gradient = at.normal - lean * np.stack([-at.normal[1], at.normal[0], np.zeros_like(lean)])
         self._fill_geometry(jacobian, p, r, at, gradient)
         if k:
@@ -203,7 +203,7 @@ class Model:
             jacobian[:, axis : axis + 2] = jacobian[:, ECCENTRICITY]
             jacobian[:, axis + 2 : axis + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
-        jacobian[:, self.form_slice(k)] = -np.hstack([cosines, sines])
+        jacobian[:, self.form_slice(k)] = -np.vstack([cosines, sines]).T
         jacobian /= at.facing[:, None]
         return np.asarray(residual)
 
@@ -225,11 +225,8 @@ class Model:
         normal = away - lengthwise * np.array([[tx], [ty], [1.0]]) / length
         distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
         normal /= distance
-        psi = np.arctan2(normal[1], normal[0])
         towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
-        return _ReadingGeometry(
-            across, along, static, v, c, s, point, lengthwise / length, normal, distance, psi, towards
-        )
+        return _ReadingGeometry(across, along, static, v, c, s, point, lengthwise / length, normal, distance, towards)
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
@@ -276,7 +273,6 @@ class _ReadingGeometry:
     normal: Array
     """(3, n) outward unit normals of the round cylinder, in R."""
     distance: Array
-    psi: Array
     facing: Array
     """Cosine between the normal and T's X, along which the sensor errs."""
 
@@ -300,11 +296,14 @@ def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     return float(ex), float(ey), float(tx), float(ty)
 
 
-def _waves(psi: Array, orders: int) -> tuple[Array, Array]:
-    """cos and sin (n, orders - 1) of harmonics 2..orders at psi (n,) rad."""
-    turn = np.exp(1j * psi)
-    powers = np.cumprod(np.broadcast_to(turn[:, None], (psi.size, max(orders, 1))), axis=1)[:, 1:]
-    return powers.real, powers.imag
+def _waves(normal: Array, orders: int) -> tuple[Array, Array]:
+    """cos and sin (orders - 1, n) of harmonics 2..orders at the polar angle of normals (3, n)."""
+    c, s = normal[:2] / np.hypot(normal[0], normal[1])
+    cosines, sines = np.empty((2, max(orders, 1), c.size))
+    cosines[0], sines[0] = c, s
+    for n in range(1, orders):
+        cosines[n], sines[n] = cosines[n - 1] * c - sines[n - 1] * s, sines[n - 1] * c + cosines[n - 1] * s
+    return cosines[1:], sines[1:]
 
 
 def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:

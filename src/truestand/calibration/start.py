@@ -18,6 +18,8 @@ from truestand.core.scan import Scan
 SAMPLED_PROFILES = 1000
 SPEED_PROFILES = 500
 """Of these, the ones on which a hundred table speeds are tried."""
+SPEED_PASSES = 6
+"""Of the robust fit; near the right speed it settles sooner."""
 MOST_ECCENTRICITY_MM = 4.0
 """Most eccentric shaft that is searched for."""
 SPEED_RANGE = 0.08
@@ -172,7 +174,7 @@ def _find_speed(angle: Array, traces: Array) -> float:
 
     def cost(speed: float) -> float:
         turned = angle + speed * (angle - angle[0])
-        wave = fit_harmonics_robustly(turned, trace, orders, least=0.01)
+        wave = fit_harmonics_robustly(turned, trace, orders, least=0.01, passes=SPEED_PASSES)
         return float(np.abs(trace - wave(turned)).mean())
 
     turns = float(np.ptp(angle)) / tau

@@ -12,6 +12,11 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 
+RIDGE = 1e-14
+"""Share of a normal matrix's trace that is added to its diagonal."""
+SETTLED = 1e-6
+"""Change of a robust fit's coefficients, as a share of ``least``, below which it is settled."""
+
 
 @dataclass(frozen=True, slots=True)
 class Harmonics:
@@ -56,7 +61,11 @@ def fit_harmonics_robustly(
     design, samples = _system(angle, trace, orders)
     weighted, solution = design, np.zeros(design.shape[1])
     for _ in range(passes):
-        solution = _solve(weighted.T @ design, weighted.T @ samples)
+        normal = weighted.T @ design
+        ridge = RIDGE * float(np.trace(normal)) * np.eye(solution.size)  # an arc too short for its orders is singular
+        before, solution = solution, np.asarray(np.linalg.solve(normal + ridge, weighted.T @ samples), np.float64)
+        if np.abs(solution - before).max() < SETTLED * least:
+            break
         weighted = design / np.maximum(np.abs(samples - design @ solution), least)[:, None]
     return _series(orders, solution)
 
