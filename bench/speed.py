@@ -92,9 +92,15 @@ def read_at_once_with_polars(csv: Csv, folder: Path) -> None:
     assert pl.read_csv(folder / csv.file, **csv.polars).shape[1] == POINTS
 
 
-def read_with_numpy(path: Path) -> None:
+def read_with_numpy(path: Path, blocks: int) -> None:
     """All lines in one array; numpy skips the empty ones."""
-    assert np.loadtxt(path, delimiter=",").shape == (3 * PROFILES, POINTS)
+    assert np.loadtxt(path, delimiter=",").shape == (blocks * PROFILES, POINTS)
+
+
+def write_x_and_z(csv: Path, path: Path) -> None:
+    """The blocks X and Z alone, as plain text."""
+    lines = csv.read_text().split("\n")
+    path.write_text("\n".join(lines[:PROFILES] + lines[2 * (PROFILES + 1) :]))
 
 
 def write_with_gaps(csv: Path, path: Path, share: float = EMPTY) -> None:
@@ -125,6 +131,7 @@ def main() -> None:
         stand, shaft = folder / "stand.toml", folder / "shaft.toml"
         command("simulate", stand, "--artefact", shaft, "-o", folder / "k1.csv", "-q")
         command("import", folder / "k1.csv", "--stand", stand, "-o", folder / "k1.h5", "-q")
+        write_x_and_z(folder / "k1.csv", folder / "xz.csv")
         write_with_gaps(folder / "k1.csv", folder / "gaps.csv")
         write_with_commas(folder / "gaps.csv", folder / "commas.csv")
         measured = measure(folder, stand, shaft, repeat)
@@ -135,7 +142,8 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
     """What was measured: name, seconds, against what, further remarks; medians over rounds of all of it in turn."""
     native, out = folder / "k1.h5", folder / "c.json"
     scan = ts.read_scan(native)
-    calibration = ts.calibrate(scan, ts.read_shaft(shaft))
+    artefact = ts.read_shaft(shaft)
+    calibration = ts.calibrate(scan, artefact)
     walls: dict[str, list[float]] = {}
     commands: dict[str, list[tuple[float, float, float]]] = {}
 
@@ -154,7 +162,9 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
                 f"calibrate from {csv.what}", "calibrate", folder / csv.file, "--stand", stand, "--artefact", shaft,
                 "-o", out, "-q",
             )  # fmt: skip
-        clock("numpy reads the CSV", lambda: read_with_numpy(folder / CSVS[0].file))
+        clock("numpy reads the CSV", lambda: read_with_numpy(folder / CSVS[0].file, 3))
+        clock("numpy reads X and Z", lambda: read_with_numpy(folder / "xz.csv", 2))
+        clock("calibrate, library call", lambda: ts.calibrate(scan, artefact))
         run("calibrate from the native file", "calibrate", native, "--artefact", shaft, "-o", out, "-q")
         run("roll to PLY, whole command", "roll", native, "--calibration", out, "-o", folder / "c.ply")
         surface = apply_calibration(scan, calibration)
@@ -183,6 +193,8 @@ def measure(folder: Path, stand: Path, shaft: Path, repeat: int) -> list[tuple[s
         line("numpy reads the CSV", polars),
         *(line(f"calibrate from {csv.what}", (f"polars reads {csv.what}", "polars")) for csv in CSVS),
         line("calibrate from the native file", polars),
+        line("numpy reads X and Z"),
+        line("calibrate, library call", ("numpy reads X and Z", "numpy")),
         line("copy a rolled-up scan in memory"),
         line("roll, library call", ("copy a rolled-up scan in memory", "the copy")),
         line("roll to PLY, whole command"),
