@@ -157,15 +157,13 @@ class Store:
             self.entry(about)
         return self._append("note", None, {}, about=about, operator=operator, text=text, time=time)
 
-    def entries(
-        self, kind: str | None = None, since: str | None = None, last: int | None = None, first: int | None = None
-    ) -> list[Entry]:
-        """Entries in their order, as stored; of one kind, from an ISO time or a number on, the ``last`` so many only.
+    def entries(self, kind: str | None = None, since: str | None = None, last: int | None = None) -> list[Entry]:
+        """Entries in their order, as stored; of one kind, from an ISO time on, the ``last`` so many only.
 
         Raises:
             BadStore: no store, or one that is damaged.
         """
-        tests = {"kind = ?": kind, "time >= ?": since, "number >= ?": first}
+        tests = {"kind = ?": kind, "time >= ?": since}
         given = {test: value for test, value in tests.items() if value is not None}
         where = f"WHERE {' AND '.join(given)}" if given else ""
         with database.reading(self.folder) as connection:
