@@ -20,6 +20,8 @@ from truestand.web.serving import Binding, Server, bind, config
 
 WORKER = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
 PASSWORD = "correct horse battery"
+NOBODY_THERE = {"127.0.0.1:5020": "127.0.0.1:9", 'address = "127.0.0.1"': 'address = "127.0.0.2"'}
+"""In the starter's stand.toml: its devices, which a virtual stand may serve on this machine, where nobody answers."""
 SERVERS = {}
 """By port, to look into."""
 
@@ -29,11 +31,22 @@ def weak_user(name, role):
     return make_user(name, role, PASSWORD, {"n": 16, "r": 8, "p": 1})
 
 
+def change(file, texts):
+    """Replace ``texts`` (old to new) in a file that has them all."""
+    text = file.read_text(encoding="utf-8")
+    for old, new in texts.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    file.write_text(text, encoding="utf-8")
+
+
 def make_state(folder, users=(), worker=WORKER):
     """Of a stand with the starter recipes, and a scripted worker."""
-    if not (folder / "stand.toml").exists():
+    stand = folder / "stand.toml"
+    if not stand.exists():
         write_starters(folder)
-    settings = Settings(folder / "stand.toml", folder / "shaft.toml", folder / "results")
+        change(stand, NOBODY_THERE)
+    settings = Settings(stand, folder / "shaft.toml", folder / "results")
     if users:
         write_users(users_path(settings.store), {name: weak_user(name, role) for name, role in users})
     return app_state.make_state(settings, worker)

@@ -2,6 +2,7 @@
 
 import re
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -130,11 +131,10 @@ def test_the_range_camera_driver_reads_it(address):
         name="front", driver="range-camera", address=address, x_first_mm=-10.0, x_step_mm=0.05, z_step_mm=0.01,
         resend=False,
     )  # fmt: skip
-    other = Camera("before", address)
-    other.nodes.set("Width", 400)
-    other.nodes.set("Height", 2)
-    other.nodes.set("AcquisitionFrameRate", 200.0)
-    other.close()
+    with closing(Camera("before", address)) as other:
+        other.nodes.set("Width", 400)
+        other.nodes.set("Height", 2)
+        other.nodes.set("AcquisitionFrameRate", 200.0)
     sensor = open_sensor(recipe, Sensor("front", 400.0, 400))
     try:
         layout = sensor.start()
