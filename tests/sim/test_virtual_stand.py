@@ -69,7 +69,7 @@ def seen(sensor, seconds):
     """z (N, M) mm, encoder (N,) counts, counter (N,) of what comes in ``seconds``."""
     end, frames = time.monotonic() + seconds, []
     while time.monotonic() < end:
-        frame = sensor.next_frame(1.0)
+        frame = sensor.next_frame(NOT_FOR_EVER)
         assert frame is not None
         frames.append(decode_container(frame.payload, 640, "29xx-50"))
     stamps = [f.stamps for f in frames]
