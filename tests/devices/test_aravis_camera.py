@@ -159,7 +159,7 @@ def test_killed_camera_is_lost(mortal, camera, address):
     camera.nodes.set("PixelFormat", "Mono8")
     width, height = camera.nodes.get("Width"), camera.nodes.get("Height")
     camera.start_stream(width * height, width, resend=False)
-    assert camera.next_frame(1.0) is not None
+    assert camera.next_frame(NOT_FOR_EVER) is not None
     mortal.kill()
     begun = time.monotonic()
     with pytest.raises(DeviceLost, match=re.escape(address)):
