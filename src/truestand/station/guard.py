@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -74,10 +74,11 @@ def _first_line(process: subprocess.Popen[bytes]) -> bytes:
     timeout = threading.Timer(START_TIMEOUT_S, process.kill)  # the end of its output then ends the reading
     timeout.start()
     try:
-        return process.stdout.readline()
-    except BaseException:  # broken off by the operator
-        process.kill()
-        raise
+        with ExitStack() as on_failure:  # the operator may break it off
+            on_failure.callback(process.kill)
+            line = process.stdout.readline()
+            on_failure.pop_all()
+        return line
     finally:
         timeout.cancel()
 

@@ -1,7 +1,7 @@
 """The jobs that the page can start: each takes a scan with the stand, and evaluates it as the commands do."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -50,11 +50,10 @@ class Observer:
     def during(self, name: str) -> Iterator[None]:
         """Report the begin and the end of a step."""
         self.step(name, "running")
-        try:
+        with ExitStack() as on_failure:
+            on_failure.callback(self.step, name, "failed")
             yield
-        except BaseException:
-            self.step(name, "failed")
-            raise
+            on_failure.pop_all()
         self.step(name, "done")
 
 

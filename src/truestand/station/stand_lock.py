@@ -7,7 +7,7 @@ says *in use* and isn't locked is that of a process that died.
 import json
 import os
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,15 +34,14 @@ class StandLock:
         self.path = state_path(stand)
         self._file = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o666)
         self._fault = False
-        try:
+        with ExitStack() as on_failure:
+            on_failure.callback(os.close, self._file)
             if not take_lock(self._file):
                 raise _in_use(stand)
             reason = _reason(_read_state(self.path))
             if reason:
                 raise Fault(reason)
-        except BaseException:
-            os.close(self._file)
-            raise
+            on_failure.pop_all()
 
     def set_in_use(self, since: str, log: Path) -> None:
         """Write that the stand records to ``log``."""

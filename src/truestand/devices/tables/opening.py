@@ -1,5 +1,7 @@
 """From a recipe to a table that answers. Each driver's library is loaded only where the recipe asks for it."""
 
+from contextlib import ExitStack
+
 from truestand.devices.axis import Drive, RotaryTable
 from truestand.devices.tables.recipe import TableRecipe
 
@@ -12,11 +14,10 @@ def open_table(recipe: TableRecipe) -> RotaryTable:
         DeviceError: what answers isn't such a table.
     """
     drive = _drive(recipe)
-    try:
+    with ExitStack() as on_failure:
+        on_failure.callback(drive.close)
         drive.state()
-    except BaseException:
-        drive.close()
-        raise
+        on_failure.pop_all()
     return RotaryTable(drive, recipe.limits)
 
 
