@@ -20,8 +20,8 @@ from truestand.core.scan import Scan
 
 BLOCK = 128
 """Profiles worked on at once: fits the processor's cache."""
-GROUPS_PER_TURN = 500
-"""Groups of profiles a turn; the trace bends by nanometres within one."""
+GROUPS_PER_TURN = 250
+"""Groups of profiles a turn: as coarse as waves of form and the borders of dirt allow."""
 BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
 OUTLIER_REACH_MM = 4.0
@@ -65,10 +65,33 @@ class Grid:
         return table, low
 
 
-def _grid(scan: Scan, bands: tuple[Band, ...], groups_per_turn: int) -> Grid:
+@dataclass(frozen=True, slots=True)
+class _Surface:
+    """Where the model puts the surface in the laser plane, over the groups of profiles and the bins of height.
+
+    Between a group's borders it goes with the table's angle, because profiles may be lost and tables turn unevenly.
+    """
+
+    angle: Array
+    """Table angle (groups + 1,) rad at the groups' borders."""
+    border: Array
+    """u (groups + 1, B) mm there."""
+    bend: Array
+    """(groups, B) mm: four times how far u lies below the chord in a group's middle. Deviations from the chord alone
+    would be a trace's own bend, of which robust means take but a part."""
+    part: Array
+    """How far each profile lies in its group, (N,), 0..1 of the group's angle."""
+
+    def u(self, group: Ints, part: Array, bins: Ints | slice = slice(None)) -> Array:
+        """Of the surface, mm, in groups by parts 0..1 of them."""
+        chord = self.border[group, bins] * (1 - part) + self.border[group + 1, bins] * part
+        return np.asarray(chord - self.bend[group, bins] * (part * (1 - part)))
+
+
+def _grid(scan: Scan, bands: tuple[Band, ...]) -> Grid:
     """A grid for the scan and the parts of the cylinders that are measured on."""
     per_turn = scan.profiles / max(scan.revolutions, 1e-9)
-    group = max(1, round(per_turn / groups_per_turn))
+    group = max(1, round(per_turn / GROUPS_PER_TURN))
     edges = tuple(np.linspace(b.low, b.high, BINS_PER_BAND + 1) for b in bands)
     return Grid(group, -(-scan.profiles // group), edges)
 
@@ -104,7 +127,6 @@ def robust_cells(
     limit: float,
     reach: float,
     outliers: Mask,
-    groups_per_turn: int = GROUPS_PER_TURN,
 ) -> Cells:
     """One robust pass over all readings.
 
@@ -117,20 +139,19 @@ def robust_cells(
         reach: mm from the predicted surface within which a reading counts as one of the surface's at all; no less than
             ``limit``.
         outliers: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
-        groups_per_turn: of neighbouring profiles.
     """
-    grid = _grid(scan, bands, groups_per_turn)
+    grid = _grid(scan, bands)
     bins = grid.centres.size
     sums = np.zeros((5, grid.groups * (bins + 1)))
     points = kept = 0
     mass = slope = 0.0
-    predicted = _predicted(scan, model, parameters, grid)
+    surface = _surface(scan, model, parameters, grid)
     trusted = _trusted(scan, model, parameters, grid, outliers)
-    for block in _blocks(scan, grid, predicted, parameters, model.height):
+    for block in _blocks(scan, grid, surface, parameters, model.height):
         near = np.abs(block.deviation) < reach
         weight = tukey_weights(block.deviation * (1.0 / limit))
         if trusted is not None:
-            outlier = ~trusted[block.profile.astype(np.intp), block.index % (bins + 1)]
+            outlier = ~trusted[block.profile, block.index % (bins + 1)]
             near |= outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
             weight[outlier] = 0.0
         points += int(np.count_nonzero(near))
@@ -143,9 +164,9 @@ def robust_cells(
         sums[1, span] += np.bincount(block.index, weighted, size)
         sums[2, span] += np.bincount(block.index, weighted * block.deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
-        sums[4, span] += np.bincount(block.index, weight * block.profile, size)
+        sums[4, span] += np.bincount(block.index, weight * surface.part[block.profile], size)
     correction = m_estimator_correction(mass, slope)
-    return _means(scan, model, parameters, grid, predicted, sums, (points, points - kept), correction)
+    return _means(scan, model, parameters, grid, surface, sums, (points, points - kept), correction)
 
 
 def _trusted(scan: Scan, model: Model, p: Array, grid: Grid, outliers: Mask) -> Mask | None:
@@ -161,24 +182,39 @@ def _trusted(scan: Scan, model: Model, p: Array, grid: Grid, outliers: Mask) -> 
 class _Block:
     deviation: Array
     offset: Array
-    profile: Array
+    profile: Ints
     index: Ints
     cells: slice
 
 
-def _predicted(scan: Scan, model: Model, parameters: Array, grid: Grid) -> Array:
-    """u (groups + 1, B) mm where the model puts the surface at the groups' borders."""
+def _surface(scan: Scan, model: Model, parameters: Array, grid: Grid) -> _Surface:
+    """The surface that the parameters predict."""
     border = np.arange(grid.groups + 1) * grid.group
     last = np.minimum(border, scan.profiles - 1)
-    shape = (grid.centres.size, border.size)  # cylinder after cylinder
-    angle = np.tile(scan.angle[last] + scan.step * (border - last), shape[0])
-    time = np.tile(scan.time_at(border), shape[0])
-    v = np.repeat(grid.centres, shape[1])
-    which = np.repeat(grid.cylinder, shape[1])
-    return model.radial_position(parameters, v, angle, time, which).reshape(shape).T
+    angle = scan.angle[last] + scan.step * (border - last)
+    half = np.arange(2 * grid.groups + 1) / 2  # borders and middles
+    shape = (grid.centres.size, half.size)  # cylinder after cylinder
+    u = model.radial_position(
+        parameters,
+        np.repeat(grid.centres, shape[1]),
+        np.tile(np.interp(half, np.arange(angle.size), angle), shape[0]),
+        np.tile(scan.time_at(half * grid.group), shape[0]),
+        np.repeat(grid.cylinder, shape[1]),
+    ).reshape(shape).T  # fmt: skip
+    bend = 2 * (u[:-2:2] + u[2::2]) - 4 * u[1::2]
+    return _Surface(angle, u[::2], bend, _parts(scan, grid, angle))
 
 
-def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -> Iterator[_Block]:
+def _parts(scan: Scan, grid: Grid, border: Array) -> Array:
+    """How far each profile lies in its group (N,), by the table angle (groups + 1,) rad at the borders."""
+    n = np.arange(scan.profiles)
+    group, by_number = n // grid.group, n % grid.group / grid.group
+    turned = np.diff(border)[group]
+    part = np.divide(scan.angle - border[group], turned, out=by_number, where=turned != 0.0)
+    return np.asarray(np.clip(part, 0.0, 1.0))
+
+
+def _blocks(scan: Scan, grid: Grid, surface: _Surface, p: Array, height: float) -> Iterator[_Block]:
     """The readings on the artefact's bands, block by block: deviation from the prediction and cell index."""
     plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), height)
     (ux, uz), (vx, vz) = plane.across, plane.along
@@ -199,24 +235,16 @@ def _blocks(scan: Scan, grid: Grid, predicted: Array, p: Array, height: float) -
         seen = np.count_nonzero(on, axis=1)
         chosen = bin_[on]
         n = np.arange(rows.start, rows.stop)
-        part = (n % grid.group) / grid.group
         group = n // grid.group
-        surface = predicted[group] * (1 - part)[:, None] + predicted[group + 1] * part[:, None]
+        predicted = surface.u(group, surface.part[rows, None])
         u = ux * x[on] + uz * z[on] + plane.radial
         yield _Block(
-            u - surface.reshape(-1)[np.repeat((n - rows.start) * bins, seen) + chosen],
+            u - predicted.reshape(-1)[np.repeat((n - rows.start) * bins, seen) + chosen],
             v[on] - centres[chosen],
-            np.repeat(n.astype(np.float64), seen),
+            np.repeat(n, seen),
             np.repeat((group - first) * (bins + 1), seen) + chosen,
             slice(first * (bins + 1), last * (bins + 1)),
         )
-
-
-def _sag(predicted: Array, group: int) -> Array:
-    """By how much the mean of u over a group of profiles differs from u at their mean angle (groups, B), mm."""
-    steps = np.diff(predicted, axis=0)
-    curvature = np.gradient(steps, axis=0) if len(steps) > 1 else np.zeros_like(steps)
-    return np.asarray(curvature * (1.0 - 1.0 / group**2) / 24.0)
 
 
 def _means(
@@ -224,7 +252,7 @@ def _means(
     model: Model,
     p: Array,
     grid: Grid,
-    predicted: Array,
+    surface: _Surface,
     sums: Array,
     counts: tuple[int, int],
     correction: float,
@@ -234,16 +262,12 @@ def _means(
     full = cell[0] > 0.5
     bin_, group = np.nonzero(full.T)  # cylinder after cylinder
     weight = cell[0][group, bin_]
-    deviation, square, offset, profile = (cell[i][group, bin_] / weight for i in range(1, 5))
-    profile = np.clip(profile, 0, scan.profiles - 1)
-    part = profile / grid.group - group
-    surface = predicted[group, bin_] * (1 - part) + predicted[group + 1, bin_] * part
-    u = surface + deviation - _sag(predicted, grid.group)[group, bin_]
+    deviation, square, offset, part = (cell[i][group, bin_] / weight for i in range(1, 5))
     plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), model.height)
     readings = Readings(
-        *plane.from_uv(u, grid.centres[bin_] + offset),
-        np.interp(profile, np.arange(scan.profiles), scan.angle),
-        np.interp(profile, [0, scan.profiles - 1], [-0.5, 0.5]),
+        *plane.from_uv(surface.u(group, part, bin_) + deviation, grid.centres[bin_] + offset),
+        surface.angle[group] + part * np.diff(surface.angle)[group],
+        scan.time_at(grid.group * (group + part)),
         grid.cylinder[bin_],
     )
     spread = np.sqrt(np.maximum(square - deviation * deviation, 0.0))

@@ -5,7 +5,7 @@ from math import hypot
 
 import numpy as np
 
-from truestand.calibration.cells import GROUPS_PER_TURN, Cells, robust_cells
+from truestand.calibration.cells import Cells, robust_cells
 from truestand.calibration.covariance import covariance, score_covariance
 from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, solve
 from truestand.calibration.model import (
@@ -37,9 +37,8 @@ REACH_MM = 1.0
 """Readings within it of the predicted surface are the surface's, good or bad."""
 LEAST_LIMIT_MM = 0.012
 """Never reject what quantisation alone can do (three steps of 4 um)."""
-FIRST_READINGS = 1_500_000
+FIRST_READINGS = 750_000
 """The first fit takes about as many: it finds where the surface is and how noisy."""
-FIRST_GROUPS_PER_TURN = 250
 FIRST_SETTLED = 1e-5
 """mm or rad: still enough to collect the cells once more."""
 MOST_ORDERS = 30
@@ -114,7 +113,7 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     model = model_for(scan, segments, artefact, start)
     few = replace(view, scan=scan.taken(slice(None, None, max(1, scan.x.size // FIRST_READINGS))))
     rough = start_values(model, segments, start)
-    first = _fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED, FIRST_GROUPS_PER_TURN)
+    first = _fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
@@ -168,7 +167,6 @@ def _fit(
     parameters: Array,
     limit: float,
     settled: float = SETTLED,
-    groups_per_turn: int = GROUPS_PER_TURN,
     priors: tuple[Prior, ...] | None = None,
 ) -> Refined:
     """The model fitted to cells about the surface that the parameters predict, collected again where it moves away.
@@ -178,7 +176,7 @@ def _fit(
     """
     priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
     for _ in range(MOST_COLLECTIONS):
-        cells = _cells(view, model, parameters, limit, groups_per_turn)
+        cells = _cells(view, model, parameters, limit)
         solution = gauss_newton(model, cells, parameters, priors, settled)
         moved = model.residuals(parameters, cells.readings) - solution.residuals
         parameters = solution.parameters
@@ -187,15 +185,13 @@ def _fit(
     return Refined(model, view.segments, cells, solution, priors, limit, view.outliers)
 
 
-def _cells(view: _View, model: Model, parameters: Array, limit: float, groups_per_turn: int) -> Cells:
+def _cells(view: _View, model: Model, parameters: Array, limit: float) -> Cells:
     """The cells about the surface that the parameters predict.
 
     Raises:
         NotEnoughData: too few of them.
     """
-    cells = robust_cells(
-        view.scan, view.segments.bands, model, parameters, limit, max(REACH_MM, limit), view.outliers, groups_per_turn
-    )
+    cells = robust_cells(view.scan, view.segments.bands, model, parameters, limit, max(REACH_MM, limit), view.outliers)
     if cells.weight.size < 2 * model.size:
         raise NotEnoughData(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "

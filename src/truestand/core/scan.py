@@ -100,7 +100,7 @@ class Scan:
         """Whether the table angle rests on the stated speed, so that the calibration estimates it."""
         return self.angle_source in ("index", "time")
 
-    def time_at(self, rows: Ints) -> Array:
+    def time_at(self, rows: Ints | Array) -> Array:
         """Time (n,) of profiles, as the share -0.5..0.5 of the scan."""
         return np.asarray(rows / max(self.profiles - 1, 1) - 0.5)
 
