@@ -1,5 +1,6 @@
 """The exact model against the truth of every named stand. Tolerances follow from noise and certificate, see each."""
 
+from dataclasses import replace
 from functools import cache
 from math import degrees, radians
 
@@ -17,7 +18,7 @@ from truestand.core.frames import Pose
 from truestand.core.scan import Scan, interpret
 from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, simulate, truth_record
-from truth import PER_TURN, POINTS, ROUND, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
+from truth import ANGLE, PER_TURN, POINTS, ROUND, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
 
@@ -67,6 +68,18 @@ def test_the_edge_of_a_hidden_shoulder_is_found_with_readings_a_millimetre_apart
     assert found.status == "valid", found.reasons
     assert abs(found.table_from_sensor.translation[2] - true["sensor"]["table_from_sensor"][2][3]) < 0.12
     assert abs(1000 * found.eccentricity - true["shaft"]["eccentricity_um"]) < 0.3
+
+
+def test_the_edge_of_a_hidden_shoulder_is_found_where_the_steps_differ_by_a_quarter_of_a_millimetre():
+    """To a twentieth of what a hidden shoulder's U allows; readings are 0.08 mm apart."""
+    base, bearing = shaft().cylinders
+    slight = replace(shaft(), cylinders=(base, replace(bearing, diameter=base.diameter - 0.5)))
+    stand = Named({}, {"tilt": 0.008, "tilt_direction": 2.0}, ROUND, acquisition=ANGLE)
+    simulation = simulate(stand.stand(), stand.simulation(), slight, 1)
+    found = calibrate(interpret(simulation.recording, stand.stand()), slight)
+    true = truth_record(simulation.truth)
+    assert found.status == "valid" and "height" in found.not_identifiable
+    assert abs(found.table_from_sensor.translation[2] - true["sensor"]["table_from_sensor"][2][3]) < 0.025
 
 
 @pytest.mark.parametrize("name", ["eccentric 2.5 mm", "from above"])

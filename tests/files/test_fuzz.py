@@ -374,7 +374,7 @@ def test_a_claim_of_two_to_the_31_is_refused_at_once_and_in_little_memory(tmp_pa
     assert read_or_refused(kind, path)  # what is imported once is no part of the time
     began = time.process_time()
     assert read_or_refused(kind, path)
-    assert time.process_time() - began < 0.1
+    assert time.process_time() - began < 1.0  # to count through what is claimed would take minutes
     tracemalloc.start()
     try:
         assert read_or_refused(kind, path)

@@ -20,6 +20,10 @@ LEAST_SHAFT_SHARE = 0.1
 """Share of a ray's readings that must be the shaft's for it to be one of the shaft's rays."""
 INSIDE_MM = 0.1
 """Distance that the shaft's readings of a ray must keep from the ends of what is measured on."""
+COMPARED_PROFILES = 500
+"""For the share of repeated ones."""
+MOST_REPEATED = 0.02
+"""Share of the profiles: noise makes no two alike."""
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
 ENOUGH_SEEN = 0.2
@@ -50,6 +54,9 @@ def checks_of(
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
+        Check("profiles repeated to the last digit, share", repeated := repeated_share(scan), MOST_REPEATED,
+              repeated <= MOST_REPEATED,
+              "the sensor gave the same profile again (a held image, a buffer read twice, a copied line): scan again"),
         Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
               fit.segments.explained >= LEAST_EXPLAINED,
               "check the diameters and lengths in shaft.toml and what else is in view"),
@@ -136,6 +143,7 @@ UNTIED = (
 )
 DECISIVE = (
     "readings rejected, share",
+    "profiles repeated",
     "residual, um rms",
     "fit converged, steps",
     "step from",
@@ -154,6 +162,16 @@ def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZ
 def angle_zero_reasons(angle_zero: AngleZero) -> tuple[str, ...]:
     """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
     return (UNTIED,) if angle_zero == "unknown" else ()
+
+
+def repeated_share(scan: Scan) -> float:
+    """Share of the profiles that are the one before them again, those without any reading aside."""
+    rows = scan.spread(COMPARED_PROFILES)[1:]
+    alike = np.isfinite(scan.z[rows]).any(axis=1)
+    for values in (scan.x, scan.z):
+        now, before = values[rows], values[rows - 1]
+        alike &= ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
+    return float(alike.mean())
 
 
 def outlier_share(scan: Scan, fit: Refined) -> float:

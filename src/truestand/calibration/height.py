@@ -101,7 +101,8 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     lower, upper = artefact.cylinders[:2]
     larger, outwards = (lower, 1.0) if lower.radius > upper.radius else (upper, -1.0)
     beyond = outwards * (height - artefact.shoulder)
-    beyond = np.where(np.abs(radius - larger.radius) < FACE_REACH_MM, beyond, np.nan)
+    reach = min(FACE_REACH_MM, abs(lower.radius - upper.radius) / 2)  # nearer to this cylinder than to the other
+    beyond = np.where(np.abs(radius - larger.radius) < reach, beyond, np.nan)
     steps = np.abs(np.diff(beyond, axis=1))
     step = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
     row, column = np.nonzero(np.abs(beyond) < max(EDGE_REACH_MM, EDGE_REACH_STEPS * step))

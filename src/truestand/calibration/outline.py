@@ -21,6 +21,8 @@ NEIGHBOUR_SLOPE = 4.0
 SAMPLED_PROFILES = 400
 LEAST_POINTS = 12
 """Readings a profile must show on average."""
+MOST_VIEW_MM = 2000.0
+"""No such sensor sees as far from the middle of its readings."""
 LEAST_BIN_MM, READING_BIN = 0.1, 0.75
 """Along the axis; share of what lies between two readings of a profile, where that is more: in narrower bins,
 readings of a sparse profile come and go with the wobble."""
@@ -58,6 +60,11 @@ class Silhouette:
         """Robust standard deviation of the shifts, mm: what moves turns with the table."""
         return robust_sd(self.shift - np.median(self.shift))
 
+    @property
+    def other_way_up(self) -> "Silhouette":
+        """The same outline along the opposite direction."""
+        return replace(self, phi=self.phi - pi, v=-self.v[::-1], u=self.u[::-1])
+
 
 def sample(scan: Scan) -> Scan:
     """Profiles spread evenly over whole turns; x and z are NaN where no neighbour supports a reading.
@@ -74,6 +81,8 @@ def sample(scan: Scan) -> Scan:
             f"found {np.count_nonzero(np.isfinite(scan.z))} points in {scan.profiles} profiles, need a visible "
             "surface; check exposure, range and that the laser was on"
         )
+    for values in (part.x, part.z):
+        good &= np.abs(values - np.median(values[good])) < MOST_VIEW_MM
     return replace(part, x=np.where(good, part.x, np.nan), z=np.where(good, part.z, np.nan))
 
 
@@ -106,7 +115,7 @@ def directions(seen: Scan) -> list[float]:
     crowd = np.convolve(np.concatenate([counts[-half:], counts, counts[:half]]), window, mode="valid")
     peaks: list[float] = []
     for i in np.argsort(crowd)[::-1]:
-        if len(peaks) == MOST_DIRECTIONS or crowd[i] < LEAST_CROWD_SHARE * chord.size:
+        if len(peaks) == MOST_DIRECTIONS or crowd[i] < max(1.0, LEAST_CROWD_SHARE * chord.size):
             break
         at = (i + 0.5) * DIRECTION_STEP_RAD
         if all(abs((at - p + pi / 2) % pi - pi / 2) > 2 * NEAR_DIRECTION_RAD for p in peaks):

@@ -8,7 +8,7 @@ nothing. The explanation with the most evidence wins; the margin over the best o
 """
 
 from dataclasses import dataclass, replace
-from math import cos, pi
+from math import cos
 
 import numpy as np
 
@@ -115,12 +115,13 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
         NotEnoughData: no points, or nothing that fits the drawing.
     """
     seen = sample(scan)
-    outlines = _moving([silhouette(seen, phi) for phi in directions(seen)])
-    candidates = [m for outline in outlines for m in explanations(outline, artefact)]
+    found = _moving([silhouette(seen, phi) for phi in directions(seen)])
+    outlines = {o.phi: o for outline in found for o in (outline, outline.other_way_up)}
+    candidates = [m for outline in outlines.values() for m in explanations(outline, artefact)]
     best, margin = best_and_margin(candidates) if candidates else (None, 0.0)
     if best is None or best.score <= 0:
         raise _no_fit(artefact)
-    outline, match = _refined(seen, best, artefact)
+    outline, match = _refined(seen, outlines[best.phi], best, artefact)
     bands = _bands(outline, match, artefact)
     if not bands:
         raise _no_fit(artefact)
@@ -143,9 +144,8 @@ def _no_fit(artefact: Artefact) -> NotEnoughData:
     )
 
 
-def _refined(seen: Scan, match: Match, artefact: Artefact) -> tuple[Silhouette, Match]:
+def _refined(seen: Scan, outline: Silhouette, match: Match, artefact: Artefact) -> tuple[Silhouette, Match]:
     """The direction from the slope of all matched bins together, and the outline along it."""
-    outline = silhouette(seen, match.phi)
     for _ in range(MOST_REFINEMENTS):
         match = match_near(outline, match.height, artefact) or match
         parts = [on_cylinder(outline, match, c) for c in artefact.cylinders]
@@ -248,14 +248,9 @@ def _reasons(
 
 
 def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
-    """Explanations of a silhouette by the drawing, both ways up; none where nothing fits."""
-    seen = np.isfinite(outline.u)
-    v, u = outline.v[seen], outline.u[seen]
-    matches = []
-    for phi, along, across in ((outline.phi, v, u), (outline.phi - pi, -v[::-1], u[::-1])):
-        drawn = _Drawing(artefact, outline.bin, along, across)
-        matches += [m for h in drawn.heights() if (m := drawn.explained(phi, h)) is not None]
-    return matches
+    """Explanations of a silhouette by the drawing, this way up; none where nothing fits."""
+    drawn = _Drawing.beside(outline, artefact)
+    return [m for h in drawn.heights() if (m := drawn.explained(outline.phi, h)) is not None]
 
 
 def best_and_margin(candidates: list[Match]) -> tuple[Match, float]:
@@ -284,6 +279,12 @@ class _Drawing:
     bin: float
     v: Array
     u: Array
+
+    @classmethod
+    def beside(cls, outline: Silhouette, artefact: Artefact) -> "_Drawing":
+        """With the bins that are seen."""
+        seen = np.isfinite(outline.u)
+        return cls(artefact, outline.bin, outline.v[seen], outline.u[seen])
 
     def heights(self) -> Array:
         """Shifts (mm) of v that put an end of a run of bins at the like end of a cylinder."""
@@ -352,8 +353,7 @@ def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact:
 
 def match_near(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
     """The best explanation of a silhouette near a known height, the same way up."""
-    seen = np.isfinite(outline.u)
-    drawn = _Drawing(artefact, outline.bin, outline.v[seen], outline.u[seen])
+    drawn = _Drawing.beside(outline, artefact)
     near = [m for k in range(-6, 7) if (m := drawn.explained(outline.phi, height + 0.5 * k * outline.bin)) is not None]
     return max(near, key=lambda m: m.score, default=None)
 
