@@ -147,13 +147,12 @@ def robust_cells(
     mass = slope = 0.0
     surface = _surface(scan, model, parameters, grid)
     trusted = _trusted(scan, model, parameters, grid, outliers)
-    for block in _blocks(scan, grid, surface, parameters, model.height):
+    for block in _blocks(scan, grid, surface, trusted, parameters, model.height):
         near = np.abs(block.deviation) < reach
         weight = tukey_weights(block.deviation * (1.0 / limit))
-        if trusted is not None:
-            outlier = ~trusted[block.profile, block.index % (bins + 1)]
-            near |= outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
-            weight[outlier] = 0.0
+        if block.outlier is not None:
+            near |= block.outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
+            weight[block.outlier] = 0.0
         points += int(np.count_nonzero(near))
         kept += int(np.count_nonzero(weight))
         mass, slope = mass + float(weight.sum()), slope + float(tukey_slopes(weight).sum())
@@ -164,7 +163,7 @@ def robust_cells(
         sums[1, span] += np.bincount(block.index, weighted, size)
         sums[2, span] += np.bincount(block.index, weighted * block.deviation, size)
         sums[3, span] += np.bincount(block.index, weight * block.offset, size)
-        sums[4, span] += np.bincount(block.index, weight * surface.part[block.profile], size)
+        sums[4, span] += np.bincount(block.index, weight * block.part, size)
     correction = m_estimator_correction(mass, slope)
     return _means(scan, model, parameters, grid, surface, sums, (points, points - kept), correction)
 
@@ -180,11 +179,20 @@ def _trusted(scan: Scan, model: Model, p: Array, grid: Grid, outliers: Mask) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Block:
+    """Readings (n,) on the bands of some groups of profiles."""
+
     deviation: Array
+    """mm from the predicted surface."""
     offset: Array
-    profile: Ints
+    """mm above the middle of the bin of height."""
+    part: Array
+    """0..1 of the group of profiles."""
+    outlier: Mask | None
+    """Where they are on a stretch that is not the shaft's; None where none is known."""
     index: Ints
+    """Cell, counted from the block's first."""
     cells: slice
+    """The block's cells."""
 
 
 def _surface(scan: Scan, model: Model, parameters: Array, grid: Grid) -> _Surface:
@@ -214,7 +222,9 @@ def _parts(scan: Scan, grid: Grid, border: Array) -> Array:
     return np.asarray(np.clip(part, 0.0, 1.0))
 
 
-def _blocks(scan: Scan, grid: Grid, surface: _Surface, p: Array, height: float) -> Iterator[_Block]:
+def _blocks(
+    scan: Scan, grid: Grid, surface: _Surface, trusted: Mask | None, p: Array, height: float
+) -> Iterator[_Block]:
     """The readings on the artefact's bands, block by block: deviation from the prediction and cell index."""
     plane = LaserPlane(float(p[PHI]), float(p[RADIAL]), height)
     (ux, uz), (vx, vz) = plane.across, plane.along
@@ -241,7 +251,8 @@ def _blocks(scan: Scan, grid: Grid, surface: _Surface, p: Array, height: float) 
         yield _Block(
             u - predicted.reshape(-1)[np.repeat((n - rows.start) * bins, seen) + chosen],
             v[on] - centres[chosen],
-            np.repeat(n, seen),
+            np.repeat(surface.part[rows], seen),
+            None if trusted is None else ~trusted[np.repeat(n, seen), chosen],
             np.repeat((group - first) * (bins + 1), seen) + chosen,
             slice(first * (bins + 1), last * (bins + 1)),
         )

@@ -41,6 +41,8 @@ from truestand.core.frames import (
 )
 from truestand.core.scan import Scan
 
+NEAR_ENOUGH_MM = 1e-6
+"""The last step of a search for the surface; the next one would be a tenth of it at most."""
 LEAST_COSINE = 0.1
 """Beyond 84 degrees a surface can't be seen."""
 STATIC_DEGREE = 7
@@ -252,7 +254,10 @@ class Model:
         u = np.array(self.radii)[which]
         for _ in range(6):  # the residual changes by 0.97..1 per unit of u: each pass gains over one digit
             x, z = plane.from_uv(u - drift, v)
-            u = u - self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
+            step = self.residuals(parameters, Readings(x, z, nominal_angle, time, which))
+            u = u - step
+            if np.abs(step).max(initial=0.0) < NEAR_ENOUGH_MM:
+                break
         return np.asarray(u - drift)
 
 
