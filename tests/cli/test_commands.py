@@ -31,14 +31,28 @@ COMMANDS = [
 ]
 
 
-def test_help_names_every_command_and_loads_nothing_heavy():
-    """Its 0.3 s of CPU are measured by bench/speed.py."""
-    script = "import atexit, sys; atexit.register(lambda: print(*sys.modules)); sys.argv[1:] = ['--help']\n"
+def shown_and_loaded(*arguments):
+    """What a command prints, and the modules that it loads."""
+    script = f"import atexit, sys; atexit.register(lambda: print(*sys.modules)); sys.argv[1:] = {arguments!r}\n"
     script += "from truestand.cli.main import main; main()"
     shown = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=True)
     text, modules = shown.stdout.rstrip("\n").rsplit("\n", 1)
+    return text, modules.split()
+
+
+def test_help_names_every_command_and_loads_nothing_heavy():
+    """Its 0.3 s of CPU are measured by bench/speed.py."""
+    text, modules = shown_and_loaded("--help")
     assert all(name in text for name in COMMANDS)
-    assert not {"numpy", "scipy", "matplotlib", "h5py", "pydantic", "fastapi"} & set(modules.split())
+    assert not {"numpy", "scipy", "matplotlib", "h5py", "pydantic", "fastapi"} & set(modules)
+
+
+def test_calibrate_loads_nothing_that_only_inspecting_or_reading_other_files_needs():
+    _, modules = shown_and_loaded("calibrate", "--help")
+    assert "truestand.calibration.calibrate" in modules
+    assert not [
+        m for m in modules if m.startswith(("truestand.gear", "truestand.parts", "h5py", "scipy", "matplotlib"))
+    ]
 
 
 @pytest.mark.parametrize("commands", [main.COMMANDS, main.STAND_COMMANDS, main.STORE_COMMANDS])

@@ -1,10 +1,12 @@
 """True values of a virtual part, from its truth record, for the lines of an inspection and in their units."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from truestand.core.inspection import Characteristic, Flank, Inspection
-from truestand.gear.inspect import GearEvidence
+
+if TYPE_CHECKING:
+    from truestand.gear.inspect import GearEvidence
 
 Key = tuple[str, str | None]
 """Name, and flank or section."""
@@ -25,7 +27,7 @@ def true_value(values: Mapping[Key, float], c: Characteristic) -> float | None:
     return values.get((c.name, c.section or c.flank))
 
 
-def _gear(part: dict[str, Any], evidence: Any) -> dict[Key, Any]:
+def _gear(part: dict[str, Any], evidence: "GearEvidence | None") -> dict[Key, Any]:
     profile, helix = dict(part.get("profile") or {}), dict(part.get("helix") or {})
     found: dict[Key, Any] = {("F_r", None): part.get("F_r_um")}
     for flank in FLANKS:
@@ -34,7 +36,7 @@ def _gear(part: dict[str, Any], evidence: Any) -> dict[Key, Any]:
         found["f_Halpha", flank] = profile.get(f"f_Halpha_{flank}_um")
         found["f_Hbeta", flank] = helix.get(f"f_Hbeta_{flank}_um")
     thickness = part.get("thickness_um")
-    if thickness is not None and isinstance(evidence, GearEvidence):
+    if thickness is not None and evidence is not None:
         found["s", None] = evidence.nominal.thickness + thickness / 1000.0
     return found
 

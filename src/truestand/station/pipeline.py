@@ -47,11 +47,12 @@ class Inputs:
 
     def evidence(self) -> dict[str, Path]:
         """The files by role; of several scans the last one gives the shaft's pose. With a part comes its CAD model."""
-        from truestand.files.recipes.parts import model_of
-
         earlier = {f"scan {k + 1}": path for k, path in enumerate(self.scans[:-1])}
-        others = {"artefact": self.artefact, "stand": self.stand, "calibration": self.calibration, "part": self.part,
-                  "model": None if self.part is None else model_of(self.part)}  # fmt: skip
+        others = {"artefact": self.artefact, "stand": self.stand, "calibration": self.calibration, "part": self.part}
+        if self.part is not None:
+            from truestand.files.recipes.parts import model_of
+
+            others["model"] = model_of(self.part)
         return {"scan": self.scans[-1], **earlier, **{role: path for role, path in others.items() if path is not None}}
 
 
