@@ -98,7 +98,10 @@ class Lab:
 @contextmanager
 def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=True, rate=200.0, acquire="",
         part=None, **device):  # fmt: skip
-    """The starter stand with few points, on ports and loopback addresses of its own."""
+    """The starter stand with few points, on ports and loopback addresses of its own.
+
+    Sensors wait for their heartbeat as long as they can, for a busy machine may hold up this process for a second.
+    """
     write_starters(folder, force=True)
     clock = Clock(pace)
     table = VirtualTable(clock)
@@ -108,7 +111,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     server.start()
     recipe = folder / "stand.toml"
     recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
-                              acquire, device))  # fmt: skip
+                              acquire, {"heartbeat_ms": 10_000, **device}))  # fmt: skip
     described = read_stand(recipe)
     simulation = simulation_from(read_simulation(recipe))
     shaft = read_shaft(folder / "shaft.toml")

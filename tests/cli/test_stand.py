@@ -18,9 +18,7 @@ from truestand.store import Store
 
 @pytest.fixture(scope="module")
 def stand(tmp_path_factory):
-    with lab(
-        tmp_path_factory.mktemp("stand"), turns=0.3, sensors=("front", "back"), points=640, heartbeat_ms=10_000
-    ) as found:
+    with lab(tmp_path_factory.mktemp("stand"), turns=0.3, sensors=("front", "back"), points=640) as found:
         yield found
 
 

@@ -49,9 +49,10 @@ def stand(request):
 def recipe(device, **more):
     return checked(
         SensorRecipe,
-        {"name": "front", "driver": "scancontrol", "address": device.identity.address, "model": "29xx-50", **more},
+        {"name": "front", "driver": "scancontrol", "address": device.identity.address, "model": "29xx-50",
+         "heartbeat_ms": 10_000, **more},
         "stand.toml",
-    )
+    )  # fmt: skip
 
 
 def frames_of(sensor, count):

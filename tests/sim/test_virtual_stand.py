@@ -61,7 +61,9 @@ def virtual(last, direction="ccw", protocol="modbus", **more):
 
 
 def sensor_at(last):
-    recipe = SensorRecipe(name="front", driver="scancontrol", address=f"{NET}.{last}", model="29xx-50")
+    recipe = SensorRecipe(
+        name="front", driver="scancontrol", address=f"{NET}.{last}", model="29xx-50", heartbeat_ms=10_000
+    )
     return open_sensor(recipe, Sensor("front", 200.0, 640))
 
 

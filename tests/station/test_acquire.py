@@ -28,7 +28,7 @@ class Silent:
 
 def test_a_scan_has_the_turns_and_profiles_of_its_settings(tmp_path):
     """At a quarter of a turn in 5 s, on a sensor that forgives a busy machine a long silence."""
-    with lab(tmp_path, pace=1.0, heartbeat_ms=10_000) as stand:
+    with lab(tmp_path, pace=1.0) as stand:
         taken = stand.take()
         assert stand.safe
         assert not stand.sensors[0].controlled
@@ -306,7 +306,7 @@ def test_a_sensor_that_the_encoder_triggers_is_silent_at_rest(tmp_path):
 
 @pytest.mark.stand
 def test_a_triggered_sensor_that_falls_silent_is_a_fault(tmp_path):
-    with lab(tmp_path, turns=1.0, pace=1.0, trigger="encoder", heartbeat_ms=10_000) as stand:
+    with lab(tmp_path, turns=1.0, pace=1.0, trigger="encoder") as stand:
         taken = stand.take(show=stand.failing(stand.fault(FaultKind.STUCK_ENCODER), at=0.15))
     assert "sensor front has sent nothing for 0.5 s" in taken.fault
     assert stand.since_fault is not None

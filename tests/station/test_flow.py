@@ -45,7 +45,7 @@ def differing(one, other) -> list[str]:
 
 @pytest.mark.parametrize("encoder", [True, False])
 def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path, no_reading, encoder):
-    with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder, heartbeat_ms=10_000) as stand:
+    with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder) as stand:
         taken = stand.take(keep_log=True)
     no_reading.undo()
     recovered = write_scans(convert(load_log(tmp_path / "k1.log")), tmp_path / "again.h5")
@@ -56,7 +56,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path,
 
 
 def test_a_job_evaluates_its_scan_without_reading_the_file(tmp_path, no_reading):
-    with lab(tmp_path, pace=2.0, turns=0.1, heartbeat_ms=10_000) as stand:
+    with lab(tmp_path, pace=2.0, turns=0.1) as stand:
         scan = jobs._scan(
             jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Observer(), tmp_path / "job" / "shaft.h5"
         )

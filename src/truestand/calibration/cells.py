@@ -21,7 +21,7 @@ from truestand.core.scan import Scan
 BLOCK = 128
 """Profiles worked on at once: fits the processor's cache."""
 GROUPS_PER_TURN = 250
-"""Groups of profiles a turn: as coarse as waves of form and the borders of dirt allow."""
+"""Groups of profiles a turn: eight to the shortest wave of form that is fitted."""
 BINS_PER_BAND = 16
 """Height bins on a cylinder: enough for the static profile's degree 7."""
 OUTLIER_REACH_MM = 4.0
