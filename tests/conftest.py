@@ -10,11 +10,16 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.dont_write_bytecode = False  # else every worker and every command compiles every module again
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job is started with Ctrl-C ignored
+
+settings.register_profile("repeatable", derandomize=True)
+settings.register_profile("searching")
+settings.load_profile("repeatable")  # a run that is green once is green again; --hypothesis-profile searching looks on
 
 LONGEST = (
     "web/test_workflow.py", "gear/test_damage.py", "gear/test_inspect.py", "cli/test_inspect.py", "test_docs.py",

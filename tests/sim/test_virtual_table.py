@@ -4,7 +4,7 @@ from math import radians, tau
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from truestand.sim.live.clock import Clock
@@ -102,6 +102,7 @@ def test_speed_and_acceleration_stay_within_limits_for_any_commands(commands):
 @given(
     st.floats(-50, 50), st.floats(-3, 3), st.floats(-50, 50), st.floats(1e-3, 3), st.floats(0.1, 20), st.floats(0.1, 20)
 )
+@example(5e-324, 0.0, 0.0, 1.0, 0.5, 0.5)
 def test_a_move_ends_at_its_target_from_any_state(position, speed, target, max_speed, acceleration, deceleration):
     profile = MotionProfile(position, speed, acceleration, deceleration)
     profile.reach_position(target, max_speed)
