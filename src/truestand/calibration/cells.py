@@ -77,13 +77,13 @@ class _Surface:
     border: Array
     """u (groups + 1, B) mm there."""
     bend: Array
-    """(groups, B) mm: four times how far u lies below the chord in a group's middle. Deviations from the chord alone
-    would be a trace's own bend, of which robust means take but a part."""
+    """(groups, B) mm: four times how far u lies below the chord in a group's middle. Without it the deviations would
+    hold the bend of the trace, and robust means take only a part of what they are given."""
     part: Array
     """How far each profile lies in its group, (N,), 0..1 of the group's angle."""
 
     def u(self, group: Ints, part: Array, bins: Ints | slice = slice(None)) -> Array:
-        """Of the surface, mm, in groups by parts 0..1 of them."""
+        """u (mm) of the surface in groups of profiles, at a part 0..1 of each."""
         chord = self.border[group, bins] * (1 - part) + self.border[group + 1, bins] * part
         return np.asarray(chord - self.bend[group, bins] * (part * (1 - part)))
 

@@ -46,6 +46,7 @@ def checks_of(
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first."""
     share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
+    repeated = repeated_share(scan)
     drift = abs(float(fit.solution.parameters[DRIFT]))
     return (
         Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
@@ -54,8 +55,7 @@ def checks_of(
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("profiles repeated to the last digit, share", repeated := repeated_share(scan), MOST_REPEATED,
-              repeated <= MOST_REPEATED,
+        Check("profiles repeated to the last digit, share", repeated, MOST_REPEATED, repeated <= MOST_REPEATED,
               "the sensor gave the same profile again (a held image, a buffer read twice, a copied line): scan again"),
         Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
               fit.segments.explained >= LEAST_EXPLAINED,

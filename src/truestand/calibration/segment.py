@@ -249,7 +249,7 @@ def _reasons(
 
 def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
     """Explanations of a silhouette by the drawing, this way up; none where nothing fits."""
-    drawn = _Drawing.beside(outline, artefact)
+    drawn = _Drawing.of(outline, artefact)
     return [m for h in drawn.heights() if (m := drawn.explained(outline.phi, h)) is not None]
 
 
@@ -281,8 +281,8 @@ class _Drawing:
     u: Array
 
     @classmethod
-    def beside(cls, outline: Silhouette, artefact: Artefact) -> "_Drawing":
-        """With the bins that are seen."""
+    def of(cls, outline: Silhouette, artefact: Artefact) -> "_Drawing":
+        """The drawing, and the bins of an outline that are seen."""
         seen = np.isfinite(outline.u)
         return cls(artefact, outline.bin, outline.v[seen], outline.u[seen])
 
@@ -353,7 +353,7 @@ def hidden(radius: Array, heights: Array, sensor: tuple[float, float], artefact:
 
 def match_near(outline: Silhouette, height: float, artefact: Artefact) -> Match | None:
     """The best explanation of a silhouette near a known height, the same way up."""
-    drawn = _Drawing.beside(outline, artefact)
+    drawn = _Drawing.of(outline, artefact)
     near = [m for k in range(-6, 7) if (m := drawn.explained(outline.phi, height + 0.5 * k * outline.bin)) is not None]
     return max(near, key=lambda m: m.score, default=None)
 

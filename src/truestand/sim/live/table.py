@@ -95,7 +95,7 @@ class MotionProfile:
         peak = min(max_speed, sqrt((distance + self.speed * self.speed * to_peak) / (to_peak + from_peak)))
         cruise = distance - (peak * peak - self.speed * self.speed) * to_peak - peak * peak * from_peak
         self.reach_speed(direction * peak)
-        if cruise > 0 and peak > 0:  # no speed is small enough for 5e-324 rad
+        if cruise > 0 and peak > 0:  # the speed for 5e-324 rad underflows to 0
             self._add(cruise / peak, 0.0)
         self.reach_speed(0.0)
 
