@@ -209,6 +209,8 @@ REFUSED = {  # kind, content, what the message must say
     "long, comma for both": ("long", "profile,x_mm,z_mm\n0,1,5,2,5\n", "line 2"),
     "long, a fraction of a counter": ("long", "profile,counter,x_mm,z_mm\n\n0,1.5,1,2\n", "line 3"),
     "long, a counter beyond all": ("long", "profile,counter,x_mm,z_mm\n0,1e300,1,2\n", "line 2"),
+    "long, times infinitely apart": ("long", "profile,x_mm,z_mm,time_s\n0,1,2,-1e308\n2,1,2,1e308\n", "line 2"),
+    "long, a length too large in mm": ("long", "profile,x_m,z_mm\n0,1,2\n0,1e308,2\n", "line 3"),
     "long, cut off": ("long", "profile,x_mm,z_mm\n" + "0,1.125,2.125\n" * 30 + "0,1.125,2.1", "line 32"),
     "points, a word in the first line": ("points", "1.5 xx 3\n4 5 6\n", "line 1"),
     "points, infinity in the first line": ("points", "1.5 2 inf\n4 5 6\n", "line 1"),

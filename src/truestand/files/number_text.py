@@ -18,11 +18,12 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import UnreadableFile
 from truestand.files.text import (
     ENOUGH_FIELDS,
+    LARGEST,
     Dialect,
     check_text,
     normalized,
     refuse_cut_number,
-    refuse_infinite,
+    refuse_too_large,
     refuse_words,
 )
 
@@ -168,7 +169,7 @@ def _other_numbers(fields: Bytes, count: int, dialect: Dialect) -> Array:
     filler = (b"0" + dialect.separator) * (-count % LOADTXT_COLUMNS)  # the last line as long as the others
     table = io.BytesIO((fields.tobytes() + filler)[:-1])
     rows = np.loadtxt(table, delimiter=dialect.separator.decode(), comments=None, encoding="ascii", ndmin=2)
-    if np.isinf(rows).any():
+    if (np.abs(rows) > LARGEST).any():
         raise ValueError
     return rows.reshape(-1)[:count]
 
@@ -182,7 +183,7 @@ def _number(field: bytes, dialect: Dialect, name: str, line: int) -> float:
     field = normalized(field, dialect, name, line).strip()
     refuse_words([field], name, line)
     value = float(field or b"nan")
-    refuse_infinite(np.array([[value]]), name, line)
+    refuse_too_large(np.array([[value]]), name, line)
     return value
 
 
@@ -219,5 +220,5 @@ def read_table(rows: list[bytes], dialect: Dialect, name: str, first_line: int) 
     except ValueError:
         refuse_words(plain, name, first_line)
         raise UnreadableFile(f"{name}: found no numbers; need x y z a line, in mm") from None
-    refuse_infinite(values, name, first_line)
+    refuse_too_large(values, name, first_line)
     return values

@@ -14,6 +14,8 @@ from truestand.core.errors import UnreadableFile
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 ENOUGH_FIELDS = 20
 """Numbers that tell how many decimals a file is written with."""
+LARGEST = 1e300
+"""Of a number in text: in another unit, or taken from one of the other sign, it stays a finite float64."""
 MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "m": 1e3}
 """By the unit of length at the end of a column's name."""
 _NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
@@ -116,15 +118,16 @@ def refuse_nul(data: bytes, name: str, first_line: int = 1) -> None:
         raise UnreadableFile(f"{name}: found NUL bytes in line {line}, need text; the file is damaged or no text")
 
 
-def refuse_infinite(values: Array, name: str, first_line: int) -> None:
-    """Refuse numbers that overflowed.
+def refuse_too_large(values: Array, name: str, first_line: int) -> None:
+    """Refuse numbers beyond ``LARGEST``.
 
     Raises:
         UnreadableFile: with the line.
     """
-    wrong = np.flatnonzero(np.isinf(values).any(axis=1))
+    wrong = np.flatnonzero((np.abs(values) > LARGEST).any(axis=1))
     if wrong.size:
-        raise UnreadableFile(f"{name}: found a number too large in line {first_line + wrong[0]}; need finite numbers")
+        line = first_line + wrong[0]
+        raise UnreadableFile(f"{name}: found a number too large in line {line}; need at most {LARGEST:.0e}")
 
 
 def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:

@@ -8,7 +8,6 @@ needed: a scan of a hundred megabytes needs no copy in memory.
 
 import hashlib
 from collections.abc import Iterator
-from math import isinf
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,13 +21,14 @@ from truestand.files.scans.columns import MOST_FILLED, fill_rows, is_uneven
 from truestand.files.text import (
     BYTE_ORDER_MARK,
     ENOUGH_FIELDS,
+    LARGEST,
     Dialect,
     dialect_of,
     normalized,
     number_in,
     refuse_cut_number,
-    refuse_infinite,
     refuse_nul,
+    refuse_too_large,
 )
 
 FORMAT = "xyz blocks"
@@ -228,8 +228,8 @@ def _profile_values(lines: _Lines, block: range, dialect: Dialect, name: str) ->
         first, last = (number_in(normalized(end, dialect, name, line + 1).strip() or b"nan") for end in ends)
         if first is None or last is None:
             raise UnreadableFile(f"{name}: found no number in line {line + 1} (block Y); need numbers")
-        if isinf(first) or isinf(last):
-            refuse_infinite(np.array([[first, last]]), name, line + 1)
+        if abs(first) > LARGEST or abs(last) > LARGEST:
+            refuse_too_large(np.array([[first, last]]), name, line + 1)
         if first != last:
             return None
         values[i] = first

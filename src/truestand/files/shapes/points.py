@@ -23,7 +23,6 @@ from truestand.files.text import (
     dialect_of,
     names_profiles,
     number_in,
-    refuse_infinite,
     refuse_nul,
 )
 
@@ -97,9 +96,7 @@ def _text_points(data: bytes, wanted: list[str] | None, unit: str | None, name: 
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
     if not data.endswith(b"\n"):
         refuse_cut_table(body, dialect.separator, name, first + len(body))
-    points = _in_mm(values.T, _text_columns(heading, values.shape[1], wanted, unit, name))
-    refuse_infinite(points, name, first + 1)
-    return points
+    return _in_mm(values.T, _text_columns(heading, values.shape[1], wanted, unit, name))
 
 
 def _text_columns(
