@@ -166,15 +166,16 @@ async function ended(page, first, signal) {
   const job = store.job;
   const word = job.state === "done" ? (job.verdict ?? job.status ?? "done") : job.state;
   const why = h("div", { class: "why" });
-  put(page, guide(job, 1), stamp(word, title(job), job.message), why, h("div", { class: "actions large" }, onward(job)));
+  const shown = stamp(word, title(job), job.message);
+  put(page, guide(job, 1), shown, why, h("div", { class: "actions large" }, onward(job)));
   say(`${title(job)}: ${page.querySelector(".word").textContent}`);
   if (!first) page.querySelector("h1")?.setAttribute("tabindex", "-1");
   if (!first) page.querySelector("h1")?.focus();
   if (!job.number) return;
   const result = await get(`api/results/${job.number}`, signal).catch(() => null);
-  if (!result || signal.aborted) return;
-  if (result.entry.serial) page.querySelector(".over").append(` · ${result.entry.serial}`);
-  if (word === "done") page.querySelector(".stamp").replaceWith(stamp(result.record.verdict ?? result.record.status, title(job), job.message));
+  if (!result || signal.aborted || !shown.isConnected) return; // the next job may have begun
+  if (result.entry.serial) shown.querySelector(".over").append(` · ${result.entry.serial}`);
+  if (word === "done") shown.replaceWith(stamp(result.record.verdict ?? result.record.status, title(job), job.message));
   put(why, decisive(result.record));
 }
 
