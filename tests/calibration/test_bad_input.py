@@ -10,13 +10,14 @@ from random_stands import try_stand
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.paper import calibrate_paper
 from truestand.calibration.refine import refine
+from truestand.calibration.repeated import repeated_share
 from truestand.calibration.robust_wave import robust_wave
 from truestand.calibration.segment import segment
 from truestand.calibration.start import rough_stand
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.scan import Recording, interpret, profile_number
-from truestand.sim import Keyway, Patch, simulate
+from truestand.sim import FormWave, Keyway, Patch, simulate
 from truth import Named, scan_of, shaft, truth_of
 from variants import tried
 
@@ -95,15 +96,62 @@ def test_more_outliers_than_shaft_make_the_calibration_untrusted(share):
     assert any("readings rejected" in r for r in found.reasons)
 
 
-@pytest.mark.parametrize("times", [2, PER_TURN])
-def test_profiles_that_the_sensor_gave_again_make_the_calibration_untrusted(times):
-    """Every profile twice, and one profile for the whole turn: an image that is held. Only the angle goes on."""
+REPEATED = {  # which profile stands in the place of each
+    "every one twice": lambda n: n // 2 * 2,
+    "one for the whole turn": lambda n: n // PER_TURN * PER_TURN,
+    "every 300th twice, all later ones late": lambda n: n - n // 300,
+    "two buffers in turn": lambda n: n // 4 * 4 + n % 2,
+    "blocks of ten twice": lambda n: n // 20 * 20 + n % 10,
+}
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_profiles_that_the_sensor_gave_again_make_the_calibration_untrusted(name):
+    """Only the angle goes on."""
     named = stand()
     scan = interpret(simulate(named.stand(), named.simulation(), shaft(), 1).recording, named.stand())
-    first = np.arange(scan.profiles) // times * times
-    found = calibrate(replace(scan, x=scan.x[first], z=scan.z[first]), shaft())
+    given = REPEATED[name](np.arange(scan.profiles))
+    found = calibrate(replace(scan, x=scan.x[given], z=scan.z[given]), shaft())
     assert found.status == "untrusted"
     assert any("profiles repeated" in r for r in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("noise", "step", "points", "allowed"),
+    [(0.005, 0.0, 640, 0.001), (0.0005, 0.004, 640, 0.001), (0.001, 0.004, 40, 0.05), (0.0005, 0.01, 160, 0.05)],
+)
+def test_a_quiet_sensor_of_large_steps_may_give_a_still_surface_again(noise, step, points, allowed):
+    z = 95.0 + np.linspace(0.0, 3.0, points) + np.random.default_rng(0).normal(0.0, noise, (2000, points))
+    if step:
+        z = np.round(z / step) * step
+    scan = replace(scan_of("paper"), x=0.1 * z, z=z, angle=np.linspace(0.0, 7.0, 2000), time=None, counter=None)
+    share, most = repeated_share(scan)
+    assert most == allowed
+    assert share < allowed
+
+
+def test_an_angle_that_runs_ahead_of_the_table_makes_the_calibration_untrusted():
+    """By 0.3 %: no bearing makes turns differ that much."""
+    named = stand(acquisition={"profiles": 5500})
+    scan = interpret(simulate(named.stand(), named.simulation(), shaft(), 1).recording, named.stand())
+    found = calibrate(replace(scan, angle=1.003 * scan.angle), shaft())
+    assert found.status == "untrusted"
+    assert any("repeated turns differ (angle)" in r for r in found.reasons)
+
+
+@pytest.mark.parametrize(
+    ("surface", "number", "amplitude"),
+    tried(
+        [("bearing", 8, 0.005), ("base", 20, 0.015)], ("bearing", 16, 0.015), ("base", 28, 0.015), ("base", 10, 0.015)
+    ),
+)
+def test_a_wave_on_one_surface_is_no_outlier_beside_a_smooth_one(surface, number, amplitude):
+    named = stand({"form": (FormWave(surface, number, amplitude, 1.0),)}, {"noise": 0.001})
+    found, off = calibrated(named)
+    assert found.status == "valid", found.reasons
+    assert off < 0.1
+    wave = next(h for h in found.harmonics if (h.surface, h.upr) == (surface, number))
+    assert abs(wave.amplitude - amplitude) < 1e-4
 
 
 @pytest.mark.parametrize(("x", "z"), [(0.0, 0.0), (1.0, 90.0)])

@@ -7,6 +7,7 @@ import numpy as np
 from truestand.calibration.estimate import MOST_STEPS
 from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
+from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
@@ -20,10 +21,6 @@ LEAST_SHAFT_SHARE = 0.1
 """Share of a ray's readings that must be the shaft's for it to be one of the shaft's rays."""
 INSIDE_MM = 0.1
 """Distance that the shaft's readings of a ray must keep from the ends of what is measured on."""
-COMPARED_PROFILES = 500
-"""For the share of repeated ones."""
-MOST_REPEATED = 0.02
-"""Share of the profiles: noise makes no two alike."""
 FULL_TURN = 0.9
 MOST_REJECTED = 0.45
 ENOUGH_SEEN = 0.2
@@ -33,6 +30,8 @@ MOST_STEP_MM = 0.02
 """Difference of two steps from the drawing that is not called wrong, sensor and certificate apart."""
 MOST_OVERLAP_MM = 0.001
 """rms: a trace's stretch of 10 degrees repeats to a tenth of that."""
+MOST_BEARING_MM = 0.005
+"""rms: no table's bearing differs that much from turn to turn; an angle that is stated wrong does."""
 MOST_COMMON_OUTLIERS = 0.02
 """Share of the profiles."""
 MOST_SHARED_MM, ALIKE = 0.002, 0.25
@@ -46,7 +45,7 @@ def checks_of(
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first."""
     share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
-    repeated = repeated_share(scan)
+    repeated, most_repeated = repeated_share(scan)
     drift = abs(float(fit.solution.parameters[DRIFT]))
     return (
         Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
@@ -55,7 +54,7 @@ def checks_of(
               "clean the shaft, reduce exposure, look for reflections"),
         Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("profiles repeated to the last digit, share", repeated, MOST_REPEATED, repeated <= MOST_REPEATED,
+        Check("profiles repeated to the last digit, share", repeated, most_repeated, repeated <= most_repeated,
               "the sensor gave the same profile again (a held image, a buffer read twice, a copied line): scan again"),
         Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
               fit.segments.explained >= LEAST_EXPLAINED,
@@ -79,10 +78,11 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
     checks = []
     source = "angle" if scan.free_speed else "bearing"
     if fit.overlap is not None:
+        differ = "angle" if fit.overlap > MOST_BEARING_MM else source
         checks.append(Check.at_most_um(
-            f"repeated turns differ ({source}), um rms", fit.overlap, MOST_OVERLAP_MM,
+            f"repeated turns differ ({differ}), um rms", fit.overlap, MOST_OVERLAP_MM,
             "the same surface reads otherwise on the next turn: lost profiles, uneven turning, slip or drift; "
-            "record the table's angle and see that nothing is loose",
+            "record the table's angle, or check the one recorded, and see that nothing is loose",
         ))  # fmt: skip
     if len(fit.model.radii) < 2:
         return checks
@@ -162,16 +162,6 @@ def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZ
 def angle_zero_reasons(angle_zero: AngleZero) -> tuple[str, ...]:
     """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
     return (UNTIED,) if angle_zero == "unknown" else ()
-
-
-def repeated_share(scan: Scan) -> float:
-    """Share of the profiles that are the one before them again, those without any reading aside."""
-    rows = scan.spread(COMPARED_PROFILES)[1:]
-    alike = np.isfinite(scan.z[rows]).any(axis=1)
-    for values in (scan.x, scan.z):
-        now, before = values[rows], values[rows - 1]
-        alike &= ((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=1)
-    return float(alike.mean())
 
 
 def outlier_share(scan: Scan, fit: Refined) -> float:

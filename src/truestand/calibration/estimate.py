@@ -6,7 +6,7 @@ import numpy as np
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.model import PLANE, Model, Prior, precision_of
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.frames import UNKNOWNS
 from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
 
@@ -75,7 +75,7 @@ def gauss_newton(
 def _linearised(model: Model, cells: Cells, p: Array) -> Solution:
     """The data's cost about some parameters."""
     residuals, jacobian = model.linearised(p, cells.readings)
-    noise = noise_of(residuals, cells.weight)
+    noise = noise_of(residuals, cells.weight, cells.readings.cylinder)
     weights = noise.weights(residuals, cells.weight)
     root = np.sqrt(weights)
     scaled = jacobian * root[:, None]  # times itself: BLAS works out one half only
@@ -119,9 +119,10 @@ def _others_solved(model: Model, cells: Cells, p: Array, noise: "Noise", precisi
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise of one reading of full weight (mm), and the share of the data's weight that the model's floor leaves."""
+    """Noise of the cells' readings, and the share of the data's weight that the model's floor leaves."""
 
-    sd: float
+    sd: Array
+    """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it."""
     share: float
 
     def ratio(self, residuals: Array, counts: Array) -> Array:
@@ -137,9 +138,16 @@ class Noise:
         return self.share * tukey_cost(self.ratio(residuals, counts)) + float(precision @ (p * p))
 
 
-def noise_of(residuals: Array, counts: Array) -> Noise:
-    """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true."""
-    sd = max(robust_sd(residuals * np.sqrt(counts)), 1e-7)
+def noise_of(residuals: Array, counts: Array, cylinder: Ints) -> Noise:
+    """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true.
+
+    Each cylinder by itself: one that has a wave of form of which the model doesn't know yet would show as outliers
+    beside a smooth one, and the wave would never be found.
+    """
+    sd = np.empty(residuals.size)
+    for k in np.unique(cylinder):
+        on = cylinder == k
+        sd[on] = max(robust_sd(residuals[on] * np.sqrt(counts[on])), 1e-7)
     total = float(Noise(sd, 1.0).weights(residuals, counts).sum())
     return Noise(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
