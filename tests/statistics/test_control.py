@@ -1,5 +1,6 @@
 """The individuals chart against numbers worked out by hand, and its marks."""
 
+import numpy as np
 import pytest
 
 from truestand.statistics.control import BEYOND, CHANGED, ONE_SIDE, control_chart
@@ -34,6 +35,13 @@ def test_a_change_beyond_the_calibrations_own_u_is_marked():
 def test_directions_go_the_short_way_round():
     chart = control_chart([179.0, -179.0, 178.0], [3.0, 3.0, None], period=360.0)
     assert [p.value for p in chart.points] == [179.0, 181.0, 178.0] and all(p.ok for p in chart.points)
+
+
+@pytest.mark.parametrize("value", np.random.default_rng(0).uniform(0.0, 60.0, 5).tolist())
+def test_equal_readings_are_never_marked(value):
+    chart = control_chart([value] * 23)
+    assert chart.mean == chart.lower == chart.upper == value
+    assert all(p.ok for p in chart.points)
 
 
 def test_one_reading_has_no_limits_and_none_nothing():

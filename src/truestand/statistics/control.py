@@ -90,7 +90,8 @@ def _limits(values: Sequence[float]) -> tuple[float | None, float | None, float 
     """Mean, and the limits at MR_FACTOR mean moving ranges (sizes of the changes) from it, where they are known."""
     if len(values) < 2:
         return (values[0] if values else None), None, None
-    mean = sum(values) / len(values)
+    first = values[0]
+    mean = first + sum(v - first for v in values) / len(values)  # of equal readings exactly theirs
     half = MR_FACTOR * sum(abs(b - a) for a, b in pairwise(values)) / (len(values) - 1)
     return mean, mean - half, mean + half
 
