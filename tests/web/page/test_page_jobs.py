@@ -111,6 +111,7 @@ def test_a_nonconforming_part_says_why(open_tab, stand):
     pitch = next(c for c in record["characteristics"] if (c["name"], c["flank"]) == ("f_p", "left"))
     assert "Not measurable in this scan" in text and f"{pitch['value_um']:.1f} ± {pitch['U_um']:.1f} µm" in text
     assert "Chipped end" in text
+    assert " · quick" in tab.locator(".stamp .over").inner_text()
     assert tab.locator(".stamp .word").bounding_box()["height"] >= 60
 
 

@@ -175,7 +175,6 @@ async function ended(page, first, signal) {
   const result = await get(`api/results/${job.number}`, signal).catch(() => null);
   if (!result || signal.aborted || !shown.isConnected) return; // the next job may have begun
   if (result.entry.serial) shown.querySelector(".over").append(` · ${result.entry.serial}`);
-  if (word === "done") shown.replaceWith(stamp(result.record.verdict ?? result.record.status, title(job), job.message));
   put(why, decisive(result.record));
 }
 
