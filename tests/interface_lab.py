@@ -61,7 +61,7 @@ async def served(state):
 
 @asynccontextmanager
 async def plc(address, user=None, password=None):
-    client = Client(address, timeout=NOT_FOR_EVER)
+    client = Client(address, timeout=NOT_FOR_EVER, watchdog_intervall=NOT_FOR_EVER)
     if user:
         client.set_user(user)
         client.set_password(password)

@@ -18,7 +18,7 @@ def plainly(address, talk):
     """``talk`` with a client of its own, with nothing of our driver."""
 
     async def run():
-        async with Client(address, timeout=NOT_FOR_EVER) as client:
+        async with Client(address, timeout=NOT_FOR_EVER, watchdog_intervall=NOT_FOR_EVER) as client:
             space = await client.get_namespace_index("urn:truestand:table")
             return await talk(await client.nodes.objects.get_child(f"{space}:RotaryTable"), space, client)
 
