@@ -124,7 +124,7 @@ def robust_cells(
     bands: tuple[Band, ...],
     model: Model,
     parameters: Array,
-    limit: float,
+    limit: Array,
     reach: float,
     outliers: Mask,
 ) -> Cells:
@@ -135,9 +135,9 @@ def robust_cells(
         bands: the parts of the cylinders that are measured on.
         model: the model with its layout.
         parameters: present estimate.
-        limit: mm from the predicted surface at which a reading's weight becomes zero.
+        limit: (cylinders,) mm from the predicted surface at which a reading's weight becomes zero.
         reach: mm from the predicted surface within which a reading counts as one of the surface's at all; no less than
-            ``limit``.
+            any ``limit``.
         outliers: (bands, sectors of table angle) that are not the shaft's; readings there count as rejected.
     """
     grid = _grid(scan, bands)
@@ -146,10 +146,11 @@ def robust_cells(
     points = kept = 0
     mass = slope = 0.0
     surface = _surface(scan, model, parameters, grid)
+    per_limit = 1.0 / limit[grid.cylinder]
     trusted = _trusted(scan, model, parameters, grid, outliers)
     for block in _blocks(scan, grid, surface, trusted, parameters, model.height):
         near = np.abs(block.deviation) < reach
-        weight = tukey_weights(block.deviation * (1.0 / limit))
+        weight = tukey_weights(block.deviation * per_limit[block.bin])
         if block.outlier is not None:
             near |= block.outlier & (np.abs(block.deviation) < OUTLIER_REACH_MM)
             weight[block.outlier] = 0.0
@@ -187,6 +188,8 @@ class _Block:
     """mm above the middle of the bin of height."""
     part: Array
     """0..1 of the group of profiles."""
+    bin: Ints
+    """Of height."""
     outlier: Mask | None
     """Where they are on a stretch that is not the shaft's; None where none is known."""
     index: Ints
@@ -252,6 +255,7 @@ def _blocks(
             u - predicted.reshape(-1)[np.repeat((n - rows.start) * bins, seen) + chosen],
             v[on] - centres[chosen],
             np.repeat(surface.part[rows], seen),
+            chosen,
             None if trusted is None else ~trusted[np.repeat(n, seen), chosen],
             np.repeat((group - first) * (bins + 1), seen) + chosen,
             slice(first * (bins + 1), last * (bins + 1)),

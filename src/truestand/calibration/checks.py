@@ -178,7 +178,7 @@ def outlier_share(scan: Scan, fit: Refined) -> float:
         near = (v > band.low) & (v < band.high) & (np.abs(u - fit.model.radii[k]) < NEAR_SURFACE_MM)
         row, column = np.nonzero(near)
         readings = Readings.of(scan, rows, (row, column), np.full(row.size, k, dtype=np.intp))
-        on_shaft = np.abs(fit.model.residuals(fit.solution.parameters, readings)) < fit.limit
+        on_shaft = np.abs(fit.model.residuals(fit.solution.parameters, readings)) < fit.limit[readings.cylinder]
         row, column = row[on_shaft], column[on_shaft]
         count = np.count_nonzero(np.isfinite(z), axis=0)
         shaft = np.bincount(column, minlength=rays)

@@ -60,8 +60,8 @@ class Refined:
     cells: Cells
     solution: Solution
     priors: tuple[Prior, ...]
-    limit: float
-    """mm from the surface beyond which a reading had no weight."""
+    limit: Array
+    """(cylinders,) mm from the surface beyond which a reading had no weight."""
     outliers: Mask
     """(bands, SECTORS) stretches of each surface that are not the shaft's and were not used."""
     score_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -113,7 +113,7 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     model = model_for(scan, segments, artefact, start)
     few = replace(view, scan=scan.taken(slice(None, None, max(1, scan.x.size // FIRST_READINGS))))
     rough = start_values(model, segments, start)
-    first = _fit(few, model, rough, FIRST_LIMIT_MM, FIRST_SETTLED)
+    first = _fit(few, model, rough, np.full(len(model.radii), FIRST_LIMIT_MM), FIRST_SETTLED)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
@@ -135,7 +135,7 @@ def _narrowed(view: _View, first: Refined) -> Refined:
     limit = _noise_limit(first)
     second = _fit(view, first.model, first.solution.parameters, limit)
     tighter = _noise_limit(second)
-    if tighter > 0.8 * limit or second.solution.stuck:
+    if (tighter > 0.8 * limit).all() or second.solution.stuck:
         return second
     return _fit(view, second.model, second.solution.parameters, tighter)
 
@@ -165,7 +165,7 @@ def _fit(
     view: _View,
     model: Model,
     parameters: Array,
-    limit: float,
+    limit: Array,
     settled: float = SETTLED,
     priors: tuple[Prior, ...] | None = None,
 ) -> Refined:
@@ -180,18 +180,19 @@ def _fit(
         solution = gauss_newton(model, cells, parameters, priors, settled)
         moved = model.residuals(parameters, cells.readings) - solution.residuals
         parameters = solution.parameters
-        if solution.stuck or np.abs(moved).max() < STILL * limit:
+        if solution.stuck or (np.abs(moved) < STILL * limit[cells.readings.cylinder]).all():
             break
     return Refined(model, view.segments, cells, solution, priors, limit, view.outliers)
 
 
-def _cells(view: _View, model: Model, parameters: Array, limit: float) -> Cells:
+def _cells(view: _View, model: Model, parameters: Array, limit: Array) -> Cells:
     """The cells about the surface that the parameters predict.
 
     Raises:
         NotEnoughData: too few of them.
     """
-    cells = robust_cells(view.scan, view.segments.bands, model, parameters, limit, max(REACH_MM, limit), view.outliers)
+    reach = max(REACH_MM, float(limit.max()))
+    cells = robust_cells(view.scan, view.segments.bands, model, parameters, limit, reach, view.outliers)
     if cells.weight.size < 2 * model.size:
         raise NotEnoughData(
             f"found the artefact's surfaces in {cells.weight.size} cells of the scan, need {2 * model.size}; check the "
@@ -230,9 +231,16 @@ def _orders(fit: Refined, scan: Scan) -> int:
     return highest
 
 
-def _noise_limit(fit: Refined) -> float:
-    """Where Tukey's weight ends for the noise seen in the cells and between them."""
-    within = float(np.median(fit.cells.spread))
-    on = fit.solution.weights > 0
-    between = robust_sd(fit.solution.residuals[on]) if on.any() else 0.0
-    return max(TUKEY * hypot(within, between), LEAST_LIMIT_MM)
+def _noise_limit(fit: Refined) -> Array:
+    """Where Tukey's weight ends on each cylinder (cylinders,) for the noise seen in its cells and between them.
+
+    One limit for all would cut a noisy one off about the surface that is predicted, and draw it there.
+    """
+    limits = np.full(len(fit.model.radii), LEAST_LIMIT_MM)
+    for k in range(limits.size):
+        on = fit.cells.readings.cylinder == k
+        used = on & (fit.solution.weights > 0)
+        within = float(np.median(fit.cells.spread[on])) if on.any() else 0.0
+        between = robust_sd(fit.solution.residuals[used]) if used.any() else 0.0
+        limits[k] = max(TUKEY * hypot(within, between), LEAST_LIMIT_MM)
+    return limits

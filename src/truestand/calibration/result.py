@@ -144,7 +144,7 @@ def residuals_of(scan: Scan, fit: Refined) -> Residuals:
     row, column = np.nonzero(which >= 0)
     readings = Readings.of(scan, rows, (row, column), which[row, column])
     size = np.abs(fit.model.residuals(fit.solution.parameters, readings))
-    trusted = size[size < fit.limit]
+    trusted = size[size < fit.limit[readings.cylinder]]
     rms = float(np.sqrt(np.mean(trusted**2))) if trusted.size else 0.0
     p90 = float(np.quantile(trusted, 0.9)) if trusted.size else 0.0
     return Residuals(rms, p90, fit.cells.points, fit.cells.rejected)
