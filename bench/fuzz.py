@@ -15,10 +15,12 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from exports import gocator, gocator_profiles, joescan, joescan_profile, packed, scancontrol, sick
 
@@ -86,6 +88,12 @@ def _points(path: Path) -> None:
     assert points.shape[1:] == (3,)
     assert points.dtype == np.float64
     assert not np.isinf(points).any()
+
+
+def _npy(array: NDArray[Any]) -> bytes:
+    file = BytesIO()
+    np.save(file, array)
+    return file.getvalue()
 
 
 def _ply(path: Path) -> None:
@@ -256,6 +264,7 @@ def calibration() -> bytes:
 
 
 PLY = b"ply\nformat %s 1.0\nelement vertex 2\nproperty float x\nproperty double y\nproperty short z\nend_header\n"
+PCD = b"VERSION 0.7\nFIELDS x y z n\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nPOINTS 2\nDATA %s\n"
 FORMATS = {
     "xyz": Format(_scan, lambda: [
         b"1.5,2.5\n1.5,2.25\n\n0,0\n1,1\n\n90.5,91.5\nnan,93.5\n",
@@ -281,6 +290,17 @@ FORMATS = {
         PLY % b"ascii" + b"1.5 -2 3\n4 5 6\n",
         PLY % b"binary_little_endian" + b"\x00\x00\xc0\x3f" * 7,
         PLY % b"binary_big_endian" + b"\x3f\xc0\x00\x00" * 7,
+    ]),
+    "pcd": Format(_points, lambda: [
+        PCD % b"ascii" + b"1.5 -2 3 7\n4 5 6e-3 8\n", PCD % b"binary" + b"\x00\x00\xc0\x3f" * 8,
+    ]),
+    "npy": Format(_points, lambda: [
+        _npy(np.arange(12.0).reshape(4, 3)), _npy(np.zeros(2, [("z", "<f4"), ("x", ">i2"), ("y", "<f8")])),
+    ]),
+    "stl": Format(_points, lambda: [
+        b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 1.5 -2 3\nvertex 4 5 6e-3\nvertex 4 5 7\nendloop\n"
+        b"endfacet\nendsolid a\n",
+        b"\0" * 80 + b"\1\0\0\0" + b"\x3f" * 50,
     ]),
     "stand": Format(_stand, lambda: _starters("stand.toml")),
     "shaft": Format(_shaft, lambda: _starters("shaft.toml") + _starters("gear.toml")),

@@ -1,6 +1,7 @@
 """Point files: exact, or refused with the line."""
 
 import struct
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -10,6 +11,13 @@ from hypothesis import strategies as st
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.files.shapes.ply import ply_vertices
 from truestand.files.shapes.points import read_points
+
+
+def npy(array):
+    file = BytesIO()
+    np.save(file, array)
+    return file.getvalue()
+
 
 TWO = [[1.5, -2.0, 3.0], [4.0, 5.0, 6e-3]]
 
@@ -43,6 +51,26 @@ GOOD = {
     "big-endian ply": b"ply\nformat binary_big_endian 1.0\nelement vertex 2\nproperty uchar red\nproperty double x\n"
     b"property double y\nproperty double z\nend_header\n" + struct.pack(">BdddBddd", 7, *TWO[0], 8, *TWO[1]),
 }
+PCD = b"""# .PCD v0.7 - Point Cloud Data file format
+VERSION 0.7
+FIELDS rgb x y z
+SIZE 4 8 8 8
+TYPE U F F F
+COUNT 1 1 1 1
+WIDTH 2
+HEIGHT 1
+VIEWPOINT 0 0 0 1 0 0 0
+POINTS 2
+DATA %b
+"""
+GOOD |= {
+    "ascii PCD": PCD % b"ascii" + b"7 1.5 -2 3\n8 4 5 6e-3\n",
+    "binary PCD": PCD % b"binary" + struct.pack("<IdddIddd", 7, *TWO[0], 8, *TWO[1]),
+    "numpy array": npy(np.array(TWO)),
+    "numpy array with names": npy(np.array([(*row[::-1],) for row in TWO], dtype=[(c, "f8") for c in "zyx"])),
+    "text STL": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 1.5 -2 3\nvertex 4 5 6e-3\nvertex 4 5 6e-3\n"
+    b"endloop\nendfacet\nendsolid a\n",
+}
 BAD = {
     "empty": (b"", "empty"),
     "only names": (b"x y z\n", "empty"),
@@ -57,7 +85,16 @@ BAD = {
     "two columns": (b"1 2\n3 4\n", "need x y z"),
     "ambiguous": (b"1,2,3\n4,5,6\n", "decimal marks or separators"),
     "NIST cut off": (b"3\n1 2 3\n4 5 6\n", "promises 3"),
-    "binary": (b"\x89PNG\r\n\x1a\n1234", "need numbers"),
+    "PCD cut off": (PCD % b"binary" + b"1234", "promises 2 points"),
+    "PCD of fewer points": (PCD % b"ascii" + b"7 1.5 -2 3\n", "promises 2 points and holds 1"),
+    "compressed PCD": (PCD % b"binary_compressed" + b"1234", "need ascii or binary"),
+    "PCD without fields": (b"VERSION 0.7\nPOINTS 2\nDATA ascii\n1 2 3\n", "header can't be read"),
+    "numpy objects": (npy(np.array([{}], dtype=object)), "can't be read"),
+    "numpy cut off": (npy(np.array(TWO))[:-8], "can't be read"),
+    "numpy cube": (npy(np.zeros((2, 3, 3))), r"shape \(2, 3, 3\)"),
+    "Excel": (b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml", "this is an Excel workbook, need points"),
+    "STEP": (b"ISO-10303-21;\nHEADER;\n", "this is a STEP model"),
+    "binary": (b"\x89PNG\r\n\x1a\n1234", "this is a picture, need points"),
     "ply of huge count": (
         b"ply\nformat binary_little_endian 1.0\nelement vertex 2147483648\nproperty float x\nend_header\n",
         "cut off",

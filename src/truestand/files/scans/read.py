@@ -12,6 +12,7 @@ import numpy as np
 from truestand.core.errors import BadRecipe, UnreadableFile
 from truestand.core.scan import Recording, Scan, interpret, table_angle
 from truestand.core.stand import Stand
+from truestand.files.kinds import refuse_other_kind
 from truestand.files.scans.gocator import gocator_recordings, is_gocator
 from truestand.files.scans.joescan import GZIP, is_joescan, joescan_recordings
 from truestand.files.scans.long_csv import is_long_csv, read_long_csv
@@ -101,6 +102,7 @@ def _refuse_binary(path: Path, head: bytes) -> None:
             f"{path.name}: found what looks like a raw dump of a scanCONTROL sensor with {points} points; name "
             f"the sensor's type: truestand import {path.name} --raw-type 29xx-50 --points {points} -o scan.h5"
         )
+    refuse_other_kind(head, path.name, "a scan; readable ones are listed in docs/formats.md")
     check_text(head.removeprefix(BYTE_ORDER_MARK), path.name)
 
 

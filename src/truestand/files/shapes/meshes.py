@@ -64,11 +64,10 @@ def _triangles(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
         return _step(data, name)
     if re.match(rb"ply\s", start):
         return _ply(data, name)
-    count = int.from_bytes(data[80:STL_HEADER], "little") if len(data) >= STL_HEADER else -1
-    if count >= 0 and len(data) == STL_HEADER + STL_RECORD * count:
-        return _binary_stl(data, count)
-    if start.lower().startswith(b"solid") and b"facet" in data:
-        return _text_stl(data, name)
+    if is_stl(data):
+        corners = stl_vertices(data, name)
+        return corners, np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    count = _stl_count(data)
     if name.lower().endswith(".stl") and count >= 0:
         held = (len(data) - STL_HEADER) / STL_RECORD
         raise UnreadableFile(
@@ -77,14 +76,35 @@ def _triangles(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
     raise UnreadableFile(f"{name}: found neither STL, PLY nor STEP; export the model as one of these")
 
 
-def _binary_stl(data: bytes, count: int) -> tuple[Array, NDArray[np.int64]]:
+def is_stl(data: bytes) -> bool:
+    """Whether a file is an STL, binary and whole, or text."""
+    return _is_binary_stl(data) or (data.lstrip()[:5].lower() == b"solid" and b"facet" in data)
+
+
+def stl_vertices(data: bytes, name: str) -> Array:
+    """The corners (3 triangles, 3) of an STL, in its unit.
+
+    Raises:
+        UnreadableFile: cut off, no triangles, or no numbers.
+    """
+    if not _is_binary_stl(data):
+        return _text_stl(data, name)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN, and no warning
-        corners = np.frombuffer(data, record, count, STL_HEADER)["corners"].astype(np.float64)
-    return corners.reshape(-1, 3), np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
+        return np.frombuffer(data, record, -1, STL_HEADER)["corners"].astype(np.float64).reshape(-1, 3)
 
 
-def _text_stl(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
+def _is_binary_stl(data: bytes) -> bool:
+    count = _stl_count(data)
+    return count >= 0 and len(data) == STL_HEADER + STL_RECORD * count
+
+
+def _stl_count(data: bytes) -> int:
+    """Triangles that a binary STL promises; -1 where the file is too short for one."""
+    return int.from_bytes(data[80:STL_HEADER], "little") if len(data) >= STL_HEADER else -1
+
+
+def _text_stl(data: bytes, name: str) -> Array:
     found = _VERTEX.findall(data)
     ends = len(re.findall(rb"\bendfacet\b", data))
     if b"endsolid" not in data or len(found) != 3 * ends or len(re.findall(rb"\bfacet\b", data)) != ends:
@@ -93,7 +113,7 @@ def _text_stl(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:
         numbers = [float(word) for row in found for word in row]
     except ValueError as wrong:
         raise UnreadableFile(f"{name}: found {str(wrong).rsplit(':', 1)[-1].strip()} for a coordinate") from wrong
-    return np.array(numbers).reshape(-1, 3), np.arange(len(found), dtype=np.int64).reshape(-1, 3)
+    return np.array(numbers).reshape(-1, 3)
 
 
 def _ply(data: bytes, name: str) -> tuple[Array, NDArray[np.int64]]:

@@ -1,0 +1,123 @@
+"""Which columns of a table are coordinates, and in which units: by their names, or as the caller says."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.arrays import Array
+from truestand.core.errors import BadRecipe, UnreadableFile
+from truestand.files.text import MM_PER_UNIT
+
+AXES = ["x", "y", "z"]
+ANGLES, RADII = ("angle", "theta", "phi"), ("radius", "r", "rho")
+"""Names of polar columns."""
+RAD_PER_UNIT = {"rad": 1.0, "deg": np.pi / 180}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the caller says of a table's columns."""
+
+    wanted: list[str] | None = None
+    """By names or numbers from 1; None: by their names, or the first."""
+    unit: str | None = None
+    """mm, um or m, of columns whose names give none."""
+    level: bool = False
+    """Whether points of a plane will do: x and y, or polar by their names."""
+    file: str = ""
+
+    def points(self, names: Sequence[str], columns: "Sequence[NDArray[Any]] | NDArray[Any]") -> Array:
+        """Points (n, 3) mm of columns (n,) by their names; 0 for what points of a plane don't have.
+
+        Raises:
+            UnreadableFile: a column that is missing or twice there, a unit that is not known or contradicts ``unit``,
+                numbers too large.
+            BadRecipe: not as many columns as a point has.
+        """
+        at = [self._index(names, one) for one in self.wanted or self._usual(names)]
+        if len(set(at)) != len(at) or not (2 if self.level else 3) <= len(at) <= 3:
+            need = "two or three, of x, y and z, such as 2,3" if self.level else "three, of x, y and z, such as 2,3,4"
+            raise BadRecipe(f"found --columns {','.join(self.wanted or [])}, need {need}")
+        chosen = [names[i] for i in at]
+        polar = len(at) == 2 and _split(chosen[0], RAD_PER_UNIT)[0] in ANGLES
+        factors = [self._angle_factor(chosen[0]), *self._factors(chosen[1:])] if polar else self._factors(chosen)
+        with np.errstate(over="ignore", invalid="ignore"):  # a signalling NaN is a NaN, and no warning
+            values = [np.multiply(columns[i], f, dtype=np.float64) for i, f in zip(at, factors, strict=True)]
+            if polar:
+                angle, radius = values
+                values = [radius * np.cos(angle), radius * np.sin(angle)]
+        points = np.column_stack(values if len(values) == 3 else [*values, np.zeros(len(values[0]))])
+        infinite = np.flatnonzero(np.isinf(points).any(axis=1))
+        if infinite.size:
+            raise UnreadableFile(
+                f"{self.file}: found a number too large in point {infinite[0] + 1}; need finite numbers"
+            )
+        return points
+
+    def _usual(self, names: Sequence[str]) -> list[str]:
+        """The columns that hold the points where nobody says which: by their names, else the first."""
+        if list(names) == numbered(len(names)):
+            return numbered(min(len(names), 3))
+        found = stems(names)
+        polar = [name for group in (ANGLES, RADII) for name in group if name in found]
+        if self.level and len(polar) == 2 and not found.issuperset(AXES[:2]):
+            return polar
+        return AXES[:2] if self.level and "z" not in found else AXES
+
+    def _index(self, names: Sequence[str], wanted: str) -> int:
+        """Where a column stands that is named, with or without its unit, or given by its number."""
+        units = RAD_PER_UNIT if wanted in ANGLES else MM_PER_UNIT
+        found = [i for i, name in enumerate(names) if wanted in (str(i + 1), name, _split(name, units)[0])]
+        if len(found) != 1:
+            also = ", angle_deg and radius_mm" if self.level else ""
+            raise UnreadableFile(
+                f"{self.file}: found {len(found) or 'no'} column{'s' * (len(found) > 1)} {wanted!r} among "
+                f"{listed(names)}, need one; name x, y and z{also} in the header (x_mm, x_um, x_m; x alone is mm), or "
+                "pass --columns and --unit"
+            )
+        return found[0]
+
+    def _angle_factor(self, name: str) -> float:
+        unit = _split(name, RAD_PER_UNIT)[1]
+        if unit is None:
+            raise UnreadableFile(f"{self.file}: found the column {name!r}, need its unit: {name}_deg or {name}_rad")
+        return RAD_PER_UNIT[unit]
+
+    def _factors(self, chosen: Sequence[str]) -> list[float]:
+        """From each column to mm."""
+        units = [_split(name, MM_PER_UNIT)[1] for name in chosen]
+        if self.unit is None and None in units and any("_" in name for name in chosen):
+            raise UnreadableFile(
+                f"{self.file}: found the columns {listed(chosen)}, need a unit (_mm, _um, _m) on each; name it or pass "
+                "--unit"
+            )
+        if self.unit is not None and not {self.unit, None}.issuperset(units):
+            raise UnreadableFile(
+                f"{self.file}: found --unit {self.unit} and the columns {listed(chosen)}, need the same; leave --unit "
+                "out"
+            )
+        return [MM_PER_UNIT[named or self.unit or "mm"] for named in units]
+
+
+def numbered(count: int) -> list[str]:
+    """Names of columns that have none: their numbers from 1."""
+    return [str(i + 1) for i in range(count)]
+
+
+def stems(names: Sequence[str]) -> set[str]:
+    """What the names begin with, up to an ending that may be a unit."""
+    return {name.partition("_")[0] for name in names}
+
+
+def listed(names: Sequence[str]) -> str:
+    """Some names for a message."""
+    return repr(", ".join(names)[:100])
+
+
+def _split(name: str, units: Mapping[str, float]) -> tuple[str, str | None]:
+    """A name without its unit, and the unit; None where it has none of ``units``."""
+    stem, _, unit = name.rpartition("_")
+    return (stem, unit) if stem and unit in units else (name, None)
