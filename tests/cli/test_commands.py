@@ -431,7 +431,8 @@ def test_form_of_points_and_of_a_calibrated_scan(bench, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--feature", "sphere", "--reference", "MZC"], "LSC only"),
+        (["--feature", "plane", "--reference", "MIC"], "a plane has LSC and MZC"),
+        (["--feature", "circle", "--filter-kind", "sharp"], "no --filter-upr"),
         (["--feature", "cylinder", "--filter-upr", "50"], "circular profiles"),
         (["--feature", "circle", "--height-mm", "3"], "--calibration"),
         (["--feature", "circle"], "on one line"),
@@ -457,10 +458,16 @@ CIRCLE_OF_5_MM = [(5 * np.cos(t), 5 * np.sin(t), 0.0) for t in np.linspace(0, 2 
         ("x_m,y_m,z_m", "{x:.6f}e-3,{y:.6f}e-3,{z:.6f}e-3", []),
         ("Z [mm];Y [um];X [m]", "{z:.6f};{y:.6f}e3;{x:.6f}e-3", []),
         ("id,east,north,up", "{i},{x:.6f}e3,{y:.6f}e3,{z:.6f}e3", ["--columns", "east,3,4", "--unit", "um"]),
+        ("x_um,y_um", "{x:.6f}e3,{y:.6f}e3", []),
+        ("x,z,intensity", "{x:.6f},{y:.6f},{i}", ["--columns", "x,z"]),
+        ("radius_um,angle_deg", "5000,{degrees:.6f}", []),
+        ("theta_rad;r", "{radians:.9f};5.0", []),
     ],
 )
 def test_form_places_columns_and_units_by_their_names(tmp_path, header, row, arguments):
-    rows = [row.format(i=i, x=x, y=y, z=z) for i, (x, y, z) in enumerate(CIRCLE_OF_5_MM)]
+    angle = 2 * np.pi / len(CIRCLE_OF_5_MM)
+    rows = [row.format(i=i, x=x, y=y, z=z, radians=i * angle, degrees=np.degrees(i * angle))
+            for i, (x, y, z) in enumerate(CIRCLE_OF_5_MM)]  # fmt: skip
     (tmp_path / "p.csv").write_text("\n".join([header, *rows, ""]))
     done = run("form", tmp_path / "p.csv", "--feature", "circle", "--json", *arguments)
     assert done.returncode == 0, done.stderr
@@ -474,7 +481,8 @@ def test_form_places_columns_and_units_by_their_names(tmp_path, header, row, arg
         ("x_inch,y_inch,z_inch", [], "no column 'x'"),
         ("profile,x_mm,z_mm", [], "found a scan"),
         ("x_um,y_um,z_um", ["--unit", "mm"], "--unit mm"),
-        ("x,y,z", ["--columns", "x,y"], "need three"),
+        ("x,y,z", ["--columns", "x"], "need two or three"),
+        ("angle,radius,n", [], "need its unit: angle_deg or angle_rad"),
         ("x,y,z", ["--columns", "x,y,z", "--calibration", "c.json"], "are for points"),
     ],
 )
@@ -496,3 +504,37 @@ def test_form_under_an_untrusted_calibration_ends_3_and_is_written(bench, tmp_pa
     assert done.returncode == 3
     assert "made so by this test" in done.stderr
     assert (tmp_path / "f.json").exists()
+
+
+def test_form_writes_every_point_with_its_deviation(tmp_path):
+    rows = [f"{x:.6f},{y:.6f},{z:.6f}" for x, y, z in CIRCLE_OF_5_MM]
+    rows[5] = "nan,nan,nan"
+    (tmp_path / "p.csv").write_text("\n".join(["x_mm,y_mm,z_mm", *rows, ""]))
+    done = run("form", tmp_path / "p.csv", "--feature", "circle", "--points", tmp_path / "d.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    header, *lines = (tmp_path / "d.csv").read_text().splitlines()
+    assert header == "x_mm,y_mm,z_mm,deviation_um"
+    assert len(lines) == len(rows)
+    assert lines[5] == ",,,"
+    assert lines[6].rpartition(",")[0] == rows[6]
+    assert all(abs(float(line.rpartition(",")[2])) < 0.01 for line in lines if line != ",,,")
+
+
+def test_a_doubtful_feature_ends_3_and_is_written(tmp_path):
+    np.savetxt(tmp_path / "p.xyz", np.random.default_rng(0).normal(size=(200, 3)))
+    done = run("form", tmp_path / "p.xyz", "--feature", "cone", "-o", tmp_path / "form.json")
+    assert done.returncode == 3
+    assert "check that they are of a cone" in done.stderr
+    record = json.loads((tmp_path / "form.json").read_text())
+    Draft202012Validator(json.loads(run("schema", "form").stdout)).validate(record)
+    assert record["status"] == "untrusted" and record["reasons"]
+    assert record["half_angle"] is not None
+
+
+def test_a_file_of_another_kind_is_refused_by_its_name(tmp_path):
+    (tmp_path / "part.csv").write_text("ISO-10303-21;\nHEADER;\nENDSEC;\n")
+    for arguments in (["info", tmp_path / "part.csv"], ["form", tmp_path / "part.csv", "--feature", "plane"]):
+        done = run(*arguments)
+        assert done.returncode == 2
+        assert "this is a STEP model, need" in done.stderr
+        assert len(done.stderr.splitlines()) == 1

@@ -13,7 +13,7 @@ from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
-from truestand.form.upr import transmission
+from truestand.form.upr import UprFilter
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, simulate
@@ -79,13 +79,13 @@ def test_a_round_shaft_has_its_diameter_and_no_form():
 
 def test_oval_has_a_roundness_of_twice_its_filtered_amplitude():
     found = inspected("oval", replace(PART, upr=5))
-    expected = 2 * 0.030 * float(transmission(np.array([2]), 5)[0])
+    expected = 2 * 0.030 * float(UprFilter(5).transmission(np.array([2]))[0])
     assert line(found, "base", "roundness").value == pytest.approx(expected, abs=0.001)
     assert line(found, "base", "runout").value == pytest.approx(expected, abs=0.001)
 
 
 def test_filter_attenuates_short_waves():
-    passed = 2 * 0.002 * float(transmission(np.array([30]), 50)[0])
+    passed = 2 * 0.002 * float(UprFilter(50).transmission(np.array([30]))[0])
     assert line(inspected("wavy"), "base", "roundness").value == pytest.approx(passed, abs=0.0012)
     assert line(inspected("wavy", replace(PART, upr=15)), "base", "roundness").value < 0.0012
 
@@ -263,7 +263,7 @@ def test_errors_are_within_u_of_a_found_calibration():
     own = calibrate(scan, shaft())
     found = inspect_turned(apply_calibration(scan, own), PART)
     true = {
-        ("base", "d"): 25.0, ("base", "roundness"): 0.06 * float(transmission(np.array([2]), 50)[0]),
+        ("base", "d"): 25.0, ("base", "roundness"): 0.06 * float(UprFilter(50).transmission(np.array([2]))[0]),
         ("seat", "d"): 13.94, ("seat", "roundness"): 0.0, ("base", "runout"): 0.06, ("seat", "runout"): 0.0,
     }  # fmt: skip
     for (section, name), value in true.items():

@@ -78,7 +78,7 @@ def calibrate(
         if calibration.positions is not None:
             print_table(positions_table(calibration.positions))
         typer.echo(output if report is None else f"{output}\n{report}")
-    end_if_untrusted(calibration, quiet)
+    end_if_untrusted(calibration.reasons, quiet)
 
 
 def _clamping_angles(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:

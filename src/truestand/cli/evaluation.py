@@ -1,5 +1,6 @@
 """What the commands that evaluate scans share: reading scans, and saying why a calibration is not trusted."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
@@ -9,7 +10,6 @@ import typer
 from truestand.apply.transfer import Transfer, transfer
 from truestand.cli.options import UNDECIDED, radians_or_none
 from truestand.cli.terminal import hint, progress
-from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Stand
 from truestand.files.recipes.recipes import read_stand
@@ -63,9 +63,9 @@ def print_witness(transferred: Transfer, quiet: bool) -> None:
         hint(f"table angle tied by the shaft in view ({surfaces}): {turn:+.4f} deg, U = {U:.4f} deg", quiet)
 
 
-def end_if_untrusted(calibration: Calibration, quiet: bool) -> None:
-    """Print why a calibration is untrusted and end with exit code 3; do nothing where it is valid."""
-    for reason in calibration.reasons:
+def end_if_untrusted(reasons: Sequence[str], quiet: bool) -> None:
+    """Print why a result is untrusted and end with exit code 3; do nothing where there is no reason."""
+    for reason in reasons:
         hint(f"untrusted: {reason}", quiet)
-    if calibration.reasons:
+    if reasons:
         raise typer.Exit(UNDECIDED)

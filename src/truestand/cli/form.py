@@ -1,5 +1,7 @@
 """``truestand form``: associate a feature with points, and say how far they depart from it."""
 
+from collections.abc import Sequence
+from math import degrees
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -8,21 +10,22 @@ import typer
 from truestand.apply.transfer import Transfer
 from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, output_option
-from truestand.cli.terminal import print_json, progress
+from truestand.cli.terminal import hint, print_json, progress
 from truestand.core.arrays import Array
 from truestand.core.artefact import Cylinder
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.surface import apply_calibration
 from truestand.core.units import um
-from truestand.files.atomic import write_json_atomic
-from truestand.files.records.form_record import form_record
+from truestand.files.atomic import write_json_atomic, write_text_atomic
+from truestand.files.records.form_record import deviations_csv, form_record
 from truestand.files.records.record import now
 from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.points import read_points
 from truestand.form.associate import Feature
 from truestand.form.form import Form, Reference, evaluate
 from truestand.form.sections import CIRCLE_CELLS, CYLINDER_CELLS, SECTION, run_out, section
+from truestand.form.upr import FilterKind, UprFilter
 
 FORM_NAMES = {
     "line": "straightness",
@@ -30,28 +33,37 @@ FORM_NAMES = {
     "circle": "roundness",
     "cylinder": "cylindricity",
     "sphere": "sphericity",
+    "cone": "conicity",
 }
+LEVEL: tuple[Feature, ...] = ("line", "circle")
+"""Features that points of a plane have."""
 
 
 def form(
     points: Annotated[
-        Path, typer.Argument(metavar="POINTS", help="x y z text, PLY or NIST .ds; a scan with --calibration.")
+        Path,
+        typer.Argument(metavar="POINTS", help="x y z text, PLY, PCD, NPY, STL or NIST .ds; a scan with --calibration."),
     ],
     feature: Annotated[Feature, typer.Option(help="What to associate.")],
     reference: Annotated[
         Reference,
         typer.Option(
-            help="Least squares; circle and cylinder also minimum zone, maximum inscribed, minimum circumscribed."
+            help="LSC least squares, MZC minimum zone; circle, cylinder and sphere also MIC maximum inscribed and MCC "
+            "minimum circumscribed."
         ),
     ] = "LSC",
     columns: Annotated[
-        str | None, typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1.")
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1; X,Y of a profile."),
     ] = None,
     unit: Annotated[
         Literal["mm", "um", "m"] | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
     ] = None,
     filter_upr: Annotated[
-        float | None, typer.Option(min=0.001, help="Circle: Gaussian filter, half of this many waves a turn passes.")
+        float | None, typer.Option(min=0.001, help="Circle: low-pass filter with its cut-off in waves a turn.")
+    ] = None,
+    filter_kind: Annotated[
+        FilterKind | None, typer.Option(help="Gaussian: half of the wave at the cut-off passes; sharp: all up to it.")
     ] = None,
     calibration: Annotated[
         Path | None, typer.Option("--calibration", metavar="CALIBRATION.json", help="POINTS is a scan: roll it up.")
@@ -67,42 +79,65 @@ def form(
     output: Annotated[
         Path | None, output_option("--output", "-o", metavar="FORM.json", help="Write the record.")
     ] = None,
+    deviations: Annotated[
+        Path | None, output_option("--points", metavar="OUT.csv", help="Write every point with its deviation.")
+    ] = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Associate a line, plane, circle, cylinder or sphere with points, and measure the form that remains.
+    """Associate a line, plane, circle, cylinder, sphere or cone with points, and measure the form that remains.
+
+    Ends 3 where the fit is doubtful.
 
     Example: truestand form points.xyz --feature circle --reference MZC --filter-upr 50 -o form.json
 
     Example: truestand form export.csv --feature plane --columns 2,3,4 --unit um
     """
-    if calibration is None and any(given is not None for given in (surface, height_mm, stand, start_angle_deg)):
-        raise BadRecipe(
-            "--surface, --height-mm, --stand and --start-angle-deg are for scans; "
-            "pass --calibration CALIBRATION.json too"
-        )
-    if calibration is not None and (columns is not None or unit is not None):
-        raise BadRecipe("--columns and --unit are for points; leave them out with --calibration")
+    of_scans = (surface, height_mm, stand, start_angle_deg)
+    _refuse_mixed(of_scans, (columns, unit), calibration is not None)
+    low_pass = _low_pass(filter_upr, filter_kind)
     travel, transferred = None, None
     with progress(f"Reading {points.name}", quiet):
         if calibration is None:
-            cloud = read_points(points, columns, unit)
+            cloud = read_points(points, columns, unit, level=feature in LEVEL)
         else:
             transferred = _transferred(points, calibration, stand, feature, start_angle_deg)
             cloud = _section(transferred, feature, surface, height_mm)
             travel = run_out(cloud)
     with progress("Associating", quiet):
-        result = evaluate(cloud, feature, reference, filter_upr)
-    record = form_record(result, now(), sha256_of(points), travel)
+        result = evaluate(cloud, feature, reference, low_pass)
+    doubts = () if transferred is None else transferred.calibration.reasons
+    record = form_record(result, now(), sha256_of(points), travel, doubts)
     if output is not None:
         write_json_atomic(output, record)
+    if deviations is not None:
+        write_text_atomic(deviations, deviations_csv(cloud, result))
     if as_json:
         print_json(record)
     elif not quiet:
         _print(result, travel)
     if transferred is not None:
         print_witness(transferred, quiet)
-        end_if_untrusted(transferred.calibration, quiet)
+    for remark in result.remarks:
+        hint(remark, quiet)
+    end_if_untrusted(record["reasons"], quiet)
+
+
+def _refuse_mixed(of_scans: Sequence[object], of_points: Sequence[object], is_scan: bool) -> None:
+    """Refuse options of scans with points, and of points with a scan."""
+    if not is_scan and any(given is not None for given in of_scans):
+        raise BadRecipe(
+            "--surface, --height-mm, --stand and --start-angle-deg are for scans; "
+            "pass --calibration CALIBRATION.json too"
+        )
+    if is_scan and any(given is not None for given in of_points):
+        raise BadRecipe("--columns and --unit are for points; leave them out with --calibration")
+
+
+def _low_pass(cutoff: float | None, kind: FilterKind | None) -> UprFilter | None:
+    if cutoff is None and kind is not None:
+        raise BadRecipe("found --filter-kind and no --filter-upr, which says the cut-off; add it")
+    return None if cutoff is None else UprFilter(cutoff, kind or "gaussian")
 
 
 def _transferred(
@@ -147,10 +182,12 @@ def _print(result: Form, run_out: float | None) -> None:
         line("direction", "  ".join(f"{v:.9f}" for v in result.direction))
     if result.radius is not None:
         line("radius, mm", f"{result.radius:.6f}", result.U.get("radius"))
+    if result.half_angle is not None:
+        line("half angle, degrees", f"{degrees(result.half_angle):.6f}   U = {degrees(result.U['half_angle']):.6f}")
     line("rms, um", f"{um(result.rms):.4f}")
     line(f"{FORM_NAMES[result.feature]}, um", f"{um(result.form):.4f}", result.U.get("form"))
-    if result.cutoff_upr is not None:
-        line("filter", f"Gaussian, {result.cutoff_upr:g} UPR")
+    if result.low_pass is not None:
+        line("filter", f"{result.low_pass.kind}, {result.low_pass.cutoff:g} UPR")
     line("noise floor, um", f"{um(result.noise_floor):.4f}   what this form value reads from the points' noise alone")
     if run_out is not None:
         kind = "circular" if result.feature == "circle" else "total"

@@ -113,7 +113,7 @@ def roll(
     if not quiet:
         typer.echo(output)
     print_witness(transferred, quiet)
-    end_if_untrusted(transferred.calibration, quiet)
+    end_if_untrusted(transferred.calibration.reasons, quiet)
 
 
 def identify(
@@ -151,7 +151,7 @@ def identify(
         typer.echo(f"{gear}\nface from {low:.2f} to {high:.2f} mm, root diameter {gear.root_diameter:.2f} mm")
         if output is not None:
             typer.echo(output)
-    end_if_untrusted(transferred.calibration, quiet)
+    end_if_untrusted(transferred.calibration.reasons, quiet)
 
 
 def _gear_record(gear: IdentifiedGear, low: float, high: float) -> dict[str, Any]:

@@ -1,8 +1,7 @@
 """Ideal features associated with measured points by least squares of the orthogonal distances (ISO 17450, LSC).
 
-Line and plane are exact by singular values. Circle, cylinder and sphere are found by Levenberg-Marquardt from algebraic
-starts; a cylinder is looked for along many directions first, so that no guess of its axis is needed. Every fit works
-about the points' centroid: offsets of 1e5 mm cost nothing.
+Line and plane are exact by singular values. Circle, sphere, cylinder and cone are found by Levenberg-Marquardt from
+algebraic starts. Every fit works about the points' centroid: offsets of 1e5 mm cost nothing.
 """
 
 from collections.abc import Callable
@@ -13,20 +12,16 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
+from truestand.form.axes import about_axis, frame_along, frame_tilted, upright
+from truestand.form.least_squares import inverse_normal, least_squares
+from truestand.form.revolved import CONE, CYLINDER, Surface, algebraic_circle, fitted_surface
 
-Feature = Literal["line", "plane", "circle", "cylinder", "sphere"]
-Residuals = Callable[[Array], tuple[Array, Array]]
-"""Parameters (m,) to residuals (n,) and their Jacobian (n, m)."""
+Feature = Literal["line", "plane", "circle", "cylinder", "sphere", "cone"]
 
-LEAST_POINTS: dict[Feature, int] = {"line": 2, "plane": 3, "circle": 3, "cylinder": 5, "sphere": 4}
+LEAST_POINTS: dict[Feature, int] = {"line": 2, "plane": 3, "circle": 3, "cylinder": 5, "sphere": 4, "cone": 6}
+LEAST_DIMENSIONS: dict[Feature, int] = {"line": 1, "plane": 2, "circle": 2, "cylinder": 2, "sphere": 3, "cone": 3}
+"""In which the points must extend."""
 MANY_POINTS = 5000
-SEARCHED_DIRECTIONS = 300
-"""Of a cylinder's axis: about 6 degrees apart."""
-SEARCHED_POINTS = 1500
-BEST_STARTS = 6
-MOST_STEPS = 300
-SETTLED = 1e-15
-"""Relative to the feature's size: a step that changes nothing a double can hold."""
 FLATNESS = 1e-9
 """Relative thickness of points that lie in a plane (or on a line)."""
 
@@ -44,11 +39,15 @@ class FittedFeature:
     rms: float
     """mm, of the orthogonal distances that were minimised."""
     unit_covariance: Array
-    """(m, m) covariance of the parameters for noise of 1 mm: position, then slopes, then radius."""
+    """(m, m) covariance of the parameters for noise of 1 mm, in the order of ``LAYOUTS``."""
     scatter: Array
     """(m,) mm: standard deviation of the distances that bear on each parameter; NaN without redundant points."""
     frame: Array
     """(3, 3) rows: the axes in which the parameters count, the feature's direction last."""
+    half_angle: float | None = None
+    """rad, of a cone: positive where its radius grows along ``direction``; ``radius`` is that at ``point``."""
+    slopes: Array | None = None
+    """(n, m) of a round feature: how the deviations follow the parameters."""
 
 
 def associate(points: Array, feature: Feature) -> FittedFeature:
@@ -70,52 +69,9 @@ def associate(points: Array, feature: Feature) -> FittedFeature:
     return _FITS[feature](centred, centroid, axes)
 
 
-def upright(direction: Array) -> Array:
-    """The same axis with its largest component positive."""
-    sign = np.sign(direction[int(np.argmax(np.abs(direction)))])
-    return np.asarray(direction * (sign or 1.0))
-
-
-def frame_along(direction: Array) -> Array:
-    """Rows (3, 3): a right-handed orthonormal frame whose last axis is ``direction``."""
-    helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
-    first = np.cross(helper, direction)
-    first /= np.linalg.norm(first)
-    return np.stack([first, np.cross(direction, first), direction])
-
-
-def least_squares(residuals: Residuals, start: Array, scale: Array) -> tuple[Array, Array, Array]:
-    """Levenberg-Marquardt with Marquardt's scaling to the last digit: parameters, residuals, Jacobian.
-
-    ``scale`` (m,): size of each parameter, against which a step is still.
-    """
-    q = start.copy()
-    r, J = residuals(q)
-    damping = 1e-6
-    for _ in range(MOST_STEPS):
-        step = _damped_step(J, r, damping)
-        tried, (r_new, J_new) = q + step, residuals(q + step)
-        if r_new @ r_new <= (r @ r) * (1.0 + 1e-14):
-            q, r, J = tried, r_new, J_new
-            damping = damping / 10.0 if damping > 1e-14 else 0.0
-        else:
-            damping = max(10.0 * damping, 1e-12)
-        if np.all(np.abs(step) <= SETTLED * scale) or damping > 1e12:
-            break
-    return q, r, J
-
-
-def _damped_step(J: Array, r: Array, damping: float) -> Array:
-    size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    Q, R = np.linalg.qr(J / size)
-    rows = np.vstack([R, np.sqrt(damping) * np.eye(R.shape[1])])
-    right = np.concatenate([-(Q.T @ r), np.zeros(R.shape[1])])
-    return np.asarray(np.linalg.lstsq(rows, right, rcond=1e-15)[0] / size)
-
-
 def _demand_extent(feature: Feature, extent: Array) -> None:
     """Refuse points that leave the feature open."""
-    need = {"line": 1, "plane": 2, "circle": 2, "cylinder": 2, "sphere": 3}[feature]
+    need = LEAST_DIMENSIONS[feature]
     spread = int(np.count_nonzero(extent > FLATNESS * max(float(extent[0]), 1e-300))) if extent[0] > 0 else 0
     if spread < need:
         where = ("in one place", "on one line", "in one plane")[spread]
@@ -128,8 +84,8 @@ def _line(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     local = centred @ frame.T
     flat = np.abs(centred @ axes[2]).max() <= FLATNESS * np.abs(local[:, 2]).max()
     distance = centred @ np.cross(axes[2], direction) if flat else np.hypot(local[:, 0], local[:, 1])
-    one_side = _inverse(np.column_stack([np.ones(len(centred)), local[:, 2]]))
-    covariance = np.kron(one_side, np.eye(2)).astype(np.float64)  # x, y, slope x, slope y
+    design = np.column_stack([np.ones(len(centred)), local[:, 2]])
+    covariance = np.kron(inverse_normal(design), np.eye(2)).astype(np.float64)  # x, y, slope x, slope y
     rms, scatter = float(np.sqrt(np.mean(local[:, 0] ** 2 + local[:, 1] ** 2))), _scatter(4, local[:, :2], 4)
     return FittedFeature("line", centroid, direction, None, distance, rms, covariance, scatter, frame)
 
@@ -138,7 +94,7 @@ def _plane(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     direction = upright(axes[2])
     frame = frame_along(direction)
     x, y, distance = (centred @ frame.T).T
-    covariance = _inverse(np.column_stack([np.ones(len(centred)), x, y]))
+    covariance = inverse_normal(np.column_stack([np.ones(len(centred)), x, y]))
     return FittedFeature(
         "plane", centroid, direction, None, distance, _rms(distance), covariance, _scatter(3, distance, 3), frame
     )
@@ -148,12 +104,12 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     """In three dimensions: in-plane distances and heights over the plane are minimised together."""
     frame = frame_along(upright(axes[2]))
     local = centred @ frame.T
-    x, y, radius = _algebraic(local)
+    x, y, radius = algebraic_circle(local)
 
     def residuals(q: Array) -> tuple[Array, Array]:
         """Radial deviations, then heights over the plane; slopes over x, y, z, tilts and radius."""
         away = local - q[:3]
-        normal, tilts, over, distance, outward = _about_axis(away, q[3], q[4])
+        normal, tilts, over, distance, outward = about_axis(away, q[3], q[4])
         radial_slopes = np.column_stack([-outward, -over[:, None] * (outward @ tilts.T), -np.ones(len(local))])
         over_slopes = np.column_stack([np.broadcast_to(-normal, away.shape), away @ tilts.T, np.zeros(len(local))])
         return np.concatenate([distance - q[5], over]), np.vstack([radial_slopes, over_slopes])
@@ -161,93 +117,33 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     start = np.array([x, y, 0.0, 0.0, 0.0, radius])
     scale = np.array([radius, radius, radius, 1.0, 1.0, radius])
     q, r, J = least_squares(residuals, start, scale)
-    turned = _frame_tilted(frame, q[3], q[4])
+    turned = frame_tilted(frame, q[3], q[4])
     n = len(local)
     rms = float(np.sqrt(r @ r / n))
     point = centroid + q[:3] @ frame
     in_plane, over = _scatter(1, r[:n], 3), _scatter(1, r[n:], 3)
     scatter = np.concatenate([in_plane, in_plane, over, over, over, in_plane])
-    return FittedFeature("circle", point, upright(turned[2]), float(q[5]), r[:n], rms, _inverse(J), scatter, turned)
+    return FittedFeature(
+        "circle", point, upright(turned[2]), float(q[5]), r[:n], rms, inverse_normal(J), scatter, turned, None, J[:n]
+    )
 
 
-def _about_axis(away: Array, a: float, b: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Points (n, 3) mm, counted from a point of the axis along (a, b, 1): the axis as a unit vector, its slopes (2, 3)
-    over a and b, how far along it the points lie, their distances (n,) mm and unit vectors (n, 3) away from it.
-    """
-    length = np.sqrt(1.0 + a**2 + b**2)
-    axis = np.array([a, b, 1.0]) / length
-    tilts = (np.eye(3)[:2] - np.outer(axis[:2], axis)) / length
-    along = away @ axis
-    level = away - along[:, None] * axis
-    distance = np.maximum(np.linalg.norm(level, axis=1), 1e-300)
-    return axis, tilts, along, distance, level / distance[:, None]
+def _revolved(feature: Feature, surface: Surface) -> Callable[[Array, Array, Array], FittedFeature]:
+    """The fit of a cylinder or a cone."""
 
+    def fit(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
+        found = fitted_surface(surface, centred, axes)
+        q, r, m = found.parameters, found.distances, found.parameters.size
+        turned = frame_tilted(found.frame, q[2], q[3])
+        direction = upright(turned[2])
+        on_axis = centroid + np.array([q[0], q[1], 0.0]) @ found.frame
+        point = on_axis + direction * float((centroid - on_axis) @ direction)
+        return FittedFeature(
+            feature, point, direction, float(q[4]), r, _rms(r), inverse_normal(found.slopes), _scatter(m, r, m),
+            turned, None if m == 5 else float(q[5]), found.slopes,
+        )  # fmt: skip
 
-def _cylinder(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
-    few = centred[:: max(1, len(centred) // SEARCHED_POINTS)]
-    fits = [_cylinder_along(centred, few, direction) for direction in _promising(few, axes)]
-    frame, q, r, J = fits[0]
-    for fit in fits[1:]:
-        if fit[2] @ fit[2] < (r @ r) * (1 - 1e-9):
-            frame, q, r, J = fit
-    turned = _frame_tilted(frame, q[2], q[3])
-    direction = upright(turned[2])
-    on_axis = centroid + np.array([q[0], q[1], 0.0]) @ frame
-    point = on_axis + direction * float((centroid - on_axis) @ direction)
-    scatter = _scatter(5, r, 5)
-    return FittedFeature("cylinder", point, direction, float(q[4]), r, _rms(r), _inverse(J), scatter, turned)
-
-
-def cylinder_at(q: Array, local: Array) -> tuple[Array, Array]:
-    """Distance (n,) mm of points from the axis (q0, q1, 0) + s (q2, q3, 1), less q4, and its slopes (n, 5)."""
-    _, tilts, along, distance, outward = _about_axis(local - np.array([q[0], q[1], 0.0]), q[2], q[3])
-    slopes = np.column_stack([-outward[:, :2], -along[:, None] * (outward @ tilts.T), -np.ones(len(local))])
-    return distance - q[4], slopes
-
-
-def _promising(points: Array, axes: Array) -> list[Array]:
-    """Directions along which the points, seen end on, lie best on a circle."""
-    i = np.arange(SEARCHED_DIRECTIONS) + 0.5
-    z = i / SEARCHED_DIRECTIONS  # a hemisphere, evenly (golden spiral)
-    around = np.pi * (1.0 + np.sqrt(5.0)) * i
-    level = np.sqrt(1.0 - z * z)
-    spread = np.column_stack([level * np.cos(around), level * np.sin(around), z])
-    tried = np.vstack([axes, spread])
-    misfit = []
-    for direction in tried:
-        local = points @ frame_along(direction).T
-        x, y, radius = _algebraic(local)
-        misfit.append(float(np.mean((np.hypot(local[:, 0] - x, local[:, 1] - y) - radius) ** 2)))
-    chosen: list[Array] = []
-    for k in np.argsort(misfit):
-        if all(abs(float(tried[k] @ other)) < 0.98 for other in chosen):
-            chosen.append(tried[k])
-        if len(chosen) == BEST_STARTS:
-            break
-    return chosen
-
-
-def _cylinder_along(points: Array, few: Array, direction: Array) -> tuple[Array, Array, Array, Array]:
-    """The cylinder through the points from a start direction, first through ``few`` of them."""
-    frame = frame_along(direction)
-    x, y, radius = _algebraic(few @ frame.T)
-    frame, q, _, _ = _refined_cylinder(few, frame, np.array([x, y, 0.0, 0.0, radius]))
-    return _refined_cylinder(points, frame, q)
-
-
-def _refined_cylinder(points: Array, frame: Array, q: Array) -> tuple[Array, Array, Array, Array]:
-    """Frame along the axis, parameters, residuals and Jacobian; the frame follows the axis: slopes stay small."""
-    size = float(np.abs(points).max())
-    for _ in range(6):
-        local = points @ frame.T
-        scale = np.array([q[4], q[4], q[4] / size, q[4] / size, q[4]]) + 1e-300
-        q, r, J = least_squares(lambda p, local=local: cylinder_at(p, local), q, np.abs(scale))  # type: ignore[misc]
-        if np.hypot(q[2], q[3]) < 1e-9:
-            break
-        turned = _frame_tilted(frame, q[2], q[3])
-        on_axis = turned @ (np.array([q[0], q[1], 0.0]) @ frame)
-        frame, q = turned, np.array([on_axis[0], on_axis[1], 0.0, 0.0, q[4]])
-    return frame, q, r, J
+    return fit
 
 
 def _sphere(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
@@ -262,21 +158,9 @@ def _sphere(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
 
     q, r, J = least_squares(residuals, np.append(solution[:3], radius), np.full(4, radius))
     scatter = _scatter(4, r, 4)
-    return FittedFeature("sphere", centroid + q[:3], None, float(q[3]), r, _rms(r), _inverse(J), scatter, np.eye(3))
-
-
-def _algebraic(local: Array) -> tuple[float, float, float]:
-    """Centre x, y and radius of the circle that minimises the squared power of the points (Kasa 1976), seen along z."""
-    design = np.column_stack([2.0 * local[:, 0], 2.0 * local[:, 1], np.ones(len(local))])
-    right = local[:, 0] ** 2 + local[:, 1] ** 2
-    x, y, rest = np.linalg.lstsq(design, right, rcond=1e-12)[0]
-    return float(x), float(y), float(np.sqrt(max(rest + x * x + y * y, 1e-300)))
-
-
-def _frame_tilted(frame: Array, a: float, b: float) -> Array:
-    """The frame whose last axis is (a, b, 1) in the old one."""
-    axis = np.array([a, b, 1.0]) @ frame
-    return frame_along(axis / np.linalg.norm(axis))
+    return FittedFeature(
+        "sphere", centroid + q[:3], None, float(q[3]), r, _rms(r), inverse_normal(J), scatter, np.eye(3), None, J
+    )
 
 
 def _rms(distances: Array) -> float:
@@ -289,25 +173,29 @@ def _scatter(parameters: int, distances: Array, used: int) -> Array:
     return np.full(parameters, np.sqrt((distances**2).sum() / free) if free > 0 else np.nan)
 
 
-def _inverse(J: Array) -> Array:
-    """(J^T J)^-1; infinite variance stays finite but huge where the points leave a parameter open."""
-    size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    scaled = J / size
-    return np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-14, hermitian=True) / np.outer(size, size))
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where position, direction, radius and half angle stand among a feature's parameters."""
+
+    position: slice | None
+    slopes: slice | None = None
+    radius: int | None = None
+    half_angle: int | None = None
 
 
-LAYOUTS: dict[Feature, tuple[slice, slice | None, int | None]] = {
-    "line": (slice(0, 2), slice(2, 4), None),
-    "plane": (slice(0, 1), slice(1, 3), None),
-    "circle": (slice(0, 3), slice(3, 5), 5),
-    "cylinder": (slice(0, 2), slice(2, 4), 4),
-    "sphere": (slice(0, 3), None, 3),
+LAYOUTS: dict[Feature, Layout] = {
+    "line": Layout(slice(0, 2), slice(2, 4)),
+    "plane": Layout(slice(0, 1), slice(1, 3)),
+    "circle": Layout(slice(0, 3), slice(3, 5), 5),
+    "cylinder": Layout(slice(0, 2), slice(2, 4), 4),
+    "sphere": Layout(slice(0, 3), None, 3),
+    "cone": Layout(slice(0, 2), slice(2, 4), 4, 5),
 }
-"""Where position, direction and radius stand among the parameters."""
 _FITS: dict[Feature, Callable[[Array, Array, Array], FittedFeature]] = {
     "line": _line,
     "plane": _plane,
     "circle": _circle,
-    "cylinder": _cylinder,
+    "cylinder": _revolved("cylinder", CYLINDER),
     "sphere": _sphere,
+    "cone": _revolved("cone", CONE),
 }

@@ -1,29 +1,45 @@
 """Form of associated features: roundness, cylindricity, straightness, flatness, and run-out about a datum axis.
 
-Terms of ISO 12181 (roundness), ISO 12180 (cylindricity), ISO 12780 (straightness) and ISO 1101 (run-out). Run-out is
-indicator travel about the datum, not form: a round shaft that runs eccentric has a run-out of twice its eccentricity.
+Terms of ISO 12181 (roundness), ISO 12180 (cylindricity), ISO 12780 (straightness), ISO 12781 (flatness) and ISO 1101
+(run-out). Run-out is indicator travel about the datum, not form: a round shaft that runs eccentric has a run-out of
+twice its eccentricity.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
 
-from truestand.core.arrays import Array, Ints
+from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
-from truestand.form.associate import LAYOUTS, Feature, FittedFeature, associate, cylinder_at, upright
-from truestand.form.upr import transmission, upr_filter
-from truestand.form.zone import Distance, Kind, Zone, zone
+from truestand.form.associate import LAYOUTS, Feature, FittedFeature, associate
+from truestand.form.lobes import FEW_LOBES, form_covariance, lobe_leverage
+from truestand.form.upr import UprFilter, upr_filter
+from truestand.form.zone import Zone
+from truestand.form.zoned import ZonedFeature, zoned
 
 Reference = Literal["LSC", "MZC", "MIC", "MCC"]
 
-ROUND_FEATURES: tuple[Feature, ...] = ("circle", "cylinder")
+REFERENCES: dict[Feature, tuple[Reference, ...]] = {
+    "line": ("LSC", "MZC"),
+    "plane": ("LSC", "MZC"),
+    "circle": ("LSC", "MZC", "MIC", "MCC"),
+    "cylinder": ("LSC", "MZC", "MIC", "MCC"),
+    "sphere": ("LSC", "MZC", "MIC", "MCC"),
+    "cone": ("LSC", "MZC"),
+}
 NOISE_POINTS = 20_000
 """Points whose nearest neighbours the noise is estimated from."""
 NEIGHBOURS_AMONG = 300_000
+MOST_FORM = 0.1
+"""Share of a feature's size: with more form, the points are of something else."""
+MOST_LEVERAGE = 1.0
+"""Of lobes on a feature's centre, above which it is said."""
+OPEN = 0.1
+"""U of the position as a share of the size, or of the direction in rad, from which the points leave a feature open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,46 +51,61 @@ class Form:
     point: Array
     direction: Array | None
     radius: float | None
+    half_angle: float | None
+    """rad, of a cone: positive where its radius grows along ``direction``."""
     rms: float
     """Of the orthogonal distances."""
     form: float
-    """Width of the zone: roundness, cylindricity, straightness, flatness; range of the deviations for a sphere."""
+    """Width of the zone: roundness, cylindricity, straightness, flatness; of sphere and cone the deviations' range."""
     n: int
-    cutoff_upr: float | None
+    """Points that were seen."""
+    low_pass: UprFilter | None
     noise: float
     """Standard deviation of one point at most: from differences of nearest neighbours, form between them included."""
     noise_floor: float
     """Expected ``form`` of a perfect feature with that noise."""
     U: dict[str, float]
-    """Expanded (k = 2), from the scatter of the points: point, radius and form in mm, direction in rad."""
+    """Expanded (k = 2), from the points' scatter and form: point, radius and form in mm, direction and half_angle in
+    rad."""
     deviation: Array
-    """(n,) mm from the feature."""
+    """(n,) mm from the feature; NaN where a point was not seen."""
     certificate: Zone | None = None
-    """The zone that gave the reference, proven by forces at its contacts that hold the axis in balance."""
+    """The zone that gave the reference, proven by forces at its contacts that hold the feature in balance."""
+    reasons: tuple[str, ...] = ()
+    """Why the feature is doubtful; none: it is not."""
+    remarks: tuple[str, ...] = ()
 
 
-def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", cutoff_upr: float | None = None) -> Form:
-    """The ``feature`` of points (n, 3) mm by its reference, and its form.
+def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_pass: UprFilter | None = None) -> Form:
+    """The ``feature`` of points (n, 3) mm by its reference, and its form; NaN: not seen.
 
-    ``cutoff_upr`` puts a circle's profile through the Gaussian filter first.
+    ``low_pass``: through which a circle's profile goes first.
 
     Raises:
         BadRecipe: a reference or filter that the feature doesn't have.
         NotEnoughData: too few points, an open profile for a filter, points that don't hold the feature.
     """
-    if reference != "LSC" and feature not in ROUND_FEATURES:
-        raise BadRecipe(f"a {feature} has the reference LSC only, got {reference}; use --feature circle or cylinder")
-    if cutoff_upr is not None and feature != "circle":
+    if reference not in REFERENCES[feature]:
+        raise BadRecipe(f"found --reference {reference}, a {feature} has {' and '.join(REFERENCES[feature])}")
+    if low_pass is not None and feature != "circle":
         raise BadRecipe(f"the UPR filter is for closed circular profiles, got a {feature}; leave the filter out")
-    points = points[np.isfinite(points).all(axis=1)]
+    seen = np.isfinite(points).all(axis=1)
+    points = points[seen]
     fitted = associate(points, feature)
     noise = PointNoise(point_noise(points, fitted), float(len(points)))
-    if cutoff_upr is not None:
-        points = _filtered(points, fitted, cutoff_upr)
-        fitted, noise = associate(points, feature), noise.through(cutoff_upr)
+    if low_pass is not None:
+        points = _filtered(points, fitted, low_pass)
+        fitted, noise = associate(points, feature), noise.through(low_pass)
+    covariance = _covariance(points, fitted, noise)
     if reference == "LSC":
-        return _by_least_squares(fitted, noise, cutoff_upr)
-    return _by_zone(points, fitted, reference, noise, cutoff_upr)
+        found = _by_least_squares(fitted, noise, covariance)
+    else:
+        found = _by_zone(zoned(points, fitted, reference), reference, noise, _expanded(fitted, covariance))
+    deviation = np.full(seen.size, np.nan)
+    deviation[seen] = found.deviation
+    return replace(
+        found, deviation=deviation, low_pass=low_pass, reasons=_reasons(found, points), remarks=_remarks(points, fitted)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +121,18 @@ class PointNoise:
         n = self.count
         return 0.0 if n < 2 else 2.0 * self.sd * NormalDist().inv_cdf((n - 0.375) / (n + 0.25))
 
-    def through(self, cutoff: float) -> "PointNoise":
+    def through(self, low_pass: UprFilter) -> "PointNoise":
         """The noise after the UPR filter: the energy that passes, in twice as many waves as pass."""
-        passed = 1.0 + 2.0 * float(np.square(transmission(np.arange(1, int(6 * cutoff) + 1), cutoff)).sum())
+        waves = np.arange(1, int(2 * low_pass.highest) + 1)
+        passed = 1.0 + 2.0 * float(np.square(low_pass.transmission(waves)).sum())
         return self if passed >= self.count else PointNoise(self.sd * sqrt(passed / self.count), passed)
 
 
 def point_noise(points: Array, fitted: FittedFeature) -> float:
-    """Standard deviation of one point, mm: deviations of nearest neighbours differ by sqrt(2) times that."""
+    """Standard deviation of one point, mm: deviations of nearest neighbours differ by sqrt(2) times that.
+
+    It is not more than what is left of all points: far apart, neighbours differ by form.
+    """
     from scipy.spatial import cKDTree
 
     n = len(points)
@@ -109,7 +144,8 @@ def point_noise(points: Array, fitted: FittedFeature) -> float:
     _, near = cKDTree(on_feature).query(on_feature[asked], k=2)
     other = np.where(near[:, 0] == asked, near[:, 1], near[:, 0])
     step = fitted.deviation[among[asked]] - fitted.deviation[among[other]]
-    return float(np.sqrt(np.mean(step**2) / 2))
+    known = fitted.scatter[np.isfinite(fitted.scatter)]
+    return min(float(np.sqrt(np.mean(step**2) / 2)), float(known.max(initial=0.0)) if known.size else np.inf)
 
 
 def _normals(points: Array, fitted: FittedFeature) -> Array:
@@ -122,80 +158,86 @@ def _normals(points: Array, fitted: FittedFeature) -> Array:
     return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None])
 
 
-def _filtered(points: Array, fitted: FittedFeature, cutoff: float) -> Array:
+def _filtered(points: Array, fitted: FittedFeature, low_pass: UprFilter) -> Array:
     """The circle's points with their radial deviations filtered."""
     local = (points - fitted.point) @ fitted.frame.T
     angle = np.arctan2(local[:, 1], local[:, 0])
-    passed = upr_filter(angle, fitted.deviation, cutoff)
+    passed = upr_filter(angle, fitted.deviation, low_pass)
     return np.asarray(points + (passed - fitted.deviation)[:, None] * _normals(points, fitted))
 
 
-def _by_least_squares(fitted: FittedFeature, noise: PointNoise, cutoff: float | None) -> Form:
-    n = fitted.deviation.size
-    spatial = fitted.feature == "line" and fitted.deviation.min() >= 0
-    width = 2 * float(fitted.deviation.max()) if spatial else float(np.ptp(fitted.deviation))
-    U: dict[str, float] = {}
-    if np.isfinite(fitted.scatter).all():
-        covariance = fitted.unit_covariance * np.outer(fitted.scatter, fitted.scatter)
-        position, slopes, radius = LAYOUTS[fitted.feature]
-        U["point"] = _largest(covariance[position, position])
-        if slopes is not None:
-            U["direction"] = _largest(covariance[slopes, slopes])
-        if radius is not None:
-            U["radius"] = K * sqrt(covariance[radius, radius])
-        U["form"] = K * sqrt(2.0) * noise.sd
-    return Form(
-        fitted.feature, "LSC", fitted.point, fitted.direction, fitted.radius, fitted.rms, width, n, cutoff,
-        noise.sd, noise.floor, U, fitted.deviation,
-    )  # fmt: skip
+def _covariance(points: Array, fitted: FittedFeature, noise: PointNoise) -> Array | None:
+    """Covariance (m, m) of the parameters from the points' scatter and, of round features, their form; None where no
+    point is redundant.
+    """
+    if not np.isfinite(fitted.scatter).all():
+        return None
+    scattered = fitted.unit_covariance * np.outer(fitted.scatter, fitted.scatter)
+    return scattered + form_covariance(points, fitted, noise.sd)
+
+
+def _expanded(fitted: FittedFeature, covariance: Array | None) -> dict[str, float]:
+    """U (k = 2) of point, direction, radius and half angle."""
+    if covariance is None:
+        return {}
+    layout = LAYOUTS[fitted.feature]
+    U = {}
+    for key, part in (("point", layout.position), ("direction", layout.slopes)):
+        if part is not None:
+            U[key] = _largest(covariance[part, part])
+    for key, at in (("radius", layout.radius), ("half_angle", layout.half_angle)):
+        if at is not None:
+            U[key] = K * sqrt(covariance[at, at])
+    return U
 
 
 def _largest(covariance: Array) -> float:
     return K * float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
 
 
-def _by_zone(points: Array, fitted: FittedFeature, kind: Kind, noise: PointNoise, cutoff: float | None) -> Form:
-    local = (points - fitted.point) @ fitted.frame.T
-    circle = fitted.feature == "circle"
-    distance = _about_axis(local)
-    best = zone(distance, len(local), np.zeros(2 if circle else 4), kind)
-    radius = {"MZC": (best.outer + best.inner) / 2, "MCC": best.outer, "MIC": best.inner}[kind]
-    q = best.parameters
-    direction, point = fitted.direction, fitted.point + np.array([q[0], q[1], 0.0]) @ fitted.frame
-    if not circle:
-        axis = np.array([q[2], q[3], 1.0]) @ fitted.frame
-        direction = upright(axis / np.linalg.norm(axis))
-        point = point + direction * float((points.mean(axis=0) - point) @ direction)
-    deviation = distance(q, np.arange(len(local)))[0] - radius
+def _by_least_squares(fitted: FittedFeature, noise: PointNoise, covariance: Array | None) -> Form:
+    spatial = fitted.feature == "line" and fitted.deviation.min() >= 0
+    width = 2 * float(fitted.deviation.max()) if spatial else float(np.ptp(fitted.deviation))
+    U = _expanded(fitted, covariance)
+    if U:
+        U["form"] = K * sqrt(2.0) * noise.sd
     return Form(
-        fitted.feature, kind, point, direction, radius, float(np.sqrt(np.mean(deviation**2))),
-        best.outer - best.inner, len(local), cutoff, noise.sd, noise.floor,
-        _zone_expanded(best, kind, noise.sd, circle), deviation, best,
+        fitted.feature, "LSC", fitted.point, fitted.direction, fitted.radius, fitted.half_angle, fitted.rms, width,
+        fitted.deviation.size, None, noise.sd, min(noise.floor, width), U, fitted.deviation,
     )  # fmt: skip
 
 
-def _zone_expanded(best: Zone, kind: Kind, noise: float, circle: bool) -> dict[str, float]:
-    """U (k = 2) by key from the noise of the contacts alone, as they hold the axis."""
-    response = best.sensitivity * (K * noise)
-    m = best.parameters.size
-    # A one-sided reference holds one border; the other is where the farthest point happens to lie.
-    outer = response[m] if kind != "MIC" else np.zeros(response.shape[1])
-    inner = response[m + 1] if kind != "MCC" else np.zeros(response.shape[1])
-    radius = {"MZC": (outer + inner) / 2, "MCC": outer, "MIC": inner}[kind]
-    other = 0.0 if kind == "MZC" else K * noise
-    U = {
-        "point": float(np.linalg.norm(response[:2], 2)),
-        "radius": float(np.linalg.norm(radius)),
-        "form": hypot(float(np.linalg.norm(outer - inner)), other),
-    }
-    return U if circle else {**U, "direction": float(np.linalg.norm(response[2:4], 2))}
+def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least: dict[str, float]) -> Form:
+    """The form by a zone, its U from the noise of the contacts and of the ``least`` squares, which form moves, too."""
+    U = {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
+    return Form(
+        found.feature, reference, found.point, found.direction, found.radius, found.half_angle,
+        float(np.sqrt(np.mean(found.deviation**2))), found.width, found.deviation.size, None, noise.sd,
+        min(noise.floor, found.width), U, found.deviation, found.zone,
+    )  # fmt: skip
 
 
-def _about_axis(local: Array) -> Distance:
-    """Distances from an axis (x, y, slope x, slope y) near the frame's own; that of a circle (x, y) has no slopes."""
+def _reasons(found: Form, points: Array) -> tuple[str, ...]:
+    """Why a feature is doubtful."""
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    size = extent if found.radius is None else min(extent, 2 * found.radius)
+    reasons = []
+    if found.form > MOST_FORM * size:
+        reasons.append(
+            f"form of {found.form:.4g} mm on points {extent:.4g} mm across: check that they are of a {found.feature}, "
+            "their columns, and outliers"
+        )
+    if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
+        reasons.append(f"the points leave the {found.feature} open: measure more of it")
+    return tuple(reasons)
 
-    def distance(q: Array, which: Ints) -> tuple[Array, Array]:
-        length, slopes = cylinder_at(np.append(q, np.zeros(5 - q.size)), local[which])
-        return length, slopes[:, : q.size]
 
-    return distance
+def _remarks(points: Array, fitted: FittedFeature) -> tuple[str, ...]:
+    """What nobody can see in the points of an arc."""
+    leverage = lobe_leverage(points, fitted)
+    if leverage <= MOST_LEVERAGE:
+        return ()
+    return (
+        f"only a part of the circumference was measured: a form of {FEW_LOBES[0]} to {FEW_LOBES[-1]} lobes, which that "
+        f"part may not show, moves the centre by up to {leverage:.2g} times its amplitude; U holds what shows",
+    )

@@ -1,10 +1,11 @@
-"""Minimum zone, minimum circumscribed and maximum inscribed circles and cylinders, with a certificate of optimality.
+"""Minimum zone, minimum circumscribed and maximum inscribed features, with a certificate of optimality.
 
-All three are one problem: move the axis until the largest distance of the points from it (circumscribed), the smallest
-(inscribed) or the difference of both (zone) can't be bettered. It is solved by successive linear programs on the points
-that matter, more of which are added until no other point is violated, and sharpened by Newton's method on the
-conditions of Karush, Kuhn and Tucker. These are the certificate: the contacts hold the axis in balance, their forces
-positive. For the circumscribed circle that proves the optimum; for the others, that no small move betters it.
+All three are one problem: move the feature until the largest distance of the points from it (circumscribed), the
+smallest (inscribed) or the difference of both (zone) can't be bettered. It is solved by successive linear programs on
+the points that matter, more of which are added until no other point is violated, and sharpened by Newton's method on
+the conditions of Karush, Kuhn and Tucker. These are the certificate: the contacts hold the feature in balance, their
+forces positive. For the circumscribed circle and sphere that proves the optimum; for the others, that no small move
+betters it.
 """
 
 from collections.abc import Callable
@@ -18,29 +19,31 @@ from truestand.core.errors import NotEnoughData
 
 Kind = Literal["MZC", "MCC", "MIC"]
 Distance = Callable[[Array, Ints], tuple[Array, Array]]
-"""Parameters (m,) and which points: their distances (k,) mm from the axis and slopes (k, m)."""
+"""Parameters (m,) and which points: distances (k,) mm from the feature's axis, centre or surface, slopes (k, m)."""
 
 MOST_WORKING_SETS = 60
 MOST_PROGRAMS = 200
 POINTS_ADDED = 24
 """Violated points that join the working points at once, on each side."""
 BORDER_TOLERANCE = 1e-13
-"""Relative to the radius: a point by less than this out of the zone lies on its border."""
+"""Relative to the feature's size: a point by less than this out of the zone lies on its border."""
 MOST_MOVE = 0.5
-"""Share of the radius by which the axis may move from the least-squares one: further, the points don't hold it."""
+"""Share of the size by which the feature may move from the least-squares one: further, the points don't hold it."""
+CURVATURE_STEP = 1e-6
+"""Share of the size by which the feature is moved for its second derivatives."""
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """The optimal axis and the contacts that prove it."""
+    """The optimal feature and the contacts that prove it."""
 
     parameters: Array
     outer: float
-    """mm: largest distance of a point from the axis."""
+    """mm: largest distance of a point from it."""
     inner: float
     """mm: smallest."""
     contacts: Ints
-    """Points that hold the axis."""
+    """Points that hold it."""
     outside: Mask
     """Which of them touch from the outer side."""
     forces: Array
@@ -48,27 +51,28 @@ class Zone:
     imbalance: float
     """Largest component of the unbalanced force: 0 at an optimum."""
     sensitivity: Array
-    """(m + 2, contacts): how parameters, outer and inner radius follow the noise of the contacts."""
+    """(m + 2, contacts): how parameters, outer and inner distance follow the noise of the contacts."""
     scope: Literal["global", "local"]
-    """Proven against every other axis, or against every small move."""
+    """Proven against every other place, or against every small move."""
 
 
-def zone(distance: Distance, count: int, start: Array, kind: Kind) -> Zone:
+def zone(distance: Distance, count: int, start: Array, kind: Kind, size: float) -> Zone:
     """The minimum zone (MZC), circumscribed (MCC) or inscribed (MIC) feature of ``count`` points, from ``start`` (m,).
 
+    ``size``: mm, of the feature.
+
     Raises:
-        NotEnoughData: the points don't hold the axis, as on less than half the circumference for MIC.
+        NotEnoughData: the points don't hold the feature, as on less than half the circumference for MIC.
     """
     everything = np.arange(count)
-    d, _ = distance(start, everything)
-    radius = float(d.mean())
-    working = _extremes(d)
-    q = start.copy()
+    d, slopes = distance(start, everything)
+    middle, effect = float(d.mean()), np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+    q, working = start.copy(), _extremes(d)
     for _ in range(MOST_WORKING_SETS):
-        problem = _Problem(distance, working, kind, radius, start)
+        problem = _Problem(distance, working, kind, start, middle, size, effect)
         q = problem.solve(q)
         d, _ = distance(q, everything)
-        missed = _violators(d, working, kind, BORDER_TOLERANCE * radius)
+        missed = _violators(d, working, kind, BORDER_TOLERANCE * size)
         if not missed.size:
             break
         working = np.union1d(working, missed)
@@ -103,8 +107,12 @@ class _Problem:
     distance: Distance
     working: Ints
     kind: Kind
-    radius: float
     start: Array
+    middle: float
+    """mm: the points' mean distance at the start."""
+    size: float
+    effect: Array
+    """mm (m,) by which a parameter moves the distances at most, for each of its units."""
 
     def objective(self, d: Array) -> float:
         """The objective."""
@@ -114,13 +122,13 @@ class _Problem:
     def solve(self, q: Array) -> Array:
         """Successive linear programs within a region of trust, then Newton's method on the contacts."""
         d, slopes = self.distance(q, self.working)
-        unit, size = self._scales(d, slopes)
+        unit = self._unit(d)
         trust = 1.0
         for _ in range(MOST_PROGRAMS):
-            move, predicted, _ = _linear_program((d - self.radius) / unit, slopes / size, self.kind, trust)
-            tried = q + move * unit / size
-            if np.abs((tried - self.start) * size).max() > MOST_MOVE * self.radius:
-                raise NotEnoughData(f"the points don't hold a {self.kind} feature; measure more of the circumference")
+            move, predicted, _ = _linear_program((d - self.middle) / unit, slopes / self.effect, self.kind, trust)
+            tried = q + move * unit / self.effect
+            if np.abs((tried - self.start) * self.effect).max() > MOST_MOVE * self.size:
+                raise NotEnoughData(f"the points don't hold a {self.kind} feature; measure more of it, all round")
             d_new, slopes_new = self.distance(tried, self.working)
             gained = (self.objective(d) - self.objective(d_new)) / unit
             if gained > 0:
@@ -131,26 +139,25 @@ class _Problem:
         sharp = self._sharpened(q)
         return (
             sharp
-            if self.objective(self.distance(sharp, self.working)[0])
-            <= self.objective(d) + BORDER_TOLERANCE * self.radius
+            if self.objective(self.distance(sharp, self.working)[0]) <= self.objective(d) + BORDER_TOLERANCE * self.size
             else q
         )
 
-    def _scales(self, d: Array, slopes: Array) -> tuple[float, Array]:
-        """The unit (mm) of the distances, and of each parameter's effect, in which the programs are well scaled."""
-        return max(float(np.ptp(d)), 1e-15 * self.radius), np.maximum(np.abs(slopes).max(axis=0), 1e-12)
+    def _unit(self, d: Array) -> float:
+        """mm in which the programs are well scaled."""
+        return max(float(np.ptp(d)), 1e-15 * self.size)
 
     def _contacts(self, q: Array) -> tuple[Ints, Mask, Array]:
-        """Which points hold the axis, on which side, with which force: the program's multipliers without a move."""
+        """Which points hold the feature, on which side, with which force: the program's multipliers without a move."""
         d, slopes = self.distance(q, self.working)
-        unit, size = self._scales(d, slopes)
-        _, _, forces = _linear_program((d - self.radius) / unit, slopes / size, self.kind, 1e-4)
+        unit = self._unit(d)
+        _, _, forces = _linear_program((d - self.middle) / unit, slopes / self.effect, self.kind, 1e-4)
         n = self.working.size
         holding = np.flatnonzero(forces > 1e-6)
         return self.working[holding % n], holding < n, forces[holding]
 
     def _sharpened(self, q: Array) -> Array:
-        """Newton's method on balance and contact of the points that hold the axis."""
+        """Newton's method on balance and contact of the points that hold the feature."""
         contacts, outside, forces = self._contacts(q)
         if not contacts.size:
             return q
@@ -159,14 +166,14 @@ class _Problem:
             step = np.linalg.lstsq(matrix, -right, rcond=1e-12)[0]
             q = q + step[: q.size]
             forces = forces + step[q.size + 2 :]
-            if np.abs(step[: q.size]).max() < 1e-15 * self.radius:
+            if np.abs(step[: q.size]).max() < 1e-15 * self.size:
                 break
         return q
 
     def _conditions(self, q: Array, contacts: Ints, outside: Mask, forces: Array) -> tuple[Array, Array]:
         """The conditions' matrix and their residuals: balance, sums of forces, contact.
 
-        Unknowns: parameters (m), outer and inner radius (2), forces (k).
+        Unknowns: parameters (m), outer and inner distance (2), forces (k).
         """
         m, k = q.size, contacts.size
         sign = np.where(outside, 1.0, -1.0)
@@ -187,30 +194,28 @@ class _Problem:
     def _curvature(self, q: Array, contacts: Ints, signed_forces: Array) -> Array:
         """Second derivative (m, m) of the contacts' balance, by differences of the slopes."""
         curvature = np.empty((q.size, q.size))
-        for j in range(q.size):
-            h = np.zeros(q.size)
-            h[j] = 1e-6 * max(self.radius, 1.0)
+        for j, step in enumerate(CURVATURE_STEP * self.size / self.effect):
+            h = step * np.eye(q.size)[j]
             after, before = (self.distance(q + sign * h, contacts)[1].T @ signed_forces for sign in (1.0, -1.0))
-            curvature[:, j] = (after - before) / (2 * h[j])
+            curvature[:, j] = (after - before) / (2 * step)
         return (curvature + curvature.T) / 2
 
     def certified(self, q: Array, outer: float, inner: float) -> Zone:
         """The solution with its certificate."""
         contacts, outside, forces = self._contacts(q)
         _, slopes = self.distance(q, contacts)
-        size = np.maximum(np.abs(slopes).max(axis=0, initial=1e-12), 1e-12)
         sign = np.where(outside, 1.0, -1.0)
-        imbalance = float(np.abs((slopes / size).T @ (sign * forces)).max(initial=0.0))
+        imbalance = float(np.abs((slopes / self.effect).T @ (sign * forces)).max(initial=0.0))
         matrix, _ = self._conditions(q, contacts, outside, forces)
         response = np.linalg.pinv(-matrix, rcond=1e-12)[: q.size + 2, q.size + 2 :]
-        scope: Literal["global", "local"] = "global" if self.kind == "MCC" and q.size == 2 else "local"
+        scope: Literal["global", "local"] = "global" if self.kind == "MCC" and q.size <= 3 else "local"
         return Zone(
             q, outer, inner, contacts, outside, forces, imbalance, np.asarray(response, dtype=np.float64), scope
         )
 
 
 def _linear_program(d: Array, slopes: Array, kind: Kind, trust: float) -> tuple[Array, float, Array]:
-    """The linear program about the present axis: best move (m,), predicted gain, forces (2n,) outer then inner."""
+    """The linear program about the present place: best move (m,), predicted gain, forces (2n,) outer then inner."""
     from scipy.optimize import linprog
 
     n, m = slopes.shape

@@ -25,7 +25,7 @@ from truestand.core.inspection import (
 )
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
-from truestand.form.upr import NEGLIGIBLE, filtered_evenly
+from truestand.form.upr import UprFilter, filtered_evenly
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import Grid, Patches, Readings, patches_of
 from truestand.statistics.noise import cleared, from_noise
@@ -81,7 +81,7 @@ class Rings:
     @property
     def closed(self) -> Mask:
         """(H,) heights with a closed circumference, as far as the filter can tell."""
-        highest = max(1, min(NEGLIGIBLE * self.cutoff, self.angle.size / 4))
+        highest = max(1, min(UprFilter(self.cutoff).highest, self.angle.size / 4))
         limit = GAP * pi / highest / (tau / self.angle.size)
         return np.array([_widest_gap(row) <= limit for row in self.seen])
 
@@ -172,7 +172,7 @@ def _filtered(rings: Rings, weight: Mask, form: Array) -> Array:
     bridged = form.copy()
     for h in np.flatnonzero(rings.used & ~weight.all(axis=1)):
         bridged[..., h, :] = form[..., h, :] @ _bridge(weight[h])
-    return filtered_evenly(bridged, rings.cutoff)
+    return filtered_evenly(bridged, UprFilter(rings.cutoff))
 
 
 def _bridge(seen: Mask) -> Array:
