@@ -30,6 +30,7 @@ TABLE = {
     ("GET", "/api/results/{number}/cloud"): "operator",
     ("GET", "/api/results/{number}/characteristics.csv"): "operator",
     ("GET", "/api/results/{number}/certificate.xml"): "operator",
+    ("POST", "/api/results/{number}/withdraw"): "engineer",
     ("GET", "/api/history"): "operator",
     ("GET", "/api/recipes"): "operator",
     ("GET", "/api/recipes/{file}"): "operator",

@@ -427,6 +427,39 @@ def test_a_verification_counts_for_its_own_calibration_only(client, store):
     assert calibration_now() == ("valid", None)
 
 
+def test_an_untrusted_calibration_replaces_no_good_one(client, store):
+    def calibration_now():
+        found = client.get("/api/home").json["calibration"]
+        return found["state"], found["number"], found["not_in_force"]
+
+    store.add("calibration", calibration("untrusted"))
+    assert calibration_now() == ("untrusted", 1, None)
+    store.add("calibration", calibration())
+    assert calibration_now() == ("valid", 2, None)
+    store.add("calibration", calibration("untrusted"))
+    assert calibration_now() == ("valid", 2, 3)
+    verification(store, "does_not_hold", of=2)
+    assert calibration_now() == ("does_not_hold", 2, 3)
+    store.correct(2, None, reason="wrong shaft")
+    assert calibration_now() == ("untrusted", 3, None)
+
+
+def test_a_result_is_withdrawn_for_a_reason_and_kept(client, store):
+    for _ in range(2):
+        store.add("calibration", calibration())
+    assert client.post("/api/results/2/withdraw", {"reason": ""}).status == 422
+    made = client.post("/api/results/2/withdraw", {"reason": "the shaft was dirty", "operator": "olga"})
+    assert made.status == 200, made.problem
+    assert made.json["number"] == 3
+    assert client.get("/api/home").json["calibration"]["number"] == 1
+    assert client.get("/api/results/2").json["entry"]["corrected_by"] == 3
+    entry = store.entry(3)
+    assert (entry.about, entry.record, entry.text, entry.operator) == (2, None, "the shaft was dirty", "olga")
+    assert "corrected by 3" in client.post("/api/results/2/withdraw", {"reason": "again"}).problem
+    assert "withdrawn already" in client.post("/api/results/3/withdraw", {"reason": "again"}).problem
+    assert client.post("/api/results/9/withdraw", {"reason": "again"}).status == 404
+
+
 def test_a_new_index_finds_the_verification(state, store):
     store.add("calibration", calibration())
     verification(store, "does_not_hold")

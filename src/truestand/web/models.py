@@ -39,6 +39,13 @@ class RecipeBody(Body):
     text: Annotated[str, Field(max_length=200_000)]
 
 
+class WithdrawBody(Body):
+    """Why a result is taken back."""
+
+    reason: Annotated[str, Field(min_length=1, max_length=300)]
+    operator: Text | None = None
+
+
 class ProblemBody(BaseModel):
     """Any refusal: what was found, what is needed, what to do."""
 
@@ -117,7 +124,7 @@ class Entry(BaseModel):
 
 
 class CalibrationState(BaseModel):
-    """What the stand's newest calibration is worth."""
+    """What the stand's calibration in force is worth."""
 
     state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "none"]
     """``does_not_hold`` and ``undecided`` are what a verification of it found."""
@@ -130,6 +137,8 @@ class CalibrationState(BaseModel):
     """Number of the verification that counts."""
     verified: str | None = None
     """When that was."""
+    not_in_force: int | None = None
+    """Number of a newer calibration, which is untrusted and not used."""
 
 
 class Home(BaseModel):

@@ -15,6 +15,8 @@ from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
 
 KINDS = ("calibration", "verification", "inspection")
+WITHDRAWN = "withdrawn"
+"""Verdict or status of the entry that takes a result back."""
 MAX_INSPECTIONS = 300
 """The newest: a record each is read."""
 
@@ -56,10 +58,19 @@ class ResultIndex:
         return known.as_entry(number) if number in known.results else None
 
     def calibration(self) -> Entry | None:
-        """The calibration in force: the newest that was not withdrawn, as last corrected."""
+        """The calibration in force: the newest valid one that was not withdrawn, as last corrected.
+
+        An untrusted one is in force only where none is valid.
+        """
         known = self._updated()
-        newest = next(known.standing("calibration"), None)
-        return None if newest is None else known.as_entry(newest.number)
+        found = known.in_force()
+        return None if found is None else known.as_entry(found.number)
+
+    def not_in_force(self) -> Entry | None:
+        """The newest calibration, where it is untrusted and an older one stays in force."""
+        known = self._updated()
+        newest, found = next(known.standing("calibration"), None), known.in_force()
+        return None if newest is found or newest is None else known.as_entry(newest.number)
 
     def verification(self) -> Entry | None:
         """The verification that counts for that calibration; None: it was not verified.
@@ -67,7 +78,7 @@ class ResultIndex:
         The newest, but one that is undecided takes back no *does not hold*.
         """
         known = self._updated()
-        calibration = next(known.standing("calibration"), None)
+        calibration = known.in_force()
         if calibration is None:
             return None
         records = {e.record for e in known.with_origins(calibration.number)}
@@ -142,9 +153,15 @@ class _Results:
             if self.results[last].record is not None:
                 yield self.results[last]
 
+    def in_force(self) -> Stored | None:
+        """The newest valid calibration that stands; the newest of all where none is valid."""
+        standing = list(self.standing("calibration"))
+        return next((c for c in standing if c.status == "valid"), standing[0] if standing else None)
+
     def as_entry(self, number: int) -> Entry:
         """As clients see it."""
         entry, kind = self.results[number], self.kind(number)
+        word = entry.status if entry.record is not None else WITHDRAWN
         certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
         return Entry(
             number=number,
@@ -155,8 +172,8 @@ class _Results:
             serial=entry.serial,
             part=entry.part,
             title=entry.part or entry.text or kind,
-            verdict=None if kind == "calibration" else entry.status,
-            status=entry.status if kind == "calibration" else None,
+            verdict=None if kind == "calibration" else word,
+            status=word if kind == "calibration" else None,
             corrected_by=self.corrected.get(number),
             has=AvailableFiles(
                 report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified

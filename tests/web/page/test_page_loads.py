@@ -183,6 +183,28 @@ def test_evidence_is_checked_by_an_engineer(open_tab, stand):
     tab.get_by_text("One result is not as it was written").wait_for()
 
 
+def test_an_engineer_withdraws_a_calibration_and_the_one_before_counts(open_tab, stand):
+    untrusted = stand.store.add("calibration", stored_results.read(stand.made, "calibration") | {
+        "status": "untrusted", "reasons": ["found dirt"]}).number  # fmt: skip
+    tab = open_tab("#/")
+    tab.get_by_text("A newer calibration is not trusted and not used").wait_for()
+    tab.get_by_role("link", name=f"#{untrusted}", exact=True).click()
+    tab.get_by_role("button", name="Withdraw").click()
+    dialog = tab.get_by_role("dialog")
+    dialog.get_by_role("button", name="Withdraw").click()
+    assert dialog.is_visible(), "it needs a reason"
+    dialog.get_by_label("Why").fill("the shaft was dirty")
+    dialog.get_by_role("button", name="Withdraw").click()
+    tab.locator(".stamp .word", has_text="withdrawn").wait_for()
+    assert tab.get_by_role("tab").count() == 0
+    tab.goto(stand.url + f"#/results/{untrusted}")
+    tab.get_by_text("This result was corrected by").wait_for()
+    assert not tab.get_by_role("button", name="Withdraw").count()
+    tab.goto(stand.url + "#/")
+    tab.get_by_role("heading", name="Calibrated").wait_for()
+    assert not tab.get_by_text("A newer calibration").count()
+
+
 def test_devices_page_shows_which_device_does_not_answer(open_tab, stand):
     with lab(stand.folder, sensors=("front", "rear")) as virtual:
         virtual.sensors[1].close()

@@ -8,8 +8,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import FileResponse, Response
 
 from truestand.files.records.inspection_record import characteristics_csv, characteristics_from, with_limits
-from truestand.web.app_state import AppState, StateDep
-from truestand.web.models import Audit, Entry, History, Result
+from truestand.store import Store
+from truestand.web.app_state import AppState, PrincipalDep, StateDep
+from truestand.web.models import Audit, Entry, History, Result, WithdrawBody
 from truestand.web.problem import Problem
 from truestand.web.result_index import KINDS
 from truestand.web.routing import ENGINEER, OPERATOR, Routes
@@ -45,6 +46,19 @@ def results(
 def result(number: int, state: StateDep) -> Result:
     """Entry and record; in one of an inspection each deviation has ``limits_um``, however old the record is."""
     return Result(entry=_entry(state, number), record=with_limits(state.results.record(number)))
+
+
+@routes.add("POST", f"{RESULT}/withdraw", ENGINEER, "Take a result back, for a reason", (404, 409))
+def withdraw(number: int, body: WithdrawBody, state: StateDep, principal: PrincipalDep) -> Entry:
+    """The entry that says so; the result itself is kept as it was. A withdrawn calibration is not in force any more."""
+    entry = _entry(state, number)
+    if entry.corrected_by is not None:
+        raise Problem(409, f"found result {number} corrected by {entry.corrected_by}; withdraw that one")
+    if not state.results.record(number):
+        raise Problem(409, f"result {number} is withdrawn already")
+    store = Store.open(state.settings.store)
+    made = store.correct(number, None, reason=body.reason, operator=principal.user or body.operator)
+    return _entry(state, made.number)
 
 
 @routes.add("GET", "/api/history", OPERATOR, "Trends with their limits")

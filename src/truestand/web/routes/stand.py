@@ -55,9 +55,12 @@ def calibration_state(state: AppState, now: datetime) -> CalibrationState:
         return CalibrationState(state="none")
     record = state.results.record(entry.number)
     until, verification = record.get("valid_until"), state.results.verification()
+    newer = state.results.not_in_force()
     verdict = None if verification is None else verification.verdict
     worst = _worst(record, verdict, now)
     fields: dict[str, Any] = {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
+    if newer is not None:
+        fields["not_in_force"] = newer.number
     if verification is not None:
         fields |= {"verification": verification.number, "verified": verification.time}
         if worst == verdict:

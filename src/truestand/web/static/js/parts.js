@@ -98,14 +98,20 @@ export function select(label, options, value, choose) {
   return field(label, input);
 }
 
-/** A question before something that can't be taken back; true where answered with yes. */
-export function ask(title, text, yes, kind = "danger") {
+/** A question before something that can't be taken back; true where answered with yes. `more` stands above the answers. */
+export function ask(title, text, yes, more = null) {
   return new Promise((answer) => {
     const dialog = h("dialog", { "aria-labelledby": "ask-title", on: { close: () => { dialog.remove(); answer(dialog.returnValue === "yes"); } } },
-      h("form", { method: "dialog" }, h("h2", { id: "ask-title" }, title), h("p", {}, text),
-        h("div", { class: "actions" }, button(t("action.cancel"), null, { type: "submit", value: "no" }),
-          button(yes, null, { kind, type: "submit", value: "yes" }))));
+      h("form", { method: "dialog" }, h("h2", { id: "ask-title" }, title), h("p", {}, text), more,
+        h("div", { class: "actions" }, button(t("action.cancel"), null, { type: "submit", value: "no", formnovalidate: "" }),
+          button(yes, null, { kind: "danger", type: "submit", value: "yes" }))));
     document.body.append(dialog);
     dialog.showModal();
   });
+}
+
+/** The same with a line to write why: its text, or null. */
+export async function askWhy(title, text, yes, why) {
+  const input = h("input", { type: "text", id: "ask-why", required: "", maxlength: 300, autocomplete: "off" });
+  return (await ask(title, text, yes, field(why, input))) ? input.value.trim() : null;
 }

@@ -1,9 +1,11 @@
 // One result: the verdict, then what could not be measured, then every line; charts, cloud and evidence behind tabs.
 
-import { get } from "../api.js";
+import { get, send } from "../api.js";
 import { add, h, put } from "../dom.js";
 import { when } from "../format.js";
-import { alertBox, busy, heading, link, stamp, titled } from "../parts.js";
+import { alertBox, askWhy, busy, button, heading, link, stamp, titled } from "../parts.js";
+import { to } from "../router.js";
+import { store } from "../store.js";
 import { t } from "../texts.js";
 import { decisive } from "../lines.js";
 import { details } from "../tables.js";
@@ -16,8 +18,9 @@ export async function show(page, { number, tab = "values" }, signal) {
   const word = record.verdict ?? record.status ?? entry.verdict ?? entry.status;
   let inside = null;
   add(page, heading(titled(entry)), corrected(entry),
-    stamp(word, [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"), decisive(record),
-    h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry))), panel);
+    stamp(word, [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"));
+  if (!Object.keys(record).length) return; // it takes another result back
+  add(page, decisive(record), h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry), withdrawal(entry, page))), panel);
   signal.addEventListener("abort", () => inside?.abort());
   open(tabs.includes(tab) ? tab : "values");
 
@@ -63,6 +66,23 @@ function facts(entry) {
 function corrected(entry) {
   if (!entry.corrected_by) return null;
   return h("div", { class: "notice open" }, h("p", {}, t("result.corrected.long", { number: entry.corrected_by })), link(t("result.correction"), `/results/${entry.corrected_by}`));
+}
+
+/** A button that takes the result back, for engineers; it stays in the store as it was. */
+function withdrawal(entry, page) {
+  if (!store.engineer || entry.corrected_by) return null;
+  return button(t("result.withdraw"), withdraw, { kind: "quiet" });
+
+  async function withdraw() {
+    const reason = await askWhy(t("result.withdraw.ask", { number: entry.number }), t(`result.withdraw.${entry.kind}`), t("result.withdraw"), t("result.withdraw.why"));
+    if (!reason) return;
+    try {
+      const made = await send("POST", `api/results/${entry.number}/withdraw`, { reason, operator: localStorage.getItem("operator") });
+      to(`/results/${made.number}`);
+    } catch (wrong) {
+      page.prepend(alertBox(wrong.message));
+    }
+  }
 }
 
 function downloads(entry) {
