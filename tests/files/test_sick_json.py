@@ -98,7 +98,7 @@ def test_the_groove_has_its_published_size_and_scatter():
         (sick().replace(b"[100, 105]", b"[100, 1.5]"), "no whole number"),
         (sick().replace(b"100, 105", b"1e309, 105"), "1e309 in line 1"),
         (b'{"class": "Nothing"}', "found 0 height maps among the images .none."),
-        (b'{"format": "truestand.calibration"}', "line 1"),
+        (b'{"format": "truestand.calibration"}', "this is a record of truestand"),
     ],
 )
 def test_what_is_no_height_map_is_refused_with_the_reason(tmp_path, data, words):

@@ -150,8 +150,8 @@ def test_the_real_export():
         ("1.5,2.5\n1.5,1e309\n\n0,0\n0,0\n\n9.5,9.5\n9.5,9.5\n", ["too large", "line 2"]),
         ("1.5,2.5\n1.5,2.5\n\n0,0\n0,0\n\n9.5,9.5\n9.5,inf\n", ["line 8"]),
         ("1.5,2.5\n1.5,2.5\n\n0,0\n0,0\n\n9.5,9.5\n9.5,9\0\n", ["\\x00"]),
-        ("<html>\n<p>1</p>", ["<", "line 1"]),
-        ("PK\x03\x04rest", ["line 1"]),
+        ("<html>\n<p>1</p>", ["this is a web page"]),
+        ("PK\x03\x04rest", ["this is a zip archive"]),
     ],
 )
 def test_what_is_no_scan_is_refused_with_the_reason(tmp_path, text, words):

@@ -50,7 +50,7 @@ COMMANDS = {
     "identify": ("inspect:identify", "Tell teeth, module, helix and shift of an unknown gear from its scan."),
     "form": (
         "form:form",
-        "Associate a line, plane, circle, cylinder or sphere with points, and measure the form that remains.",
+        "Associate a line, plane, circle, cylinder, sphere or cone with points, and measure the form that remains.",
     ),
     "compare": (
         "compare:compare",
