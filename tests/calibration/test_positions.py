@@ -100,9 +100,15 @@ def test_half_a_turn_can_not_separate_even_harmonics():
 
 
 @pytest.mark.more
-def test_a_sensor_that_moved_between_the_scans_is_not_trusted():
-    moved = calibrate_positions((scan(0), scan(180, 95.03)), (0.0, radians(180)), artefact())
-    assert any("sensor moved between the scans" in r for r in moved.reasons)
+@pytest.mark.parametrize(
+    ("moved", "reason"),
+    [(0.015, "sensor moved between the scans"), (0.02, "laser plane differs"), (0.03, "laser plane differs")],
+)
+def test_a_sensor_that_moved_between_the_scans_is_not_trusted(moved, reason):
+    """From 20 um on, the scans' fits take the move for another laser plane."""
+    found = calibrate_positions((scan(0), scan(180, 95.0 + moved)), (0.0, radians(180)), artefact())
+    assert found.status == "untrusted"
+    assert any(reason in r for r in found.reasons)
 
 
 @pytest.mark.parametrize("clamped", [(0.0,), (0.0, 0.05), (0.0, 2 * np.pi)])
