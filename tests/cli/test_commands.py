@@ -538,3 +538,11 @@ def test_a_file_of_another_kind_is_refused_by_its_name(tmp_path):
         assert done.returncode == 2
         assert "this is a STEP model, need" in done.stderr
         assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_cone_through_no_more_points_than_it_needs_is_printed_without_doubt(tmp_path):
+    t = np.arange(6.0)
+    np.savetxt(tmp_path / "p.xyz", np.column_stack([(9 + t / 2) * np.cos(t), (9 + t / 2) * np.sin(t), t]))
+    done = run("form", tmp_path / "p.xyz", "--feature", "cone")
+    assert done.returncode in (0, 3), done.stderr
+    assert "half angle" in done.stdout

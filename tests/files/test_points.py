@@ -92,7 +92,10 @@ BAD = {
     "numpy objects": (npy(np.array([{}], dtype=object)), "can't be read"),
     "numpy cut off": (npy(np.array(TWO))[:-8], "can't be read"),
     "numpy cube": (npy(np.zeros((2, 3, 3))), r"shape \(2, 3, 3\)"),
-    "Excel": (b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml", "this is an Excel workbook, need points"),
+    "Excel": (
+        b"PK\x03\x04" + b"\0" * 26 + b"[Content_Types].xml" + b"\0" * 40 + b"xl/workbook.xml",
+        "this is an Excel workbook, need points",
+    ),
     "STEP": (b"ISO-10303-21;\nHEADER;\n", "this is a STEP model"),
     "binary": (b"\x89PNG\r\n\x1a\n1234", "this is a picture, need points"),
     "ply of huge count": (
@@ -210,3 +213,15 @@ def test_any_bytes_are_points_or_a_typed_error(tmp_path_factory, data, draw):
             read(file)
         except UnreadableFile as refused:
             assert "fuzz" in str(refused)
+
+
+def test_only_fields_of_one_number_a_point_are_columns(tmp_path):
+    fields = [("x", "f8"), ("y", "f8"), ("z", "f8"), ("name", "U3"), ("normal", "f4", (3,)), ("phase", "c8")]
+    points = np.zeros(2, fields)
+    for name, column in zip("xyz", np.transpose(TWO), strict=True):
+        points[name] = column
+    (tmp_path / "p.npy").write_bytes(npy(points))
+    assert read_points(tmp_path / "p.npy").tolist() == TWO
+    (tmp_path / "p.npy").write_bytes(npy(np.zeros(2, [("x", "f8"), ("X", "f8"), ("y", "f8"), ("z", "f8")])))
+    with pytest.raises(UnreadableFile, match="2 columns 'x'"):
+        read_points(tmp_path / "p.npy")

@@ -35,7 +35,7 @@ FORM_NAMES = {
     "sphere": "sphericity",
     "cone": "conicity",
 }
-LEVEL: tuple[Feature, ...] = ("line", "circle")
+PLANAR: tuple[Feature, ...] = ("line", "circle")
 """Features that points of a plane have."""
 
 
@@ -99,7 +99,7 @@ def form(
     travel, transferred = None, None
     with progress(f"Reading {points.name}", quiet):
         if calibration is None:
-            cloud = read_points(points, columns, unit, level=feature in LEVEL)
+            cloud = read_points(points, columns, unit, planar=feature in PLANAR)
         else:
             transferred = _transferred(points, calibration, stand, feature, start_angle_deg)
             cloud = _section(transferred, feature, surface, height_mm)
@@ -183,7 +183,9 @@ def _print(result: Form, run_out: float | None) -> None:
     if result.radius is not None:
         line("radius, mm", f"{result.radius:.6f}", result.U.get("radius"))
     if result.half_angle is not None:
-        line("half angle, degrees", f"{degrees(result.half_angle):.6f}   U = {degrees(result.U['half_angle']):.6f}")
+        U = result.U.get("half_angle")
+        doubt = "" if U is None else f"   U = {degrees(U):.6f} (k = 2)"
+        line("half angle, degrees", f"{degrees(result.half_angle):.6f}{doubt}")
     line("rms, um", f"{um(result.rms):.4f}")
     line(f"{FORM_NAMES[result.feature]}, um", f"{um(result.form):.4f}", result.U.get("form"))
     if result.low_pass is not None:

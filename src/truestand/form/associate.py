@@ -14,7 +14,7 @@ from truestand.core.arrays import Array
 from truestand.core.errors import NotEnoughData
 from truestand.form.axes import about_axis, frame_along, frame_tilted, upright
 from truestand.form.least_squares import inverse_normal, least_squares
-from truestand.form.revolved import CONE, CYLINDER, Surface, algebraic_circle, fitted_surface
+from truestand.form.revolved import CONE, CYLINDER, Revolved, algebraic_circle, fitted_revolved
 
 Feature = Literal["line", "plane", "circle", "cylinder", "sphere", "cone"]
 
@@ -128,11 +128,11 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     )
 
 
-def _revolved(feature: Feature, surface: Surface) -> Callable[[Array, Array, Array], FittedFeature]:
+def _revolved(feature: Feature, kind: Revolved) -> Callable[[Array, Array, Array], FittedFeature]:
     """The fit of a cylinder or a cone."""
 
     def fit(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
-        found = fitted_surface(surface, centred, axes)
+        found = fitted_revolved(kind, centred, axes)
         q, r, m = found.parameters, found.distances, found.parameters.size
         turned = frame_tilted(found.frame, q[2], q[3])
         direction = upright(turned[2])

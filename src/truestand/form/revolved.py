@@ -21,7 +21,7 @@ MOST_TURNS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class Revolved:
     """A surface of revolution: its distances and an algebraic start, in a frame whose z axis is near its own."""
 
     distances: Callable[[Array, Array], tuple[Array, Array]]
@@ -31,7 +31,7 @@ class Surface:
 
 
 @dataclass(frozen=True, slots=True)
-class FittedSurface:
+class FittedRevolved:
     """Where it lies: parameters in a frame (3, 3) along its axis, which has its largest component positive."""
 
     frame: Array
@@ -76,17 +76,17 @@ def algebraic_circle(local: Array) -> Array:
     return np.array([x, y, np.sqrt(max(rest + x * x + y * y, 1e-300))])
 
 
-def fitted_surface(surface: Surface, points: Array, axes: Array) -> FittedSurface:
+def fitted_revolved(kind: Revolved, points: Array, axes: Array) -> FittedRevolved:
     """The least-squares surface through points (n, 3) mm about their centroid with their principal ``axes`` (3, 3)."""
     few = points[:: max(1, len(points) // SEARCHED_POINTS)]
     best = None
-    for direction in _promising(surface, few, axes):
+    for direction in _promising(kind, few, axes):
         frame = frame_along(direction)
-        found = _refined(surface, few, frame, surface.start(few @ frame.T))
+        found = _refined(kind, few, frame, kind.start(few @ frame.T))
         if best is None or found.cost < best.cost * (1 - 1e-9):
             best = found
     assert best is not None  # there is always a direction to start from
-    return best if few is points else _refined(surface, points, best.frame, best.parameters)
+    return best if few is points else _refined(kind, points, best.frame, best.parameters)
 
 
 def _quadric(local: Array, terms: Array) -> Array:
@@ -110,13 +110,13 @@ def _start_of_cone(local: Array) -> Array:
     return np.array([x, y, 0.0, 0.0, radius, atan(slope)])
 
 
-def _promising(surface: Surface, points: Array, axes: Array) -> list[Array]:
+def _promising(kind: Revolved, points: Array, axes: Array) -> list[Array]:
     """Directions along which the algebraic starts fit best."""
     tried = np.vstack([axes, hemisphere(SEARCHED_DIRECTIONS)])
     misfit = []
     for direction in tried:
         local = points @ frame_along(upright(direction)).T
-        distances, _ = surface.distances(surface.start(local), local)
+        distances, _ = kind.distances(kind.start(local), local)
         misfit.append(float(distances @ distances))
     chosen: list[Array] = []
     for k in np.argsort(misfit):
@@ -127,17 +127,17 @@ def _promising(surface: Surface, points: Array, axes: Array) -> list[Array]:
     return chosen
 
 
-def _refined(surface: Surface, points: Array, frame: Array, q: Array) -> FittedSurface:
+def _refined(kind: Revolved, points: Array, frame: Array, q: Array) -> FittedRevolved:
     """Levenberg-Marquardt from a start; the frame follows the axis: slopes stay small."""
     size = float(np.abs(points).max())
     for _ in range(MOST_TURNS):
         local = points @ frame.T
         lengths = np.array([1.0, 1.0, 1 / size, 1 / size, 1.0, 1 / size])[: q.size] * abs(q[4])
-        q, r, J = least_squares(lambda p, local=local: surface.distances(p, local), q, lengths + 1e-300)  # type: ignore[misc]
+        q, r, J = least_squares(lambda p, local=local: kind.distances(p, local), q, lengths + 1e-300)  # type: ignore[misc]
         if np.hypot(q[2], q[3]) < 1e-9:
             break
         frame, q = _turned(frame, q)
-    return FittedSurface(frame, q, r, J)
+    return FittedRevolved(frame, q, r, J)
 
 
 def _turned(frame: Array, q: Array) -> tuple[Array, Array]:
@@ -151,5 +151,5 @@ def _turned(frame: Array, q: Array) -> tuple[Array, Array]:
     return turned, np.array([x, y, 0.0, 0.0, q[4] - z * tan(angle), angle])
 
 
-CYLINDER = Surface(cylinder_at, _start_of_cylinder)
-CONE = Surface(cone_at, _start_of_cone)
+CYLINDER = Revolved(cylinder_at, _start_of_cylinder)
+CONE = Revolved(cone_at, _start_of_cone)

@@ -25,7 +25,7 @@ class Choice:
     """By names or numbers from 1; None: by their names, or the first."""
     unit: str | None = None
     """mm, um or m, of columns whose names give none."""
-    level: bool = False
+    planar: bool = False
     """Whether points of a plane will do: x and y, or polar by their names."""
     file: str = ""
 
@@ -38,8 +38,8 @@ class Choice:
             BadRecipe: not as many columns as a point has.
         """
         at = [self._index(names, one) for one in self.wanted or self._usual(names)]
-        if len(set(at)) != len(at) or not (2 if self.level else 3) <= len(at) <= 3:
-            need = "two or three, of x, y and z, such as 2,3" if self.level else "three, of x, y and z, such as 2,3,4"
+        if len(set(at)) != len(at) or not (2 if self.planar else 3) <= len(at) <= 3:
+            need = "two or three, of x, y and z, such as 2,3" if self.planar else "three, of x, y and z, such as 2,3,4"
             raise BadRecipe(f"found --columns {','.join(self.wanted or [])}, need {need}")
         chosen = [names[i] for i in at]
         polar = len(at) == 2 and _split(chosen[0], RAD_PER_UNIT)[0] in ANGLES
@@ -63,16 +63,16 @@ class Choice:
             return numbered(min(len(names), 3))
         found = stems(names)
         polar = [name for group in (ANGLES, RADII) for name in group if name in found]
-        if self.level and len(polar) == 2 and not found.issuperset(AXES[:2]):
+        if self.planar and len(polar) == 2 and not found.issuperset(AXES[:2]):
             return polar
-        return AXES[:2] if self.level and "z" not in found else AXES
+        return AXES[:2] if self.planar and "z" not in found else AXES
 
     def _index(self, names: Sequence[str], wanted: str) -> int:
         """Where a column stands that is named, with or without its unit, or given by its number."""
         units = RAD_PER_UNIT if wanted in ANGLES else MM_PER_UNIT
         found = [i for i, name in enumerate(names) if wanted in (str(i + 1), name, _split(name, units)[0])]
         if len(found) != 1:
-            also = ", angle_deg and radius_mm" if self.level else ""
+            also = ", angle_deg and radius_mm" if self.planar else ""
             raise UnreadableFile(
                 f"{self.file}: found {len(found) or 'no'} column{'s' * (len(found) > 1)} {wanted!r} among "
                 f"{listed(names)}, need one; name x, y and z{also} in the header (x_mm, x_um, x_m; x alone is mm), or "

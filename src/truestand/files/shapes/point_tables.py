@@ -49,7 +49,8 @@ def _npy(data: bytes, name: str) -> PointTable:
     except NPY_ERRORS as wrong:
         raise UnreadableFile(f"{name}: the numpy array can't be read ({wrong}); save it again") from wrong
     if table.dtype.names:
-        return {field.lower(): table[field].reshape(-1) for field in table.dtype.names}
+        numbers = [f for f in table.dtype.names if table.dtype[f].kind in "fiu"]  # one a point
+        return {field: table[field].reshape(-1) for field in numbers}
     if table.ndim != 2 or table.dtype.kind not in "fiu":
         raise UnreadableFile(
             f"{name}: found an array of {table.dtype} with shape {table.shape}, need numbers (points, 3)"

@@ -33,11 +33,11 @@ HEAD_BYTES = 65_536
 _COUNT = re.compile(rb"[0-9]{1,18}")
 
 
-def read_points(path: Path | str, columns: str | None = None, unit: str | None = None, level: bool = False) -> Array:
+def read_points(path: Path | str, columns: str | None = None, unit: str | None = None, planar: bool = False) -> Array:
     """The points of a file, (n, 3) mm; further columns or properties are left aside.
 
     ``columns`` says which are x, y and z, by names or by numbers from 1: ``"east,north,up"``, ``"2,3,4"``. ``unit``
-    (mm, um, m) is that of columns whose names give none; without it they are in mm. ``level``: points of a plane will
+    (mm, um, m) is that of columns whose names give none; without it they are in mm. ``planar``: points of a plane will
     do, x and y alone, or polar by their names: ``angle_deg`` or ``angle_rad`` and ``radius``.
 
     Raises:
@@ -51,7 +51,7 @@ def read_points(path: Path | str, columns: str | None = None, unit: str | None =
         data = path.read_bytes().removeprefix(BYTE_ORDER_MARK)
     except OSError as wrong:
         raise UnreadableFile(f"{path}: can't be read ({wrong.strerror or wrong}); check the path") from wrong
-    asked = Choice(wanted, unit, level, path.name)
+    asked = Choice(wanted, unit, planar, path.name)
     table = ply_vertices(data, path.name) if is_ply(data) else point_table(data, path.name)
     if table is not None:
         return asked.points([field.lower() for field in table], list(table.values()))
@@ -85,7 +85,7 @@ def _text_points(data: bytes, asked: Choice) -> Array:
         raise UnreadableFile(f"{name}: holds no points; need x y z a line, in mm")
     dialect = dialect_of(b"\n".join(body[:50]), name)
     values = read_table(body, dialect, name, first + 1)
-    if values.shape[1] < (2 if asked.level else 3):
+    if values.shape[1] < (2 if asked.planar else 3):
         raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
     if not data.endswith(b"\n"):
         refuse_cut_table(body, dialect.separator, name, first + len(body))

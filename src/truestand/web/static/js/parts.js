@@ -103,7 +103,7 @@ export function ask(title, text, yes, more = null) {
   return new Promise((answer) => {
     const dialog = h("dialog", { "aria-labelledby": "ask-title", on: { close: () => { dialog.remove(); answer(dialog.returnValue === "yes"); } } },
       h("form", { method: "dialog" }, h("h2", { id: "ask-title" }, title), h("p", {}, text), more,
-        h("div", { class: "actions" }, button(t("action.cancel"), null, { type: "submit", value: "no", formnovalidate: "" }),
+        h("div", { class: "actions" }, button(t("action.cancel"), () => dialog.close("no")),
           button(yes, null, { kind: "danger", type: "submit", value: "yes" }))));
     document.body.append(dialog);
     dialog.showModal();
