@@ -131,7 +131,7 @@ def test_what_moved_since_the_calibration_is_flagged(changes, what):
 def test_nothing_moved_is_no_alarm():
     tied = transfer(part_scan("index"), calibrated("index"))
     assert tied.calibration.status == "valid"
-    assert len(tied.checks) == 3
+    assert len(tied.checks) == 4
     assert abs(tied.witness.radial) < 2e-4
 
 
@@ -167,3 +167,21 @@ def test_roll_ties_a_scan_once():
     unknown = part_scan("centred", "unknown")
     stated = transfer(unknown, calibrated("centred"), start_stated=True)
     assert roll(stated.scan, stated.calibration).calibration.reasons == stated.calibration.reasons == ()
+
+
+def test_a_sensor_that_stands_a_little_farther_out_is_followed():
+    """9 um across the axis, less than makes a scan untrusted: a diameter read 18 um too small, and said 8 um of U."""
+    known = calibrated("index")
+    scan = part_scan("index", mounting={"standoff": 95.0 + 0.009 / -known.table_from_sensor.rotation[0, 2]})
+    tied = transfer(scan, known)
+    assert tied.calibration.status == "valid"
+    moved = tied.calibration.table_from_sensor.translation - known.table_from_sensor.translation
+    assert moved == pytest.approx([0.009, 0.0, 0.0], abs=5e-4)
+
+
+@pytest.mark.parametrize(("drift", "flagged"), [(0.02, True), (-0.02, True), (0.004, False)])
+def test_a_sensor_that_moves_while_the_part_is_scanned_is_flagged(drift, flagged):
+    scan = part_scan("index")
+    drifting = replace(scan, z=scan.z + np.linspace(-drift / 2, drift / 2, scan.profiles)[:, None])
+    tied = transfer(drifting, calibrated("index"))
+    assert any("during the scan" in r for r in tied.calibration.reasons) is flagged

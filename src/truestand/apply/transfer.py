@@ -9,7 +9,7 @@ import numpy as np
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.checks import UNTIED
 from truestand.core.calibration import Calibration, Check
-from truestand.core.frames import in_table
+from truestand.core.frames import Pose, in_table
 from truestand.core.scan import AngleZero, Scan
 from truestand.core.surface import Surface, apply_calibration
 
@@ -68,6 +68,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
     limit = MOST_ARC_MM / _outside(scan, calibration)
     checks = _moved(band)
+    calibration = _moved_out(calibration, band)
     unknown = calibration.angle_zero == "unknown"
     by_index = scan.angle_zero == calibration.angle_zero == "index"
     if by_index or band.angle_U > limit:  # the band only checks what ties the scan already
@@ -79,6 +80,15 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
     failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)
+
+
+def _moved_out(calibration: Calibration, band: Witness) -> Calibration:
+    """The calibration with its sensor as far out as the band sees it, where that is farther than the band's doubt."""
+    if abs(band.radial) <= band.radial_U:
+        return calibration
+    pose = calibration.table_from_sensor
+    moved = Pose(pose.rotation, pose.translation + np.array([band.radial, 0.0, 0.0]))
+    return replace(calibration, table_from_sensor=moved)
 
 
 def _with_reasons(calibration: Calibration, reasons: tuple[str, ...], scan: Scan) -> Calibration:
@@ -119,8 +129,19 @@ def _moved(band: Witness) -> tuple[Check, ...]:
     return (
         Check.at_most_um(f"sensor moved radially ({where}), um", band.radial, MOST_MOVED_MM,
                          "the sensor has moved or warmed up since the calibration: calibrate again"),
+        *_steady(band, where),
         Check.at_most_um(f"shaft runs more or less eccentrically ({where}), um", band.eccentricity_size, MOST_MOVED_MM,
                          "the shaft was clamped again or has slipped since the calibration: calibrate again"),
+    )  # fmt: skip
+
+
+def _steady(band: Witness, where: str) -> tuple[Check, ...]:
+    """Whether the sensor stood still while the scan was taken, where the band tells."""
+    if band.drift_U > MOST_MOVED_MM:
+        return ()
+    return (
+        Check.at_most_um(f"sensor moved during the scan ({where}), um", band.drift, MOST_MOVED_MM + band.drift_U,
+                         "the sensor warmed up or moved while the part was scanned: let it warm up and scan again"),
     )  # fmt: skip
 
 

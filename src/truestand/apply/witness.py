@@ -62,6 +62,9 @@ class Witness:
     radial: float
     """By how much the sensor stands farther out than the calibration says."""
     radial_U: float
+    drift: float
+    """By how much it moves outwards, or inwards, while the scan is taken,"""
+    drift_U: float
     eccentricity_change: tuple[float, float]
     """Axis of the shaft against the calibration's, x and y in R, at the scan's own zero of the angle."""
     eccentricity_size: float
@@ -113,6 +116,10 @@ class _Fit:
     covariance: Array
     middle: float
     """mm: mean height of the readings."""
+    drift: float
+    """mm by which the sensor moves from the scan's first profile to its last,"""
+    drift_variance: float
+    """mm^2."""
 
 
 def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
@@ -193,8 +200,12 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
     trace, psi, row = np.concatenate(traces), np.concatenate(azimuths), np.concatenate(rows)
     # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
     design = np.column_stack([np.cos(psi + angle[row]), -np.cos(psi), -np.sin(psi)])
-    move, covariance = _robust_fit(design, -trace, np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS)
-    return _Fit(move, covariance, float(np.mean(np.concatenate(heights))))
+    sectors = np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS
+    move, covariance = _robust_fit(design, -trace, sectors)
+    over_time = np.column_stack([design, design[:, 0] * (row / scan.profiles - 0.5)])
+    drifting, drift_covariance = _robust_fit(over_time, -trace, sectors)
+    middle = float(np.mean(np.concatenate(heights)))
+    return _Fit(move, covariance, middle, float(drifting[3]), float(drift_covariance[3, 3]))
 
 
 def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
@@ -210,7 +221,7 @@ def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array
 
 
 def _robust_fit(design: Array, samples: Array, sectors: Ints) -> tuple[Array, Array]:
-    """Solution (3,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
+    """Solution (m,) by Tukey's weights and its covariance, clustered by sectors of the surface."""
     solution, weights = tukey_fit(design, samples, LEAST_LIMIT_MM)
     weighted = design * weights[:, None]
     inverse = np.linalg.pinv(weighted.T @ design)
@@ -246,6 +257,8 @@ def _witness_of(fit: _Fit, shift: float, calibration: Calibration, bands: list[_
         angle_U=min(K * sqrt(float(across @ covariance @ across)) / size, pi),
         radial=float(fit.move[0]),
         radial_U=K * sqrt(float(fit.covariance[0, 0])),
+        drift=fit.drift,
+        drift_U=K * sqrt(fit.drift_variance),
         eccentricity_change=(float(moved[0]), float(moved[1])),
         eccentricity_size=more,
         eccentricity_U=K * sqrt(float(along @ covariance @ along)),
