@@ -161,7 +161,7 @@ def test_every_key_of_the_recipes_is_explained():
 
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     stand = (TableRecipe, SensorRecipe, ScanRecipe, CylinderRecipe, CertificateRecipe, StoreRecipe, CompanyRecipe)
-    part = (parts.GearRecipe, parts.EvaluationRecipe, parts.ModificationRecipe, parts.SizeLimitsRecipe,
+    part = (parts.GearRecipe, parts.EvaluationRecipe, parts.ModificationRecipe, parts.LimitsRecipe, parts.ClassesRecipe,
             parts.TurnedRecipe, parts.SectionRecipe, parts.CadRecipe, parts.PoseRecipe)  # fmt: skip
     for recipe in (*stand, *part):
         for key in recipe.model_fields:

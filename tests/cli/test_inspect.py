@@ -13,6 +13,7 @@ import pytest
 from command import run, run_process
 from truestand.core.surface import apply_calibration
 from truestand.files.records.calibration_record import read_calibration
+from truestand.files.records.inspection_record import judged_lines
 from truestand.files.scans.read import read_recording, read_scan
 from truestand.files.scans.write_scan import write_recording
 
@@ -55,7 +56,7 @@ def test_a_gear_with_errors_does_not_conform(bench):
     schema = json.loads(files("truestand.files.records.schemas").joinpath("inspection.json").read_text())
     jsonschema.Draft202012Validator(schema).validate(record)
     truth = json.loads((bench / "truth.json").read_text())["part"]
-    for c in record["characteristics"]:
+    for c in judged_lines(record):
         if c["name"] in ("F_p", "f_p"):
             assert c["value_um"] == pytest.approx(truth[f"{c['name']}_{c['flank']}_um"], abs=1.0)
             assert c["U_um"] > 0 and c["limit_um"] in (12.0, 35.0)
@@ -77,7 +78,7 @@ def written(bench):
 def test_the_characteristics_as_csv(written):
     with (written / "c.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    lines = json.loads((written / "c.json").read_text())["characteristics"]
+    lines = judged_lines(json.loads((written / "c.json").read_text()))
     assert [(r["name"], r["flank"]) for r in rows] == [(c["name"], c["flank"] or "") for c in lines]
     assert float(rows[0]["value"]) == lines[0]["value_um"]
     assert rows[0]["verdict"] == lines[0]["verdict"]
@@ -181,11 +182,11 @@ def test_a_scan_from_another_table_angle_is_tied_by_the_shaft_in_view(bench, tur
     assert done.returncode == 1, done.stderr
     home, tied = (pitch(bench / name) for name in ("home.json", "turned.json"))
     for key, value in home.items():
-        assert tied[key] == pytest.approx(value, abs=1.0)
+        assert tied[key] == pytest.approx(value, abs=2.0)  # the noise of two scans of 214 points
 
 
 def pitch(path):
-    lines = json.loads(path.read_text())["characteristics"]
+    lines = judged_lines(json.loads(path.read_text()))
     return {(c["name"], c["flank"]): c["value_um"] for c in lines if c["name"] in ("F_p", "f_p")}
 
 

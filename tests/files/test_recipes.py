@@ -5,6 +5,7 @@ from math import radians
 import pytest
 
 from truestand.core.errors import BadRecipe
+from truestand.files.recipes.parts import part_of
 from truestand.files.recipes.recipes import (
     read_shaft,
     read_simulation,
@@ -161,3 +162,36 @@ def test_the_starters_are_valid_and_never_overwritten_unasked(tmp_path):
     with pytest.raises(BadRecipe, match="--force"):
         write_starters(tmp_path)
     assert paths[0].read_text() == "mine"
+
+
+GEAR = {
+    "kind": "gear", "teeth": 24, "module_mm": 2.0, "face_width_mm": 20.0, "face_from_mm": 5.0, "tip_diameter_mm": 52.0,
+    "root_diameter_mm": 43.0,
+}  # fmt: skip
+
+
+def test_limits_of_a_gear_as_drawings_state_them():
+    """One number is the largest that is allowed, either way of a deviation with a sign; or lower and upper."""
+    limits = {"F_p_um": 40, "f_Halpha_um": 12, "C_beta_um": [2.0, 8.0], "d_a_mm": [51.9, 52.0], "damage": "report"}
+    gear = part_of({**GEAR, "limits": limits, "classes": {"f_p": 6}, "missing_teeth": [3, 4]}, "gear.toml")
+    assert gear.limits == {
+        "F_p": (None, 0.04), "f_Halpha": (-0.012, 0.012), "C_beta": (0.002, 0.008), "d_a": (51.9, 52.0)
+    }  # fmt: skip
+    assert gear.class_of("f_p") == 6 and gear.class_of("F_p") is None
+    assert not gear.damage_decides and gear.missing_teeth == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"limits": {"f_p_mm": 0.04}}, "f_p_mm"),
+        ({"limits": {"f_p_um": [8.0, 2.0]}}, r"need \[lower, upper\]"),
+        ({"limits": {"f_p_um": -4.0}}, "f_p_um"),
+        ({"limits": {"damage": "ignore"}}, "damage"),
+        ({"classes": {"f_p": 13}}, "f_p"),
+        ({"missing_teeth": [25]}, "numbers from 1 to 24"),
+    ],
+)
+def test_a_mistake_in_the_limits_of_a_gear_is_named(changes, words):
+    with pytest.raises(BadRecipe, match=words):
+        part_of({**GEAR, **changes}, "gear.toml")

@@ -69,7 +69,7 @@ def test_lateral_offset_gives_opposite_profile_slopes():
     left, right = found["f_Halpha", "left"], found["f_Halpha", "right"]
     assert abs(left - right) / 2 == pytest.approx(abs(slope_of(lambda a: 50 * UM * np.cos(a))), abs=0.1 * UM)
     assert abs(left + right) / 2 < 0.4 * UM
-    assert any("a laser plane 50 um beside" in r for r in found["remarks"])
+    assert any("a laser plane 51 um beside" in r for r in found["remarks"])
 
 
 def test_line_skew_gives_opposite_helix_slopes():
@@ -114,7 +114,7 @@ def test_u_covers_calibrations_drawn_from_their_covariance():
         )
         surface = apply_calibration(few, drawn)
         flanks = find_flanks(surface, find_toothing(surface, involute(SPUR), datum_of(drawn, "base")))
-        found = figures_of(evaluate_flanks(flanks)[1], involute(SPUR))
+        found = figures_of(evaluate_flanks(flanks, few.step)[1], involute(SPUR))
         for name in names:
             nominal = {"s": np.pi, "W_k": 15.432923}.get(name[0], 0.0)
             value = found[name[0]] if name[1] is None else found[f"{name[0]} mean"][0]
@@ -161,23 +161,22 @@ def test_record_without_covariance_is_remarked():
 @cache
 def evaluated():
     surface = apply_calibration(scan_of(), true_calibration())
-    return evaluate_flanks(
-        find_flanks(surface, find_toothing(surface, involute(SPUR), datum_of(true_calibration(), "base")))
-    )
+    flanks = find_flanks(surface, find_toothing(surface, involute(SPUR), datum_of(true_calibration(), "base")))
+    return evaluate_flanks(flanks, scan_of().step)
 
 
 def test_u_of_an_input_is_the_same_for_either_sign_of_its_field():
     """The larger of both ways counts: ranges grow one way and shrink the other."""
-    weights, measures = evaluated()
-    field = 3 * UM * np.square(weights.grid.heights / weights.grid.heights.max()) + np.zeros(weights.grid.delta.shape)
-    U = [expanded((Influence("bend", s * field, 0.0, UM),), measures, weights)["bend"] for s in (1.0, -1.0)]
+    by, _ = evaluated()
+    field = 3 * UM * np.square(by.grid.heights / by.grid.heights.max()) + np.zeros(by.grid.delta.shape)
+    U = [expanded((Influence("bend", s * field, 0.0, UM),), by)["bend"] for s in (1.0, -1.0)]
     assert np.nanmax(U[0]["F_beta"]) > UM
     for name in U[0]:
         assert U[0][name] == pytest.approx(U[1][name], rel=1e-9, nan_ok=True), name
 
 
 def test_flanks_moved_alike_move_position_and_areal_mean_alike():
-    weights, measures = evaluated()
-    moved = evaluate(weights.grid.delta + 7 * UM, weights)
+    by, measures = evaluated()
+    moved = evaluate(by.grid.delta + 7 * UM, by)
     for name in ("position", "area"):
         assert getattr(moved, name) - getattr(measures, name) == pytest.approx(7 * UM, abs=1e-12, nan_ok=True), name

@@ -83,8 +83,12 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
 
 
 def _moved_out(calibration: Calibration, band: Witness) -> Calibration:
-    """The calibration with its sensor as far out as the band sees it, where that is farther than the band's doubt."""
-    if abs(band.radial) <= band.radial_U:
+    """The calibration with its sensor as far out as the band sees it, where that is farther than the band's U.
+
+    A surface that the calibration has not seen may have another diameter than drawn: it moves nothing.
+    """
+    known = {s.surface for s in calibration.static_profiles}
+    if abs(band.radial) <= band.radial_U or not known.issuperset(band.surfaces):
         return calibration
     pose = calibration.table_from_sensor
     moved = Pose(pose.rotation, pose.translation + np.array([band.radial, 0.0, 0.0]))

@@ -83,6 +83,8 @@ class Inspection:
     name: str
     characteristics: tuple[Characteristic, ...]
     defects: tuple[Defect, ...] = ()
+    without_damage: tuple[Characteristic, ...] = ()
+    """Those that damage touches once more, as if no reading had fallen on it: information, without a verdict."""
     reasons: tuple[str, ...] = ()
     """Why nothing may be decided; empty where the calibration, the angle and the datum may carry a verdict."""
     remarks: tuple[str, ...] = ()
@@ -101,6 +103,12 @@ class Inspection:
     """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
     created: str | None = None
     software: str = ""
+
+    def __post_init__(self) -> None:
+        """With reasons nothing is decided, no single line either."""
+        if self.reasons:
+            object.__setattr__(self, "characteristics", tuple(replace(c, verdict=None) for c in self.characteristics))
+            object.__setattr__(self, "defects", tuple(replace(d, verdict=None) for d in self.defects))
 
     @property
     def verdict(self) -> Verdict:

@@ -20,7 +20,7 @@ from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
-from truestand.gear.evaluate import Figures, Measures, Weights, evaluate, figures_of
+from truestand.gear.evaluate import Evaluation, Figures, evaluate, figures_of
 from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
@@ -114,13 +114,13 @@ def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
-def expanded(influences: tuple[Influence, ...], m: Measures, weights: Weights) -> dict[str, Figures]:
+def expanded(influences: tuple[Influence, ...], by: Evaluation) -> dict[str, Figures]:
     """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined."""
-    nominal, delta = weights.grid.nominal, np.nan_to_num(weights.grid.delta)
-    base = figures_of(m, nominal)
+    nominal, delta = by.grid.nominal, np.nan_to_num(by.grid.delta)
+    base = figures_of(evaluate(delta, by), nominal)
     by_input: dict[str, Figures] = {}
     for i in influences:
-        up, down = (figures_of(evaluate(delta + s * i.field, weights), nominal) for s in (1.0, -1.0))
+        up, down = (figures_of(evaluate(delta + s * i.field, by), nominal) for s in (1.0, -1.0))
         joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
         for n, value in base.items():
             joined[n] = np.hypot(joined[n], np.fmax(np.abs(up[n] - value), np.abs(down[n] - value)))
@@ -134,6 +134,8 @@ def lines_of(
     inputs = {i.name: i for i in influences}
     lines = []
     for source, figures in by_input.items():
+        if name not in figures:
+            continue
         U = float(figures[name][at])
         known = inputs.get(source)
         lines.append(Contribution(source, U, None if known is None else known.u,

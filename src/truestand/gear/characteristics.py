@@ -16,19 +16,23 @@ from truestand.apply.datum import Datum
 from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
 from truestand.core.errors import BadRecipe
-from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, decided, status_of
+from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Verdict, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.drawing import Gear, Standard
 from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
-from truestand.gear.grid import CLIP, HEIGHT_CELL, Coverage
+from truestand.gear.grid import HEIGHT_CELL, TRACE_SHARE, Coverage
 from truestand.gear.teeth import Diameter
+from truestand.gear.traces import CUTOFF_SHARE, LEAST_CUTOFF
 
 PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
+FORMS = frozenset({"F_alpha", "f_falpha", "F_beta", "f_fbeta"})
+"""What grows with every damage."""
 SIZES = ("s", "W_k", "M_d")
-LEFT_OUT = "damage left out"
+ON_TOP = "on top of a flank, or a second reflection"
+NOT_SEEN = "damage that was not seen whole"
 UM = 1000.0
 STEP = sqrt(2.0)
 CLASSES: dict[Standard, tuple[int, int]] = {"ISO 1328-1:2013": (1, 11), "ISO 1328-1:1995": (0, 12)}
@@ -37,6 +41,8 @@ MODULES_1995 = (0.5, 2, 3.5, 6, 10, 16, 25, 40, 70)
 WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
+DRAWING = "drawing"
+"""Where a limit comes from that the drawing states itself: it decides whatever it limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,40 +51,72 @@ class Assessment:
 
     nominal: Involute
     figures: Figures
+    without_damage: Figures
+    """The same as if no reading had fallen on damage,"""
+    without_top: Figures
+    """or on what lies on top of a flank."""
     expanded: dict[str, Figures]
     """U by the name of the input."""
     influences: tuple[Influence, ...]
     coverage: Coverage
     damage: tuple[Damage, ...]
-    """What the figures leave out,"""
     zones: dict[Zone, Mask]
-    """and from which cells (roll lengths, heights) they are read."""
+    """From which cells (roll lengths, heights) figures are read."""
+    there: Mask
+    """(teeth,): but for those that the drawing leaves out."""
     runout_per_delta: float
 
 
 def characteristics_of(a: Assessment, diameters: tuple[Diameter, ...]) -> tuple[Characteristic, ...]:
     """Whole gear first, then tooth by tooth."""
-    names = (*PITCH, *(name + AREAL for name in AREAL_NAMES))
-    lines = [_line(a, n, (side,)) for n in names for side in (0, 1)]
-    lines.append(_line(a, "F_r", ()))
-    lines += [_line(a, n + MEAN, (side,)) for n in MEANS for side in (0, 1)]
-    lines += [_line(a, n, ()) for n in SIZES]
+    of_gear, of_teeth = _places(a)
+    lines = [_line(a, name, at) for name, at in of_gear]
     lines += [_diameter(d, a.nominal.gear) for d in diameters]
-    teeth = range(a.nominal.gear.teeth)
-    lines += [_line(a, n, (side, tooth)) for n in PER_TOOTH for side in (0, 1) for tooth in teeth]
-    return tuple(lines)
+    return (*lines, *(_line(a, name, at) for name, at in of_teeth))
+
+
+def without_damage_of(a: Assessment) -> tuple[Characteristic, ...]:
+    """The lines that damage touches once more, as if no reading had fallen on it: information, without a verdict."""
+    found = []
+    for name, at in (place for places in _places(a) for place in places):
+        value = float(a.without_damage[name][at])
+        line = _measured(a, name, at)
+        if line.value is not None and _touching(a, line.name, at) and np.isfinite(value):
+            found.append(replace(line, value=value, limits=None, grade=None, verdict=None, standard=None))
+    return tuple(found)
+
+
+Place = tuple[str, tuple[int, ...]]
+"""Name of a figure, and where in its array it stands: (), (side,) or (side, tooth)."""
+
+
+def _places(a: Assessment) -> tuple[list[Place], list[Place]]:
+    """The figures of the whole gear, and those of its teeth, in the order of the report."""
+    sides = [(0,), (1,)]
+    pitch: list[Place] = [(n, s) for n in (*PITCH, *(name + AREAL for name in AREAL_NAMES)) for s in sides]
+    means: list[Place] = [(n + MEAN, s) for n in MEANS for s in sides]
+    sizes: list[Place] = [(n, ()) for n in SIZES]
+    teeth: list[Place] = [(n, (*s, int(tooth))) for n in PER_TOOTH for s in sides for tooth in np.flatnonzero(a.there)]
+    return [*pitch, ("F_r", ()), *means, *sizes], teeth
 
 
 def _line(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
+    line = _measured(a, name, at)
+    line = decided(line) if line.standard == DRAWING or line.name not in INFORMATIVE else line
+    return _with_damage(line, a, name, at) if line.value is not None else line
+
+
+def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
+    """A figure with its U and limits, damage included and not judged yet."""
     plain = name.removesuffix(MEAN)
     size = plain in SIZES
-    coverage = _coverage(a.coverage, plain, at)
+    coverage = _coverage(a, plain, at)
     status = status_of(coverage)
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))
     budget = lines_of(a.expanded, a.influences, name, at) if seen else ()
     limits, standard = _limits(a.nominal.gear, plain)
-    line = Characteristic(
+    return Characteristic(
         name=plain,
         value=value if seen else None,
         U=hypot(*(c.U for c in budget)) if seen else None,
@@ -92,27 +130,70 @@ def _line(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
         standard=standard,
         budget=budget,
     )
-    line = line if plain in INFORMATIVE else decided(line)
-    return _with_damage(line, a, at) if seen else line
 
 
-def _with_damage(line: Characteristic, a: Assessment, at: tuple[int, ...]) -> Characteristic:
-    """The line with what was left out of it in its U; undecided where that has no known depth."""
-    side, tooth = (*at, None, None)[:2]
-    regions = damage_in(a.damage, a.zones[_zone(line.name)], side, tooth)
+def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
+    """The line with what is not known of the damage that it reads in its U, and the verdict that is left of it."""
+    regions = _touching(a, line.name, at)
     if not regions:
         return line
-    gravest = max(regions, key=lambda d: (not d.resolved, abs(d.depth or 1e9)))
-    depths = [abs(d.depth or 0.0) for d in regions]
-    most = sum(depths) / a.nominal.gear.teeth if line.size else max(depths)
-    u = most * _per_delta(line.name, a) / sqrt(3.0)  # anywhere between none of it and all
-    budget = sorted((*line.budget, Contribution(LEFT_OUT, 2 * u, u, "rectangular")), key=lambda c: -c.U)
-    wider = replace(line, U=hypot(line.U or 0.0, 2 * u), grade=None, budget=tuple(budget), reason=gravest.text)
-    if line.verdict is None:
-        return wider
-    if not gravest.resolved:
-        return replace(wider, verdict="undecided")
-    return replace(decided(wider), capable=line.capable)  # U of a sound part is what the stand can do
+    value = line.value or 0.0
+    without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
+    found = replace(
+        line, grade=None, reason=max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0))).text
+    )
+    on_top = abs(value - (without_top if np.isfinite(without_top) else 0.0))
+    for cause, half in ((ON_TOP, on_top), (NOT_SEEN, _unknown_depth(regions, a, name) * _per_delta(name, a))):
+        if half:
+            budget = (*found.budget, Contribution(cause, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular"))
+            found = replace(found, U=hypot(found.U or 0.0, budget[-1].U), budget=budget)
+    found = replace(found, budget=tuple(sorted(found.budget, key=lambda c: -c.U)))
+    return found if line.verdict is None else replace(found, verdict=_verdict(line, found, without_top))
+
+
+def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
+    """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
+
+    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it. Areal figures read
+    the smooth flank, which damage has no part in.
+    """
+    if name.endswith(AREAL):
+        return 0.0
+    half_tooth = a.nominal.thickness / 2
+    depths = [half_tooth if d.hidden else 0.0 if d.resolved else abs(d.depth or 0.0) for d in regions]
+    mean = name.endswith(MEAN) or name in SIZES
+    return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths)
+
+
+def _per_delta(name: str, a: Assessment) -> float:
+    """By how much a figure may follow delta where it is read; a slope, on half of a flank."""
+    plain = name.removesuffix(MEAN)
+    if plain in PITCH or plain == "s":
+        return a.nominal.arc_per_delta * (2.0 if plain == "f_u" else 1.0)
+    others = {
+        "F_r": a.runout_per_delta, "M_d": 2 * a.runout_per_delta, "W_k": a.nominal.normal_per_delta,
+        "f_Halpha": 1.5, "f_Hbeta": 1.5,
+    }  # fmt: skip
+    return others.get(plain, 1.0)
+
+
+def _verdict(line: Characteristic, wider: Characteristic, without_top: float) -> Verdict | None:
+    """The verdict of a line that damage makes ``wider``.
+
+    What lies on top may be a second reflection: with it and without, the line must say the same. Forms and totals are
+    no less than what was seen.
+    """
+    if not np.isfinite(without_top) or decided(replace(line, value=without_top)).verdict != line.verdict:
+        return "undecided"
+    if line.verdict == "does_not_conform" and line.name in FORMS:
+        return line.verdict
+    return decided(wider).verdict
+
+
+def _touching(a: Assessment, name: str, at: tuple[int, ...]) -> tuple[Damage, ...]:
+    """The damage that a figure reads."""
+    side, tooth = (*at, None, None)[:2]
+    return damage_in(a.damage, a.zones[_zone(name)], side, tooth)
 
 
 def _zone(name: str) -> Zone:
@@ -121,34 +202,28 @@ def _zone(name: str) -> Zone:
     return "profile" if name in PROFILE_NAMES else "helix" if name in MEANS else "position"
 
 
-def _per_delta(name: str, a: Assessment) -> float:
-    """By how much a figure may follow one flank's delta."""
-    if name in PITCH or name == "s" or name.endswith(AREAL):
-        return a.nominal.arc_per_delta * (2.0 if name == "f_u" else 1.0)
-    others = {"F_r": a.runout_per_delta, "M_d": 2 * a.runout_per_delta, "W_k": a.nominal.normal_per_delta}
-    return others.get(name, 1.0)
-
-
-def _coverage(c: Coverage, name: str, at: tuple[int, ...]) -> float:
+def _coverage(a: Assessment, name: str, at: tuple[int, ...]) -> float:
     """Share of what the figure needs; of both flanks where it needs both."""
+    c = a.coverage
     which = c.profile if name in PROFILE_NAMES else c.helix if name in MEANS else c.position
     if not at:
-        return float(np.minimum(c.position[0], c.position[1]).mean())
-    return float(which[at].mean())
+        return float(np.minimum(c.position[0], c.position[1])[a.there].mean())
+    return float(which[at] if len(at) > 1 else which[at][a.there].mean())
 
 
 def _limits(g: Gear, name: str) -> tuple[tuple[float | None, float | None] | None, str | None]:
     if name in g.limits:
-        return g.limits[name], "drawing"
-    if g.accuracy_class is None or name in ("F_pk", "f_u") or not has_tolerance(name):
+        return g.limits[name], DRAWING
+    accuracy_class = g.class_of(name)
+    if accuracy_class is None or name in ("F_pk", "f_u") or not has_tolerance(name):
         return None, None
-    limit = tolerance(name, g, g.accuracy_class)
-    standard = f"{g.standard} class {g.accuracy_class}" + (" (informative)" if name in INFORMATIVE else "")
+    limit = tolerance(name, g, accuracy_class)
+    standard = f"{g.standard} class {accuracy_class}" + (" (informative)" if name in INFORMATIVE else "")
     return ((None, limit) if name in NEVER_NEGATIVE else (-limit, limit)), standard
 
 
 def _grade(g: Gear, name: str, value: float) -> int | None:
-    return reached(name, value, g) if g.accuracy_class is not None and has_tolerance(name) else None
+    return reached(name, value, g) if g.class_of(name) is not None and has_tolerance(name) else None
 
 
 def _diameter(d: Diameter, g: Gear) -> Characteristic:
@@ -158,7 +233,7 @@ def _diameter(d: Diameter, g: Gear) -> Characteristic:
     return decided(
         Characteristic(
             d.name, d.value if seen else None, d.U if seen else None, size=True, limits=limits, coverage=d.coverage,
-            status=status, standard="drawing" if limits else None, budget=d.budget if seen else (),
+            status=status, standard=DRAWING if limits else None, budget=d.budget if seen else (),
         )
     )  # fmt: skip
 
@@ -179,11 +254,14 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
         "slope deviations": "over the whole control length and face"
         if nominal.full_slopes
         else "over the evaluation ranges",
-        "position": "measuring circle, middle of the face, from a quadratic over the flank's evaluation area; areal: "
-        "its mean over that area",
-        "traces": "means across the flank's other direction; deviations along the base tangent, transverse",
-        "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {HEIGHT_CELL:g} mm of height; "
-        f"points beyond {CLIP:g} robust sigma of a cell's median have no vote; no further filter",
+        "position": f"measuring circle, middle of the face +- {TRACE_SHARE:.0%} of its width, between the nearest "
+        "profiles; areal: mean of a quadratic over the flank's evaluation area",
+        "traces": f"profile at the middle of the face +- {TRACE_SHARE:.0%}, helix on the measuring circle; deviations "
+        "along the base tangent, transverse, damage included",
+        "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {HEIGHT_CELL:g} mm of height; single "
+        "readings that nothing bears out are left out",
+        "low-pass": f"Gaussian, 50 % at a wavelength of 1/{1 / CUTOFF_SHARE:.0f} of the evaluation length or the face, "
+        f"{LEAST_CUTOFF:g} mm at least, for form and total deviations",
         "maxima": "freed of what noise alone lifts them by",
         "ball": f"{nominal.ball_diameter:.2f} mm",
         "span": f"{nominal.span_teeth} teeth",

@@ -1,32 +1,34 @@
-"""What a flank's figures leave out: regions whose readings depart together, and regions that no reading confirms.
+"""Damage of flanks: regions whose readings depart together, and regions that no reading confirms.
 
-The weights that keep outliers out of the figures (``evaluate.weights_of``) also keep out a groove; cells leave out a
-minority of their readings (``grid.CLIP``); readings too far from their flank are cut away before
-(``flanks.GATE``). One cell that departs is dirt, a region of cells is material. Its depth goes into U of every figure
-that is read there; where the depth isn't known, or a flank doesn't show what the same flank of most teeth shows, the
-figure is undecided.
+Figures take damage in, as the standards define them (``traces``). What is found here is named, told apart from the rest
+of a flank, and decides what a figure may say: material on top may be a second reflection, a region that no reading
+confirms may hide anything, and a groove narrower than three profiles may be deeper than they saw. One cell that departs
+is dirt, a region of cells is material.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
-from truestand.gear.evaluate import Weights, residuals
 from truestand.gear.flanks import Flanks
-from truestand.gear.geometry import FLANKS
-from truestand.gear.grid import Grid, bridge_gaps, cell_of, step_on_flank
+from truestand.gear.geometry import FLANKS, Involute
+from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
+from truestand.gear.smooth_flanks import SmoothFlanks, residuals
 
 Zone = Literal["profile", "helix", "position", "area"]
 
-LEFT_OUT = 0.1
-"""Weight below which a cell is left out: 3.9 robust standard deviations off."""
+FAR_OFF = 0.1
+"""Weight in its smooth flank below which a cell departs from it: 3.9 robust standard deviations off."""
 DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 """Robust standard deviations by which a reading departs; share and number of such readings that mark a cell."""
 LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
+MOST_EMPTY = 0.05
+"""Share of the cells that most teeth show which may be empty before single empty cells say nothing."""
 UNSEEN = 0.25
 """Weight of a cell that is merely not seen: readings get lost on sound flanks too."""
 DEPTH_QUANTILE = 0.98
@@ -35,17 +37,19 @@ CONFIRMED = 0.5
 """Of a cell's usual readings: with fewer on the flank and as many outside the gate, the cell is not confirmed."""
 ON_MOST = 0.75
 """Share of the teeth that must show a cell for it to be missed on the others."""
-TRACE_SHARE = 1 / 20
-"""Share of the face to either side of its middle in which profile and position are read."""
 STEPS_ACROSS = 3.0
 """Steps of the table that a region must be wide for its depth to be known."""
+MOST_SHADOW = 0.25
+"""Share of its width over which the edge's shadow may reach, as deep as it was seen, for its bottom to be seen."""
+LEAST_STEPS = 1.5
+"""Steps of the table that it must be wide for its depth to be known to a half."""
 STEPS_BESIDE = 1.5
 """Steps of the table to either side of the measuring circle over which position and helix are read."""
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A region of one flank that its figures leave out."""
+    """A region of one flank that departs from the rest of it, or that no reading confirms."""
 
     side: int
     """0 left, 1 right."""
@@ -54,68 +58,98 @@ class Damage:
     cells: Mask
     """(roll lengths, heights)."""
     depth: float | None
-    """mm by which its readings depart, positive into the material; None: not seen, or outside the gate."""
-    outside_gate: bool
-    """Whether readings lie outside the gate instead, ``flanks.GATE`` mm and more from the flank."""
+    """mm by which its readings depart, positive into the material; None: not seen."""
     resolved: bool
-    """Whether profiles enough cross it to tell its depth."""
+    """Whether profiles enough cross it to tell its depth,"""
+    hidden: bool
+    """and whether its bottom may lie in the shadow of its edge or between two profiles, or nothing of it was seen."""
     rolls: tuple[float, float]
     """mm, from and to."""
     heights: tuple[float, float]
     """mm in C, from and to."""
 
     @property
+    def on_top(self) -> bool:
+        """Whether its readings lie above the flank: a second reflection looks like that, too."""
+        return self.depth is not None and self.depth < 0
+
+    @property
     def text(self) -> str:
-        """Where it is, and what was left out."""
+        """Where it is, and what it is."""
         (a, b), (c, d) = self.rolls, self.heights
         flank = f"tooth {self.tooth + 1} {FLANKS[self.side]}"
         where = f"{flank}, roll length {a:.1f} to {b:.1f} mm, height {c:.1f} to {d:.1f} mm"
         if self.depth is None:
             return f"{where}: the flank is not seen where other teeth show it"
-        least = "" if self.resolved else "at least "
+        least = "" if self.resolved and not self.hidden else "at least "
         side = "below" if self.depth > 0 else "above"
         return f"{where}: readings {least}{1000 * abs(self.depth):.0f} um {side} the flank"
 
 
-def damage_of(flanks: Flanks, weights: Weights, step: float) -> tuple[Damage, ...]:
-    """Regions of cells inside the evaluation ranges that the figures leave out, tooth by tooth.
+def with_deep_damage(flanks: Flanks) -> Flanks:
+    """The flanks with the readings outside the gate where they stand instead of the flank's: it is broken there."""
+    grid, outside = grid_of(flanks), flanks.outside_gate
+    cut = _cut(flanks, grid)
+    cell = cell_of(outside, grid.nominal, grid.rolls.size, grid.edges)
+    return flanks.joined([outside.select(cut.reshape(-1)[cell])]) if cut.any() else flanks
 
-    ``step``: table angle from one profile to the next, rad.
+
+def damage_of(flanks: Flanks, smooth: SmoothFlanks, step: float, radial: float, there: Mask) -> tuple[Damage, ...]:
+    """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
+
+    ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
+    at the axis; ``there`` (teeth,): teeth that the drawing has.
     """
-    grid, teeth = weights.grid, weights.grid.nominal.gear.teeth
-    rest = residuals(grid.delta, weights)
-    cell = cell_of(flanks, grid.nominal, *grid.delta.shape[2:])
+    grid, teeth = smooth.grid, smooth.grid.nominal.gear.teeth
+    rest = residuals(grid.delta, smooth)
+    cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
-    left_out = (weights.weight.reshape(rest.shape) < LEFT_OUT) & np.isfinite(grid.delta)
+    far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
     far = DEPARTS * grid.scatter
-    unconfirmed, outside_gate = _unconfirmed(flanks, grid, step)
     found = []
     for sign, count in (
-        (1, (left_out & (rest < 0)) | _departing(cell[depth > far], grid)),
-        (-1, (left_out & (rest > 0)) | _departing(cell[depth < -far], grid)),
-        (0, unconfirmed),
+        (1, (far_off & (rest < 0)) | _departing(cell[depth > far], grid)),
+        (-1, (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)),
+        (0, _not_seen(grid, step, there)),
     ):
-        count = np.where(grid.in_ranges, count, 0.0)
+        count = np.where(grid.in_ranges & there[:, None, None], count, 0.0)
         bridged = bridge_gaps(count > 0, grid, step)
         for side, tooth in np.argwhere((count > 0).any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             for region in _regions(count[side, tooth], bridged[side, tooth]):
                 depths = depth[own[region.reshape(-1)[cell[own] % region.size]]] if sign else None
-                found.append(_damage(grid, int(side), int(tooth), region, depths, sign, step, outside_gate))
+                found.append(_damage(grid, int(side), int(tooth), region, depths, sign, step, radial))
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
 
+def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:
+    """The grid as if no reading had fallen on damage, nor beyond the evaluation ranges of flanks that have any."""
+    count, delta = grid.count.copy(), grid.delta.copy()
+    for d in damages:
+        left_out = d.cells | ~grid.in_ranges[d.side, d.tooth]
+        count[d.side, d.tooth][left_out], delta[d.side, d.tooth][left_out] = 0.0, np.nan
+    return replace(grid, count=count, delta=delta)
+
+
 def _damage(
-    grid: Grid, side: int, tooth: int, region: Mask, depths: Array | None, sign: int, step: float, outside_gate: Mask
+    grid: Grid, side: int, tooth: int, region: Mask, depths: Array | None, sign: int, step: float, radial: float
 ) -> Damage:
-    """One region, with the ``depths`` (n,) mm of its readings; None: the flank is not confirmed there."""
+    """One region, with the ``depths`` (n,) mm of its readings; None: no reading shows the flank there."""
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
     heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
     if depths is None:
-        return Damage(side, tooth, region, None, bool(outside_gate[side, tooth][region].any()), False, rolls, heights)
+        return Damage(side, tooth, region, None, False, True, rolls, heights)
     depth = sign * float(np.quantile(sign * depths, DEPTH_QUANTILE))
-    coarse = STEPS_ACROSS * float(step_on_flank(grid.nominal, sum(rolls) / 2, step))
-    return Damage(side, tooth, region, depth, False, rolls[1] - rolls[0] >= coarse, rolls, heights)
+    middle, width = sum(rolls) / 2, rolls[1] - rolls[0]
+    steps = width / float(step_on_flank(grid.nominal, middle, step))
+    hidden = steps < LEAST_STEPS or depth * _shadow(grid.nominal, middle, radial) > MOST_SHADOW * width
+    return Damage(side, tooth, region, depth, steps >= STEPS_ACROSS, hidden, rolls, heights)
+
+
+def _shadow(nominal: Involute, roll: float, radial: float) -> float:
+    """How far (mm) along the flank an edge of 1 mm hides what lies behind it: the tangent of the incidence."""
+    facing = radial * roll / float(nominal.radius(np.asarray(roll)))
+    return sqrt(1.0 - facing**2) / max(facing, 1e-3)
 
 
 def _departing(cell: NDArray[np.int64], grid: Grid) -> Mask:
@@ -124,25 +158,37 @@ def _departing(cell: NDArray[np.int64], grid: Grid) -> Mask:
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
 
 
-def _unconfirmed(flanks: Flanks, grid: Grid, step: float) -> tuple[Array, Mask]:
-    """Weights of cells (2, teeth, roll lengths, heights) that a flank doesn't show and that of most teeth does.
+def _cut(flanks: Flanks, grid: Grid) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) where readings lie outside the gate instead of on the flank."""
+    at = cell_of(flanks.outside_gate, grid.nominal, grid.rolls.size, grid.edges)
+    outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
+    enough = np.maximum(CONFIRMED * grid.usual, FEW)
+    return np.asarray((outside >= enough) & (grid.count < enough) & grid.in_ranges)
 
-    1 where readings lie outside the gate instead, less where none are there, and no more than profiles fall on them.
-    And where readings lie outside the gate.
+
+def _not_seen(grid: Grid, step: float, there: Mask) -> Array:
+    """Weights of cells (2, teeth, roll lengths, heights) that a flank doesn't show and most teeth ``there`` do.
+
+    No more than profiles fall on them.
     """
     nominal = grid.nominal
     advance = step_on_flank(nominal, grid.rolls, step)
     lowest = grid.rolls - nominal.control_roll < step_on_flank(nominal, nominal.control_roll, step)
     shown = bridge_gaps(grid.solid, grid, step)
     shown |= bridge_gaps(grid.solid, grid, 2 * step) & lowest[:, None]  # no profile may lie below the first one
-    at = cell_of(flanks.outside_gate, nominal, *grid.delta.shape[2:])
-    outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
-    enough = np.maximum(CONFIRMED * grid.usual, FEW)
-    cut = (outside >= enough) & (grid.count < enough)
-    missed = ~shown | cut
-    missed &= (~missed).mean(axis=1, keepdims=True) >= ON_MOST
+    on_most = shown[:, there].mean(axis=1, keepdims=True) >= ON_MOST
+    if np.mean(~shown & on_most) > MOST_EMPTY * np.mean(on_most):
+        shown = _with_neighbours(shown)  # readings get lost everywhere: only what is empty all round is missed
+    missed = ~shown & on_most
     profiles = np.minimum(nominal.gear.evaluation.resolution / advance, 1.0)[:, None]
-    return np.where(missed, np.where(cut, 1.0, UNSEEN) * profiles, 0.0), cut
+    return np.where(missed, UNSEEN * profiles, 0.0)
+
+
+def _with_neighbours(cells: Mask) -> Mask:
+    """The same cells (2, teeth, roll lengths, heights) and those beside them."""
+    from scipy.ndimage import binary_dilation
+
+    return np.asarray(binary_dilation(cells, np.ones((1, 1, 3, 3), dtype=bool)))
 
 
 def _regions(count: Array, bridged: Mask) -> list[Mask]:

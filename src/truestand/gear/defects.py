@@ -12,14 +12,14 @@ from math import pi, sqrt
 import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
-from truestand.core.inspection import Defect, Flank
+from truestand.core.inspection import Defect, Flank, Verdict
 from truestand.core.robust import MAD_TO_SD, robust_sd
 from truestand.gear.damage import Damage
-from truestand.gear.evaluate import residuals, weights_of
 from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Coverage, Grid, grid_of
-from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, tooth_defects
+from truestand.gear.smooth_flanks import residuals, smooth_flanks
+from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, teeth_there, tooth_defects
 
 HEIGHT_CELL = 0.25
 """mm: finer than for the figures."""
@@ -67,11 +67,13 @@ def find_defects(
     nominal = flanks.toothing.nominal
     of_teeth = tooth_defects(folded, nominal, flank_heights(flanks))
     missing = {d.tooth for d in of_teeth if d.kind == "missing tooth"}
+    there = teeth_there(folded, nominal)
+    of_teeth = tuple(d for d in of_teeth if d.tooth is None or there[d.tooth - 1])
     if not coverage.position.any():
         return of_teeth, None
     grid = grid_of(_below_tips(flanks, folded, scatter), HEIGHT_CELL)
-    weights = weights_of(grid, whole_flank=True)
-    residual = _without_outliers(np.where(_full(grid), residuals(grid.median, weights), np.nan))
+    rest = residuals(grid.median, smooth_flanks(grid, whole_flank=True))
+    residual = _without_outliers(np.where(_full(grid), rest, np.nan))
     found_map = DefectMap(residual, _scores(residual, grid), grid.rolls, grid.heights)
     found = [
         d for d in _on_flanks(found_map, grid) if d.tooth not in missing and not _beside_chip(d, of_teeth, nominal)
@@ -80,19 +82,22 @@ def find_defects(
 
 
 def chipped_flanks(damage: tuple[Damage, ...], defects: tuple[Defect, ...]) -> tuple[Defect, ...]:
-    """Regions of flanks deeper than a tooth may be broken: chips, unless the sensor was deceived.
+    """Regions of flanks deeper than a tooth may be broken: chips.
 
-    Of teeth that ``defects`` name as broken they say nothing new.
+    They decide where profiles enough cross them. Of teeth that ``defects`` name as broken they say nothing new.
     """
     broken = {d.tooth for d in defects if d.verdict is not None}
     found = []
     for d in damage:
-        if d.tooth + 1 in broken or (not d.outside_gate and (d.depth or 0.0) <= TOOTH_DEPTH + CHIP_GUARD):
+        if d.tooth + 1 in broken or (d.depth or 0.0) <= TOOTH_DEPTH - CHIP_GUARD:
             continue
         (a, b), (c, e) = d.rolls, d.heights
         middle, extent = ((a + b) / 2, (c + e) / 2), max(b - a, e - c)
+        verdict: Verdict = "undecided"
+        if d.resolved and (d.depth or 0.0) > TOOTH_DEPTH + CHIP_GUARD:
+            verdict = "does_not_conform"
         flank: Flank = FLANKS[d.side]
-        found.append(Defect(d.tooth + 1, flank, *middle, d.depth, extent, "chipped flank", 0.0, verdict="undecided"))
+        found.append(Defect(d.tooth + 1, flank, *middle, d.depth, extent, "chipped flank", 0.0, verdict=verdict))
     return tuple(found)
 
 

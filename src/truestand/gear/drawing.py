@@ -80,9 +80,15 @@ class Gear:
     evaluation: Evaluation = field(default_factory=Evaluation)
     modification: Modification = field(default_factory=Modification)
     limits: dict[str, tuple[float | None, float | None]] = field(default_factory=dict, hash=False)
-    """Limits of sizes (s, W_k, M_d, d_a, d_f), mm."""
+    """Lower and upper limit by the characteristic's name, mm; before those of a class."""
+    classes: dict[str, int] = field(default_factory=dict, hash=False)
+    """Accuracy class by the characteristic's name, where it is another than ``accuracy_class``."""
     defect_depth: float | None = None
     """Limit for defects; None: they don't decide."""
+    damage_decides: bool = True
+    """Whether missing, broken and chipped teeth decide; else they are only listed."""
+    missing_teeth: tuple[int, ...] = ()
+    """Numbers of teeth that the drawing leaves out (sector gears); counted from any of them, ccw."""
 
     def __post_init__(self) -> None:
         reference = self.teeth * self.module / cos(self.helix_angle)
@@ -92,11 +98,17 @@ class Gear:
                 f"found tip_diameter_mm {self.tip_diameter:g} and root_diameter_mm {self.root_diameter:g}; "
                 "need a tip above the root"
             )
+        if any(n > self.teeth for n in self.missing_teeth):
+            raise BadRecipe(f"found missing_teeth {list(self.missing_teeth)}, need numbers from 1 to {self.teeth}")
         if not base * 0.98 < self.tip_diameter < 2 * reference:
             raise BadRecipe(
                 f"found tip_diameter_mm {self.tip_diameter:g} with {self.teeth} teeth of module {self.module:g} "
                 f"(reference diameter {reference:.3f} mm); check teeth, module_mm, helix_angle_deg and tip_diameter_mm"
             )
+
+    def class_of(self, name: str) -> int | None:
+        """The accuracy class of a characteristic; None: it has none."""
+        return self.classes.get(name, self.accuracy_class)
 
     @property
     def face_to(self) -> float:

@@ -7,9 +7,10 @@ Every point between root and tip gets its tooth and flank from its polar angle, 
 its deviation along the base tangent, positive outwards. One number is found first: the polar angle of the first tooth.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import pi
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ LEAST_POINTS, LEAST_TOGETHER = 10, 0.4
 MATCH = 0.05
 """Modules of delta about the flank found, within which a point confirms the drawing."""
 COLUMNS = ("delta", "roll", "height", "flank", "profile", "index")
-"""Of ``Flanks``, one value a point."""
+"""Of ``FlankPoints``, one value a point."""
 AT_ZERO = 3.5e-4
 """rad (0.02 degrees): a tooth whose centre is seen just below polar angle 0 is tooth 1 still; noise must not decide."""
 
@@ -70,35 +71,35 @@ class Toothing:
 class FlankPoints:
     """Points and the flank that each one belongs to. (n,) arrays; side 0 = left, 1 = right; tooth from 0."""
 
+    delta: Array
+    """mm, against the design: modifications are no deviations."""
     roll: Array
     """mm."""
     height: Array
     """mm in C."""
     flank: Ints
     """side * teeth + tooth."""
-
-
-@dataclass(frozen=True, slots=True)
-class Flanks:
-    """The points that lie on flanks. (n,) arrays; side 0 = left, 1 = right; tooth from 0."""
-
-    delta: Array
-    """mm, against the design: modifications are no deviations."""
-    roll: Array
-    height: Array
-    flank: Ints
-    """side * teeth + tooth."""
     profile: Ints
     """Row of the scan."""
     index: NDArray[np.int64]
     """Reading of the scan, row * points + point."""
+
+    def select(self, mask: Mask) -> Self:
+        """Some of the points, by a mask (n,)."""
+        return replace(self, **{name: getattr(self, name)[mask] for name in COLUMNS})
+
+    def joined(self, others: Sequence["FlankPoints"]) -> Self:
+        """These points and others, one after the other."""
+        return replace(self, **{n: np.concatenate([getattr(p, n) for p in (self, *others)]) for n in COLUMNS})
+
+
+@dataclass(frozen=True, slots=True)
+class Flanks(FlankPoints):
+    """The points that lie on flanks."""
+
     toothing: Toothing
     outside_gate: FlankPoints
     """The points that lie where this toothing should, but ``GATE`` and more from the flank."""
-
-    def select(self, mask: Mask) -> "Flanks":
-        """Some of the points, by a mask (n,); those outside the gate stay."""
-        return replace(self, **{name: getattr(self, name)[mask] for name in COLUMNS})
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +154,10 @@ def find_flanks(surface: Surface, toothing: Toothing) -> Flanks:
     bottom, top = flank_heights(found)
     lowest = bottom + END_MARGIN if bottom > nominal.gear.face_from else -np.inf
     highest = top - END_MARGIN if top < nominal.gear.face_to else np.inf
-    on_face = (found.height > lowest) & (found.height < highest)
-    return found if on_face.all() else found.select(on_face)
+    on_face, outside = ((p.height > lowest) & (p.height < highest) for p in (found, found.outside_gate))
+    if on_face.all() and outside.all():
+        return found
+    return replace(found.select(on_face), outside_gate=found.outside_gate.select(outside))
 
 
 def flank_heights(flanks: Flanks) -> tuple[float, float]:
@@ -188,7 +191,9 @@ def _on_flanks(points: ToothedZone, toothing: Toothing, origins: Array | None, c
     if origins is not None:
         on[on] = _facing(points.select(on), flank[on], origins[profile[on]], nominal) > LEAST_FACING
     number = flank.astype(np.int32)
-    beside = FlankPoints(roll[outside], points.height[outside], number[outside])
+    beside = FlankPoints(
+        delta[outside], roll[outside], points.height[outside], number[outside], profile[outside], points.index[outside]
+    )  # fmt: skip
     return Flanks(
         delta[on], roll[on], points.height[on], number[on], profile[on], points.index[on], toothing, beside
     )  # fmt: skip
@@ -196,10 +201,8 @@ def _on_flanks(points: ToothedZone, toothing: Toothing, origins: Array | None, c
 
 def _joined(parts: list[Flanks]) -> Flanks:
     """The points of all blocks of profiles."""
-    outside = [p.outside_gate for p in parts]
-    beside = FlankPoints(*(np.concatenate([getattr(o, name) for o in outside]) for name in FlankPoints.__slots__))
-    columns: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in COLUMNS}
-    return replace(parts[0], **columns, outside_gate=beside)
+    first, *others = parts
+    return replace(first.joined(others), outside_gate=first.outside_gate.joined([p.outside_gate for p in others]))
 
 
 def _sensor_origins(surface: Surface, datum: Datum) -> Array | None:

@@ -1,7 +1,7 @@
 """Flank points reduced to cells of roll length times height, one grid a tooth and flank: what everything is read from.
 
-A cell's value is the mean of the points about its median: outliers don't count. Its median of *all* points is kept
-beside it, because trimming would hide a deep dent.
+A cell's value is the mean of its points, outliers among them are out already (``lone_readings``). Its median stands
+beside it for the search for defects. Cells have edges where traces have theirs: at the middle of the face +- b / 20.
 
 Radial rays sample a flank coarsely near its root: one step of the table covers rb dtheta / sin^2 alpha of roll length.
 A cell between two profiles is not hidden, so it counts as seen when its neighbours within one such step are.
@@ -20,8 +20,10 @@ from truestand.gear.geometry import Involute
 
 HEIGHT_CELL = 0.5
 """mm."""
+TRACE_SHARE = 1 / 20
+"""Share of the face to either side of its middle in which profile and position are read."""
 CLIP = 3.5
-"""Robust standard deviations about a cell's median within which a point counts."""
+"""Robust standard deviations about a cell's median within which a point is no outlier."""
 MEDIAN_SPAN = 16 * GATE
 """mm of delta in which medians are found: the published compensation moves teeth by millimetres."""
 LEAST_SHARE = 0.25
@@ -55,10 +57,15 @@ class Grid:
     """Points."""
     rolls: Array
     """(roll lengths,) mm, cell centres."""
-    heights: Array
-    """(heights,) mm in C, cell centres."""
+    edges: Array
+    """(heights + 1,) mm in C, of the cells."""
     scatter: float
     """Robust standard deviation of a point within its cell, mm."""
+
+    @property
+    def heights(self) -> Array:
+        """(heights,) mm in C, cell centres."""
+        return np.asarray((self.edges[:-1] + self.edges[1:]) / 2)
 
     @property
     def seen(self) -> Mask:
@@ -68,8 +75,7 @@ class Grid:
     @property
     def size(self) -> tuple[float, float]:
         """Roll length and height (mm) of a cell."""
-        bottom, top = _face(self.nominal)
-        return self.nominal.control_length / self.rolls.size, (top - bottom) / self.heights.size
+        return self.nominal.control_length / self.rolls.size, float(np.ptp(self.edges)) / (self.edges.size - 1)
 
     @property
     def usual(self) -> Array:
@@ -100,51 +106,54 @@ class Coverage:
 
 
 def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
-    """The cells of all flanks, (2, teeth, roll lengths, heights), ``height_cell`` mm high."""
+    """The cells of all flanks, (2, teeth, roll lengths, heights), about ``height_cell`` mm high."""
     nominal = flanks.toothing.nominal
-    bottom, top = _face(nominal)
-    rolls = ceil(nominal.control_length / nominal.gear.evaluation.resolution)
-    heights = max(1, ceil((top - bottom) / height_cell))
-    shape = (2, nominal.gear.teeth, rolls, heights)
-    cell = cell_of(flanks, nominal, rolls, heights)
+    rolls, edges = ceil(nominal.control_length / nominal.gear.evaluation.resolution), height_edges(nominal, height_cell)
+    shape = (2, nominal.gear.teeth, rolls, edges.size - 1)
+    cell = cell_of(flanks, nominal, rolls, edges)
     cells = int(np.prod(shape))
-    median, count = medians(cell, flanks.delta, cells, MEDIAN_SPAN)
-    count = _without_outliers(count.reshape(2 * nominal.gear.teeth, -1)).reshape(-1)
-    median = np.where(count > 0, median, np.nan)
+    median, number = medians(cell, flanks.delta, cells, MEDIAN_SPAN)
+    count = _without_outliers(number.reshape(2 * nominal.gear.teeth, -1)).reshape(-1)
     off = np.abs(flanks.delta - median[cell])
-    known = off[np.isfinite(off)]
-    scatter = max(robust_sd(known) if known.size else 0.0, LEAST_SPREAD)
-    inliers = off < CLIP * scatter
-    number = np.bincount(cell[inliers], minlength=cells)
 
     def mean(values: Array) -> Array:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.bincount(cell[inliers], values[inliers], minlength=cells) / number).reshape(shape)
+        total = np.bincount(cell, values, minlength=cells)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
-    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), centres_of(bottom, top, heights)
+    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), (edges[:-1] + edges[1:]) / 2
     roll, height = mean(flanks.roll), mean(flanks.height)
     return Grid(
         nominal,
         mean(flanks.delta),
-        median.reshape(shape),
+        np.where(count > 0, median, np.nan).reshape(shape),
         np.where(np.isnan(roll), centres[0][:, None], roll),
         np.where(np.isnan(height), centres[1], height),
         count.reshape(shape).astype(np.float64),
-        *centres,
-        scatter,
+        centres[0],
+        edges,
+        max(robust_sd(off) if off.size else 0.0, LEAST_SPREAD),
     )
 
 
-def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, heights: int) -> NDArray[np.int64]:
+def height_edges(nominal: Involute, height_cell: float) -> Array:
+    """Edges (n,) mm, C, of cells about ``height_cell`` mm high: some between the ends of the band in which profiles are
+    read, some below, as many above.
+    """
+    bottom, top = nominal.gear.face_from + END_MARGIN, nominal.gear.face_to - END_MARGIN
+    half = TRACE_SHARE * nominal.gear.face_width
+    low, high = nominal.middle - half, nominal.middle + half
+    within = max(1, round(2 * half / height_cell))
+    beside = max(1, ceil((low - bottom) / height_cell - 1e-9))
+    parts = np.linspace(bottom, low, beside + 1), np.linspace(low, high, within + 1), np.linspace(high, top, beside + 1)
+    return np.concatenate([parts[0], parts[1][1:], parts[2][1:]])
+
+
+def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, edges: Array) -> NDArray[np.int64]:
     """Flat index (n,) of the cell, among (2, teeth, rolls, heights), in which each point lies."""
+    heights = edges.size - 1
     i = bin_index(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
-    j = bin_index(points.height, *_face(nominal), heights)
+    j = np.clip(np.searchsorted(edges, points.height, side="right") - 1, 0, heights - 1)
     return np.asarray((points.flank.astype(np.int64) * rolls + i) * heights + j)
-
-
-def _face(nominal: Involute) -> tuple[float, float]:
-    """Heights between which flanks have cells."""
-    return nominal.gear.face_from + END_MARGIN, nominal.gear.face_to - END_MARGIN
 
 
 def _usual(count: NDArray[np.generic]) -> Array:

@@ -1,39 +1,42 @@
 """The inspection of a gear, from the rolled-up scan to characteristics with their uncertainty and verdict."""
 
 from dataclasses import dataclass, replace
-from math import cos
+from math import cos, hypot
 
 import numpy as np
 
 from truestand.apply.datum import datum_of
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration
+from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.angle import AngleCorrection, correct_angle
 from truestand.gear.budget import expanded, influences_of, radial_lines
-from truestand.gear.characteristics import Assessment, characteristics_of, settings_of
-from truestand.gear.damage import damage_of, zones_of
+from truestand.gear.characteristics import Assessment, characteristics_of, settings_of, without_damage_of
+from truestand.gear.damage import Damage, damage_of, with_deep_damage, without_damage, zones_of
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
+    Evaluation,
+    Figures,
     Measures,
-    Weights,
-    corrected,
+    bias_of,
     evaluate,
+    evaluation_of,
     figures_of,
-    noise_of,
     pitch_extremes,
-    weights_of,
+    sampling_of,
 )
 from truestand.gear.flanks import Flanks, find_flanks, find_toothing
-from truestand.gear.geometry import FLANKS, Involute, involute, pitch_span
+from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import Coverage, Grid, coverage_of, grid_of
+from truestand.gear.lone_readings import without_lone_readings
 from truestand.gear.match import check_drawing
 from truestand.gear.remarks import remarks_of, unevenness
-from truestand.gear.teeth import FoldedMap, fold, tip_and_root
+from truestand.gear.smooth_flanks import areal_positions, smooth_flanks
+from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
 
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""
@@ -51,8 +54,6 @@ class GearEvidence:
     """Polar angle (rad, about the datum axis) of the centre of tooth 1 at the middle of the face."""
     grid: Grid
     measures: Measures
-    rolls: Array
-    """(2, teeth, n): where the points of ``measures.profile`` lie."""
     coverage: Coverage
     folded: FoldedMap | None = None
     defect_map: DefectMap | None = None
@@ -73,37 +74,54 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     flanks = find_flanks(surface, find_toothing(surface, nominal, datum))
     reasons = _reasons(surface, flanks, calibration)
     correction = correct_angle(surface, flanks, scan, calibration)
-    flanks, scan = correction.flanks, correction.scan
-    weights, measures = evaluate_flanks(flanks)
-    coverage = coverage_of(weights.grid, scan.step)
+    flanks, scan = _borne_out(correction), correction.scan
+    complete = with_deep_damage(flanks)
+    by, measures = evaluate_flanks(complete, scan.step)
+    coverage = coverage_of(by.grid, scan.step)
     folded = fold(correction.surface, flanks.toothing)
-    assessment = _assess(correction, weights, measures, coverage)
-    defects, defect_map = find_defects(flanks, folded, coverage, weights.grid.scatter)
+    there = teeth_there(folded, nominal)
+    damage = damage_of(complete, by.smooth, scan.step, _radial_share(correction.calibration), there)
+    assessment = _assess(correction, by, measures, coverage, damage, there)
+    defects, defect_map = find_defects(flanks, folded, coverage, by.grid.scatter)
+    defects = (*defects, *chipped_flanks(damage, defects))
+    if not gear.damage_decides:
+        defects = tuple(replace(d, verdict=None) for d in defects)
     published = _published(flanks, scan, correction.calibration)
     diameters = tip_and_root(folded, nominal, radial_lines(assessment.influences))
     return Inspection(
         kind="gear",
         name=gear.name,
         characteristics=characteristics_of(assessment, diameters),
-        defects=(*defects, *chipped_flanks(assessment.damage, defects)),
+        without_damage=without_damage_of(assessment),
+        defects=defects,
         reasons=(*reasons, *unevenness(correction)),
-        remarks=remarks_of(correction, coverage, assessment.damage, measures),
+        remarks=remarks_of(correction, coverage, damage, measures),
         settings=settings_of(nominal, datum, scan),
         defect_depth=gear.defect_depth,
-        deviation=_deviation(flanks, surface),
+        deviation=_deviation(complete, surface),
         evidence=GearEvidence(
-            nominal, flanks.toothing.first_tooth, weights.grid, measures, weights.rolls.reshape(2, gear.teeth, -1),
-            coverage, folded, defect_map, published,
+            nominal, flanks.toothing.first_tooth, by.grid, measures, coverage, folded, defect_map, published
         ),
         published=_published_figures(published, nominal),
-    )  # fmt: skip
+    )
 
 
-def evaluate_flanks(flanks: Flanks) -> tuple[Weights, Measures]:
-    """Weights of the flanks' cells, and the measures read with them."""
-    grid = grid_of(flanks)
-    weights = weights_of(grid)
-    return weights, evaluate(grid.delta, weights)
+def _borne_out(correction: AngleCorrection) -> Flanks:
+    """The flanks without readings that stand alone."""
+    scan = correction.scan
+    return without_lone_readings(correction.flanks, scan.x.shape[1], table_angle(scan, correction.calibration))
+
+
+def _radial_share(calibration: Calibration) -> float:
+    """Share 0..1 of the direction of the sensor's rays that points at the table's axis."""
+    x, y, _ = calibration.table_from_sensor.rotation[:, 2]
+    return hypot(x, y)
+
+
+def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluation, Measures]:
+    """How the flanks are read, and what they say; ``step``: table angle from one profile to the next, rad."""
+    by = evaluation_of(grid_of(flanks), step)
+    return by, evaluate(by.grid.delta, by)
 
 
 def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tuple[str, ...]:
@@ -123,23 +141,39 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
     return reasons
 
 
-def _assess(correction: AngleCorrection, weights: Weights, measures: Measures, coverage: Coverage) -> Assessment:
+def _assess(
+    correction: AngleCorrection,
+    by: Evaluation,
+    measures: Measures,
+    coverage: Coverage,
+    damage: tuple[Damage, ...],
+    there: Mask,
+) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget."""
-    flanks, scan, nominal = correction.flanks, correction.scan, weights.grid.nominal
-    noisier, noise = noise_of(measures, weights)
-    influences = influences_of(
-        scan, correction.calibration, weights.grid, flanks.toothing, correction.before_rms or 0.0
-    )  # fmt: skip
+    flanks, scan, nominal = correction.flanks, correction.scan, by.grid.nominal
+    figures = figures_of(measures, nominal)
+    noise = bias_of(figures, by)
+    influences = influences_of(scan, correction.calibration, by.grid, flanks.toothing, correction.before_rms or 0.0)
     return Assessment(
         nominal,
-        corrected(figures_of(measures, nominal), noisier),
-        expanded(influences, measures, weights) | {"noise": noise},
+        noise.corrected(figures),
+        _without(damage, by, scan.step),
+        _without(tuple(d for d in damage if d.on_top), by, scan.step),
+        expanded(influences, by) | {"noise": noise.expanded(figures), "between readings": sampling_of(by)},
         influences,
         coverage,
-        damage_of(flanks, weights, scan.step),
-        zones_of(weights.grid, scan.step),
+        damage,
+        zones_of(by.grid, scan.step),
+        there,
         measures.runout_per_delta,
     )
+
+
+def _without(damage: tuple[Damage, ...], by: Evaluation, step: float) -> Figures:
+    """The figures, freed of the bias of noise, as if no reading had fallen on the damage."""
+    sound = evaluation_of(without_damage(by.grid, damage), step)
+    figures = figures_of(evaluate(sound.grid.delta, sound), by.grid.nominal)
+    return bias_of(figures, sound).corrected(figures)
 
 
 def _deviation(flanks: Flanks, surface: Surface) -> Array:
@@ -150,8 +184,9 @@ def _deviation(flanks: Flanks, surface: Surface) -> Array:
 
 
 def _published(flanks: Flanks, scan: Scan, calibration: Calibration) -> Array:
-    """Tooth positions F_i (2, teeth) as the published compensation would have them: the same readings, known to be on
-    these flanks, through its chain.
+    """Tooth positions F_i (2, teeth), of whole flanks, as the published compensation would have them.
+
+    The same readings, known to be on these flanks, go through its chain.
     """
     nominal = flanks.toothing.nominal
     row, column = np.divmod(flanks.index, scan.x.shape[1])
@@ -167,7 +202,8 @@ def _published(flanks: Flanks, scan: Scan, calibration: Calibration) -> Array:
     sigma = np.where(flanks.flank < nominal.gear.teeth, 1.0, -1.0)
     delta = nominal.base_radius * (sigma * off - nominal.half_angle(radius))
     roll = np.sqrt(np.maximum(radius**2 - nominal.base_radius**2, 0.0))
-    return evaluate_flanks(replace(flanks, delta=delta, roll=roll, height=height))[1].index
+    grid = grid_of(replace(flanks, delta=delta, roll=roll, height=height))
+    return np.asarray(SIGMA[:, None] * areal_positions(grid.delta, smooth_flanks(grid)) * nominal.arc_per_delta)
 
 
 def _published_figures(index: Array, nominal: Involute) -> dict[str, float]:

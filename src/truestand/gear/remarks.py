@@ -18,7 +18,7 @@ from truestand.gear.grid import FINE_STEP, Coverage, profiles_for, step_on_flank
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
 MOST_REGIONS = 12
-"""Regions left out that are named."""
+"""Damaged regions that are named."""
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
@@ -31,7 +31,7 @@ def remarks_of(
     return (
         *_sides_not_seen(coverage),
         *_limitations(scan, correction.calibration, nominal),
-        *_left_out(damage),
+        *_damaged(damage),
         *_short_face(flanks),
         *_angle_source(correction),
         *_slopes(measures, nominal),
@@ -64,7 +64,7 @@ def _sides_not_seen(coverage: Coverage) -> tuple[str, ...]:
 
 def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[str, ...]:
     found = []
-    if nominal.gear.accuracy_class is None and not nominal.gear.limits:
+    if nominal.gear.accuracy_class is None and not nominal.gear.limits and not nominal.gear.classes:
         found.append("no line has a limit: measured, not judged; add accuracy_class to the recipe")
     coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
     if coarse > 4 * FINE_STEP:
@@ -80,12 +80,12 @@ def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tup
     return tuple(found)
 
 
-def _left_out(damage: tuple[Damage, ...]) -> tuple[str, ...]:
-    """What the figures leave out: what was not seen and the deepest first."""
+def _damaged(damage: tuple[Damage, ...]) -> tuple[str, ...]:
+    """Damage of flanks: what was not seen and the deepest first."""
     gravest = sorted(damage, key=lambda d: -1e9 if d.depth is None else -abs(d.depth))
     more = len(damage) - MOST_REGIONS
-    named = tuple(f"left out of the flank's figures: {d.text}" for d in gravest[:MOST_REGIONS])
-    return (*named, f"{more} more regions of flanks are left out") if more > 0 else named
+    named = tuple(f"damage: {d.text}" for d in gravest[:MOST_REGIONS])
+    return (*named, f"{more} more regions of flanks are damaged") if more > 0 else named
 
 
 def _short_face(flanks: Flanks) -> tuple[str, ...]:

@@ -137,6 +137,15 @@ def missing_teeth(folded: FoldedMap, nominal: Involute) -> Mask:
     return np.asarray(low > 0.5 * np.maximum(seen.sum(axis=1), 1))
 
 
+def teeth_there(folded: FoldedMap, nominal: Involute) -> Mask:
+    """Teeth (teeth,) but for those that the drawing leaves out, from whichever tooth it counts."""
+    gear, missing = nominal.gear, missing_teeth(folded, nominal)
+    drawn = np.zeros(gear.teeth, dtype=bool)
+    drawn[np.array(gear.missing_teeth, dtype=np.intp) - 1] = True
+    as_drawn = drawn.any() and any(np.array_equal(missing, np.roll(drawn, k)) for k in range(gear.teeth))
+    return ~missing if as_drawn else np.ones(gear.teeth, dtype=bool)
+
+
 def tip_and_root(folded: FoldedMap, nominal: Involute, radial: tuple[Contribution, ...]) -> tuple[Diameter, ...]:
     """Tip and root diameter: twice the mean over the teeth of each tooth's median radius; no tip where no tooth is.
 

@@ -39,14 +39,23 @@ def limit_of(inspection: Inspection, name: str) -> float | None:
     return None if line is None or line.limits is None or line.limits[1] is None else um(line.limits[1])
 
 
+def _zone(limits: tuple[float | None, float | None]) -> list[tuple[float, float]]:
+    """Where nothing of the limits is used, and how far it is from there to them; a one-sided limit starts at zero."""
+    low, high = limits
+    if high is None:
+        return []
+    middle, half = (0.0, high) if low is None else ((low + high) / 2, (high - low) / 2)
+    return [(middle, half)] if half > 0 else []
+
+
 @styled
 def limits_used(inspection: Inspection) -> Figure:
     """Every limited line of the whole gear as a share of its limit, with its U."""
     lines = [
-        (c, abs(c.value) / c.limits[1], c.U / c.limits[1])
+        (c, abs(c.value - middle) / half, c.U / half)
         for c in inspection.characteristics
-        if c.tooth is None and not c.size and c.limits is not None and c.limits[1] is not None
-        if c.value is not None and c.U is not None
+        if c.tooth is None and not c.size and c.limits is not None and c.value is not None and c.U is not None
+        for middle, half in _zone(c.limits)
     ]
     names = list(dict.fromkeys(c.name for c, _, _ in lines))
     fig, axes = single(WIDTH, 0.9 + 0.3 * len(names))

@@ -55,6 +55,12 @@ def _results(inspection: Inspection, values: dict[Key, float] | None) -> str:
             "<h3>Worst tooth of each characteristic</h3><p>The last column counts the teeth that conform · are "
             f"undecided · do not conform.</p>{worst}{gear_tables.every_tooth(inspection)}"
         )
+    touched = gear_tables.damage_table(inspection)
+    if touched:
+        text += (
+            "<h3>Lines that damage touches</h3><p>Figures hold the damage that was found; what they would read without "
+            f"it is for information.</p>{touched}"
+        )
     return text
 
 

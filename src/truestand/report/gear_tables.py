@@ -28,6 +28,8 @@ GROUPS = (
 PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MOST_DEFECTS = 20
 """Defects listed openly, and numbered on the maps."""
+MOST_LINES = 12
+"""Lines that damage touches, listed openly."""
 AS_READ_NOTE = (
     "<p>Single pitches and positions are as they were read, without <i>U</i>; that of each flank's figures stands in "
     "the record and in the CSV.</p>"
@@ -157,6 +159,32 @@ def _single(c: Characteristic | None) -> str:
         return cell(NONE, "n none")
     mark = {"does_not_conform": " bad", "undecided": " open"}.get(c.verdict or "", "")
     return cell(number(um(c.value), 1), f"n{mark}")
+
+
+def damage_table(inspection: Inspection) -> str:
+    """Each line that damage touches beside what it would read without it, farthest apart first."""
+    with_damage = {(c.name, c.flank, c.tooth): c for c in inspection.characteristics}
+    pairs = [(with_damage[c.name, c.flank, c.tooth], c) for c in inspection.without_damage]
+    pairs.sort(key=lambda pair: -abs((pair[0].value or 0.0) - (pair[1].value or 0.0)))
+    rows = [_damage_row(*pair) for pair in pairs]
+    head = "<tr><th></th><th>flank</th>" + headings(["tooth", "limit", "value", U_HEAD]) + "<th>verdict</th>"
+    head += headings(["without damage"]) + "<th>damage</th></tr>"
+    text = table(head, "".join(rows[:MOST_LINES]), "results") if rows else ""
+    more = len(rows) - MOST_LINES
+    if more > 0:
+        rest = table(head, "".join(rows[MOST_LINES:]), "results")
+        text += f"<details><summary>{more} more, less touched</summary>{rest}</details>"
+    return text
+
+
+def _damage_row(c: Characteristic, without: Characteristic) -> str:
+    place = cell(NONE if c.tooth is None else str(c.tooth))
+    numbers = f"{cell(limit_text(c))}{cell(f'<b>{value_text(c)}</b>')}{cell(u_text(c))}"
+    verdict = cell(verdict_text(c), "verdict-cell")
+    where = f"<td>{escape(c.reason or '')}</td>"
+    return (
+        f"<tr>{name_cell(c)}<td>{c.flank or NONE}</td>{place}{numbers}{verdict}{cell(value_text(without))}{where}</tr>"
+    )
 
 
 def published_table(inspection: Inspection) -> str:

@@ -14,11 +14,13 @@ from truestand.core.arrays import Array
 from truestand.core.inspection import Characteristic, Flank, Inspection
 from truestand.core.units import um
 from truestand.gear.inspect import GearEvidence
+from truestand.gear.traces import helix_points, profile_points
 from truestand.report.drawing import FAILS, GREY, INK, PALE, figure, round_down, styled
 from truestand.report.gear_figures import FLANKS, TOLERANCE_BAND, WIDTH, limit_of, spread
 from truestand.report.notation import drawn_symbol, limit_text, number
 
-SHOWN_TEETH = 5
+SHOWN_TEETH, WORST_TEETH = 5, 2
+"""Teeth that are drawn, and how many of them are those with the largest deviations."""
 SPACING = 1.35
 """Distance of neighbouring traces, in widths of what is drawn."""
 MOST_SCALE_UM = 5000.0
@@ -32,7 +34,7 @@ class _Chart:
     trace: Array
     """(2, teeth, n) um, NaN = not seen."""
     at: Array
-    """(2, teeth, n) mm."""
+    """(n,) mm."""
     ends: tuple[float, float]
     """mm, of the control length or the face."""
     limits: tuple[float, float]
@@ -60,7 +62,8 @@ def profile_chart(inspection: Inspection, e: GearEvidence) -> Figure:
     """Deviation over the roll length of a few teeth."""
     names = ("F_alpha", "f_falpha", "f_Halpha")
     ends = (e.nominal.control_roll, e.nominal.tip_roll)
-    return _drawn(inspection, e.measures.profile, e.rolls, ends, e.nominal.profile_range, names, "roll length (mm)")
+    at = profile_points(e.nominal)
+    return _drawn(inspection, e.measures.profile, at, ends, e.nominal.profile_range, names, "roll length (mm)")
 
 
 @styled
@@ -68,9 +71,10 @@ def helix_chart(inspection: Inspection, e: GearEvidence) -> Figure:
     """Deviation over the height of a few teeth."""
     names = ("F_beta", "f_fbeta", "f_Hbeta")
     gear = e.nominal.gear
-    at = np.broadcast_to(e.grid.heights, e.measures.helix.shape)
     ends = (gear.face_from, gear.face_to)
-    return _drawn(inspection, e.measures.helix, at, ends, e.nominal.helix_range, names, "height (mm)")
+    return _drawn(
+        inspection, e.measures.helix, helix_points(e.nominal), ends, e.nominal.helix_range, names, "height (mm)"
+    )
 
 
 def _drawn(
@@ -82,11 +86,9 @@ def _drawn(
     names: tuple[str, ...],
     along: str,
 ) -> Figure:
-    able = np.flatnonzero(np.isfinite(trace).any(axis=(0, 2)))
     lines = {(c.name, c.flank, c.tooth): c for c in inspection.characteristics if c.tooth is not None}
     chart = _Chart(
-        um(1) * trace, at, ends, limits, names, along, tuple(spread(able.tolist(), SHOWN_TEETH)), lines,
-        limit_of(inspection, names[0]),
+        um(1) * trace, at, ends, limits, names, along, _shown_teeth(trace), lines, limit_of(inspection, names[0]),
     )  # fmt: skip
     fig = figure(WIDTH, 4.9)
     both = fig.subplots(1, 2, sharey=True)
@@ -95,6 +97,16 @@ def _drawn(
     _names_beneath(both[0], chart)
     both[0].set_ylabel(along)
     return fig
+
+
+def _shown_teeth(trace: Array) -> tuple[int, ...]:
+    """Teeth, from 0, whose traces (2, teeth, n) are drawn: those that range farthest, and some evenly spread."""
+    seen = np.isfinite(trace)
+    ranges = np.where(seen, trace, -np.inf).max(axis=2) - np.where(seen, trace, np.inf).min(axis=2)
+    order = np.argsort(-ranges.max(axis=0), kind="stable")
+    worst = [int(tooth) for tooth in order[:WORST_TEETH] if np.isfinite(ranges[:, tooth]).any()]
+    others = [int(t) for t in np.flatnonzero(seen.any(axis=(0, 2))) if t not in worst]
+    return tuple(sorted((*worst, *spread(others, SHOWN_TEETH - len(worst)))))
 
 
 def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
@@ -129,7 +141,7 @@ def _side(fig: Figure, axes: Axes, chart: _Chart, side: int) -> None:
 
 def _trace(axes: Axes, chart: _Chart, side: int, tooth: int, middle: float) -> None:
     """The trace about its mean, and its mean line."""
-    values, at = chart.trace[side, tooth], chart.at[side, tooth]
+    values, at = chart.trace[side, tooth], chart.at
     inside = np.isfinite(values) & (at >= chart.limits[0]) & (at <= chart.limits[1])
     if inside.sum() < 2:
         axes.text(middle, float(np.mean(chart.limits)), "not seen", ha="center", va="center", color=GREY, rotation=90)

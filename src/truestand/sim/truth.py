@@ -103,7 +103,7 @@ def _part_record(part: VirtualPart, artefact: Artefact, workpiece: Workpiece) ->
 
 
 @dataclass(frozen=True, slots=True)
-class _StandingGear:
+class StandingGear:
     """A gear where it stands in C: real and nominal surface, and by how many teeth the numbers are shifted."""
 
     real: GearSurface
@@ -139,16 +139,17 @@ class _StandingGear:
         return np.asarray(point)
 
 
-def _standing_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> _StandingGear:
+def standing_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> StandingGear:
+    """The gear where it stands in C, without its dents, worn areas and chips."""
     real = GearSurface(part.gear, replace(part.errors, dents=(), worn=(), chips=()))
     phase = real.first + workpiece.clamped
     nominal = GearSurface(part.gear, GearErrors(phase=phase))
     number_shift = round((phase - nominal.first) / part.gear.pitch)
-    return _StandingGear(real, nominal, shaft_from_gear(part, artefact, workpiece), number_shift)
+    return StandingGear(real, nominal, shaft_from_gear(part, artefact, workpiece), number_shift)
 
 
 def _gear_record(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> dict[str, Any]:
-    gear, s = part.gear, _standing_gear(part, artefact, workpiece)
+    gear, s = part.gear, standing_gear(part, artefact, workpiece)
     circles = s.nominal.circles
     measuring = gear.evaluation.measuring_diameter or 2 * circles.reference + 2 * gear.profile_shift * gear.module
     middle = np.array([s.nominal.middle])
@@ -221,7 +222,7 @@ def _slope(at: Array, excess: Array) -> float | None:
     return _um(float(np.polyfit(at, lines.mean(axis=0), 1)[0]) * float(np.ptp(at))) if lines.size else None
 
 
-def _profile(s: _StandingGear) -> dict[str, Any]:
+def _profile(s: StandingGear) -> dict[str, Any]:
     """f_Halpha of the mean tooth at mid-face: rise of the excess over the stated roll lengths."""
     gear, c = s.nominal.gear, s.nominal.circles
     last = c.roll((gear.evaluation.tip_form_diameter or gear.tip_diameter) / 2)
@@ -229,18 +230,18 @@ def _profile(s: _StandingGear) -> dict[str, Any]:
     return _rises(s, "f_Halpha", roll, np.hypot(c.base, roll), np.full(LINE_POINTS, s.nominal.middle))
 
 
-def _helix(s: _StandingGear, measuring: float) -> dict[str, Any]:
+def _helix(s: StandingGear, measuring: float) -> dict[str, Any]:
     """f_Hbeta of the mean tooth on the measuring circle: rise of the excess over the stated heights."""
     height = np.linspace(s.nominal.gear.face_from, s.nominal.gear.face_to, LINE_POINTS)
     return _rises(s, "f_Hbeta", height, np.full(LINE_POINTS, measuring), height)
 
 
-def _rises(s: _StandingGear, name: str, at: Array, radius: Array, height: Array) -> dict[str, Any]:
+def _rises(s: StandingGear, name: str, at: Array, radius: Array, height: Array) -> dict[str, Any]:
     rises = {f"{name}_{flank}_um": _slope(at, s.excess(side, radius, height)) for side, flank in FLANKS}
     return {"from_mm": float(at[0]), "to_mm": float(at[-1]), **rises}
 
 
-def _defects(part: VirtualGear, s: _StandingGear) -> dict[str, Any]:
+def _defects(part: VirtualGear, s: StandingGear) -> dict[str, Any]:
     e = part.errors
     return {
         "dents": [

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from truestand.core.errors import NotEnoughData
+from truestand.files.records.inspection_record import judged_lines
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store.entry import Entry
 from truestand.store.store import Result, Store
@@ -106,7 +107,7 @@ def whole_part_lines(record: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapp
 
     Each as name with flank and section, unit (mm or um), and the line itself.
     """
-    for line in record.get("characteristics") or []:
+    for line in judged_lines(record):
         unit = "mm" if "value_mm" in line else "um"
         if line.get("tooth") is None and line.get(f"value_{unit}") is not None:
             yield " ".join(str(w) for w in (line["name"], line.get("flank"), line.get("section")) if w), unit, line

@@ -21,9 +21,12 @@ from truestand.parts.drawings import Cad, Section, Turned
 
 NotNegative = Annotated[float, Field(ge=0)]
 Limits = tuple[float, float]
+Limit = Limits | Annotated[float, Field(gt=0)]
+Class = Annotated[int, Field(ge=1, le=12)]
 Part = Gear | Turned | Cad
 KINDS = ("gear", "turned", "cad")
-SIZES = ("s", "W_k", "M_d", "d_a", "d_f")
+SIGNED = frozenset({"f_Halpha", "C_alpha", "f_Hbeta", "C_beta"})
+"""Deviations of which one number limits both signs."""
 UM = 1000.0
 
 
@@ -64,15 +67,64 @@ class ModificationRecipe(Recipe):
     helix_slope_um: float = 0.0
 
 
-class SizeLimitsRecipe(Recipe):
-    """``[limits]`` of a gear's sizes, [lower, upper] mm."""
+class LimitsRecipe(Recipe):
+    """``[limits]`` of a gear: one number is the largest that is allowed (of a deviation with a sign, either way)."""
 
-    s_mm: Limits | None = None
-    W_k_mm: Limits | None = None
-    M_d_mm: Limits | None = None
-    d_a_mm: Limits | None = None
-    d_f_mm: Limits | None = None
+    f_p_um: Limit | None = None
+    F_p_um: Limit | None = None
+    F_pk_um: Limit | None = None
+    f_u_um: Limit | None = None
+    F_r_um: Limit | None = None
+    F_alpha_um: Limit | None = None
+    f_falpha_um: Limit | None = None
+    f_Halpha_um: Limit | None = None
+    C_alpha_um: Limit | None = None
+    F_beta_um: Limit | None = None
+    f_fbeta_um: Limit | None = None
+    f_Hbeta_um: Limit | None = None
+    C_beta_um: Limit | None = None
+    s_mm: Limit | None = None
+    W_k_mm: Limit | None = None
+    M_d_mm: Limit | None = None
+    d_a_mm: Limit | None = None
+    d_f_mm: Limit | None = None
     defect_depth_um: Positive | None = None
+    damage: Literal["refuse", "report"] = "refuse"
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "LimitsRecipe":
+        for key, limit in self:
+            if isinstance(limit, tuple) and not limit[0] < limit[1]:
+                raise ValueError(f"{key}: found {list(limit)}, need [lower, upper]")
+        return self
+
+    def by_name(self) -> dict[str, tuple[float | None, float | None]]:
+        """Lower and upper limit (mm) by the characteristic's name."""
+        found: dict[str, tuple[float | None, float | None]] = {}
+        for key in (k for k in type(self).model_fields if k not in ("defect_depth_um", "damage")):
+            limit, (name, unit) = getattr(self, key), key.rsplit("_", 1)
+            if limit is None:
+                continue
+            scale = UM if unit == "um" else 1.0
+            if isinstance(limit, tuple):
+                found[name] = limit[0] / scale, limit[1] / scale
+            else:
+                found[name] = -limit / scale if name in SIGNED else None, limit / scale
+        return found
+
+
+class ClassesRecipe(Recipe):
+    """``[classes]`` of a gear: an accuracy class for each of these, instead of ``accuracy_class``."""
+
+    f_p: Class | None = None
+    F_p: Class | None = None
+    F_r: Class | None = None
+    F_alpha: Class | None = None
+    f_falpha: Class | None = None
+    f_Halpha: Class | None = None
+    F_beta: Class | None = None
+    f_fbeta: Class | None = None
+    f_Hbeta: Class | None = None
 
 
 class GearRecipe(PartRecipe):
@@ -87,11 +139,13 @@ class GearRecipe(PartRecipe):
     face_from_mm: float
     tip_diameter_mm: Positive
     root_diameter_mm: Positive
-    accuracy_class: Annotated[int, Field(ge=1, le=12)] | None = None
+    accuracy_class: Class | None = None
     standard: Literal["ISO 1328-1:2013", "ISO 1328-1:1995"] = "ISO 1328-1:2013"
     evaluation: EvaluationRecipe = EvaluationRecipe()
     modification: ModificationRecipe = ModificationRecipe()
-    limits: SizeLimitsRecipe = SizeLimitsRecipe()
+    limits: LimitsRecipe = LimitsRecipe()
+    classes: ClassesRecipe = ClassesRecipe()
+    missing_teeth: list[Annotated[int, Field(ge=1)]] = Field(default_factory=list)
 
 
 class SectionRecipe(Recipe):
@@ -221,7 +275,6 @@ def read_part_simulation(path: Path | str) -> dict[str, Any]:
 
 def _gear(r: GearRecipe) -> Gear:
     e, m = r.evaluation, r.modification
-    sizes = {name: limits for name in SIZES if (limits := getattr(r.limits, f"{name}_mm")) is not None}
     return Gear(
         teeth=r.teeth,
         module=r.module_mm,
@@ -245,8 +298,11 @@ def _gear(r: GearRecipe) -> Gear:
             m.tip_relief_um / UM, m.tip_relief_from_mm, m.profile_crowning_um / UM, m.helix_crowning_um / UM,
             m.helix_slope_um / UM,
         ),
-        limits=sizes,
+        limits=r.limits.by_name(),
+        classes={name: c for name, c in r.classes if c is not None},
         defect_depth=None if r.limits.defect_depth_um is None else r.limits.defect_depth_um / UM,
+        damage_decides=r.limits.damage == "refuse",
+        missing_teeth=tuple(r.missing_teeth),
     )  # fmt: skip
 
 

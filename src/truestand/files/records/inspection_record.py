@@ -43,7 +43,10 @@ def inspection_record(
         "reasons": list(i.reasons),
         "remarks": list(i.remarks),
         "part": {"kind": i.kind, "name": i.name, **i.identity},
-        "characteristics": [_characteristic(c) for c in i.characteristics],
+        "characteristics": [
+            *(_characteristic(c) for c in i.characteristics),
+            *({**_characteristic(c), "without_damage": True} for c in i.without_damage),
+        ],
         "defects": [_defect(d) for d in i.defects],
         "defect_limit_um": None if i.defect_depth is None else UM * i.defect_depth,
         "settings": dict(i.settings),
@@ -78,14 +81,19 @@ def _characteristic(c: Characteristic) -> Record:
     return line
 
 
+def judged_lines(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The characteristics of a record but for those that leave damage out, which are information."""
+    return [c for c in record.get("characteristics") or [] if not c.get("without_damage")]
+
+
 def characteristics_from(record: Mapping[str, Any]) -> list[Characteristic]:
-    """The lines of a record, without their budgets.
+    """The lines of a record, without their budgets, but for those that leave damage out.
 
     Raises:
         UnreadableFile: they are not as truestand writes them.
     """
     try:
-        return [_line(c, record) for c in record.get("characteristics") or []]
+        return [_line(c, record) for c in judged_lines(record)]
     except (KeyError, TypeError, ValueError) as wrong:
         raise UnreadableFile(f"inspection.json: found a damaged line ({wrong}); inspect again") from wrong
 

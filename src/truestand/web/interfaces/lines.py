@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from truestand.files.records.inspection_record import limits_of
+from truestand.files.records.inspection_record import judged_lines, limits_of
 
 UNITS = ("um", "mm", "mrad", "deg")
 Record = Mapping[str, Any]
@@ -43,7 +43,7 @@ def lines_of(kind: str, record: Record) -> tuple[Line, ...]:
 
 
 def _of_inspection(record: Record) -> Iterator[Line]:
-    for c in record.get("characteristics") or ():
+    for c in judged_lines(record):
         unit = "mm" if "value_mm" in c else "um"
         lower, upper = limits_of(c, record) or (None, None)
         yield _line(

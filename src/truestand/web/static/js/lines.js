@@ -66,8 +66,13 @@ export function where(c) {
   return [c.flank && t(`flank.${c.flank}`), c.tooth && t("word.tooth", { number: c.tooth }), c.section].filter(Boolean).join(", ");
 }
 
+/** All lines but those that leave damage out, which are information. */
+export function mainLines(record) {
+  return (record.characteristics ?? []).filter((c) => !c.without_damage).map(line);
+}
+
 export function whole(record) {
-  return (record.characteristics ?? []).map(line).filter((c) => c.tooth === null || c.tooth === undefined);
+  return mainLines(record).filter((c) => c.tooth === null || c.tooth === undefined);
 }
 
 /** The lines that carry a verdict, named; what can't be measured first. */

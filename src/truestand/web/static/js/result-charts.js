@@ -4,7 +4,7 @@ import { chart, plain, series } from "./charts.js";
 import { colour, h, put } from "./dom.js";
 import { empty, select } from "./parts.js";
 import { known, t } from "./texts.js";
-import { chartSymbol, line, plainSymbol, usage, where, whole } from "./lines.js";
+import { chartSymbol, mainLines, plainSymbol, usage, where, whole } from "./lines.js";
 
 export async function resultCharts(panel, entry, record, signal) {
   put(panel);
@@ -16,7 +16,7 @@ export async function resultCharts(panel, entry, record, signal) {
 async function inspection(panel, record, signal) {
   const lines = whole(record).filter((c) => usage(c) !== null).reverse();
   if (lines.length) await limits(panel, lines, signal);
-  const all = record.characteristics.map(line);
+  const all = mainLines(record);
   const teeth = all.filter((c) => Number.isFinite(c.tooth));
   if (teeth.length) await chosen(panel, t("charts.teeth"), names(teeth), (name, place, mine) => byTooth(place, teeth.filter((c) => c.name === name), mine), signal);
   const budgets = whole(record).filter((c) => c.contributions?.length);

@@ -1,0 +1,124 @@
+"""Readings of flanks that stand alone: what one profile saw and neither its neighbours nor another turn bear out.
+
+On a part, outliers are single readings, never regions: a groove departs from the ideal flank as far as an outlier does,
+but its readings bear each other out. A reading counts when readings beside it in profile and time are like it (or more
+of them go along with it: a small dent has no two readings alike) and, where another turn shows its place, when it
+repeats there.
+"""
+
+from dataclasses import replace
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.arrays import Array, Mask
+from truestand.core.robust import medians, robust_sd
+from truestand.gear.flanks import COLUMNS, FlankPoints, Flanks
+
+BESIDE = (
+    *((0, c) for c in (-3, -2, -1, 1, 2, 3)),
+    *((r, c) for r in (-1, 1) for c in (-1, 0, 1)),
+)  # fmt: skip
+"""Profiles and points by which readings are beside one."""
+Image = NDArray[np.float32]
+"""delta (profiles + 2, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none on a flank."""
+MARGIN = 3
+"""Points by which they are at most."""
+LEAST_ALIKE, FEW = 2, 6
+"""Readings beside one that must be like it; one is enough where fewer than so many were seen."""
+LEAST_ALONG, ALONG = 4, 1 / 3
+"""Or readings that must go along with it: share of how far it is off its flank to which they must come up to it."""
+ALIKE = 4.0
+"""Standard deviations of the difference of two readings within which they are alike."""
+SAME_PLACE = 0.25
+"""Steps of the table within which a profile of another turn meets the same place."""
+LEAST_SPREAD = 5e-4
+"""mm: the scatter of readings is not taken for less: sensors count in steps."""
+
+
+def without_lone_readings(flanks: Flanks, points: int, angle: Array) -> Flanks:
+    """The flanks without readings that nothing bears out; ``points`` a profile; ``angle`` (profiles,) rad of the table.
+
+    Those outside the gate bear each other out, too.
+    """
+    outside = flanks.outside_gate
+    every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
+    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle)
+    on = flanks.delta.size
+    return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
+
+
+def lone_readings(
+    delta: Array, flank: NDArray[np.integer], index: NDArray[np.int64], points: int, angle: Array
+) -> Mask:
+    """Which readings (n,) of flanks nothing bears out.
+
+    ``delta`` (n,) mm; ``flank`` (n,) a number for each flank; ``index`` (n,) of the reading in a scan of ``points`` a
+    profile; ``angle`` (profiles,) rad of the table.
+    """
+    row, column = np.divmod(index, points)
+    image: Image = np.full((angle.size + 2, points + 2 * MARGIN), np.nan, dtype=np.float32)
+    image[row + 1, column + MARGIN] = delta
+    reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
+    seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
+    farther = reach + ALONG * np.abs(delta - _median_of(flank, delta))
+    for r, c in BESIDE:
+        apart = np.abs(image[row + 1 + r, column + MARGIN + c] - delta)
+        with np.errstate(invalid="ignore"):
+            seen += np.isfinite(apart)
+            alike += apart < reach
+            along += apart < farther
+    shown, repeated = np.zeros((2, delta.size), dtype=bool)
+    for place in _places_in_other_turns(angle):
+        low, high = _bracket(image, place[row], column)
+        drift = _drift(delta - (low + high) / 2, flank, angle[row])
+        with np.errstate(invalid="ignore"):
+            repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
+        shown |= np.isfinite(low)
+    needed = np.where(seen < FEW, 1, LEAST_ALIKE)
+    return np.asarray(((alike < needed) & (along < LEAST_ALONG)) | (shown & ~repeated))
+
+
+def _spread(image: Image) -> float:
+    """Standard deviation (mm) of a reading, from its differences to the next one of its profile."""
+    steps = np.diff(image, axis=1)
+    steps = steps[np.isfinite(steps)]
+    return robust_sd(steps.astype(np.float64)) / sqrt(2.0) if steps.size else 0.0
+
+
+def _places_in_other_turns(angle: Array) -> list[Array]:
+    """For each other turn, where (profiles,) at its profiles each profile's angle comes again; NaN: nowhere.
+
+    Halfway between two profiles lies what neither of them may have met: a groove narrower than a step.
+    """
+    upward = angle if angle[-1] >= angle[0] else -angle
+    rows, turns = np.arange(angle.size, dtype=np.float64), int(np.ptp(angle) / (2 * pi))
+    others = (t for t in range(-turns, turns + 1) if t)
+    places = (np.interp(upward + 2 * pi * t, upward, rows, left=np.nan, right=np.nan) for t in others)
+    return [np.where(np.abs(place - np.rint(place)) < SAME_PLACE, place, np.nan) for place in places]
+
+
+def _bracket(image: Image, place: Array, column: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Least and largest delta (n,) of the readings about each ``place`` (n,) between two profiles; NaN: none."""
+    there = np.flatnonzero(np.isfinite(place))
+    first = np.minimum(place[there].astype(np.int64), image.shape[0] - 4)
+    low, high = np.full((2, place.size), np.nan)
+    for r in (0, 1):
+        for c in (-1, 0, 1):
+            other = image[first + 1 + r, column[there] + MARGIN + c]
+            low[there], high[there] = np.fmin(low[there], other), np.fmax(high[there], other)
+    return low, high
+
+
+def _drift(apart: Array, flank: NDArray[np.integer], angle: Array) -> Array:
+    """By how much (n,) a flank stands elsewhere on the other turn: the median of what lies ``apart`` there, mm."""
+    turn = ((angle - angle.min()) / (2 * pi)).astype(np.int64)
+    return _median_of(flank.astype(np.int64) * (int(turn.max(initial=0)) + 1) + turn, apart)
+
+
+def _median_of(key: NDArray[np.integer], values: Array) -> Array:
+    """Median (n,) of the values of the same key, NaN aside."""
+    known = np.isfinite(values)
+    median, _ = medians(key[known], values[known], int(key.max(initial=0)) + 1)
+    return np.asarray(median[key])

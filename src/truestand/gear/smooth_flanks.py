@@ -1,0 +1,162 @@
+"""Each flank as a smooth surface: what damage and defects stand out of, and where a flank stands as a whole.
+
+A quadratic in roll length and height for each flank, on top of a shape that all teeth share (so that different sampling
+of that shape does not look like pitch). Cells that depart from both have less weight, or none. Figures of the standards
+are read from the cells themselves (``traces``); from here come areal pitch, and what is worth naming.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestand.core.arrays import Array
+from truestand.core.robust import TUKEY, nan_median, robust_sd, tukey_weights
+from truestand.gear.geometry import Involute
+from truestand.gear.grid import Grid
+
+TERMS = 6
+"""1, l, h, l^2, l h, h^2."""
+HUBER = 1.345
+ROUNDS = (False, False, False, True, True, True, True)
+"""Which rounds of weighing leave far cells out altogether (Tukey), after some that only hold them back (Huber)."""
+LEAST_TEETH = 4
+"""Teeth whose median says what all of them share."""
+LEAST_CELLS = 40
+"""Cells that a flank's quadratic needs."""
+LEAST_SPREAD = 2e-4
+"""mm: the scatter of cells about their surface is not taken for less."""
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothFlanks:
+    """Which cells bear the smooth flanks out, and how the flanks follow from them."""
+
+    grid: Grid
+    weight: Array
+    """(2 teeth, cells) 0..1; 0 where nothing was seen, or outside the evaluation ranges."""
+    basis: Array
+    """(2 teeth, cells, TERMS)."""
+    solver: Array
+    """(2 teeth, TERMS, cells): coefficients from cells; NaN for a flank that can't carry them."""
+
+
+def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
+    """The smooth flanks by Tukey's biweight, from the cells inside the evaluation ranges.
+
+    ``whole_flank``: from those outside, too.
+    """
+    flanks, cells = 2 * grid.delta.shape[1], grid.rolls.size * grid.heights.size
+    wanted = np.isfinite(grid.delta) if whole_flank else np.isfinite(grid.delta) & grid.in_ranges
+    values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
+    basis = _basis(grid).reshape(flanks, cells, TERMS)
+    weight = inside.astype(np.float64)
+    for last in ROUNDS:
+        residual = _residual(values, basis, _solver(basis, weight), weight, grid.delta.shape)
+        spread = max(robust_sd(residual[inside]) if inside.any() else 0.0, LEAST_SPREAD)
+        ratio = np.where(inside, np.abs(residual), 0.0) / spread
+        far = tukey_weights(ratio / TUKEY) if last else HUBER / np.maximum(ratio, HUBER)
+        weight = np.where(inside, far, 0.0)
+    return SmoothFlanks(grid, weight, basis, _solver(basis, weight))
+
+
+def residuals(delta: Array, smooth: SmoothFlanks) -> Array:
+    """What flanks and shared shape leave of the cells (2, teeth, roll lengths, heights), with weight or without."""
+    shared, c = _fit(delta, smooth)
+    rest = delta.reshape(shared.shape) - shared - _times(smooth.basis, c)
+    return np.asarray(rest.reshape(delta.shape))
+
+
+def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:
+    """delta (2, teeth) mm of each smooth flank, mean over its evaluation area, NaN where not seen."""
+    shared, c = _fit(delta, smooth)
+    found = c @ _area_means(smooth.grid.nominal) + _shared_at(shared, smooth, smooth.grid.nominal.measuring_roll)
+    return np.asarray(found.reshape(delta.shape[:2]))
+
+
+def _fit(delta: Array, smooth: SmoothFlanks) -> tuple[Array, Array]:
+    """The shape shared by all teeth (flanks, cells), and coefficients (flanks, TERMS)."""
+    values = np.where(smooth.weight > 0, delta.reshape(smooth.weight.shape), 0.0)
+    own = _times(smooth.basis, _times(smooth.solver, values))
+    shared = _mean_tooth(values - own, smooth.weight, delta.shape)
+    return shared, _times(smooth.solver, values - shared)
+
+
+def _shared_at(shared: Array, smooth: SmoothFlanks, roll: float) -> Array:
+    """The shared shape (flanks,) about a roll length: the mean over a few cells of all heights."""
+    near = np.abs(smooth.grid.rolls - roll) < 3 * smooth.grid.size[0]
+    on = (smooth.weight > 0).reshape(-1, *smooth.grid.delta.shape[2:]) & near[:, None]
+    sums = (shared.reshape(on.shape) * on).sum(axis=(1, 2))
+    return np.asarray(sums / np.maximum(on.sum(axis=(1, 2)), 1))
+
+
+def _reduced_roll(roll: Array | float, nominal: Involute) -> Array:
+    return np.asarray((roll - nominal.measuring_roll) / (nominal.control_length / 2))
+
+
+def _reduced_height(height: Array | float, nominal: Involute) -> Array:
+    return np.asarray((height - nominal.middle) / (nominal.gear.face_width / 2))
+
+
+def _basis(grid: Grid) -> Array:
+    """1, l, h, l^2, lh, h^2 about the measuring circle and the middle of the face."""
+    el, h = _reduced_roll(grid.roll, grid.nominal), _reduced_height(grid.height, grid.nominal)
+    return np.stack([np.ones(el.shape), el, h, el * el, el * h, h * h], axis=-1)
+
+
+def _solver(basis: Array, weight: Array) -> Array:
+    """(flanks, TERMS, cells); NaN for a flank with too few cells, or all of them on a line."""
+    weighted = (basis * weight[:, :, None]).swapaxes(1, 2)
+    normal = weighted @ basis
+    able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (np.linalg.cond(normal) < 1e9)
+    normal[~able] = np.eye(TERMS)
+    solver = np.linalg.inv(normal) @ weighted
+    solver[~able] = np.nan
+    return np.asarray(solver)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Each flank's matrix (flanks, n, m) times its vector (flanks, m): (flanks, n)."""
+    return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
+
+
+def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array:
+    """Weighted mean over the teeth of each side (flanks, cells), the same for each tooth; 0 where no cell counts."""
+    sides, teeth = shape[:2]
+    seen = np.isfinite(residual)
+    w = np.where(seen, weight, 0.0).reshape(sides, teeth, -1)
+    total = w.sum(axis=1)
+    mean = (w * np.where(seen, residual, 0.0).reshape(sides, teeth, -1)).sum(axis=1) / np.maximum(total, 1e-9)
+    return np.asarray(np.repeat(np.where(total > 0, mean, 0.0), teeth, axis=0).reshape(residual.shape))
+
+
+def _residual(values: Array, basis: Array, solver: Array, weight: Array, shape: tuple[int, ...]) -> Array:
+    filled = np.where(np.isfinite(values), values, 0.0)
+    rest = filled - _times(basis, _times(solver, filled))
+    rest = rest - _median_tooth(np.where(weight > 0, rest, np.nan), shape)
+    return np.asarray(np.nan_to_num(rest))
+
+
+def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
+    """Median over the teeth (flanks, cells), the same for each tooth.
+
+    A cell that few teeth have takes the value between those beside it on the profile: its own tooth must not be what it
+    is compared with, or a flank would be free to drift there. 0 where no tooth shows it.
+    """
+    by_tooth = residual.reshape(shape)
+    known = np.isfinite(by_tooth).sum(axis=1) >= min(LEAST_TEETH, shape[1])
+    shared = np.where(known, nan_median(by_tooth, axis=1), 0.0)
+    rows = np.arange(shape[2])
+    for side, height in np.argwhere(known.any(axis=1) & ~known.all(axis=1)):
+        support = known[side, :, height]
+        shared[side, :, height] = np.interp(rows, rows[support], shared[side, support, height])
+    return np.asarray(np.repeat(shared.reshape(shape[0], -1), shape[1], axis=0).reshape(residual.shape))
+
+
+def _area_means(nominal: Involute) -> Array:
+    """Means (TERMS,) of the quadratic's terms over the evaluation area, whichever cells of it were seen."""
+    (a, b), (p, q) = (
+        [float(_reduced_roll(v, nominal)) for v in nominal.profile_range],
+        [float(_reduced_height(v, nominal)) for v in nominal.helix_range],
+    )
+    el, h = (a + b) / 2, (p + q) / 2
+    return np.array([1.0, el, h, (a * a + a * b + b * b) / 3, el * h, (p * p + p * q + q * q) / 3])

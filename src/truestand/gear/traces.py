@@ -1,0 +1,360 @@
+"""Where the standard reads a flank: profile at the middle of the face, helix and position on the measuring circle.
+
+    profile   mean over the middle of the face +- b / 20, over the roll length
+    helix     on the measuring circle, over the height
+    position  where both meet: mean of the helix over the middle of the face +- b / 20
+
+Cells of one height are a column. Profiles cross a flank at a few places only (4,000 a turn are 0.3 mm of roll length
+apart on the measuring circle), so what a column has there is read between the nearest of them, or, where it says the
+same, from a parabola through some more, which is quieter. Slopes and crowning are least squares, form and total
+extremes after a Gaussian low-pass (ISO 16610-21) of the whole evaluation range, damage included. All of it is linear in
+the cells, extremes aside.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import log, pi, sqrt
+
+import numpy as np
+
+from truestand.core.arrays import Array, Ints, Mask
+from truestand.gear.geometry import Involute
+from truestand.gear.grid import TRACE_SHARE, Grid, step_on_flank
+from truestand.gear.noise import CellNoise
+
+POINTS = 201
+"""Of a trace, evenly over its evaluation range."""
+LEAST_CELLS = 6
+"""Cells along a trace that it needs."""
+LEAST_REACH = 0.4
+"""Share of an evaluation range over which a trace must reach."""
+WIDE_STEPS = (5.0, 2.5)
+"""Steps of the table to either side over which a parabola is laid: the widest that fits."""
+LEAST_WIDE = 5
+"""Cells that it needs."""
+SAME = 3.5
+"""Standard deviations within which the parabola and the nearest cells say the same."""
+SLOPE_OF_HALF = 3.0
+"""Slope deviation of a line one half of which stands elsewhere by 1, over the mean of what its points are off."""
+LEAST_COLUMNS = 0.5
+"""Share of the columns at the middle of the face that must be seen."""
+LEAST_CUTOFF = 0.25
+"""mm: wavelength of the low-pass at least (ISO 1328-1:2013),"""
+CUTOFF_SHARE = 1 / 30
+"""and its share of the evaluation length or the face."""
+GAUSS = sqrt(log(2.0) / pi)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """How each column is read at one roll length."""
+
+    weights: Array
+    """(flanks, heights, roll lengths) of its cells, 0 for those not seen."""
+    seen: Mask
+    """(flanks, heights): columns with cells on both sides of the place."""
+    below: Array
+    """(flanks, heights) mm by which the flank may lie below, where it bends between the nearest cells; else 0."""
+    above: Array
+    """The same above."""
+
+    def __call__(self, delta: Array) -> Array:
+        """delta (flanks, heights) there, of cells (2, teeth, roll lengths, heights); 0 where not seen."""
+        return np.asarray((self.weights * _columns(np.nan_to_num(delta))).sum(axis=2))
+
+
+@dataclass(frozen=True, slots=True)
+class Traces:
+    """How traces and positions follow from the cells."""
+
+    nominal: Involute
+    band: Mask
+    """(heights,): columns at the middle of the face."""
+    rolls: Array
+    """(flanks, heights, roll lengths) mm of the cells seen; NaN elsewhere."""
+    heights: Array
+    """(flanks, heights) mm in C of the helix' points; NaN where not seen."""
+    circle: Reading
+    """On the measuring circle."""
+    ball: Reading
+    """Where the ball touches."""
+    profile: Array
+    """(flanks, POINTS, band, roll lengths): the trace from the columns of the band; NaN where not seen."""
+    helix: Array
+    """(flanks, POINTS, heights): the trace from the points on the circle; NaN where not seen."""
+
+
+def traces_of(grid: Grid, noise: CellNoise, step: float, ball_roll: float) -> Traces:
+    """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
+    nominal = grid.nominal
+    count, delta, roll, height, variance = (
+        _columns(a) for a in (grid.count, grid.delta, grid.roll, grid.height, noise.variance)
+    )
+    rolls = np.where(count > 0, roll, np.nan)
+
+    def reading(place: float) -> Reading:
+        wide = [max(steps * float(step_on_flank(nominal, place, step)), 1.5 * grid.size[0]) for steps in WIDE_STEPS]
+        return _reading(np.nan_to_num(delta), rolls - place, variance + noise.of_row**2, wide)
+
+    circle = reading(nominal.measuring_roll)
+    share = np.abs(circle.weights)
+    at = np.where(circle.seen, (share * height).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300), np.nan)
+    band = np.asarray(np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width)
+    half_step = step_on_flank(nominal, rolls, step) / 2
+    profile = np.stack(
+        [_interpolations(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band)], axis=2
+    )
+    helix = _interpolations(at, helix_points(nominal), np.full(at.shape, grid.size[1]))
+    return Traces(nominal, band, rolls, at, circle, reading(ball_roll), _mean_of_columns(profile), helix)
+
+
+def _mean_of_columns(profile: Array) -> Array:
+    """Matrices (flanks, POINTS, band, roll lengths) of columns as those of their mean; NaN where most are not seen."""
+    seen = np.asarray(np.isfinite(profile).all(axis=3))
+    number = seen.sum(axis=2)
+    mean = np.where(seen[..., None], profile, 0.0) / np.maximum(number, 1)[..., None, None]
+    mean[number < LEAST_COLUMNS * profile.shape[2]] = np.nan
+    return np.asarray(mean)
+
+
+def profile_points(nominal: Involute) -> Array:
+    """Roll lengths (POINTS,) mm of a profile's trace."""
+    return np.linspace(*nominal.profile_range, POINTS)
+
+
+def helix_points(nominal: Involute) -> Array:
+    """Heights (POINTS,) mm, C, of a helix' trace."""
+    return np.linspace(*nominal.helix_range, POINTS)
+
+
+def profile_of(delta: Array, traces: Traces) -> Array:
+    """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
+    band = _columns(np.nan_to_num(delta))[:, traces.band]
+    flat = traces.profile.reshape(*traces.profile.shape[:2], -1)
+    return np.asarray((flat @ band.reshape(band.shape[0], -1, 1))[:, :, 0])
+
+
+def helix_of(delta: Array, traces: Traces) -> Array:
+    """Helix traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
+    return np.asarray((traces.helix @ traces.circle(delta)[:, :, None])[:, :, 0])
+
+
+def position_of(delta: Array, reading: Reading, traces: Traces) -> Array:
+    """What a reading says at the middle of the face, (flanks,) mm, of cells (2, teeth, roll lengths, heights).
+
+    NaN where most columns of the band are not seen.
+    """
+    return _mean_of_band(reading(delta), reading, traces)
+
+
+def position_doubt(reading: Reading, traces: Traces) -> Array:
+    """By how much (flanks,) mm ``position_of`` may be off where flanks bend; NaN where most columns are not seen."""
+    return _mean_of_band(np.maximum(reading.below, reading.above), reading, traces)
+
+
+def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
+    seen = reading.seen & traces.band
+    number = seen.sum(axis=1)
+    mean = np.where(seen, values, 0.0).sum(axis=1) / np.maximum(number, 1)
+    return np.where(number >= LEAST_COLUMNS * np.count_nonzero(traces.band), mean, np.nan)
+
+
+def profile_bend(delta: Array, traces: Traces) -> Array:
+    """By how much (flanks,) mm profiles may reach beyond the cells they are read from."""
+    columns = np.flatnonzero(traces.band)
+    cells = _columns(np.nan_to_num(delta))
+    bends = [_bend(cells[:, j], traces.rolls[:, j], traces.nominal.profile_range) for j in columns]
+    return np.asarray(np.mean(bends, axis=0))
+
+
+def helix_bend(delta: Array, traces: Traces) -> Array:
+    """By how much (flanks,) mm helices may reach beyond their points."""
+    circle, points = traces.circle, traces.circle(delta)
+    low, high = traces.nominal.helix_range
+    on = circle.seen & (traces.heights >= low) & (traces.heights <= high)
+    wider = _range(points + circle.above, points - circle.below, on) - _range(points, points, on)
+    return wider + _bend(points, traces.heights, (low, high))
+
+
+def helix_tilt(traces: Traces) -> Array:
+    """By how much (flanks,) mm slope deviations of helices may be off where flanks bend on the measuring circle."""
+    doubt = np.maximum(traces.circle.below, traces.circle.above)
+    return np.asarray(SLOPE_OF_HALF * doubt.sum(axis=1) / np.maximum(traces.circle.seen.sum(axis=1), 1))
+
+
+def _bend(values: Array, at: Array, limits: tuple[float, float]) -> Array:
+    """By how much (flanks,) mm smooth curves through values (flanks, n) may reach beyond the farthest of them.
+
+    An eighth of the second difference there, as on a parabola between two values; 0 for fewer than three.
+    """
+    found = np.zeros(values.shape[0])
+    for flank in range(values.shape[0]):
+        on = np.flatnonzero((at[flank] >= limits[0]) & (at[flank] <= limits[1]))  # NaN: not seen
+        if on.size < 3:
+            continue
+        x, y = at[flank, on], values[flank, on]
+        share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
+        bend = np.abs(y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]) / 4.0
+        rest = y - np.polyval(np.polyfit(x, y, 1), x)
+        for farthest in (int(np.argmax(rest)), int(np.argmin(rest))):
+            found[flank] = max(found[flank], bend[max(farthest - 2, 0) : farthest + 1].max(initial=0.0))
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """What a trace (flanks, POINTS) says; mm, (flanks,), NaN for a flank of which too little was seen."""
+
+    slope: Array
+    """Rise of the mean line over the length of slope deviations."""
+    form: Array
+    total: Array
+    crowning: Array
+    """Height of the mean parabola over the whole control length or face."""
+    filtered: Array
+    """(flanks, POINTS): the trace after the low-pass."""
+
+
+def line_of(trace: Array, at: Array, cells: Ints, slope_length: float, whole: float, cutoff_of: float) -> Line:
+    """The figures of traces (flanks, POINTS) at places (POINTS,).
+
+    ``cells`` (flanks,): how many it rests on; ``whole``: control length or face (mm); ``cutoff_of``: length
+    (mm) whose share is the low-pass's wavelength.
+    """
+    seen = np.isfinite(trace)
+    able = (cells >= LEAST_CELLS) & (seen.mean(axis=1) > LEAST_REACH)
+    weight, values = seen.astype(np.float64), np.where(seen, trace, 0.0)
+    number = np.maximum(weight.sum(axis=1), 1.0)
+    x = np.where(seen, at - ((weight * at).sum(axis=1) / number)[:, None], 0.0)
+    square = np.maximum((x * x).sum(axis=1), 1e-300)
+    slope = (x * values).sum(axis=1) / square
+    rest = np.where(seen, values - (values.sum(axis=1) / number)[:, None] - slope[:, None] * x, 0.0)
+    filtered = _low_pass(rest, weight, at, max(cutoff_of * CUTOFF_SHARE, LEAST_CUTOFF))
+    full = filtered + values - rest
+    bend = np.where(seen, x * x - (square / number)[:, None], 0.0)
+    bend = bend - np.where(seen, ((bend * x).sum(axis=1) / square)[:, None] * x, 0.0)
+    curve = (bend * values).sum(axis=1) / np.maximum((bend * bend).sum(axis=1), 1e-300)
+    form, total = (_range(v, v, seen) for v in (filtered, full))
+    slope, form, total, crowning = (
+        np.where(able, f, np.nan) for f in (slope * slope_length, form, total, -curve * (whole / 2) ** 2)
+    )
+    return Line(slope, form, total, crowning, np.where(seen, full, np.nan))
+
+
+def unseen_ends(trace: Array, at: Array, figures: Callable[[Array], Line]) -> Line:
+    """By how much (mm) the figures of traces (flanks, POINTS) may be off because their ends were not seen.
+
+    The larger of what they change by where the ends go on level, and where they go on as the mean parabola does.
+    """
+    seen = np.isfinite(trace)
+    level, curved = trace.copy(), trace.copy()
+    for flank in np.flatnonzero((seen.sum(axis=1) >= LEAST_CELLS) & ~seen.all(axis=1)):
+        on = seen[flank]
+        level[flank] = np.interp(at, at[on], trace[flank, on])
+        curved[flank, ~on] = np.polyval(np.polyfit(at[on], trace[flank, on], 2), at[~on])
+    base, ends = figures(trace), (figures(level), figures(curved))
+
+    def apart(name: str) -> Array:
+        return np.asarray(np.maximum(*(np.abs(getattr(end, name) - getattr(base, name)) for end in ends)))
+
+    return Line(apart("slope"), apart("form"), apart("total"), apart("crowning"), apart("filtered"))
+
+
+def _range(high: Array, low: Array, seen: Mask) -> Array:
+    """Largest of ``high`` less least of ``low`` (flanks,) of what was seen; 0 where nothing was."""
+    top, bottom = np.where(seen, high, -np.inf).max(axis=1), np.where(seen, low, np.inf).min(axis=1)
+    return np.asarray(np.where(seen.any(axis=1), top - bottom, 0.0))
+
+
+def _low_pass(values: Array, weight: Array, at: Array, cutoff: float) -> Array:
+    """Traces (flanks, n) at evenly spaced places (n,) after a Gaussian that halves waves of ``cutoff`` mm."""
+    kernel = np.exp(-pi * np.square((at[:, None] - at) / (GAUSS * cutoff)))
+    return np.asarray((weight * values) @ kernel / np.maximum(weight @ kernel, 1e-300))
+
+
+def _columns(cells: Array) -> Array:
+    """Cells (2, teeth, roll lengths, heights) as columns (flanks, heights, roll lengths)."""
+    return np.asarray(cells.reshape(-1, *cells.shape[2:]).swapaxes(1, 2))
+
+
+def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float]) -> Reading:
+    """How columns of cells (flanks, heights, roll lengths) are read at 0, at ``x`` from it (NaN: not seen).
+
+    ``reaches``: mm to either side of which a parabola may take cells, the widest first. Where cells depart from it, or
+    it from the nearest cells, by more than noise does, the flank bends there: those stand, and it may be anywhere
+    between them.
+    """
+    nearest, below, above = _between(x, values)
+    seen = np.asarray(np.isfinite(nearest).all(axis=2))
+    weights, bends = nearest, seen.copy()
+    for reach in reaches:
+        parabola, off = _parabola(np.where(np.abs(x) < reach, x, np.nan), values, reach, variance)
+        apart = parabola - nearest
+        noise = np.sqrt((np.nan_to_num(apart) ** 2 * variance).sum(axis=2))
+        with np.errstate(invalid="ignore"):
+            same = bends & (np.abs((apart * values).sum(axis=2)) <= SAME * noise) & (off <= SAME)
+        weights, bends = np.where(same[..., None], parabola, weights), bends & ~same
+    return Reading(np.nan_to_num(weights), seen, np.where(bends, below, 0.0), np.where(bends, above, 0.0))
+
+
+def _between(x: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Weights (..., n) of straight lines between those nearest to 0 on either side; NaN where a side has none.
+
+    And how far (...) below and above the line at 0 their values lie.
+    """
+    below, above = np.where(x <= 0, x, -np.inf), np.where(x > 0, x, np.inf)
+    low, high = below.argmax(axis=-1)[..., None], above.argmin(axis=-1)[..., None]
+    first, last = np.take_along_axis(below, low, -1), np.take_along_axis(above, high, -1)
+    known = np.isfinite(first) & np.isfinite(last)
+    share = np.where(known, -first, 0.0) / np.where(known, last - first, 1.0)
+    weights = np.zeros(x.shape)
+    np.put_along_axis(weights, low, 1.0 - share, -1)
+    np.put_along_axis(weights, high, share, -1)
+    weights[~known[..., 0]] = np.nan
+    ends = [np.take_along_axis(values, side, -1)[..., 0] for side in (low, high)]
+    line = (1.0 - share[..., 0]) * ends[0] + share[..., 0] * ends[1]
+    return weights, line - np.minimum(*ends), np.maximum(*ends) - line
+
+
+def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[Array, Array]:
+    """Weights (..., n) that read a parabola through values at ``x`` at 0; NaN with fewer than ``LEAST_WIDE`` of them.
+
+    And by how many standard deviations (...) one of them departs from it at most.
+    """
+    on = np.isfinite(x)
+    u = np.where(on, x / reach, 0.0)
+    weight = np.where(on, 1.0 / np.maximum(variance, 1e-18), 0.0)
+    weight = weight / np.maximum(weight.max(axis=-1, keepdims=True), 1e-300)
+    terms = np.stack([np.ones(u.shape), u, u * u], axis=-1)
+    weighted = (terms * weight[..., None]).swapaxes(-1, -2)
+    normal = weighted @ terms
+    able = (on.sum(axis=-1) >= LEAST_WIDE) & (np.linalg.cond(normal) < 1e6)
+    normal[~able] = np.eye(3)
+    solver = np.linalg.inv(normal) @ weighted
+    solver[~able] = np.nan
+    rest = values - (terms @ (solver @ values[..., None]))[..., 0]
+    off = np.where(on, np.abs(rest) / np.sqrt(np.maximum(variance, 1e-18)), 0.0).max(axis=-1)
+    return np.asarray(solver[..., 0, :]), off
+
+
+def _interpolations(at: Array, places: Array, beyond: Array) -> Array:
+    """(flanks, places, n): straight lines between values of each flank at ``at`` (flanks, n) mm; NaN: not seen.
+
+    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther it is NaN.
+    """
+    found = np.full((at.shape[0], places.size, at.shape[1]), np.nan)
+    for flank in range(at.shape[0]):
+        seen = np.flatnonzero(np.isfinite(at[flank]))
+        if not seen.size:
+            continue
+        x = at[flank, seen]
+        inside = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
+        share = np.interp(places[inside], x, np.arange(x.size, dtype=np.float64))
+        first = np.minimum(share.astype(np.intp), max(x.size - 2, 0))
+        last = np.minimum(first + 1, x.size - 1)
+        own = np.zeros((first.size, at.shape[1]))
+        line = np.arange(first.size)
+        own[line, seen[first]] = 1.0 - (share - first)
+        own[line, seen[last]] += share - first
+        found[flank, inside] = own
+    return found

@@ -1,0 +1,79 @@
+"""Outliers are single readings, never regions: what is left out, and what is not."""
+
+import numpy as np
+import pytest
+
+from truestand.gear.lone_readings import lone_readings
+
+PER_TURN, POINTS, NOISE = 200, 40, 0.002
+
+
+def read(image):
+    """The arguments for an image (profiles, points) of delta, one flank, at equal angles; NaN: not seen."""
+    row, column = np.nonzero(np.isfinite(image))
+    angle = np.arange(image.shape[0]) * 2 * np.pi / PER_TURN
+    index = row * image.shape[1] + column
+    return image[row, column], np.zeros(row.size, dtype=np.intp), index, image.shape[1], angle
+
+
+def flank(turns=1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.normal(0.0, NOISE, (int(turns * PER_TURN), POINTS))
+
+
+@pytest.mark.parametrize("turns", [1.0, 2.5])
+def test_wild_readings_are_left_out_and_sound_ones_are_not(turns):
+    image = flank(turns)
+    rng = np.random.default_rng(1)
+    wild = rng.random(image.shape) < 0.2
+    image[wild] = rng.uniform(-0.25, 0.25, np.count_nonzero(wild))
+    left_out = lone_readings(*read(image)).reshape(image.shape)
+    off = np.abs(image) > 0.03
+    assert left_out[off].mean() > 0.97
+    assert left_out[~wild].mean() < 0.01
+
+
+@pytest.mark.parametrize("turns", [1.0, 2.5])
+@pytest.mark.parametrize("depth", [0.01, 0.1, 0.2])
+@pytest.mark.parametrize(
+    "where", [np.s_[60:61, :], np.s_[:, 12:14], np.s_[60:63, 10:13]], ids=["row", "columns", "dent"]
+)
+def test_regions_stay(turns, depth, where):
+    """A groove that one profile meets, one that two points of each profile meet, a dent of nine readings."""
+    image = flank(turns)
+    damaged = np.zeros((PER_TURN, POINTS), dtype=bool)
+    damaged[where] = True
+    damaged = np.concatenate([damaged] * 3)[: image.shape[0]]
+    image[damaged] -= depth
+    left_out = lone_readings(*read(image)).reshape(image.shape)
+    assert left_out[damaged].mean() < 0.15  # a corner of the dent has few like it
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.09, 0.2])
+def test_a_round_dent_of_a_few_readings_stays(depth):
+    """Five points wide and as many profiles: no two of its readings are alike."""
+    row, column = np.indices((PER_TURN, POINTS))
+    away = ((row - 60) ** 2 + (column - 12) ** 2) / 2.5**2
+    dent = depth * np.square(np.maximum(1.0 - away, 0.0))
+    left_out = lone_readings(*read(flank() - dent)).reshape(dent.shape)
+    assert not left_out[dent > depth / 2].any()
+
+
+def test_what_another_turn_does_not_show_is_left_out():
+    image = flank(2.0)
+    image[60:63, 10:20] += 0.05
+    left_out = lone_readings(*read(image)).reshape(image.shape)
+    assert left_out[61, 11:19].all()
+    assert left_out[61 + PER_TURN, 11:19].all()  # nobody knows which of the two is right
+    assert left_out.mean() < 0.01
+
+
+def test_a_flank_that_stands_elsewhere_on_the_next_turn_stays():
+    image = flank(2.0)
+    image[PER_TURN:] += 0.05
+    assert lone_readings(*read(image)).mean() < 0.01
+
+
+def test_few_readings_are_no_error():
+    assert lone_readings(*read(np.full((3, 4), np.nan))).size == 0
+    assert lone_readings(*read(np.zeros((1, 1)))).all()
