@@ -115,9 +115,9 @@ def errors_of(gear: Gear, rng: np.random.Generator) -> GearErrors:
     )
 
 
-def simulation_of(gear: Gear, profiles: int, speckle: float) -> Simulation:
+def simulation_of(upright: bool, profiles: int, speckle: float) -> Simulation:
+    """The stand; ``upright``: its sensor looks at the axis at 70 degrees, as helical gears need it."""
     base = paper_simulation()
-    upright = bool(gear.helix_angle)
     where = (
         {"phi": radians(-70.0), "standoff": 105.0, "height": 2.0} if upright else {"standoff": 104.0, "height": 14.0}
     )
@@ -138,8 +138,8 @@ def stand_of():
 
 
 @cache
-def calibrated(gear: Gear):
-    shaft = simulate(stand_of(), simulation_of(gear, 5500, 0.0), paper_shaft(), 1)
+def calibrated(upright: bool):
+    shaft = simulate(stand_of(), simulation_of(upright, 5500, 0.0), paper_shaft(), 1)
     return replace(calibrate(interpret(shaft.recording, stand_of()), paper_shaft()), reasons=())
 
 
@@ -194,11 +194,12 @@ def one_gear(seed: int) -> tuple[str, str, Count, float]:
         if kind != "none":
             (apparent if kind == "reflection" else damage).extend(damage_of(kind, tooth, gear, rng))
     speckle = float(rng.choice([0.0, 0.0, 0.005, 0.01, 0.02]))
-    simulation = simulation_of(gear, PROFILES, speckle)
+    simulation = simulation_of(bool(gear.helix_angle), PROFILES, speckle)
     real = _with(errors, damage)
     true = gear_figures(VirtualGear(gear, real), paper_shaft(), simulation.workpiece)
     begun = time.process_time()
-    found = inspect_gear(roll(scan_of(gear, _with(real, apparent), simulation, seed), calibrated(replace(gear))), gear)
+    scan, calibration = scan_of(gear, _with(real, apparent), simulation, seed), calibrated(bool(gear.helix_angle))
+    found = inspect_gear(roll(scan, calibration), gear)
     seconds = time.process_time() - begun
     count = Count()
     for c in found.characteristics:

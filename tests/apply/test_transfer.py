@@ -10,9 +10,12 @@ from truestand.apply.transfer import roll, transfer
 from truestand.apply.witness import witness
 from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.frames import RADIAL
 from truestand.core.scan import interpret
 from truestand.core.stand import Table
 from truestand.core.surface import apply_calibration
+from truestand.parts.drawings import Section, Turned
+from truestand.parts.inspect import inspect
 from truestand.sim import FormWave, simulate
 from truth import PLANE, TILTED, Named, scan_of, shaft
 
@@ -55,6 +58,12 @@ def part_scan(name, start="home", seed=5, **changes):
     simulation = replace(simulation, workpiece=replace(simulation.workpiece, form=lobes))
     stand = replace(now.stand(), table=replace(now.stand().table, start=start))
     return interpret(simulate(stand, simulation, wheel(), seed).recording, stand)
+
+
+def scan_from_farther_out(by):
+    """With the sensor farther out, across the axis, ``by`` so many mm than when it was calibrated by index."""
+    outward = -calibrated("index").table_from_sensor.rotation[0, 2]
+    return part_scan("index", mounting={"standoff": 95.0 + by / outward})
 
 
 @pytest.fixture(scope="module")
@@ -172,11 +181,26 @@ def test_roll_ties_a_scan_once():
 def test_a_sensor_that_stands_a_little_farther_out_is_followed():
     """9 um across the axis, less than makes a scan untrusted: a diameter read 18 um too small, and said 8 um of U."""
     known = calibrated("index")
-    scan = part_scan("index", mounting={"standoff": 95.0 + 0.009 / -known.table_from_sensor.rotation[0, 2]})
-    tied = transfer(scan, known)
+    tied = transfer(scan_from_farther_out(0.009), known)
     assert tied.calibration.status == "valid"
     moved = tied.calibration.table_from_sensor.translation - known.table_from_sensor.translation
     assert moved == pytest.approx([0.009, 0.0, 0.0], abs=5e-4)
+    assert tied.calibration.covariance[RADIAL, RADIAL] >= known.covariance[RADIAL, RADIAL] + (
+        tied.witness.radial_U / 2
+    ) ** 2 * (1 - 1e-9)
+
+
+def test_a_part_that_is_the_shaft_in_view_is_not_measured_by_itself():
+    """A sensor 9 um farther out and a shaft 18 um smaller look alike: where it is the part, the sensor stays."""
+    known, base = calibrated("index"), shaft().cylinders[0]
+    surface = roll(scan_from_farther_out(0.009), known)
+    assert surface.calibration.moved_out == pytest.approx(0.009, abs=5e-4)
+    itself = Turned((Section("base", base.bottom + 1, base.top - 1, base.diameter),))
+    before, found = inspect(roll(part_scan("index"), known), itself), inspect(surface, itself)
+    assert found.characteristics[0].value - before.characteristics[0].value == pytest.approx(-0.018, abs=1e-3)
+    assert not any("by the shaft in view" in r for r in found.remarks)
+    beside = Turned((Section("wheel", 6.0, 24.0, 47.0),))
+    assert any("by the shaft in view the sensor stands" in r for r in inspect(surface, beside).remarks)
 
 
 @pytest.mark.parametrize(("drift", "flagged"), [(0.02, True), (-0.02, True), (0.004, False)])

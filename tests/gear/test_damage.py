@@ -256,7 +256,7 @@ def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     gear = replace(helical(helix), accuracy_class=10)
     found = inspected(SOUND, gear, simulation(4400, upright=True), 400)
     doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
-    assert len(doubted) <= 3  # of 288
+    assert len(doubted) <= 6  # of 288: two flanks
 
 
 def test_dents_touch_only_the_figures_that_read_them():

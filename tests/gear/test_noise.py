@@ -13,13 +13,13 @@ from truestand.gear.noise import CellNoise, noise_of_cells
 UM = 1e-3
 
 
-def grid(noise=0.0, of_row=0.0, of_column=0.0, lasting=0.0, persistence=0.0, damage=0.0, seed=0):
+def grid(noise=0.0, of_row=0.0, of_column=0.0, correlated=0.0, ar1=0.0, damage=0.0, seed=0):
     """Smooth flanks of 16 readings a cell, with noise of a single reading."""
     nominal = involute(SPUR)
     edges, rolls = height_edges(nominal, 0.5), centres_of(nominal.control_roll, nominal.tip_roll, 40)
     shape = (2, 24, rolls.size, edges.size - 1)
     heights = (edges[:-1] + edges[1:]) / 2
-    drawn = CellNoise(np.full(shape, noise**2 / 16), lasting, persistence, of_row, of_column)
+    drawn = CellNoise(np.full(shape, noise**2 / 16), correlated, ar1, of_row, of_column)
     delta = 0.004 * np.sin(rolls / 3.0)[:, None] - 0.01 * ((heights - 15.0) / 10.0) ** 2
     delta = delta + drawn.draw(np.random.default_rng(seed))
     delta[:, ::4, 10:16, 10:20] -= damage
@@ -31,7 +31,7 @@ def grid(noise=0.0, of_row=0.0, of_column=0.0, lasting=0.0, persistence=0.0, dam
 def test_noise_of_single_readings(damage):
     found = noise_of_cells(grid(noise=4 * UM, damage=damage))
     assert np.sqrt(np.median(found.variance)) == pytest.approx(1 * UM, rel=0.05)
-    assert found.of_row < 0.15 * UM and found.of_column < 0.15 * UM and found.lasting < 0.1
+    assert found.of_row < 0.15 * UM and found.of_column < 0.15 * UM and found.correlated < 0.1
 
 
 def test_what_rows_and_columns_share():
@@ -41,9 +41,9 @@ def test_what_rows_and_columns_share():
 
 
 def test_noise_that_goes_on_along_the_roll_length():
-    found = noise_of_cells(grid(noise=4 * UM, lasting=0.8, persistence=0.8))
-    assert found.lasting == pytest.approx(0.8, abs=0.1)
-    assert found.persistence == pytest.approx(0.8, abs=0.1)
+    found = noise_of_cells(grid(noise=4 * UM, correlated=0.8, ar1=0.8))
+    assert found.correlated == pytest.approx(0.8, abs=0.1)
+    assert found.ar1 == pytest.approx(0.8, abs=0.1)
 
 
 def test_readings_on_an_edge_are_less_certain():
@@ -59,4 +59,4 @@ def test_nothing_seen_has_no_noise():
     empty = grid()
     empty = replace(empty, delta=np.full(empty.delta.shape, np.nan), count=np.zeros(empty.delta.shape))
     found = noise_of_cells(empty)
-    assert not found.variance.any() and found.of_row == found.of_column == found.lasting == 0.0
+    assert not found.variance.any() and found.of_row == found.of_column == found.correlated == 0.0

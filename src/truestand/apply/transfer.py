@@ -8,8 +8,9 @@ import numpy as np
 
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.checks import UNTIED
+from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, Check
-from truestand.core.frames import Pose, in_table
+from truestand.core.frames import RADIAL, Pose, in_table
 from truestand.core.scan import AngleZero, Scan
 from truestand.core.surface import Surface, apply_calibration
 
@@ -83,16 +84,49 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
 
 
 def _moved_out(calibration: Calibration, band: Witness) -> Calibration:
-    """The calibration with its sensor as far out as the band sees it, where that is farther than the band's U.
+    """The calibration with its sensor as far out as the band sees it, where that is farther than the band's U; and that
+    U in its covariance.
 
     A surface that the calibration has not seen may have another diameter than drawn: it moves nothing.
     """
     known = {s.surface for s in calibration.static_profiles}
-    if abs(band.radial) <= band.radial_U or not known.issuperset(band.surfaces):
+    if not known.issuperset(band.surfaces):
         return calibration
+    covariance = calibration.covariance.copy()
+    if covariance.shape[0] > RADIAL:
+        covariance[RADIAL, RADIAL] += (band.radial_U / K) ** 2
+    calibration = replace(calibration, covariance=covariance)
+    if abs(band.radial) <= band.radial_U:
+        return calibration
+    return _with_sensor_out(calibration, band.radial)
+
+
+def _with_sensor_out(calibration: Calibration, by: float) -> Calibration:
+    """The calibration with its sensor farther out ``by`` so many mm."""
     pose = calibration.table_from_sensor
-    moved = Pose(pose.rotation, pose.translation + np.array([band.radial, 0.0, 0.0]))
-    return replace(calibration, table_from_sensor=moved)
+    moved = Pose(pose.rotation, pose.translation + np.array([by, 0.0, 0.0]))
+    return replace(calibration, table_from_sensor=moved, moved_out=calibration.moved_out + by)
+
+
+def with_sensor_as_calibrated(surface: Surface) -> Surface:
+    """The same scan with its sensor where the calibration has it, for a part that is itself the shaft in view: its
+    diameter must not be measured by itself.
+    """
+    scan, calibration = surface.origin
+    if not calibration.moved_out:
+        return surface
+    return apply_calibration(scan, _with_sensor_out(calibration, -calibration.moved_out))
+
+
+def transfer_remarks(calibration: Calibration) -> tuple[str, ...]:
+    """What ``transfer`` did to a calibration, for the reader of an inspection."""
+    if not calibration.moved_out:
+        return ()
+    where = "out" if calibration.moved_out > 0 else "in"
+    return (
+        f"by the shaft in view the sensor stands {1000 * abs(calibration.moved_out):.1f} um farther {where} than at "
+        "the calibration: taken into account",
+    )
 
 
 def _with_reasons(calibration: Calibration, reasons: tuple[str, ...], scan: Scan) -> Calibration:

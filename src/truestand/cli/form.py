@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from truestand.apply.transfer import Transfer
+from truestand.apply.transfer import Transfer, with_sensor_as_calibrated
 from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import JsonOption, QuietOption, StandOption, StartAngleOption, output_option
 from truestand.cli.terminal import hint, print_json, progress
@@ -151,7 +151,7 @@ def _transferred(
 
 def _section(transferred: Transfer, feature: Feature, surface: str | None, height: float | None) -> Array:
     """Cell means (n, 3) mm of one cylinder of the artefact in a scan."""
-    rolled = apply_calibration(transferred.scan, transferred.calibration)
+    rolled = with_sensor_as_calibrated(apply_calibration(transferred.scan, transferred.calibration))
     cylinder, low, high = _measured_cylinder(transferred.calibration, surface)
     if feature == "cylinder":
         return section(rolled, cylinder.radius, low, high, CYLINDER_CELLS)

@@ -218,6 +218,8 @@ class Calibration:
     created: str | None = None
     """ISO time, put on when the record is written."""
     valid_until: str | None = None
+    moved_out: float = 0.0
+    """mm by which the sensor stands farther out than when it was calibrated, taken into account by ``transfer``."""
     applied_to: Scan | None = field(default=None, repr=False, compare=False)
     """The scan that ``transfer`` tied to it: what speaks against applying it there stands in ``reasons`` already."""
 

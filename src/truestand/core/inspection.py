@@ -36,7 +36,7 @@ class Characteristic:
     section: str | None = None
     """Of a turned part."""
     size: bool = False
-    """A size is reported in mm with two limits, a deviation in um with one."""
+    """A size is reported in mm, a deviation in um."""
     limits: tuple[float | None, float | None] | None = None
     """Lower and upper limit."""
     grade: int | None = None
@@ -51,7 +51,7 @@ class Characteristic:
     budget: tuple[Contribution, ...] = ()
     """Lines of U, largest first, in mm."""
     reason: str | None = None
-    """What of the part the value leaves out, where it leaves out any."""
+    """What makes the line doubtful: the damage that it reads, or surface that was not seen."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,10 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, Toothing, find_flanks, find_toothing
 from truestand.gear.geometry import SIGMA
-from truestand.gear.grid import CLIP, MEDIAN_SPAN, bin_index
+from truestand.gear.grid import MEDIAN_SPAN, bin_index
 
+CLIP = 3.5
+"""Robust standard deviations about the median of its pass within which a point is no outlier."""
 LEAST_TURNS = 1.99
 """Fewer leave most of the flanks with one pass."""
 WHOLE_PASS = 0.7

@@ -10,7 +10,7 @@ sensitivities to get wrong (those of the theory page are tests).
 """
 
 from dataclasses import dataclass
-from math import hypot, tau
+from math import hypot, isfinite, tau
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
-from truestand.gear.evaluate import Evaluation, Figures, evaluate, figures_of
+from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
 from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
@@ -38,6 +38,8 @@ LINEARITY_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
 UNKNOWN_ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
 """The calibration's unknowns in the order of the budget; each with what moves along with it."""
+BETWEEN_READINGS = "between readings"
+"""Line of what lies between the readings and beyond them (``evaluate.sampling_of``)."""
 FLANK_ONLY = "incidence"
 """Of steep flanks only: tip and root face the sensor."""
 UNKNOWN_NAMES = (
@@ -114,13 +116,13 @@ def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
-def expanded(influences: tuple[Influence, ...], by: Evaluation) -> dict[str, Figures]:
+def expanded(influences: tuple[Influence, ...], evaluator: Evaluator) -> dict[str, Figures]:
     """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined."""
-    nominal, delta = by.grid.nominal, np.nan_to_num(by.grid.delta)
-    base = figures_of(evaluate(delta, by), nominal)
+    nominal, delta = evaluator.grid.nominal, np.nan_to_num(evaluator.grid.delta)
+    base = figures_of(evaluate(delta, evaluator), nominal)
     by_input: dict[str, Figures] = {}
     for i in influences:
-        up, down = (figures_of(evaluate(delta + s * i.field, by), nominal) for s in (1.0, -1.0))
+        up, down = (figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0))
         joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
         for n, value in base.items():
             joined[n] = np.hypot(joined[n], np.fmax(np.abs(up[n] - value), np.abs(down[n] - value)))
@@ -130,7 +132,10 @@ def expanded(influences: tuple[Influence, ...], by: Evaluation) -> dict[str, Fig
 def lines_of(
     by_input: dict[str, Figures], influences: tuple[Influence, ...], name: str, at: tuple[int, ...]
 ) -> tuple[Contribution, ...]:
-    """The budget of one figure, largest line first; lines below a thousandth of the largest are left out."""
+    """The budget of one figure, largest line first; lines below a thousandth of the largest are left out.
+
+    Empty where what an input does is not known.
+    """
     inputs = {i.name: i for i in influences}
     lines = []
     for source, figures in by_input.items():
@@ -139,8 +144,11 @@ def lines_of(
         U = float(figures[name][at])
         known = inputs.get(source)
         lines.append(Contribution(source, U, None if known is None else known.u,
-                                  "normal" if known is None else known.distribution))  # fmt: skip
-    lines = sorted((c for c in lines if np.isfinite(c.U)), key=lambda c: -c.U)
+                                  "rectangular" if source == BETWEEN_READINGS else "normal" if known is None
+                                  else known.distribution))  # fmt: skip
+    if not all(isfinite(c.U) for c in lines):
+        return ()
+    lines = sorted(lines, key=lambda c: -c.U)
     return tuple(c for c in lines if c.U > 1e-3 * lines[0].U)
 
 

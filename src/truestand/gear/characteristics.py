@@ -19,11 +19,12 @@ from truestand.core.errors import BadRecipe
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Verdict, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
+from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.drawing import Gear, Standard
 from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
-from truestand.gear.grid import HEIGHT_CELL, TRACE_SHARE, Coverage
+from truestand.gear.grid import HEIGHT_CELL, TRACE_SHARE
 from truestand.gear.teeth import Diameter
 from truestand.gear.traces import CUTOFF_SHARE, LEAST_CUTOFF
 
@@ -31,6 +32,7 @@ PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 FORMS = frozenset({"F_alpha", "f_falpha", "F_beta", "f_fbeta"})
 """What grows with every damage."""
 SIZES = ("s", "W_k", "M_d")
+AT_BALL = frozenset({"F_r", "M_d"})
 ON_TOP = "on top of a flank, or a second reflection"
 NOT_SEEN = "damage that was not seen whole"
 UM = 1000.0
@@ -64,7 +66,6 @@ class Assessment:
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
     """(teeth,): but for those that the drawing leaves out."""
-    runout_per_delta: float
 
 
 def characteristics_of(a: Assessment, diameters: tuple[Diameter, ...]) -> tuple[Characteristic, ...]:
@@ -119,7 +120,7 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     return Characteristic(
         name=plain,
         value=value if seen else None,
-        U=hypot(*(c.U for c in budget)) if seen else None,
+        U=hypot(*(c.U for c in budget)) if budget else None,
         flank=FLANKS[at[0]] if at else None,
         tooth=at[1] + 1 if len(at) > 1 else None,
         size=size,
@@ -139,16 +140,15 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
         return line
     value = line.value or 0.0
     without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
-    found = replace(
-        line, grade=None, reason=max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0))).text
-    )
-    on_top = abs(value - (without_top if np.isfinite(without_top) else 0.0))
-    for cause, half in ((ON_TOP, on_top), (NOT_SEEN, _unknown_depth(regions, a, name) * _per_delta(name, a))):
-        if half:
-            budget = (*found.budget, Contribution(cause, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular"))
-            found = replace(found, U=hypot(found.U or 0.0, budget[-1].U), budget=budget)
-    found = replace(found, budget=tuple(sorted(found.budget, key=lambda c: -c.U)))
-    return found if line.verdict is None else replace(found, verdict=_verdict(line, found, without_top))
+    half_widths = {
+        ON_TOP: abs(value - (without_top if np.isfinite(without_top) else 0.0)),
+        NOT_SEEN: _unknown_depth(regions, a, name) * _per_delta(name, a),
+    }
+    causes = [Contribution(c, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular") for c, half in half_widths.items()]
+    budget = tuple(sorted((*line.budget, *(c for c in causes if c.U)), key=lambda c: -c.U))
+    gravest = max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
+    wider = replace(line, grade=None, U=hypot(*(c.U for c in budget)), budget=budget, reason=gravest.text)
+    return wider if line.verdict is None else replace(wider, verdict=_verdict(line, wider, without_top))
 
 
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
@@ -170,8 +170,9 @@ def _per_delta(name: str, a: Assessment) -> float:
     plain = name.removesuffix(MEAN)
     if plain in PITCH or plain == "s":
         return a.nominal.arc_per_delta * (2.0 if plain == "f_u" else 1.0)
+    at_ball = a.nominal.runout_per_delta
     others = {
-        "F_r": a.runout_per_delta, "M_d": 2 * a.runout_per_delta, "W_k": a.nominal.normal_per_delta,
+        "F_r": at_ball, "M_d": 2 * at_ball, "W_k": a.nominal.normal_per_delta,
         "f_Halpha": 1.5, "f_Hbeta": 1.5,
     }  # fmt: skip
     return others.get(plain, 1.0)
@@ -199,6 +200,8 @@ def _touching(a: Assessment, name: str, at: tuple[int, ...]) -> tuple[Damage, ..
 def _zone(name: str) -> Zone:
     if name.endswith(AREAL):
         return "area"
+    if name in AT_BALL:
+        return "ball"
     return "profile" if name in PROFILE_NAMES else "helix" if name in MEANS else "position"
 
 
@@ -254,8 +257,9 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
         "slope deviations": "over the whole control length and face"
         if nominal.full_slopes
         else "over the evaluation ranges",
-        "position": f"measuring circle, middle of the face +- {TRACE_SHARE:.0%} of its width, between the nearest "
-        "profiles; areal: mean of a quadratic over the flank's evaluation area",
+        "position": f"measuring circle, middle of the face +- {TRACE_SHARE:.0%} of its width, from a parabola through "
+        "the profiles beside it, or between the nearest two where the flank bends; areal: mean of a quadratic over the "
+        "flank's evaluation area",
         "traces": f"profile at the middle of the face +- {TRACE_SHARE:.0%}, helix on the measuring circle; deviations "
         "along the base tangent, transverse, damage included",
         "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {HEIGHT_CELL:g} mm of height; single "

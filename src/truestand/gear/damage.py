@@ -7,7 +7,7 @@ is dirt, a region of cells is material.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import hypot, log, sqrt
 from typing import Literal
 
 import numpy as np
@@ -17,9 +17,10 @@ from truestand.core.arrays import Array, Mask
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
+from truestand.gear.rays import Rays
 from truestand.gear.smooth_flanks import SmoothFlanks, residuals
 
-Zone = Literal["profile", "helix", "position", "area"]
+Zone = Literal["profile", "helix", "position", "ball", "area"]
 
 FAR_OFF = 0.1
 """Weight in its smooth flank below which a cell departs from it: 3.9 robust standard deviations off."""
@@ -27,16 +28,20 @@ DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 """Robust standard deviations by which a reading departs; share and number of such readings that mark a cell."""
 LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
-MOST_EMPTY = 0.05
-"""Share of the cells that most teeth show which may be empty before single empty cells say nothing."""
-UNSEEN = 0.25
-"""Weight of a cell that is merely not seen: readings get lost on sound flanks too."""
+LEAST_LOST, MOST_LOST = 1e-3, 0.05
+"""Share of rays that get lost on sound flanks at least, and share from which single ones say nothing."""
+CERTAINLY_LOST = 1e-4
+"""So seldom a ray must get lost for a cell without it to weigh as much as one that departs."""
 DEPTH_QUANTILE = 0.98
 """Quantile of a region's readings that is its depth: the last few may be outliers."""
+LEAST_DEPTH = 0.005
+"""mm below which a region is not named: a sensor's steps look like that."""
+DEPTH_SHARE_U = 0.1
+"""Of a region's depth: U (k = 2) of the depth beside noise."""
 CONFIRMED = 0.5
 """Of a cell's usual readings: with fewer on the flank and as many outside the gate, the cell is not confirmed."""
 ON_MOST = 0.75
-"""Share of the teeth that must show a cell for it to be missed on the others."""
+"""Share of a cell's rays, over all teeth, that must meet the flank for it to be missed on the others."""
 STEPS_ACROSS = 3.0
 """Steps of the table that a region must be wide for its depth to be known."""
 MOST_SHADOW = 0.25
@@ -44,7 +49,9 @@ MOST_SHADOW = 0.25
 LEAST_STEPS = 1.5
 """Steps of the table that it must be wide for its depth to be known to a half."""
 STEPS_BESIDE = 1.5
-"""Steps of the table to either side of the measuring circle over which position and helix are read."""
+"""Steps of the table to either side of a circle over which it is read: damage there touches what is read."""
+ROWS_ACROSS = 3
+"""Rows of cells along the height that a region must be wide for its depth to be known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +66,8 @@ class Damage:
     """(roll lengths, heights)."""
     depth: float | None
     """mm by which its readings depart, positive into the material; None: not seen."""
+    depth_U: float | None
+    """Of the depth (k = 2), mm, where it was seen: a dent that profiles cross is known to a tenth."""
     resolved: bool
     """Whether profiles enough cross it to tell its depth,"""
     hidden: bool
@@ -94,7 +103,9 @@ def with_deep_damage(flanks: Flanks) -> Flanks:
     return flanks.joined([outside.select(cut.reshape(-1)[cell])]) if cut.any() else flanks
 
 
-def damage_of(flanks: Flanks, smooth: SmoothFlanks, step: float, radial: float, there: Mask) -> tuple[Damage, ...]:
+def damage_of(
+    flanks: Flanks, smooth: SmoothFlanks, rays: Rays, step: float, radial: float, there: Mask
+) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
     ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
@@ -110,7 +121,7 @@ def damage_of(flanks: Flanks, smooth: SmoothFlanks, step: float, radial: float, 
     for sign, count in (
         (1, (far_off & (rest < 0)) | _departing(cell[depth > far], grid)),
         (-1, (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)),
-        (0, _not_seen(grid, step, there)),
+        (0, _not_seen(rays, there)),
     ):
         count = np.where(grid.in_ranges & there[:, None, None], count, 0.0)
         bridged = bridge_gaps(count > 0, grid, step)
@@ -119,6 +130,7 @@ def damage_of(flanks: Flanks, smooth: SmoothFlanks, step: float, radial: float, 
             for region in _regions(count[side, tooth], bridged[side, tooth]):
                 depths = depth[own[region.reshape(-1)[cell[own] % region.size]]] if sign else None
                 found.append(_damage(grid, int(side), int(tooth), region, depths, sign, step, radial))
+    found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
 
@@ -138,12 +150,14 @@ def _damage(
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
     heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
     if depths is None:
-        return Damage(side, tooth, region, None, False, True, rolls, heights)
+        return Damage(side, tooth, region, None, None, False, True, rolls, heights)
     depth = sign * float(np.quantile(sign * depths, DEPTH_QUANTILE))
     middle, width = sum(rolls) / 2, rolls[1] - rolls[0]
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     hidden = steps < LEAST_STEPS or depth * _shadow(grid.nominal, middle, radial) > MOST_SHADOW * width
-    return Damage(side, tooth, region, depth, steps >= STEPS_ACROSS, hidden, rolls, heights)
+    resolved = steps >= STEPS_ACROSS and int(np.count_nonzero(region.any(axis=0))) >= ROWS_ACROSS
+    depth_U = hypot(DEPTH_SHARE_U * depth, 2 * grid.scatter)
+    return Damage(side, tooth, region, depth, depth_U, resolved, hidden, rolls, heights)
 
 
 def _shadow(nominal: Involute, roll: float, radial: float) -> float:
@@ -166,22 +180,14 @@ def _cut(flanks: Flanks, grid: Grid) -> Mask:
     return np.asarray((outside >= enough) & (grid.count < enough) & grid.in_ranges)
 
 
-def _not_seen(grid: Grid, step: float, there: Mask) -> Array:
-    """Weights of cells (2, teeth, roll lengths, heights) that a flank doesn't show and most teeth ``there`` do.
-
-    No more than profiles fall on them.
-    """
-    nominal = grid.nominal
-    advance = step_on_flank(nominal, grid.rolls, step)
-    lowest = grid.rolls - nominal.control_roll < step_on_flank(nominal, nominal.control_roll, step)
-    shown = bridge_gaps(grid.solid, grid, step)
-    shown |= bridge_gaps(grid.solid, grid, 2 * step) & lowest[:, None]  # no profile may lie below the first one
-    on_most = shown[:, there].mean(axis=1, keepdims=True) >= ON_MOST
-    if np.mean(~shown & on_most) > MOST_EMPTY * np.mean(on_most):
-        shown = _with_neighbours(shown)  # readings get lost everywhere: only what is empty all round is missed
-    missed = ~shown & on_most
-    profiles = np.minimum(nominal.gear.evaluation.resolution / advance, 1.0)[:, None]
-    return np.where(missed, UNSEEN * profiles, 0.0)
+def _not_seen(rays: Rays, there: Mask) -> Array:
+    """Weights of cells (2, teeth, roll lengths, heights) whose rays miss a flank that most teeth ``there`` show."""
+    expected, missed = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
+    on_most = (expected > 0) & (missed <= (1.0 - ON_MOST) * expected)
+    unconfirmed, lost = rays.missed & on_most, rays.lost_share(on_most)
+    if lost > MOST_LOST:  # readings get lost everywhere: only what is missed all round counts
+        unconfirmed &= ~_with_neighbours(rays.expected & ~rays.missed)
+    return np.where(unconfirmed, min(log(max(lost, LEAST_LOST)) / log(CERTAINLY_LOST), 1.0), 0.0)
 
 
 def _with_neighbours(cells: Mask) -> Mask:
@@ -208,17 +214,23 @@ def _extent(centres: Array, size: float, on: Mask) -> tuple[float, float]:
 def zones_of(grid: Grid, step: float) -> dict[Zone, Mask]:
     """Cells (roll lengths, heights) that figures are read from as their standard has them, and some more about them.
 
-    Profile: at the middle of the face. Helix: on the measuring circle. Position: where both meet.
+    Profile: at the middle of the face. Helix: on the measuring circle. Position: where both meet. Ball: at the middle
+    of the face, where it touches.
     """
     nominal = grid.nominal
-    width = nominal.gear.evaluation.resolution + STEPS_BESIDE * float(
-        step_on_flank(nominal, nominal.measuring_roll, step)
-    )
+
+    def about(roll: float) -> Mask:
+        width = nominal.gear.evaluation.resolution + STEPS_BESIDE * float(step_on_flank(nominal, roll, step))
+        return np.asarray(np.abs(grid.rolls - roll) <= width)[:, None]
+
     height = TRACE_SHARE * nominal.gear.face_width + grid.size[1]
-    circle = (np.abs(grid.rolls - nominal.measuring_roll) <= width)[:, None]
     middle = (np.abs(grid.heights - nominal.middle) <= height)[None, :]
     area = np.ones((grid.rolls.size, grid.heights.size), dtype=bool)
-    return {"profile": area & middle, "helix": area & circle, "position": circle & middle, "area": area}
+    circle, ball = about(nominal.measuring_roll), about(nominal.ball_roll)
+    return {
+        "profile": area & middle, "helix": area & circle, "position": circle & middle, "ball": ball & middle,
+        "area": area,
+    }  # fmt: skip
 
 
 def damage_in(damages: tuple[Damage, ...], zone: Mask, side: int | None, tooth: int | None) -> tuple[Damage, ...]:

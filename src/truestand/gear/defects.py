@@ -12,14 +12,15 @@ from math import pi, sqrt
 import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
-from truestand.core.inspection import Defect, Flank, Verdict
+from truestand.core.inspection import Defect, Flank, decide
 from truestand.core.robust import MAD_TO_SD, robust_sd
+from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.grid import Coverage, Grid, grid_of
+from truestand.gear.grid import Grid, grid_of
 from truestand.gear.smooth_flanks import residuals, smooth_flanks
-from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, teeth_there, tooth_defects
+from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, tooth_defects
 
 HEIGHT_CELL = 0.25
 """mm: finer than for the figures."""
@@ -31,8 +32,6 @@ BORDER = 2
 """Cells at the border of what was seen that are left out."""
 PROFILE_GAP = 9
 """Cells of roll length that may lie between two profiles: a deep dent near the root moves them apart."""
-CHIP_GUARD = 0.01
-"""mm by which a region of a flank must be deeper to be called chipped: depths of dents are known to a tenth."""
 LEAST_CELLS = 2
 """Cells that must bear a defect out: one alone may be outliers."""
 FULL, LEAST_POINTS = 0.5, 2
@@ -58,16 +57,15 @@ class DefectMap:
 
 
 def find_defects(
-    flanks: Flanks, folded: FoldedMap, coverage: Coverage, scatter: float
+    flanks: Flanks, folded: FoldedMap, there: Mask, coverage: Coverage, scatter: float
 ) -> tuple[tuple[Defect, ...], DefectMap | None]:
     """Defects of teeth and flanks, highest score first, and the map of the flanks (None where no flank was seen).
 
-    ``scatter``: standard deviation of a flank's points, mm.
+    ``there`` (teeth,): teeth that the drawing has; ``scatter``: standard deviation of a flank's points, mm.
     """
     nominal = flanks.toothing.nominal
     of_teeth = tooth_defects(folded, nominal, flank_heights(flanks))
     missing = {d.tooth for d in of_teeth if d.kind == "missing tooth"}
-    there = teeth_there(folded, nominal)
     of_teeth = tuple(d for d in of_teeth if d.tooth is None or there[d.tooth - 1])
     if not coverage.position.any():
         return of_teeth, None
@@ -82,22 +80,25 @@ def find_defects(
 
 
 def chipped_flanks(damage: tuple[Damage, ...], defects: tuple[Defect, ...]) -> tuple[Defect, ...]:
-    """Regions of flanks deeper than a tooth may be broken: chips.
+    """Regions of flanks that are, or may be, deeper than a tooth may be broken: chips.
 
     They decide where profiles enough cross them. Of teeth that ``defects`` name as broken they say nothing new.
     """
-    broken = {d.tooth for d in defects if d.verdict is not None}
+    broken = {d.tooth for d in defects if d.verdict == "does_not_conform"}
     found = []
     for d in damage:
-        if d.tooth + 1 in broken or (d.depth or 0.0) <= TOOTH_DEPTH - CHIP_GUARD:
+        if d.tooth + 1 in broken or d.depth is None or d.depth_U is None:
+            continue
+        verdict = decide(d.depth, d.depth_U, (None, TOOTH_DEPTH))
+        if verdict == "conforms":
             continue
         (a, b), (c, e) = d.rolls, d.heights
         middle, extent = ((a + b) / 2, (c + e) / 2), max(b - a, e - c)
-        verdict: Verdict = "undecided"
-        if d.resolved and (d.depth or 0.0) > TOOTH_DEPTH + CHIP_GUARD:
-            verdict = "does_not_conform"
         flank: Flank = FLANKS[d.side]
-        found.append(Defect(d.tooth + 1, flank, *middle, d.depth, extent, "chipped flank", 0.0, verdict=verdict))
+        found.append(
+            Defect(d.tooth + 1, flank, *middle, d.depth, extent, "chipped flank", d.depth / TOOTH_DEPTH * SIGNIFICANT,
+                   U=d.depth_U, verdict=verdict if d.resolved else "undecided")
+        )  # fmt: skip
     return tuple(found)
 
 

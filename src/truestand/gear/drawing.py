@@ -98,8 +98,10 @@ class Gear:
                 f"found tip_diameter_mm {self.tip_diameter:g} and root_diameter_mm {self.root_diameter:g}; "
                 "need a tip above the root"
             )
-        if any(n > self.teeth for n in self.missing_teeth):
+        if any(not 1 <= n <= self.teeth for n in self.missing_teeth):
             raise BadRecipe(f"found missing_teeth {list(self.missing_teeth)}, need numbers from 1 to {self.teeth}")
+        if len(set(self.missing_teeth)) == self.teeth:
+            raise BadRecipe("found every tooth in missing_teeth, need one that is there")
         if not base * 0.98 < self.tip_diameter < 2 * reference:
             raise BadRecipe(
                 f"found tip_diameter_mm {self.tip_diameter:g} with {self.teeth} teeth of module {self.module:g} "

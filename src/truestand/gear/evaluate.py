@@ -4,7 +4,7 @@ All of it is linear in the cells once it stands how the flanks are read, extreme
 """
 
 from dataclasses import dataclass
-from math import cos, sin, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from truestand.gear.traces import (
     helix_points,
     helix_tilt,
     line_of,
-    position_doubt,
+    position_bend,
     position_of,
     profile_bend,
     profile_of,
@@ -45,7 +45,7 @@ MEAN = " mean"
 
 
 @dataclass(frozen=True, slots=True)
-class Evaluation:
+class Evaluator:
     """What stays the same when the cells' values change: how flanks are read from them."""
 
     grid: Grid
@@ -76,42 +76,38 @@ class Measures:
     """f_pi: of each tooth against the one before it."""
     runout: Array
     """(teeth,) radial place of the ball in the space after each tooth."""
-    runout_per_delta: float
-    """By how much the ball moves outward when one flank of its space grows by 1."""
 
 
-def evaluation_of(grid: Grid, step: float) -> Evaluation:
+def evaluator_of(grid: Grid, step: float) -> Evaluator:
     """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
     noise = noise_of_cells(grid)
-    return Evaluation(grid, noise, smooth_flanks(grid), traces_of(grid, noise, step, ball_roll(grid.nominal)))
+    return Evaluator(grid, noise, smooth_flanks(grid), traces_of(grid, noise, step))
 
 
-def evaluate(delta: Array, by: Evaluation) -> Measures:
+def evaluate(delta: Array, evaluator: Evaluator) -> Measures:
     """Everything that the cells' ``delta`` (2, teeth, roll lengths, heights) mm says."""
-    nominal, traces, by_flank = by.grid.nominal, by.traces, delta.shape[:2]
+    nominal, traces, by_flank = evaluator.grid.nominal, evaluator.traces, delta.shape[:2]
     position, at_ball = (position_of(delta, at, traces).reshape(by_flank) for at in (traces.circle, traces.ball))
-    alpha, beta = profile_line(profile_of(delta, traces), by), helix_line(helix_of(delta, traces), by)
+    alpha, beta = profile_line(profile_of(delta, traces), evaluator), helix_line(helix_of(delta, traces), evaluator)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
-    per_delta = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
     names = zip(MEANS, (alpha.total, alpha.form, alpha.slope, beta.total, beta.form, beta.slope,
                         alpha.crowning, beta.crowning), strict=True)  # fmt: skip
     return Measures(
         position=position,
-        area=areal_positions(delta, by.smooth),
+        area=areal_positions(delta, evaluator.smooth),
         at_ball=at_ball,
         profile=alpha.filtered.reshape(*by_flank, -1),
         helix=beta.filtered.reshape(*by_flank, -1),
         of_flank={name: values.reshape(by_flank) for name, values in names},
         index=index,
         pitch=index - np.roll(index, 1, axis=1),
-        runout=_runout(at_ball, per_delta),
-        runout_per_delta=per_delta,
+        runout=(at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta,
     )
 
 
-def profile_line(trace: Array, by: Evaluation) -> Line:
+def profile_line(trace: Array, evaluator: Evaluator) -> Line:
     """The figures of profile traces (flanks, points)."""
-    nominal, traces = by.grid.nominal, by.traces
+    nominal, traces = evaluator.grid.nominal, evaluator.traces
     low, high = nominal.profile_range
     cells = np.isfinite(traces.rolls[:, traces.band]).any(axis=1).sum(axis=1)
     return line_of(
@@ -120,10 +116,10 @@ def profile_line(trace: Array, by: Evaluation) -> Line:
     )  # fmt: skip
 
 
-def helix_line(trace: Array, by: Evaluation) -> Line:
+def helix_line(trace: Array, evaluator: Evaluator) -> Line:
     """The figures of helix traces (flanks, points)."""
-    nominal, width = by.grid.nominal, by.grid.nominal.gear.face_width
-    cells = by.traces.circle.seen.sum(axis=1)
+    nominal, width = evaluator.grid.nominal, evaluator.grid.nominal.gear.face_width
+    cells = evaluator.traces.circle.seen.sum(axis=1)
     return line_of(
         trace, helix_points(nominal), cells, slope_length(nominal, along_profile=False), width, width
     )  # fmt: skip
@@ -135,18 +131,6 @@ def slope_length(nominal: Involute, along_profile: bool) -> float:
         return nominal.control_length if along_profile else nominal.gear.face_width
     low, high = nominal.profile_range if along_profile else nominal.helix_range
     return high - low
-
-
-def ball_roll(nominal: Involute) -> float:
-    """Roll length (mm) at which the ball touches the flanks."""
-    ball = nominal.ball_diameter
-    alpha = nominal.ball_angle(ball)
-    return float(nominal.base_radius * np.tan(alpha) - ball / 2 * cos(nominal.base_helix))
-
-
-def _runout(at_ball: Array, per_delta: float) -> Array:
-    """Radial place (teeth,) of the ball in the space after each tooth, from delta (2, teeth) where it touches."""
-    return np.asarray((at_ball[0] + np.roll(at_ball[1], -1)) * per_delta)
 
 
 def pitch_extremes(index: Array, k: int) -> dict[str, Array]:
@@ -196,15 +180,22 @@ def mean_seen(values: Array) -> Array:
         return np.asarray(np.where(np.isfinite(values), values, 0.0).sum(axis=-1) / number)
 
 
-def sampling_of(by: Evaluation) -> Figures:
+def sampling_of(evaluator: Evaluator) -> Figures:
     """U (k = 2, mm) of each figure from what lies between the readings and beyond them.
 
     A trace may bend there, its ends may not have been seen, and a flank may bend where its position is read.
     """
-    nominal, traces, delta = by.grid.nominal, by.traces, by.grid.delta
-    shape = delta.shape[:2]
-    profile = unseen_ends(profile_of(delta, traces), profile_points(nominal), lambda t: profile_line(t, by))
-    helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, by))
+    widths = _trace_sampling(evaluator)
+    widths |= {name + MEAN: mean_seen(width) for name, width in widths.items()}
+    widths |= _position_sampling(evaluator)
+    return {name: np.asarray(2 / sqrt(3.0) * width) for name, width in widths.items()}
+
+
+def _trace_sampling(evaluator: Evaluator) -> Figures:
+    """By how much (2, teeth), mm, the figures of traces may be off."""
+    nominal, traces, delta = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta
+    profile = unseen_ends(profile_of(delta, traces), profile_points(nominal), lambda t: profile_line(t, evaluator))
+    helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, evaluator))
     profile_between, helix_between = profile_bend(delta, traces), helix_bend(delta, traces)
     widths: Figures = {
         "f_Halpha": profile.slope, "f_falpha": profile.form + profile_between,
@@ -212,18 +203,20 @@ def sampling_of(by: Evaluation) -> Figures:
         "f_fbeta": helix.form + helix_between, "F_beta": helix.total + helix_between,
         "C_alpha": profile.crowning, "C_beta": helix.crowning,
     }  # fmt: skip
-    widths = {name: width.reshape(shape) for name, width in widths.items()}
-    widths |= {name + MEAN: mean_seen(width) for name, width in widths.items()}
-    position, ball = (position_doubt(at, traces).reshape(shape) for at in (traces.circle, traces.ball))
-    widths |= {name: largest(position) * nominal.arc_per_delta for name in ("f_p", "F_p", "F_pk")}
-    widths["f_u"] = 2 * widths["f_p"]
-    per_delta = 1 / (2 * sin(nominal.ball_angle(nominal.ball_diameter)))
-    mean, mean_ball = mean_seen(position).sum(), mean_seen(ball).sum() * per_delta
-    widths |= {
-        "F_r": largest(ball.reshape(-1)) * per_delta, "s": mean * nominal.arc_per_delta,
-        "W_k": mean * nominal.normal_per_delta, "M_d": 2 * mean_ball,
+    return {name: width.reshape(delta.shape[:2]) for name, width in widths.items()}
+
+
+def _position_sampling(evaluator: Evaluator) -> Figures:
+    """By how much, mm, the figures that are read from positions may be off: one flank's, or the mean of all."""
+    nominal, traces, shape = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta.shape[:2]
+    position, ball = (position_bend(at, traces).reshape(shape) for at in (traces.circle, traces.ball))
+    single = largest(position) * nominal.arc_per_delta
+    mean, at_ball = mean_seen(position).sum(), nominal.runout_per_delta
+    return {
+        "f_p": single, "F_p": single, "F_pk": single, "f_u": 2 * single, "F_r": largest(ball.reshape(-1)) * at_ball,
+        "s": mean * nominal.arc_per_delta, "W_k": mean * nominal.normal_per_delta,
+        "M_d": 2 * mean_seen(ball).sum() * at_ball,
     }  # fmt: skip
-    return {name: np.asarray(2 / sqrt(3.0) * width) for name, width in widths.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,13 +243,13 @@ class Bias:
         }
 
 
-def bias_of(base: Figures, by: Evaluation) -> Bias:
+def bias_of(base: Figures, evaluator: Evaluator) -> Bias:
     """What the noise of the cells does to the figures: it is drawn once more on them, and what that adds to the square
     of a figure is what it has added already (as ``statistics.noise`` does, Cook and Stefanski 1994).
     """
     rng = np.random.default_rng(1)
-    delta = np.nan_to_num(by.grid.delta)
-    drawn = [figures_of(evaluate(delta + by.noise.draw(rng), by), by.grid.nominal) for _ in range(DRAWS)]
+    delta, nominal = np.nan_to_num(evaluator.grid.delta), evaluator.grid.nominal
+    drawn = [figures_of(evaluate(delta + evaluator.noise.draw(rng), evaluator), nominal) for _ in range(DRAWS)]
     lifted, U = {}, {}
     for name, value in base.items():
         stack = np.stack([d[name] for d in drawn])

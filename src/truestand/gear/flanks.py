@@ -19,9 +19,10 @@ from truestand.apply.datum import Datum
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.surface import Surface, sensor_origins, table_angle
-from truestand.gear.geometry import Involute
+from truestand.gear.geometry import SIGMA, Involute
 
 Ints = NDArray[np.int32]
+Indices = NDArray[np.intp]
 
 BLOCK = 128
 """Profiles worked on at once."""
@@ -65,6 +66,18 @@ class Toothing:
     """(2 teeth,) mm: delta at which each flank was found near the measuring circle; NaN: not seen."""
     matched: float
     """Share of the points near the measuring circle that lie on these flanks."""
+
+    def points(self, flank: tuple[Indices, Indices], roll: Array, height: Array, delta: Array) -> Array:
+        """Points (n, 3) mm in C of flanks (side and tooth, (n,) each), ``delta`` (n,) mm off the drawing's.
+
+        Roll length and height (n,) mm.
+        """
+        nominal, (side, tooth) = self.nominal, flank
+        angle = nominal.flank_angle(tooth, side, roll, height, self.first_tooth)
+        angle = angle + SIGMA[side] * delta / nominal.base_radius
+        radius = nominal.radius(roll)
+        in_datum = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+        return np.asarray(self.datum.pose.inverse(in_datum))
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,6 +162,17 @@ class Involute:
         across = 2 * centre * (1.0 if self.gear.teeth % 2 == 0 else cos(pi / (2 * self.gear.teeth)))
         return across + diameter
 
+    @property
+    def ball_roll(self) -> float:
+        """Roll length (mm) at which the ball touches the flanks."""
+        alpha = self.ball_angle(self.ball_diameter)
+        return self.base_radius * tan(alpha) - self.ball_diameter / 2 * cos(self.base_helix)
+
+    @property
+    def runout_per_delta(self) -> float:
+        """By how much the ball moves outward when one flank of its space grows by 1."""
+        return 1 / (2 * sin(self.ball_angle(self.ball_diameter)))
+
     def radius(self, roll: Array) -> Array:
         """Radius (mm) at a roll length."""
         return np.asarray(np.hypot(self.base_radius, roll))

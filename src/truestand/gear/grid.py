@@ -22,8 +22,6 @@ HEIGHT_CELL = 0.5
 """mm."""
 TRACE_SHARE = 1 / 20
 """Share of the face to either side of its middle in which profile and position are read."""
-CLIP = 3.5
-"""Robust standard deviations about a cell's median within which a point is no outlier."""
 MEDIAN_SPAN = 16 * GATE
 """mm of delta in which medians are found: the published compensation moves teeth by millimetres."""
 LEAST_SHARE = 0.25
@@ -32,10 +30,6 @@ SOLID_SHARE = 0.05
 """and of what is left, below which a cell does not count as seen."""
 LEAST_SPREAD = 1e-4
 """mm: the scatter within cells is not taken for less."""
-NEAR_MIDDLE = 0.15
-"""Share of control length and face about the middle of the measuring circle that must be seen for a position."""
-LEAST_SEEN = 0.2
-"""Share of a row or column of cells that makes a point of a trace."""
 FINE_STEP = 0.25
 """mm of roll length that a step of the table should not exceed at the root."""
 
@@ -95,16 +89,6 @@ class Grid:
         return np.asarray(in_profile & (self.height >= bottom) & (self.height <= top))
 
 
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """Shares 0..1, (2, teeth)."""
-
-    position: Array
-    """Whether the tooth's position was seen: 0 or 1."""
-    profile: Array
-    helix: Array
-
-
 def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
     """The cells of all flanks, (2, teeth, roll lengths, heights), about ``height_cell`` mm high."""
     nominal = flanks.toothing.nominal
@@ -150,10 +134,14 @@ def height_edges(nominal: Involute, height_cell: float) -> Array:
 
 def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, edges: Array) -> NDArray[np.int64]:
     """Flat index (n,) of the cell, among (2, teeth, rolls, heights), in which each point lies."""
-    heights = edges.size - 1
     i = bin_index(points.roll, nominal.control_roll, nominal.tip_roll, rolls)
-    j = np.clip(np.searchsorted(edges, points.height, side="right") - 1, 0, heights - 1)
-    return np.asarray((points.flank.astype(np.int64) * rolls + i) * heights + j)
+    j = column_of(points.height, edges)
+    return np.asarray((points.flank.astype(np.int64) * rolls + i) * (edges.size - 1) + j)
+
+
+def column_of(height: Array, edges: Array) -> NDArray[np.int64]:
+    """Which of the cells between ``edges`` each height (n,) mm lies in; the first or the last where it lies beyond."""
+    return np.clip(np.searchsorted(edges, height, side="right") - 1, 0, edges.size - 2)
 
 
 def _usual(count: NDArray[np.generic]) -> Array:
@@ -174,24 +162,6 @@ def centres_of(low: float, high: float, cells: int) -> Array:
 def bin_index(values: Array, low: float, high: float, cells: int) -> NDArray[np.int64]:
     """Which of equal cells from low to high each value (n,) lies in; the first or the last where it lies beyond."""
     return np.clip(((values - low) / (high - low) * cells).astype(np.int64), 0, cells - 1)
-
-
-def coverage_of(grid: Grid, step: float) -> Coverage:
-    """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
-    nominal = grid.nominal
-    seen = bridge_gaps(grid.solid, grid, step)
-    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
-    rolls = (grid.rolls >= low) & (grid.rolls <= high)
-    heights = (grid.heights >= bottom) & (grid.heights <= top)
-    area = seen[:, :, rolls][:, :, :, heights]
-    near_roll = np.abs(grid.rolls - nominal.measuring_roll) < NEAR_MIDDLE * nominal.control_length
-    near_height = np.abs(grid.heights - nominal.middle) < NEAR_MIDDLE * nominal.gear.face_width
-    near = seen[:, :, near_roll][:, :, :, near_height].mean(axis=(2, 3))
-    return Coverage(
-        (near >= 0.5).astype(np.float64),
-        (area.mean(axis=3) > LEAST_SEEN).mean(axis=2),
-        (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
-    )
 
 
 def bridge_gaps(cells: Mask, grid: Grid, step: float) -> Mask:

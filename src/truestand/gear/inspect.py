@@ -13,29 +13,31 @@ from truestand.core.inspection import Inspection
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.angle import AngleCorrection, correct_angle
-from truestand.gear.budget import expanded, influences_of, radial_lines
+from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Assessment, characteristics_of, settings_of, without_damage_of
+from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import Damage, damage_of, with_deep_damage, without_damage, zones_of
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
-    Evaluation,
+    Evaluator,
     Figures,
     Measures,
     bias_of,
     evaluate,
-    evaluation_of,
+    evaluator_of,
     figures_of,
     pitch_extremes,
     sampling_of,
 )
 from truestand.gear.flanks import Flanks, find_flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
-from truestand.gear.grid import Coverage, Grid, coverage_of, grid_of
+from truestand.gear.grid import Grid, grid_of
 from truestand.gear.lone_readings import without_lone_readings
 from truestand.gear.match import check_drawing
+from truestand.gear.rays import rays_on_flanks
 from truestand.gear.remarks import remarks_of, unevenness
-from truestand.gear.smooth_flanks import areal_positions, smooth_flanks
+from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
 
 PUBLISHED_THIN = 8
@@ -76,13 +78,15 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     correction = correct_angle(surface, flanks, scan, calibration)
     flanks, scan = _borne_out(correction), correction.scan
     complete = with_deep_damage(flanks)
-    by, measures = evaluate_flanks(complete, scan.step)
-    coverage = coverage_of(by.grid, scan.step)
+    evaluator, measures = evaluate_flanks(complete, scan.step)
+    coverage = coverage_of(evaluator.grid, measures, scan.step)
     folded = fold(correction.surface, flanks.toothing)
     there = teeth_there(folded, nominal)
-    damage = damage_of(complete, by.smooth, scan.step, _radial_share(correction.calibration), there)
-    assessment = _assess(correction, by, measures, coverage, damage, there)
-    defects, defect_map = find_defects(flanks, folded, coverage, by.grid.scatter)
+    smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
+    rays = rays_on_flanks(evaluator.grid, smooth, flanks.toothing, scan, correction.calibration)
+    damage = damage_of(complete, evaluator.smooth, rays, scan.step, _radial_share(correction.calibration), there)
+    assessment = _assess(correction, evaluator, measures, coverage, damage, there)
+    defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)
@@ -100,7 +104,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         defect_depth=gear.defect_depth,
         deviation=_deviation(complete, surface),
         evidence=GearEvidence(
-            nominal, flanks.toothing.first_tooth, by.grid, measures, coverage, folded, defect_map, published
+            nominal, flanks.toothing.first_tooth, evaluator.grid, measures, coverage, folded, defect_map, published
         ),
         published=_published_figures(published, nominal),
     )
@@ -118,10 +122,10 @@ def _radial_share(calibration: Calibration) -> float:
     return hypot(x, y)
 
 
-def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluation, Measures]:
+def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluator, Measures]:
     """How the flanks are read, and what they say; ``step``: table angle from one profile to the next, rad."""
-    by = evaluation_of(grid_of(flanks), step)
-    return by, evaluate(by.grid.delta, by)
+    evaluator = evaluator_of(grid_of(flanks), step)
+    return evaluator, evaluate(evaluator.grid.delta, evaluator)
 
 
 def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tuple[str, ...]:
@@ -143,36 +147,37 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
 
 def _assess(
     correction: AngleCorrection,
-    by: Evaluation,
+    evaluator: Evaluator,
     measures: Measures,
     coverage: Coverage,
     damage: tuple[Damage, ...],
     there: Mask,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget."""
-    flanks, scan, nominal = correction.flanks, correction.scan, by.grid.nominal
+    flanks, scan, nominal = correction.flanks, correction.scan, evaluator.grid.nominal
     figures = figures_of(measures, nominal)
-    noise = bias_of(figures, by)
-    influences = influences_of(scan, correction.calibration, by.grid, flanks.toothing, correction.before_rms or 0.0)
+    noise = bias_of(figures, evaluator)
+    corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
+    uneven = correction.before_rms or 0.0
+    influences = influences_of(scan, correction.calibration, evaluator.grid, flanks.toothing, uneven)
     return Assessment(
         nominal,
-        noise.corrected(figures),
-        _without(damage, by, scan.step),
-        _without(tuple(d for d in damage if d.on_top), by, scan.step),
-        expanded(influences, by) | {"noise": noise.expanded(figures), "between readings": sampling_of(by)},
+        corrected,
+        _without(damage, evaluator, scan.step) if damage else corrected,
+        _without(on_top, evaluator, scan.step) if on_top else corrected,
+        expanded(influences, evaluator) | {"noise": noise.expanded(figures), BETWEEN_READINGS: sampling_of(evaluator)},
         influences,
         coverage,
         damage,
-        zones_of(by.grid, scan.step),
+        zones_of(evaluator.grid, scan.step),
         there,
-        measures.runout_per_delta,
     )
 
 
-def _without(damage: tuple[Damage, ...], by: Evaluation, step: float) -> Figures:
+def _without(damage: tuple[Damage, ...], evaluator: Evaluator, step: float) -> Figures:
     """The figures, freed of the bias of noise, as if no reading had fallen on the damage."""
-    sound = evaluation_of(without_damage(by.grid, damage), step)
-    figures = figures_of(evaluate(sound.grid.delta, sound), by.grid.nominal)
+    sound = evaluator_of(without_damage(evaluator.grid, damage), step)
+    figures = figures_of(evaluate(sound.grid.delta, sound), sound.grid.nominal)
     return bias_of(figures, sound).corrected(figures)
 
 

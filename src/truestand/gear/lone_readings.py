@@ -20,15 +20,15 @@ BESIDE = (
     *((0, c) for c in (-3, -2, -1, 1, 2, 3)),
     *((r, c) for r in (-1, 1) for c in (-1, 0, 1)),
 )  # fmt: skip
-"""Profiles and points by which readings are beside one."""
+"""Profiles and points by which readings are beside one,"""
+MARGIN = 3
+"""and points by which they are at most."""
 Image = NDArray[np.float32]
 """delta (profiles + 2, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none on a flank."""
-MARGIN = 3
-"""Points by which they are at most."""
 LEAST_ALIKE, FEW = 2, 6
 """Readings beside one that must be like it; one is enough where fewer than so many were seen."""
 LEAST_ALONG, ALONG = 4, 1 / 3
-"""Or readings that must go along with it: share of how far it is off its flank to which they must come up to it."""
+"""Or readings beside it that must depart from the flank as it does, to within a share of its own departure."""
 ALIKE = 4.0
 """Standard deviations of the difference of two readings within which they are alike."""
 SAME_PLACE = 0.25

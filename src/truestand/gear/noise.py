@@ -19,11 +19,11 @@ LEAST_DIFFERENCES = 30
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
 LAGS = 8
-"""Cells of roll length up to which it is looked how far noise goes on."""
-PERSISTENCES = np.linspace(0.0, 0.95, 20)
-"""Of noise from one cell to the next, that are tried."""
+"""Cells of roll length up to which the correlation of noise is looked at."""
+AR1_COEFFICIENTS = np.linspace(0.0, 0.95, 20)
+"""That are tried."""
 MOST_SD = 3.0
-"""Standard deviations to which noise is cut where its course is looked at: damage goes on, too."""
+"""Standard deviations to which noise is cut where its correlation is looked at: damage is correlated, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,10 @@ class CellNoise:
 
     variance: Array
     """(2, teeth, roll lengths, heights) mm^2 of each cell by itself; 0 where nothing was seen."""
-    lasting: float
-    """Share 0..1 of that variance which goes on along the roll length,"""
-    persistence: float
-    """and how much of it, 0..1, there is left in the next cell."""
+    correlated: float
+    """Share 0..1 of that variance which is correlated along the roll length,"""
+    ar1: float
+    """and its correlation, 0..1, from one cell to the next."""
     of_row: float
     """Shared by the cells of one flank and roll length."""
     of_column: float
@@ -45,18 +45,20 @@ class CellNoise:
         """Noise (2, teeth, roll lengths, heights) mm as the cells may have it once more."""
         sides, teeth, rolls, heights = self.variance.shape
         rows, columns = rng.standard_normal((sides, teeth, rolls, 1)), rng.standard_normal((sides, teeth, 1, heights))
-        alone = np.sqrt(1.0 - self.lasting) * rng.standard_normal(self.variance.shape)
-        if self.lasting:
-            alone += np.sqrt(self.lasting) * _going_on(rng.standard_normal(self.variance.shape), self.persistence)
+        alone = np.sqrt(1.0 - self.correlated) * rng.standard_normal(self.variance.shape)
+        if self.correlated:
+            alone += np.sqrt(self.correlated) * _ar1_noise(rng.standard_normal(self.variance.shape), self.ar1)
         return np.asarray(np.sqrt(self.variance) * alone + self.of_row * rows + self.of_column * columns)
 
 
-def _going_on(white: Array, persistence: float) -> Array:
-    """White noise made such that ``persistence`` of it is left one cell of roll length on; its variance stays 1."""
-    lasting = white.copy()
+def _ar1_noise(white: Array, coefficient: float) -> Array:
+    """White noise (2, teeth, roll lengths, heights) made first-order autoregressive along the roll length; its variance
+    stays 1.
+    """
+    noise = white.copy()
     for roll in range(1, white.shape[2]):
-        lasting[:, :, roll] = persistence * lasting[:, :, roll - 1] + np.sqrt(1 - persistence**2) * white[:, :, roll]
-    return lasting
+        noise[:, :, roll] = coefficient * noise[:, :, roll - 1] + np.sqrt(1 - coefficient**2) * white[:, :, roll]
+    return noise
 
 
 def noise_of_cells(grid: Grid) -> CellNoise:
@@ -67,9 +69,9 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     single = rest / np.sqrt(shares)
     spread = np.maximum(_by_roll(single), LEAST_SPREAD)
     variance = np.where(grid.count > 0, (spread**2 + _unevenness(inside)) / count, 0.0)
-    lasting, persistence = _course(np.clip(single / spread, -MOST_SD, MOST_SD))
+    correlated, ar1 = _correlation_along_roll(np.clip(single / spread, -MOST_SD, MOST_SD))
     of_row, of_column = _shared(inside, variance, grid.roll, 2), _shared(inside, variance, grid.height, 3)
-    return CellNoise(variance, lasting, persistence, of_row, of_column)
+    return CellNoise(variance, correlated, ar1, of_row, of_column)
 
 
 def _unevenness(cells: Array) -> Array:
@@ -94,8 +96,8 @@ def _by_roll(single: Array) -> Array:
     return np.where(number >= LEAST_DIFFERENCES, spread, overall)[:, None, :, None]
 
 
-def _course(ratio: Array) -> tuple[float, float]:
-    """How noise goes on along the roll length: ``lasting`` and ``persistence`` of ``CellNoise``.
+def _correlation_along_roll(ratio: Array) -> tuple[float, float]:
+    """How noise is correlated along the roll length: ``correlated`` and ``ar1`` of ``CellNoise``.
 
     ``ratio`` (2, teeth, roll lengths, n): noise of cells over its standard deviation; NaN where not seen.
     """
@@ -108,10 +110,10 @@ def _course(ratio: Array) -> tuple[float, float]:
             alike.append(float(known.mean()))
     if not lags:
         return 0.0, 0.0
-    powers, found = PERSISTENCES[:, None] ** np.array(lags), np.array(alike)
+    powers, found = AR1_COEFFICIENTS[:, None] ** np.array(lags), np.array(alike)
     shares = np.clip((powers @ found) / np.maximum((powers**2).sum(axis=1), 1e-12), 0.0, 1.0)
     best = int(np.argmin(((shares[:, None] * powers - found) ** 2).sum(axis=1)))
-    return float(shares[best]), float(PERSISTENCES[best])
+    return float(shares[best]), float(AR1_COEFFICIENTS[best])
 
 
 def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:

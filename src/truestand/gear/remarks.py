@@ -1,5 +1,5 @@
-"""What an inspection of a gear says beside its figures: what was not seen or left out, and what the gear says about
-the stand.
+"""What an inspection of a gear says beside its figures: what was not seen, what is damaged, and what the gear says
+about the stand.
 """
 
 from math import cos
@@ -9,11 +9,12 @@ import numpy as np
 from truestand.core.calibration import Calibration
 from truestand.core.scan import Scan
 from truestand.gear.angle import AngleCorrection
+from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import Measures, mean_seen, slope_length
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.grid import FINE_STEP, Coverage, profiles_for, step_on_flank
+from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
 
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""

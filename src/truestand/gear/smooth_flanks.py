@@ -61,9 +61,13 @@ def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
 
 def residuals(delta: Array, smooth: SmoothFlanks) -> Array:
     """What flanks and shared shape leave of the cells (2, teeth, roll lengths, heights), with weight or without."""
+    return delta - smooth_surface(delta, smooth)
+
+
+def smooth_surface(delta: Array, smooth: SmoothFlanks) -> Array:
+    """Flanks and shared shape as cells (2, teeth, roll lengths, heights) mm say, seen or not; NaN for no such flank."""
     shared, c = _fit(delta, smooth)
-    rest = delta.reshape(shared.shape) - shared - _times(smooth.basis, c)
-    return np.asarray(rest.reshape(delta.shape))
+    return np.asarray((shared + _times(smooth.basis, c)).reshape(delta.shape))
 
 
 def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:

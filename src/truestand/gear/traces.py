@@ -43,6 +43,7 @@ LEAST_CUTOFF = 0.25
 CUTOFF_SHARE = 1 / 30
 """and its share of the evaluation length or the face."""
 GAUSS = sqrt(log(2.0) / pi)
+"""Width of the weighting function over the wavelength that it halves (ISO 16610-21)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +65,24 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
+class Interpolation:
+    """Straight lines between values, (flanks, places) each."""
+
+    first: Ints
+    """Index of the value before a place,"""
+    last: Ints
+    """and of the one behind it."""
+    share: Array
+    """0..1 of the way from one to the other."""
+    seen: Mask
+
+    def __call__(self, values: Array) -> Array:
+        """Values (flanks, n) read at the places; NaN where not seen."""
+        before, behind = (np.take_along_axis(values, at, axis=1) for at in (self.first, self.last))
+        return np.where(self.seen, before + self.share * (behind - before), np.nan)
+
+
+@dataclass(frozen=True, slots=True)
 class Traces:
     """How traces and positions follow from the cells."""
 
@@ -78,13 +97,13 @@ class Traces:
     """On the measuring circle."""
     ball: Reading
     """Where the ball touches."""
-    profile: Array
-    """(flanks, POINTS, band, roll lengths): the trace from the columns of the band; NaN where not seen."""
-    helix: Array
-    """(flanks, POINTS, heights): the trace from the points on the circle; NaN where not seen."""
+    profile: tuple[Interpolation, ...]
+    """Of each column of the band: the trace from its cells."""
+    helix: Interpolation
+    """The trace from the points on the circle."""
 
 
-def traces_of(grid: Grid, noise: CellNoise, step: float, ball_roll: float) -> Traces:
+def traces_of(grid: Grid, noise: CellNoise, step: float) -> Traces:
     """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
     nominal = grid.nominal
     count, delta, roll, height, variance = (
@@ -101,20 +120,9 @@ def traces_of(grid: Grid, noise: CellNoise, step: float, ball_roll: float) -> Tr
     at = np.where(circle.seen, (share * height).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300), np.nan)
     band = np.asarray(np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
-    profile = np.stack(
-        [_interpolations(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band)], axis=2
-    )
-    helix = _interpolations(at, helix_points(nominal), np.full(at.shape, grid.size[1]))
-    return Traces(nominal, band, rolls, at, circle, reading(ball_roll), _mean_of_columns(profile), helix)
-
-
-def _mean_of_columns(profile: Array) -> Array:
-    """Matrices (flanks, POINTS, band, roll lengths) of columns as those of their mean; NaN where most are not seen."""
-    seen = np.asarray(np.isfinite(profile).all(axis=3))
-    number = seen.sum(axis=2)
-    mean = np.where(seen[..., None], profile, 0.0) / np.maximum(number, 1)[..., None, None]
-    mean[number < LEAST_COLUMNS * profile.shape[2]] = np.nan
-    return np.asarray(mean)
+    profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
+    helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]))
+    return Traces(nominal, band, rolls, at, circle, reading(nominal.ball_roll), profile, helix)
 
 
 def profile_points(nominal: Involute) -> Array:
@@ -130,13 +138,13 @@ def helix_points(nominal: Involute) -> Array:
 def profile_of(delta: Array, traces: Traces) -> Array:
     """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
     band = _columns(np.nan_to_num(delta))[:, traces.band]
-    flat = traces.profile.reshape(*traces.profile.shape[:2], -1)
-    return np.asarray((flat @ band.reshape(band.shape[0], -1, 1))[:, :, 0])
+    columns = np.stack([column(band[:, j]) for j, column in enumerate(traces.profile)], axis=2)
+    return _mean_of_columns(columns, np.isfinite(columns))
 
 
 def helix_of(delta: Array, traces: Traces) -> Array:
     """Helix traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
-    return np.asarray((traces.helix @ traces.circle(delta)[:, :, None])[:, :, 0])
+    return traces.helix(traces.circle(delta))
 
 
 def position_of(delta: Array, reading: Reading, traces: Traces) -> Array:
@@ -147,16 +155,20 @@ def position_of(delta: Array, reading: Reading, traces: Traces) -> Array:
     return _mean_of_band(reading(delta), reading, traces)
 
 
-def position_doubt(reading: Reading, traces: Traces) -> Array:
+def position_bend(reading: Reading, traces: Traces) -> Array:
     """By how much (flanks,) mm ``position_of`` may be off where flanks bend; NaN where most columns are not seen."""
     return _mean_of_band(np.maximum(reading.below, reading.above), reading, traces)
 
 
 def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
-    seen = reading.seen & traces.band
-    number = seen.sum(axis=1)
-    mean = np.where(seen, values, 0.0).sum(axis=1) / np.maximum(number, 1)
-    return np.where(number >= LEAST_COLUMNS * np.count_nonzero(traces.band), mean, np.nan)
+    return _mean_of_columns(values[:, traces.band], reading.seen[:, traces.band])
+
+
+def _mean_of_columns(values: Array, seen: Mask) -> Array:
+    """Mean (...) of the columns (..., band) that were seen; NaN where most were not."""
+    number = seen.sum(axis=-1)
+    mean = np.where(seen, values, 0.0).sum(axis=-1) / np.maximum(number, 1)
+    return np.where(number >= LEAST_COLUMNS * seen.shape[-1], mean, np.nan)
 
 
 def profile_bend(delta: Array, traces: Traces) -> Array:
@@ -337,24 +349,22 @@ def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[A
     return np.asarray(solver[..., 0, :]), off
 
 
-def _interpolations(at: Array, places: Array, beyond: Array) -> Array:
-    """(flanks, places, n): straight lines between values of each flank at ``at`` (flanks, n) mm; NaN: not seen.
+def _interpolation(at: Array, places: Array, beyond: Array) -> Interpolation:
+    """Straight lines between values of each flank at ``at`` (flanks, n) mm, NaN: not seen, read at ``places``.
 
-    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther it is NaN.
+    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther nothing is seen.
     """
-    found = np.full((at.shape[0], places.size, at.shape[1]), np.nan)
+    shape = at.shape[0], places.size
+    first, last, share = np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=np.intp), np.zeros(shape)
+    known = np.zeros(shape, dtype=bool)
     for flank in range(at.shape[0]):
         seen = np.flatnonzero(np.isfinite(at[flank]))
         if not seen.size:
             continue
         x = at[flank, seen]
-        inside = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
-        share = np.interp(places[inside], x, np.arange(x.size, dtype=np.float64))
-        first = np.minimum(share.astype(np.intp), max(x.size - 2, 0))
-        last = np.minimum(first + 1, x.size - 1)
-        own = np.zeros((first.size, at.shape[1]))
-        line = np.arange(first.size)
-        own[line, seen[first]] = 1.0 - (share - first)
-        own[line, seen[last]] += share - first
-        found[flank, inside] = own
-    return found
+        known[flank] = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
+        place = np.interp(places, x, np.arange(x.size, dtype=np.float64))
+        below = np.minimum(place.astype(np.intp), max(x.size - 2, 0))
+        first[flank], last[flank] = seen[below], seen[np.minimum(below + 1, x.size - 1)]
+        share[flank] = place - below
+    return Interpolation(first, last, share, known)

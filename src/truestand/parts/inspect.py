@@ -1,5 +1,9 @@
 """The one door to every inspection: what the part is decides how it is judged."""
 
+from dataclasses import replace
+
+from truestand.apply.transfer import transfer_remarks, with_sensor_as_calibrated
+from truestand.core.artefact import Artefact
 from truestand.core.inspection import Inspection
 from truestand.core.surface import Surface
 from truestand.gear.drawing import Gear
@@ -9,6 +13,8 @@ from truestand.parts.drawings import Cad, Turned
 from truestand.parts.turned import inspect_turned
 
 Part = Gear | Turned | Cad
+LIKE_THE_SHAFT_MM = 1.0
+"""Difference of radius within which a section at the height of a cylinder of the shaft may be that cylinder."""
 
 
 def inspect(surface: Surface, part: Part) -> Inspection:
@@ -22,6 +28,22 @@ def inspect(surface: Surface, part: Part) -> Inspection:
         WrongDrawing: what was seen is another gear than the drawing's.
         BadRecipe: the surface doesn't say from which scan and calibration it comes.
     """
+    if isinstance(part, Turned) and _is_shaft(part, surface.origin[1].artefact):
+        surface = with_sensor_as_calibrated(surface)
+    inspection = _inspected(surface, part)
+    return replace(inspection, remarks=(*transfer_remarks(surface.origin[1]), *inspection.remarks))
+
+
+def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:
+    """Whether a section may be a cylinder of the artefact, as far as height and diameter tell."""
+    return artefact is not None and any(
+        section.bottom < c.top and c.bottom < section.top and abs(section.diameter / 2 - c.radius) < LIKE_THE_SHAFT_MM
+        for section in part.sections
+        for c in artefact.cylinders
+    )
+
+
+def _inspected(surface: Surface, part: Part) -> Inspection:
     if isinstance(part, Gear):
         return inspect_gear(surface, part)
     if isinstance(part, Turned):

@@ -16,6 +16,7 @@ from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import Positive, build, read_toml
 from truestand.files.shapes.meshes import read_mesh
 from truestand.gear.drawing import Evaluation, Gear, Modification
+from truestand.gear.evaluate import NEVER_NEGATIVE
 from truestand.gear.match import MODULES, IdentifiedGear, is_standard
 from truestand.parts.drawings import Cad, Section, Turned
 
@@ -25,8 +26,6 @@ Limit = Limits | Annotated[float, Field(gt=0)]
 Class = Annotated[int, Field(ge=1, le=12)]
 Part = Gear | Turned | Cad
 KINDS = ("gear", "turned", "cad")
-SIGNED = frozenset({"f_Halpha", "C_alpha", "f_Hbeta", "C_beta"})
-"""Deviations of which one number limits both signs."""
 UM = 1000.0
 
 
@@ -99,7 +98,7 @@ class LimitsRecipe(Recipe):
         return self
 
     def by_name(self) -> dict[str, tuple[float | None, float | None]]:
-        """Lower and upper limit (mm) by the characteristic's name."""
+        """Lower and upper limit (mm) by the characteristic's name; one number limits both signs of a deviation."""
         found: dict[str, tuple[float | None, float | None]] = {}
         for key in (k for k in type(self).model_fields if k not in ("defect_depth_um", "damage")):
             limit, (name, unit) = getattr(self, key), key.rsplit("_", 1)
@@ -109,7 +108,8 @@ class LimitsRecipe(Recipe):
             if isinstance(limit, tuple):
                 found[name] = limit[0] / scale, limit[1] / scale
             else:
-                found[name] = -limit / scale if name in SIGNED else None, limit / scale
+                signed = unit == "um" and name not in NEVER_NEGATIVE
+                found[name] = -limit / scale if signed else None, limit / scale
         return found
 
 

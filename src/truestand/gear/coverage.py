@@ -1,0 +1,61 @@
+"""What was seen of each flank: of its area, of its traces, of its position.
+
+Between two profiles nothing can be seen: what lies within half a step of the table of a reading counts as seen.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truestand.core.arrays import Array
+from truestand.gear.evaluate import Measures
+from truestand.gear.grid import Grid, bridge_gaps, step_on_flank
+from truestand.gear.traces import helix_points, profile_points
+
+NEAR_MIDDLE = 0.15
+"""Share of control length and face about the middle of the measuring circle that must be seen for a position."""
+LEAST_SEEN = 0.2
+"""Share of a row or column of cells that makes a point of a trace."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Shares 0..1, (2, teeth)."""
+
+    position: Array
+    """Whether the tooth's position was seen: 0 or 1."""
+    profile: Array
+    """Of its area along the roll length, or of the trace at mid-face where less was seen of it."""
+    helix: Array
+    """Of its area along the height, or of the trace on the measuring circle."""
+
+
+def coverage_of(grid: Grid, measures: Measures, step: float) -> Coverage:
+    """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
+    nominal = grid.nominal
+    seen = bridge_gaps(grid.solid, grid, step)
+    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
+    rolls = (grid.rolls >= low) & (grid.rolls <= high)
+    heights = (grid.heights >= bottom) & (grid.heights <= top)
+    area = seen[:, :, rolls][:, :, :, heights]
+    near_roll = np.abs(grid.rolls - nominal.measuring_roll) < NEAR_MIDDLE * nominal.control_length
+    near_height = np.abs(grid.heights - nominal.middle) < NEAR_MIDDLE * nominal.gear.face_width
+    near = seen[:, :, near_roll][:, :, :, near_height].mean(axis=(2, 3))
+    profile, helix = profile_points(nominal), helix_points(nominal)
+    return Coverage(
+        (near >= 0.5).astype(np.float64),
+        np.minimum(
+            (area.mean(axis=3) > LEAST_SEEN).mean(axis=2),
+            _share_seen(measures.profile, profile, step_on_flank(nominal, profile, step) / 2),
+        ),
+        np.minimum(
+            (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
+            _share_seen(measures.helix, helix, np.full(helix.shape, grid.size[1])),
+        ),
+    )
+
+
+def _share_seen(trace: Array, at: Array, reach: Array) -> Array:
+    """Share (2, teeth) of the points of ``trace`` (2, teeth, points), NaN: not seen, within ``reach`` of a seen one."""
+    near = np.abs(at[:, None] - at) <= reach[:, None]
+    return np.asarray(((np.isfinite(trace).astype(np.float64) @ near.T.astype(np.float64)) > 0).mean(axis=2))
