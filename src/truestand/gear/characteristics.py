@@ -24,7 +24,7 @@ from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.drawing import Gear, Standard
 from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
-from truestand.gear.grid import HEIGHT_CELL, TRACE_SHARE
+from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.teeth import Diameter
 from truestand.gear.traces import CUTOFF_SHARE, LEAST_CUTOFF
 
@@ -66,6 +66,8 @@ class Assessment:
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
     """(teeth,): but for those that the drawing leaves out."""
+    edge_share: float
+    """Half a cell's height over the height of the middle of the face."""
 
 
 def characteristics_of(a: Assessment, diameters: tuple[Diameter, ...]) -> tuple[Characteristic, ...]:
@@ -154,13 +156,14 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
     """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
 
-    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it. Areal figures read
-    the smooth flank, which damage has no part in.
+    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it; else its edge may
+    lie half a cell elsewhere in the middle of the face, whose mean a figure is. Areal figures read the smooth flank,
+    which damage has no part in.
     """
     if name.endswith(AREAL):
         return 0.0
-    half_tooth = a.nominal.thickness / 2
-    depths = [half_tooth if d.hidden else 0.0 if d.resolved else abs(d.depth or 0.0) for d in regions]
+    half_tooth, edge = a.nominal.thickness / 2, 0.0 if _zone(name.removesuffix(MEAN)) == "helix" else a.edge_share
+    depths = [half_tooth if d.hidden else (edge if d.resolved else 1.0) * abs(d.depth or 0.0) for d in regions]
     mean = name.endswith(MEAN) or name in SIZES
     return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths)
 
@@ -241,8 +244,8 @@ def _diameter(d: Diameter, g: Gear) -> Characteristic:
     )  # fmt: skip
 
 
-def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
-    """How it was evaluated, each setting as it is printed."""
+def settings_of(nominal: Involute, datum: Datum, scan: Scan, cell_height: float) -> dict[str, str]:
+    """How it was evaluated, each setting as it is printed; ``cell_height``: mm, of a cell."""
     g = nominal.gear
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
     alpha = degrees(float(np.arccos(nominal.base_radius / nominal.measuring_radius)))
@@ -262,7 +265,7 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan) -> dict[str, str]:
         "flank's evaluation area",
         "traces": f"profile at the middle of the face +- {TRACE_SHARE:.0%}, helix on the measuring circle; deviations "
         "along the base tangent, transverse, damage included",
-        "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {HEIGHT_CELL:g} mm of height; single "
+        "lateral resolution": f"{g.evaluation.resolution:g} mm of roll length, {cell_height:.2g} mm of height; single "
         "readings that nothing bears out are left out",
         "low-pass": f"Gaussian, 50 % at a wavelength of 1/{1 / CUTOFF_SHARE:.0f} of the evaluation length or the face, "
         f"{LEAST_CUTOFF:g} mm at least, for form and total deviations",

@@ -18,8 +18,8 @@ from truestand.core.robust import medians, robust_sd
 from truestand.gear.flanks import END_MARGIN, GATE, FlankPoints, Flanks
 from truestand.gear.geometry import Involute
 
-HEIGHT_CELL = 0.5
-"""mm."""
+HEIGHT_CELL, SPACINGS = 0.25, 1.5
+"""mm of height of a cell, and spacings of a profile's points that it must hold at least."""
 TRACE_SHARE = 1 / 20
 """Share of the face to either side of its middle in which profile and position are read."""
 MEDIAN_SPAN = 16 * GATE
@@ -89,9 +89,13 @@ class Grid:
         return np.asarray(in_profile & (self.height >= bottom) & (self.height <= top))
 
 
-def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
-    """The cells of all flanks, (2, teeth, roll lengths, heights), about ``height_cell`` mm high."""
+def grid_of(flanks: Flanks, height_cell: float | None = None) -> Grid:
+    """The cells of all flanks, (2, teeth, roll lengths, heights), about ``height_cell`` mm high.
+
+    None: ``HEIGHT_CELL``, or as high as the points of a profile need.
+    """
     nominal = flanks.toothing.nominal
+    height_cell = height_cell or max(HEIGHT_CELL, SPACINGS * _spacing(flanks))
     rolls, edges = ceil(nominal.control_length / nominal.gear.evaluation.resolution), height_edges(nominal, height_cell)
     shape = (2, nominal.gear.teeth, rolls, edges.size - 1)
     cell = cell_of(flanks, nominal, rolls, edges)
@@ -117,6 +121,12 @@ def grid_of(flanks: Flanks, height_cell: float = HEIGHT_CELL) -> Grid:
         edges,
         max(robust_sd(off) if off.size else 0.0, LEAST_SPREAD),
     )
+
+
+def _spacing(flanks: Flanks) -> float:
+    """Median mm of height from one point of a profile to the next."""
+    beside = np.diff(flanks.index) == 1
+    return float(np.median(np.abs(np.diff(flanks.height)[beside]))) if beside.any() else 0.0
 
 
 def height_edges(nominal: Involute, height_cell: float) -> Array:

@@ -32,7 +32,7 @@ from truestand.gear.evaluate import (
 )
 from truestand.gear.flanks import Flanks, find_flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
-from truestand.gear.grid import Grid, grid_of
+from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
 from truestand.gear.lone_readings import without_lone_readings
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_on_flanks
@@ -100,7 +100,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         defects=defects,
         reasons=(*reasons, *unevenness(correction)),
         remarks=remarks_of(correction, coverage, damage, measures),
-        settings=settings_of(nominal, datum, scan),
+        settings=settings_of(nominal, datum, scan, evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,
         deviation=_deviation(complete, surface),
         evidence=GearEvidence(
@@ -171,6 +171,7 @@ def _assess(
         damage,
         zones_of(evaluator.grid, scan.step),
         there,
+        evaluator.grid.size[1] / (4 * TRACE_SHARE * nominal.gear.face_width),
     )
 
 

@@ -17,8 +17,10 @@ from truestand.gear.grid import Grid
 TERMS = 6
 """1, l, h, l^2, l h, h^2."""
 HUBER = 1.345
-ROUNDS = (False, False, False, True, True, True, True)
-"""Which rounds of weighing leave far cells out altogether (Tukey), after some that only hold them back (Huber)."""
+ROUNDS = ((0, False), (3, False), (3, True), (3, True), (TERMS, True), (TERMS, True), (TERMS, True))
+"""Of weighing: terms that are free (0: the flank's median), and whether far cells are left out (Tukey) or only held
+back (Huber). A flank that is free to lean and bend from the start leans and bends towards a step in it.
+"""
 LEAST_TEETH = 4
 """Teeth whose median says what all of them share."""
 LEAST_CELLS = 40
@@ -50,11 +52,11 @@ def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
     values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
     basis = _basis(grid).reshape(flanks, cells, TERMS)
     weight = inside.astype(np.float64)
-    for last in ROUNDS:
-        residual = _residual(values, basis, _solver(basis, weight), weight, grid.delta.shape)
+    for terms, leaves_out in ROUNDS:
+        residual = _residual(values, basis[:, :, :terms], weight, grid.delta.shape)
         spread = max(robust_sd(residual[inside]) if inside.any() else 0.0, LEAST_SPREAD)
         ratio = np.where(inside, np.abs(residual), 0.0) / spread
-        far = tukey_weights(ratio / TUKEY) if last else HUBER / np.maximum(ratio, HUBER)
+        far = tukey_weights(ratio / TUKEY) if leaves_out else HUBER / np.maximum(ratio, HUBER)
         weight = np.where(inside, far, 0.0)
     return SmoothFlanks(grid, weight, basis, _solver(basis, weight))
 
@@ -108,11 +110,11 @@ def _basis(grid: Grid) -> Array:
 
 
 def _solver(basis: Array, weight: Array) -> Array:
-    """(flanks, TERMS, cells); NaN for a flank with too few cells, or all of them on a line."""
+    """(flanks, terms, cells) of a basis (flanks, cells, terms); NaN for a flank of too few cells, or all on a line."""
     weighted = (basis * weight[:, :, None]).swapaxes(1, 2)
     normal = weighted @ basis
     able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (np.linalg.cond(normal) < 1e9)
-    normal[~able] = np.eye(TERMS)
+    normal[~able] = np.eye(basis.shape[2])
     solver = np.linalg.inv(normal) @ weighted
     solver[~able] = np.nan
     return np.asarray(solver)
@@ -133,9 +135,15 @@ def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array
     return np.asarray(np.repeat(np.where(total > 0, mean, 0.0), teeth, axis=0).reshape(residual.shape))
 
 
-def _residual(values: Array, basis: Array, solver: Array, weight: Array, shape: tuple[int, ...]) -> Array:
+def _residual(values: Array, basis: Array, weight: Array, shape: tuple[int, ...]) -> Array:
+    """What the terms of a ``basis`` (flanks, cells, terms) leave of each flank, and the median tooth of that; without
+    terms the flank's median. 0 where nothing was seen.
+    """
     filled = np.where(np.isfinite(values), values, 0.0)
-    rest = filled - _times(basis, _times(solver, filled))
+    if basis.shape[2]:
+        rest = filled - _times(basis, _times(_solver(basis, weight), filled))
+    else:
+        rest = filled - nan_median(np.where(weight > 0, values, np.nan), axis=1)[:, None]
     rest = rest - _median_tooth(np.where(weight > 0, rest, np.nan), shape)
     return np.asarray(np.nan_to_num(rest))
 
