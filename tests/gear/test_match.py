@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from math import degrees, radians
+from math import cos, degrees, radians
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from truestand.core.frames import Pose
 from truestand.core.surface import apply_calibration
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
-from truestand.gear.match import identify
+from truestand.gear.match import identify, toothed_heights
 from truestand.sim import GearErrors
 from variants import tried
 
@@ -24,11 +24,24 @@ SHIFTED = Gear(17, 3.0, 20.0, 5.0, 59.4, 46.0, profile_shift=0.4)
 STEEP = replace(SPUR, pressure_angle=radians(25.0))
 
 
+def gear_of(teeth, module, helix=0.0):
+    reference = teeth * module / cos(radians(helix))
+    return Gear(teeth, module, 20.0, 5.0, reference + 2 * module, reference - 2.5 * module, helix_angle=radians(helix))
+
+
 @lru_cache(maxsize=4)
-def surface_of(gear, errors=PERFECT, profiles=4400):
+def surface_of(gear, errors=PERFECT, profiles=4400, how=(), moved=()):
     upright = gear.helix_angle != 0
-    scan = scan_of(gear, errors, simulation(profiles, upright), UPRIGHT_POINTS if upright else POINTS)
-    return apply_calibration(scan, replace(true_calibration(upright), reasons=()))
+    scan = scan_of(gear, errors, simulation(profiles, upright, **dict(how)), UPRIGHT_POINTS if upright else POINTS)
+    return apply_calibration(scan, replace(wrong_by(true_calibration(upright), **dict(moved)), reasons=()))
+
+
+def wrong_by(calibration, radial=0.0, offset=0.0, eccentric=0.0):
+    """The calibration as if sensor (radially and sideways) and shaft stood elsewhere, mm."""
+    sensor, shaft = calibration.table_from_sensor, calibration.shaft_from_rotor
+    sensor = Pose(sensor.rotation, sensor.translation + np.array([radial, offset, 0.0]))
+    shaft = Pose(shaft.rotation, shaft.translation + np.array([eccentric, 0.0, 0.0]))
+    return replace(calibration, table_from_sensor=sensor, shaft_from_rotor=shaft)
 
 
 @pytest.mark.parametrize(
@@ -44,6 +57,31 @@ def test_a_gear_is_identified(gear):
     assert seen.profile_shift == pytest.approx(gear.profile_shift, abs=0.03)
     assert seen.tip_diameter == pytest.approx(gear.tip_diameter, abs=0.02)
     inspect_gear(surface_of(gear), gear)  # and not refused
+
+
+@pytest.mark.parametrize(
+    "gear", tried([gear_of(20, 2.0, 15.0), gear_of(13, 3.0)], gear_of(30, 1.5, -20.0), gear_of(40, 1.25, 10.0), FINE)
+)
+def test_stray_readings_make_no_other_gear(gear):
+    """With the face as it is seen: half a per cent of strays made 15 degrees -33.65, and module 3 2.99."""
+    surface = surface_of(gear, how=(("outliers", 0.005),))
+    bottom, top = toothed_heights(surface, ON_C)
+    assert (bottom, top) == pytest.approx((gear.face_from, gear.face_to), abs=0.3)
+    seen = identify(surface, ON_C, bottom, top)
+    assert (seen.teeth, seen.module) == (gear.teeth, pytest.approx(gear.module, rel=5e-4))
+    assert degrees(seen.helix_angle) == pytest.approx(degrees(gear.helix_angle), abs=0.01)
+    assert seen.sure and seen.confidence > 0.95 and not seen.rivals
+
+
+@pytest.mark.parametrize("wrong", [{"radial": 1.0}, {"offset": 1.0}, {"eccentric": 0.5}], ids=str)
+def test_a_gear_that_the_stand_distorts_is_not_sure(wrong):
+    """The sensor has moved by a millimetre, or the shaft runs otherwise than calibrated: no other gear is made up."""
+    surface = surface_of(SPUR, moved=tuple(wrong.items()))
+    seen = identify(surface, ON_C, SPUR.face_from, SPUR.face_to)
+    assert not seen.sure or (seen.teeth, round(seen.module, 2)) == (24, 2.0)
+    if "eccentric" not in wrong:
+        with pytest.raises(WrongDrawing, match="sensor or shaft have moved since the calibration"):
+            inspect_gear(surface, SPUR)
 
 
 def test_a_glimpse_identifies_nothing():

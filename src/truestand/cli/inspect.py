@@ -32,7 +32,7 @@ from truestand.files.atomic import write_text_atomic
 from truestand.files.recipes.parts import recipe_of_identified
 from truestand.files.records.record import read_json
 from truestand.files.shapes.clouds import check_suffix, write_cloud
-from truestand.gear.match import IdentifiedGear, toothed_heights
+from truestand.gear.match import IdentifiedGear, is_standard, toothed_heights
 from truestand.gear.match import identify as identify_gear
 from truestand.report.terminal import inspection_table
 from truestand.station.pipeline import Inputs, Outputs, inspect_job
@@ -130,7 +130,7 @@ def identify(
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Tell teeth, module, helix and shift of an unknown gear from its scan.
+    """Tell teeth, module, helix and shift of an unknown gear from its scan: 0 sure, 3 not sure, or untrusted.
 
     Example: truestand identify gear.csv --calibration calibration.json -o gear.toml
     """
@@ -148,10 +148,30 @@ def identify(
     if as_json:
         print_json(_gear_record(gear, low, high))
     elif not quiet:
-        typer.echo(f"{gear}\nface from {low:.2f} to {high:.2f} mm, root diameter {gear.root_diameter:.2f} mm")
+        typer.echo(
+            f"{gear}\nface from {low:.2f} to {high:.2f} mm, root diameter {gear.root_diameter:.2f} mm, confidence "
+            f"{gear.confidence:.2f}"
+        )
         if output is not None:
             typer.echo(output)
-    end_if_untrusted(transferred.calibration.reasons, quiet)
+    doubts = () if gear.sure else (_doubt(gear),)
+    end_if_untrusted((*transferred.calibration.reasons, *doubts), quiet)
+
+
+def _doubt(gear: IdentifiedGear) -> str:
+    """Why it may be another gear."""
+    if gear.rivals:
+        return f"not sure which gear it is; it may also have {gear.rivals[0]}"
+    if not is_standard(gear.module):
+        return (
+            f"not sure which gear it is: module {gear.module:.4g} is none of ISO 54; check its tip diameter by hand, "
+            "or whether the sensor still stands where it was calibrated (truestand verify)"
+        )
+    return (
+        f"not sure which gear it is: {gear.confidence:.0%} of the readings between root and tip lie on its flanks; "
+        "check --from-mm and --to-mm, and whether sensor and shaft still stand where they were calibrated (truestand "
+        "verify)"
+    )
 
 
 def _gear_record(gear: IdentifiedGear, low: float, high: float) -> dict[str, Any]:
@@ -167,4 +187,16 @@ def _gear_record(gear: IdentifiedGear, low: float, high: float) -> dict[str, Any
         "face_from_mm": low,
         "face_width_mm": high - low,
         "rms_um": um(gear.rms),
+        "confidence": gear.confidence,
+        "sure": gear.sure,
+        "rivals": [
+            {
+                "teeth": r.teeth,
+                "module_mm": r.module,
+                "pressure_angle_deg": degrees(r.pressure_angle),
+                "helix_angle_deg": degrees(r.helix_angle),
+                "confidence": r.confidence,
+            }
+            for r in gear.rivals
+        ],
     }

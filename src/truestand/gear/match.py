@@ -1,17 +1,21 @@
 """Teeth, helix, base circle, module and shift of a gear from the points alone; and whether the drawing fits it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import asin, atan, cos, degrees, pi, radians, sin, tan
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Ints
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import Pose
 from truestand.core.surface import Surface
+from truestand.gear.drawing import Gear
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import inv
+
+ComplexArray = NDArray[np.complex128]
 
 LEAST_MATCHED = 0.55
 """Share of the points near the measuring circle that must lie on the drawing's flanks."""
@@ -28,15 +32,25 @@ SAMPLE_POINTS = 400_000
 HEIGHT_SLICES = 24
 MOST_TEETH = 400
 RADIUS_BIN = 0.05
-TRACE_ROWS = 60
+TRACE_ROWS, LEAST_ROWS, LEAST_IN_ROW = 60, 10, 30
 PRESSURE_ANGLES = (20.0, 14.5, 15.0, 17.5, 22.5, 25.0)
 MODULES = (
     0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.125, 1.25, 1.375, 1.5, 1.75, 2.0, 2.25, 2.5, 2.75, 3.0, 3.25, 3.5, 3.75,
     4.0, 4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 25.0, 28.0, 32.0,
 )  # fmt: skip
 """Normal modules of ISO 54, both series, and a few below."""
-STANDARD_TOLERANCE = 0.004
+STANDARD_TOLERANCE = 0.002
 """Relative, by which a module may be off a standard one to be taken for it."""
+TIP_BAND, FACE_BIN, FILLED, MOST_GAP = 0.15, 0.1, 0.3, 1.0
+"""mm below the tip in which the face shows; mm of height that it fills or not; share of the usual number of points from
+which it does; mm of it that may be empty."""
+STRONG, AGREES = 0.3, 0.6
+"""Share of the strongest pattern's power, and of the best twist's agreement, from which another one is tried."""
+MOST_TWISTS = 3
+ON_FLANK = 0.03
+"""Modules of delta within which a reading lies on a flank."""
+SURE, AHEAD = 0.7, 0.15
+"""Confidence from which a gear is sure, and by which it must be ahead of its rivals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +70,17 @@ class IdentifiedGear:
     root_diameter: float
     rms: float
     """Of the traces about the involute."""
+    confidence: float = 1.0
+    """Share 0..1 of the readings between root and tip that lie on this gear's flanks, times that of its teeth which
+    show any."""
+    rivals: tuple["IdentifiedGear", ...] = ()
+    """Other gears that the points may be, the likeliest first."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is this gear and no other, with a standard module."""
+        ahead = all(r.confidence < self.confidence - AHEAD for r in self.rivals)
+        return self.confidence >= SURE and ahead and is_standard(self.module)
 
     def __str__(self) -> str:
         shift = "" if self.profile_shift is None else f", profile shift {self.profile_shift:+.3f}"
@@ -88,7 +113,7 @@ def check_drawing(surface: Surface, flanks: Flanks) -> None:
         return
     try:
         seen = identify(surface, toothing.datum.pose, g.face_from, g.face_to)
-        instead = f"saw {seen}"
+        instead = f"saw {seen}{'' if seen.sure else ', which is not sure'}{_moved(seen, g)}"
     except NotEnoughData:
         if not flanks.delta.size:
             raise
@@ -99,6 +124,13 @@ def check_drawing(surface: Surface, flanks: Flanks) -> None:
         f"the drawing has {g.teeth} teeth, module {g.module:g} mm at {degrees(g.pressure_angle):g} degrees, helix "
         f"{degrees(g.helix_angle):+g} degrees, tip diameter {g.tip_diameter:g} mm; {instead}; check the part and "
         "its recipe"
+    )
+
+
+def _moved(seen: IdentifiedGear, drawn: Gear) -> str:
+    """What may have made the drawing's gear look like another one."""
+    return (
+        "" if seen.teeth != drawn.teeth else "; or sensor or shaft have moved since the calibration (truestand verify)"
     )
 
 
@@ -127,17 +159,57 @@ def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Identi
     """
     angle, radius, height = _points(surface, datum, bottom, top)
     root, tip = _root_and_tip(radius)
-    teeth, twist = _teeth_and_twist(angle, radius, height, root, tip)
-    free = angle - (height - (bottom + top) / 2) * twist
-    base, half, rms = _involute_through(free, radius, teeth, root, tip)
-    base_helix = atan(twist * base)
-    alpha, module, beta = _standard(base, base_helix, teeth)
-    shift = None
-    if half is not None:
-        transverse = atan(tan(alpha) / cos(beta))
-        arc = (half - inv(transverse)) * 2 * (base / cos(transverse))
-        shift = (arc / (module / cos(beta)) - pi / 2) / (2 * tan(alpha))
-    return IdentifiedGear(teeth, base, beta, module, alpha, shift, 2 * tip, 2 * root, rms)
+    found = []
+    for teeth, twist in _patterns(angle, radius, height, root, tip):
+        cloud = _Cloud(angle, radius, height - (bottom + top) / 2, root, tip)
+        found += _gears_through(cloud, teeth, _refined(cloud, teeth, twist))
+    if not found:
+        raise NotEnoughData("found too few points on the flanks, need both sides of the teeth or one of them in view")
+    best, *others = sorted(found, key=lambda gear: -gear.confidence)
+    return replace(best, rivals=tuple(o for o in others if o.confidence > best.confidence / 2))
+
+
+@dataclass(frozen=True, slots=True)
+class _Cloud:
+    """Polar angle (rad), radius and height from mid-face (mm) of points (n,); radii of root and tip (mm)."""
+
+    angle: Array
+    radius: Array
+    height: Array
+    root: float
+    tip: float
+
+
+def _refined(cloud: _Cloud, teeth: int, twist: float) -> float:
+    """The twist (rad/mm) by the slope of the flanks themselves over the height."""
+    folded = _fold(cloud, teeth, twist)
+    if folded is None:
+        return twist
+    base, half, _ = _involute_through(folded, cloud.root, cloud.tip)
+    off = folded.off_flank(base, half)
+    on = np.abs(off) * base < ON_FLANK * (cloud.tip - cloud.root)
+    return twist + float(np.polyfit(folded.height[on], off[on], 1)[0]) if np.count_nonzero(on) > LEAST_IN_ROW else twist
+
+
+def _gears_through(cloud: _Cloud, teeth: int, twist: float) -> list[IdentifiedGear]:
+    """The gears of so many teeth that fit the points: one for each standard pair of module and pressure angle; none
+    where too few points lie on flanks.
+    """
+    folded = _fold(cloud, teeth, twist)
+    if folded is None:
+        return []
+    root, tip = cloud.root, cloud.tip
+    base, half, rms = _involute_through(folded, root, tip)
+    found = []
+    for alpha, module, beta in _standard(base, atan(twist * base), teeth):
+        shift = None
+        if np.isfinite(half).all():
+            transverse = atan(tan(alpha) / cos(beta))
+            arc = (float(half.mean()) - inv(transverse)) * 2 * (base / cos(transverse))
+            shift = (arc / (module / cos(beta)) - pi / 2) / (2 * tan(alpha))
+        on = folded.share_on(base, half, ON_FLANK * module)
+        found.append(IdentifiedGear(teeth, base, beta, module, alpha, shift, 2 * tip, 2 * root, rms, on))
+    return found
 
 
 def toothed_heights(surface: Surface, datum: Pose) -> tuple[float, float]:
@@ -146,13 +218,22 @@ def toothed_heights(surface: Surface, datum: Pose) -> tuple[float, float]:
     Raises:
         NotEnoughData: no such stretch.
     """
+    from scipy.ndimage import binary_closing, label
+
     _, radius, height = _points(surface, datum, -1e9, 1e9)
     _, tip = _root_and_tip(radius)
-    out = height[radius > tip - 0.15]
+    out = height[np.abs(radius - tip) < TIP_BAND]
     if out.size < 100:
         raise NotEnoughData("found no stretch of largest radius, need a toothing in view; pass --from-mm and --to-mm")
-    low, high = np.quantile(out, [0.002, 0.998])
-    return float(low), float(high)
+    low, high = float(out.min()), float(out.max())
+    counts, edges = np.histogram(out, max(1, round((high - low) / FACE_BIN)), (low, high))
+    usual = np.sort(counts)[::-1].cumsum().searchsorted(out.size / 2)  # bins that hold half of the points
+    filled = counts > FILLED * np.sort(counts)[::-1][usual]
+    joined, number = label(binary_closing(np.pad(filled, 10), np.ones(round(MOST_GAP / FACE_BIN)))[10:-10])
+    longest = 1 + int(np.argmax([(joined == n).sum() for n in range(1, number + 1)]))
+    on = np.flatnonzero(joined == longest)
+    inside = out[(out >= edges[on[0]]) & (out <= edges[on[-1] + 1])]
+    return float(inside.min()), float(inside.max())
 
 
 def _points(surface: Surface, datum: Pose, bottom: float, top: float) -> tuple[Array, Array, Array]:
@@ -180,8 +261,27 @@ def _root_and_tip(radius: Array) -> tuple[float, float]:
     return float(np.median(near_root)), float(np.median(near_tip))
 
 
-def _teeth_and_twist(angle: Array, radius: Array, height: Array, root: float, tip: float) -> tuple[int, float]:
-    """How often the radius goes up and down a turn, and by how much (rad/mm) that pattern turns going up."""
+def _patterns(angle: Array, radius: Array, height: Array, root: float, tip: float) -> list[tuple[int, float]]:
+    """How often the radius may go up and down a turn, and by how much (rad/mm) that pattern turns going up.
+
+    The strongest first.
+    """
+    waves, middle = _waves(angle, radius, height, root, tip)
+    power = np.abs(waves).mean(axis=0)
+    power[:3] = 0.0
+    strongest = int(np.argmax(power[:MOST_TEETH]))
+    if power[strongest] < 4 * np.median(power[3:MOST_TEETH]):
+        raise NotEnoughData("found no regular toothing, need one in view over most of a turn")
+    strong = {int(n) for n in np.argsort(power[:MOST_TEETH])[-3:] if power[n] > STRONG * power[strongest]}
+    candidates = (strongest, *sorted(strong - {strongest}))
+    return [(teeth, twist) for teeth in candidates for twist in _twists(waves[:, teeth], middle, teeth, tip)]
+
+
+def _waves(angle: Array, radius: Array, height: Array, root: float, tip: float) -> tuple[ComplexArray, Array]:
+    """Waves (slices, n) of up and down round the part in slices of height, and the slices' heights about their middle.
+
+    n: times a turn.
+    """
     on = (radius > root - 0.3) & (radius < tip + 0.3)
     up = np.where(radius[on] > (root + tip) / 2, 1.0, -1.0)
     at, h = angle[on], height[on]
@@ -197,47 +297,75 @@ def _teeth_and_twist(angle: Array, radius: Array, height: Array, root: float, ti
     if np.count_nonzero(counts.any(axis=0)) < LEAST_TURN * places:
         raise NotEnoughData("found too small a part of a turn, need a regular toothing in view over most of it")
     mean -= mean.mean(axis=1, keepdims=True)
-    waves = np.fft.rfft(mean, axis=1)
-    power = np.abs(waves).mean(axis=0)
-    power[:3] = 0.0
-    teeth = int(np.argmax(power[:MOST_TEETH]))
-    if power[teeth] < 4 * np.median(power[3:MOST_TEETH]):
-        raise NotEnoughData("found no regular toothing, need one in view over most of a turn")
-    middle = (edges[1:] + edges[:-1]) / 2 - (edges[0] + edges[-1]) / 2
+    return np.fft.rfft(mean, axis=1), (edges[1:] + edges[:-1]) / 2 - (edges[0] + edges[-1]) / 2
+
+
+def _twists(wave: ComplexArray, middle: Array, teeth: int, tip: float) -> list[float]:
+    """Twists (rad/mm) with which the wave (slices,) of the teeth agrees over the heights ``middle``, the best first."""
     steepest = tan(radians(50.0)) / tip
     twists = np.linspace(-steepest, steepest, 4001)
-    agreement = np.abs(np.exp(1j * teeth * np.outer(twists, middle)) @ waves[:, teeth])
-    best = twists[int(np.argmax(agreement))]
-    rest = np.unwrap(np.angle(waves[:, teeth] * np.exp(1j * teeth * best * middle)))
-    slope = float(np.polyfit(middle, rest, 1, w=np.abs(waves[:, teeth]))[0])
-    return teeth, float(best - slope / teeth)
+    agreement = np.abs(np.exp(1j * teeth * np.outer(twists, middle)) @ wave)
+    beside = np.pad(agreement, 1)
+    peaks = np.flatnonzero(
+        (agreement >= beside[:-2]) & (agreement > beside[2:]) & (agreement > AGREES * agreement.max())
+    )
+    peaks = peaks[np.argsort(-agreement[peaks])][:MOST_TWISTS]
+    found = []
+    for best in twists[peaks]:
+        rest = np.unwrap(np.angle(wave * np.exp(1j * teeth * best * middle)))
+        slope = float(np.polyfit(middle, rest, 1, w=np.abs(wave))[0])
+        found.append(float(best - slope / teeth))
+    return found
 
 
-def _involute_through(
-    angle: Array, radius: Array, teeth: int, root: float, tip: float
-) -> tuple[float, float | None, float]:
-    """Base radius (mm), half the angle of a tooth on the base circle (None with one side only), rms (mm)."""
-    from scipy.optimize import least_squares
+@dataclass(frozen=True, slots=True)
+class _Folded:
+    """All teeth laid over one another."""
 
-    at, places, sides = _traces(angle, radius, teeth, root, tip)
+    off: Array
+    """(n,) rad from the tooth's centre, -half a pitch..half a pitch, of the readings between root and tip."""
+    tooth: Ints
+    """(n,) and which tooth it is."""
+    radius: Array
+    """(n,) mm."""
+    height: Array
+    """(n,) mm from the middle of the face."""
+    teeth: int
+    at: Array
+    """(m,) mm: radii of the traces' points,"""
+    places: Array
+    """(m,) rad: how far from the tooth's centre they are,"""
+    sides: Ints
+    """(m,) and on which side: 0 ccw, 1 cw."""
 
-    def off(p: Array) -> Array:
-        alpha = np.arccos(np.minimum(p[0] / at, 1.0))
-        return np.asarray(p[0] * (places - (p[1 + sides] - (np.tan(alpha) - alpha))))
+    def off_flank(self, base: float, half: Array) -> Array:
+        """Angle (n,) rad, ccw, from the flanks with half a tooth's angle ``half`` (2,) on the base circle; NaN where a
+        side has no trace.
+        """
+        alpha = np.arccos(np.minimum(base / self.radius, 1.0))
+        expected = half[np.where(self.off > 0, 0, 1)] - (np.tan(alpha) - alpha)
+        return np.asarray(self.off - np.sign(self.off) * expected)
 
-    start = np.array([0.94 * (root + tip) / 2, 0.1, 0.1])
-    found = least_squares(off, start, loss="soft_l1", f_scale=0.01)
-    rms = float(np.sqrt(np.mean(np.square(off(found.x)))))
-    both = np.unique(sides).size == 2
-    return float(found.x[0]), float(np.mean(found.x[1:])) if both else None, rms
+    def share_on(self, base: float, half: Array, within: float) -> float:
+        """Share of the readings on flanks, ``within`` mm, times the share of the teeth whose better side shows any."""
+        off = base * np.abs(self.off_flank(base, half))
+        known = np.isfinite(off)
+        if not known.any():
+            return 0.0
+        flank = (np.where(self.off > 0, 0, 1) * self.teeth + self.tooth)[known & (off < within)]
+        number = np.bincount(flank, minlength=2 * self.teeth).reshape(2, -1)
+        shown = (number > FILLED * number.mean(axis=1, keepdims=True)).mean(axis=1)
+        return float(np.mean(off[known] < within)) * float(shown.max())
 
 
-def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) -> tuple[Array, Array, Ints]:
-    """Radii, angles from the tooth's centre and side (n,) along the folded tooth's two edges."""
-    pitch = 2 * pi / teeth
+def _fold(cloud: _Cloud, teeth: int, twist: float) -> _Folded | None:
+    """The teeth laid over one another, with traces along their two edges; None where those show too little."""
+    pitch, radius, root, tip = 2 * pi / teeth, cloud.radius, cloud.root, cloud.tip
+    angle = cloud.angle - cloud.height * twist
     high = radius > (root + 3 * tip) / 4
     centre = float(np.angle(np.exp(1j * teeth * angle[high]).mean())) / teeth
-    off = (angle - centre + pitch / 2) % pitch - pitch / 2
+    tooth = np.rint((angle - centre) / pitch)
+    off = angle - centre - tooth * pitch
     low, top = root + 0.45 * (tip - root), tip - 0.08 * (tip - root)
     edges = np.linspace(low, top, TRACE_ROWS + 1)
     at, places, sides = [], [], []
@@ -245,20 +373,41 @@ def _traces(angle: Array, radius: Array, teeth: int, root: float, tip: float) ->
         on = sign * off > 0
         for a, b in pairwise(edges):
             inside = on & (radius >= a) & (radius < b)
-            if np.count_nonzero(inside) >= 30:
+            if np.count_nonzero(inside) >= LEAST_IN_ROW:
                 at.append(float(np.median(radius[inside])))
                 places.append(float(np.median(sign * off[inside])))
                 sides.append(side)
-    if len(at) < 10:
-        raise NotEnoughData("found too few points on the flanks, need both sides of the teeth or one of them in view")
-    return np.array(at), np.array(places), np.array(sides, dtype=np.intp)
+    if len(at) < LEAST_ROWS:
+        return None
+    between = (radius >= low) & (radius < top)
+    number = tooth[between].astype(np.intp) % teeth
+    return _Folded(
+        off[between], number, radius[between], cloud.height[between], teeth,
+        np.array(at), np.array(places), np.array(sides, dtype=np.intp),
+    )  # fmt: skip
 
 
-def _standard(base: float, base_helix: float, teeth: int) -> tuple[float, float, float]:
-    """Normal pressure angle, normal module, helix angle: the standard pair if one fits, else 20 degrees."""
+def _involute_through(folded: _Folded, root: float, tip: float) -> tuple[float, Array, float]:
+    """Base radius (mm), half the angle of a tooth on the base circle by side (2,), NaN: not seen; rms (mm)."""
+    from scipy.optimize import least_squares
+
+    at, places, sides = folded.at, folded.places, folded.sides
+
+    def off(p: Array) -> Array:
+        alpha = np.arccos(np.minimum(p[0] / at, 1.0))
+        return np.asarray(p[0] * (places - (p[1 + sides] - (np.tan(alpha) - alpha))))
+
+    start = np.array([0.94 * (root + tip) / 2, 0.1, 0.1])
+    found = least_squares(off, start, loss="soft_l1", f_scale=0.01)
+    half = np.where(np.isin([0, 1], sides), found.x[1:], np.nan)
+    return float(found.x[0]), half, float(np.sqrt(np.mean(np.square(off(found.x)))))
+
+
+def _standard(base: float, base_helix: float, teeth: int) -> list[tuple[float, float, float]]:
+    """Normal pressure angle, normal module, helix angle: every standard pair that fits, else that of 20 degrees."""
     pairs = []
     for alpha in (radians(a) for a in PRESSURE_ANGLES):
-        beta = asin(sin(base_helix) / cos(alpha))
-        module = 2 * base * cos(beta) / (teeth * cos(atan(tan(alpha) / cos(beta))))
-        pairs.append((alpha, module, beta))
-    return next((pair for pair in pairs if is_standard(pair[1])), pairs[0])
+        if abs(sin(base_helix)) < cos(alpha):
+            beta = asin(sin(base_helix) / cos(alpha))
+            pairs.append((alpha, 2 * base * cos(beta) / (teeth * cos(atan(tan(alpha) / cos(beta)))), beta))
+    return [pair for pair in pairs if is_standard(pair[1])] or pairs[:1]
