@@ -24,7 +24,7 @@ SHAFT = Artefact(
 
 def calibration(covariance=None, **changes):
     """A stand of known poses that looks up at a part between heights 5 and 25."""
-    stand = Stand(Table(speed=pi / 10), (Sensor("front", 200.0, 640, (60.0, 140.0), linearity_U=0.01),))
+    stand = Stand(Table(speed=pi / 10, start="home"), (Sensor("front", 200.0, 640, (60.0, 140.0), linearity_U=0.01),))
     sensor = table_from_sensor(radians(-41.802), 83.0, -50.0, radians(0.3), 0.25)
     return Calibration(
         "stand", sensor, shaft_from_rotor(0.6, -0.64, 1e-3, 5e-4), stand, "angle", "index", artefact=SHAFT,

@@ -48,7 +48,7 @@ class Named:
         base = paper_stand()
         rate = self.per_turn * base.table.speed / tau
         sensor = replace(base.sensor, mirrored=self.mirrored, points=self.points, profile_rate=rate)
-        table = Table(base.table.speed, self.direction)
+        table = Table(base.table.speed, self.direction, base.table.start)
         return replace(base, table=table, sensors=(sensor,), counts_per_turn=36000)
 
     def simulation(self) -> Simulation:

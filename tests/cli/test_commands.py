@@ -359,7 +359,8 @@ def test_an_unknown_start_is_written_as_untrusted(bench, tmp_path):
     assert done.returncode == 3
     record = json.loads(out.read_text(encoding="utf-8"))
     assert record["status"] == "untrusted"
-    assert "table angle" in record["reasons"][0]
+    assert [r["code"] for r in record["reasons"]] == ["angle_zero_unknown"]
+    assert "table angle" in record["reasons"][0]["text"]
 
 
 @pytest.mark.stand

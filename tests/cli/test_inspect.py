@@ -136,7 +136,7 @@ def test_an_untrusted_calibration_ends_3_and_says_why(bench):
         "inspect", "gear.h5", "--calibration", "untrusted.json", "--part", "gear.toml", "-o", "x.json", cwd=bench
     )
     assert done.returncode == 3 and "untrusted: dropped" in done.stderr
-    assert json.loads((bench / "x.json").read_text())["reasons"] == ["dropped"]
+    assert json.loads((bench / "x.json").read_text())["reasons"] == [{"code": "uncoded", "text": "dropped"}]
 
 
 def test_a_wrong_drawing_ends_2_and_writes_nothing(bench):

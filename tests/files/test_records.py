@@ -1,6 +1,9 @@
 """Records: what is written is read back, what is foreign is refused, old ones are understood."""
 
+import copy
 import json
+import pickle
+import re
 from functools import cache
 
 import numpy as np
@@ -9,6 +12,7 @@ from jsonschema import Draft202012Validator
 
 from truestand.calibration.calibrate import calibrate
 from truestand.core.errors import UnreadableFile
+from truestand.core.message import UNTIED, Message
 from truestand.core.surface import apply_calibration
 from truestand.files.records.calibration_record import calibration_record, read_calibration, write_calibration
 from truestand.files.records.schemas import schema_text
@@ -119,3 +123,26 @@ def test_what_is_no_json_object_is_refused(tmp_path, text):
 def test_every_number_in_a_record_is_finite():
     text = json.dumps(calibration_record(calibration(), WHEN), allow_nan=False)
     assert "NaN" not in text
+
+
+def test_reasons_and_checks_have_codes_and_records_of_version_1_are_read(tmp_path):
+    """A reason of version 1 is a sentence; the one that a tie of the angle takes back keeps its code."""
+    record = calibration_record(calibration(), WHEN)
+    assert all(re.fullmatch("[a-z_]+", c["code"]) and c["text"].startswith(c["name"]) for c in record["checks"])
+    old = record | {"version": 1, "status": "untrusted", "reasons": [str(UNTIED), "the shaft was dropped"]}
+    old["checks"] = [{k: v for k, v in c.items() if k not in ("code", "text")} for c in record["checks"]]
+    (tmp_path / "old.json").write_text(json.dumps(old))
+    back = read_calibration(tmp_path / "old.json")
+    assert [(r.code, str(r)) for r in back.reasons] == [
+        ("angle_zero_unknown", str(UNTIED)),
+        ("uncoded", "the shaft was dropped"),
+    ]
+    assert calibration_record(back, WHEN)["reasons"][0] == {"code": "angle_zero_unknown", "text": str(UNTIED)}
+
+
+def test_a_message_is_its_sentence_wherever_it_goes():
+    message = Message("dropped", "the shaft was dropped")
+    for same in (message, copy.deepcopy(message), pickle.loads(pickle.dumps(message))):
+        assert same == "the shaft was dropped" and same.code == "dropped"
+    assert message.after("scan 2: ") == "scan 2: the shaft was dropped"
+    assert message.after("scan 2: ").code == "dropped"

@@ -123,7 +123,7 @@ def reasons(stand) -> list[str]:
     """Why the last result is what it is."""
     store = Store.open(stand.folder / "results")
     record = store.record(store.entries()[-1])
-    return [*record["reasons"], *record["remarks"]]
+    return [message["text"] for message in (*record["reasons"], *record["remarks"])]
 
 
 def loosely_tied(stand) -> bool:

@@ -10,7 +10,7 @@ from math import hypot, sqrt
 from typing import Literal
 
 from truestand.core.artefact import Cylinder
-from truestand.core.assumptions import COAXIALITY_U, K
+from truestand.core.assumptions import ASSUMED, COAXIALITY_U, K
 from truestand.core.calibration import Calibration, Contribution, StepAxis
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor
@@ -137,4 +137,4 @@ def _coaxiality(seat: Cylinder, axis: StepAxis | None) -> tuple[float, str]:
     """U (mm, k = 2) of the seat's axis at its middle, and what to add to the line's name."""
     if axis is not None:
         return axis.U, ""
-    return (COAXIALITY_U, " (assumed)") if seat.coaxiality_U is None else (seat.coaxiality_U, "")
+    return (COAXIALITY_U, ASSUMED) if seat.coaxiality_U is None else (seat.coaxiality_U, "")

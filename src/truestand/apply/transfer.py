@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from truestand.apply.witness import Witness, witness
-from truestand.calibration.checks import UNTIED
 from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, Check
 from truestand.core.frames import RADIAL, Pose, in_table
+from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
 from truestand.core.surface import Surface, apply_calibration
 
@@ -77,7 +77,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         checks = checks if untied or unknown else (*checks, _still_tied(band, limit))
     elif untied or unknown or abs(band.angle_shift) > band.angle_U:
         scan = replace(scan, angle=scan.angle + band.angle_shift)
-        others = tuple(r for r in calibration.reasons if r != UNTIED)
+        others = tuple(r for r in calibration.reasons if r.code != UNTIED.code)
         calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
     failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)
@@ -118,35 +118,40 @@ def with_sensor_as_calibrated(surface: Surface) -> Surface:
     return apply_calibration(scan, _with_sensor_out(calibration, -calibration.moved_out))
 
 
-def transfer_remarks(calibration: Calibration) -> tuple[str, ...]:
+def transfer_remarks(calibration: Calibration) -> tuple[Message, ...]:
     """What ``transfer`` did to a calibration, for the reader of an inspection."""
     if not calibration.moved_out:
         return ()
     where = "out" if calibration.moved_out > 0 else "in"
     return (
-        f"by the shaft in view the sensor stands {1000 * abs(calibration.moved_out):.1f} um farther {where} than at "
-        "the calibration: taken into account",
+        Message(
+            "sensor_followed",
+            f"by the shaft in view the sensor stands {1000 * abs(calibration.moved_out):.1f} um farther {where} than "
+            "at the calibration: taken into account",
+        ),
     )
 
 
-def _with_reasons(calibration: Calibration, reasons: tuple[str, ...], scan: Scan) -> Calibration:
+def _with_reasons(calibration: Calibration, reasons: tuple[Message, ...], scan: Scan) -> Calibration:
     return replace(calibration, reasons=(*calibration.reasons, *reasons), applied_to=scan)
 
 
-def configuration_reasons(scan: Scan, calibration: Calibration) -> tuple[str, ...]:
+def configuration_reasons(scan: Scan, calibration: Calibration) -> tuple[Message, ...]:
     """Why nothing may be decided: a scan that is not complete, settings of its stand that can't both be right."""
     reasons = list(scan.reasons)
     if scan.stand.table.direction != calibration.stand.table.direction:
-        reasons.append(
+        text = (
             f"the scan's table turns {scan.stand.table.direction}, the calibration's "
             f"{calibration.stand.table.direction}: check [table] direction"
         )
+        reasons.append(Message("table_direction_differs", text))
     if scan.stand.sensor.mirrored != calibration.stand.sensor.mirrored:
-        reasons.append("the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored")
+        text = "the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored"
+        reasons.append(Message("sensor_mirrored_differs", text))
     return tuple(reasons)
 
 
-def untied_reasons(scan: Scan, calibration: Calibration, start_stated: bool = False) -> tuple[str, ...]:
+def untied_reasons(scan: Scan, calibration: Calibration, start_stated: bool = False) -> tuple[Message, ...]:
     """The reason not to trust the scan's zero of the angle, where neither index, home nor the user gives it.
 
     A calibration whose own zero is unknown carries its reason already.
@@ -154,21 +159,23 @@ def untied_reasons(scan: Scan, calibration: Calibration, start_stated: bool = Fa
     of_scan, of_calibration = scan.angle_zero, calibration.angle_zero
     if (start_stated and scan.free_speed) or of_scan == of_calibration or of_calibration == "unknown":
         return ()
-    return (
+    text = (
         f"the scan's table angle counts from {ZERO_WORDS[of_scan]}, the calibration's from "
         f"{ZERO_WORDS[of_calibration]}, and too little of the shaft is in view to tell them from each other: record "
-        "the same angle in both, bring the shaft into view, or pass --start-angle-deg",
+        "the same angle in both, bring the shaft into view, or pass --start-angle-deg"
     )
+    return (Message("angle_untied", text),)
 
 
 def _moved(band: Witness) -> tuple[Check, ...]:
     """Whether sensor and shaft stand where they stood, as far as the witness band tells."""
     where = ", ".join(band.surfaces)
     return (
-        Check.at_most_um(f"sensor moved radially ({where}), um", band.radial, MOST_MOVED_MM,
+        Check.at_most_um("sensor_moved_radially", f"sensor moved radially ({where}), um", band.radial, MOST_MOVED_MM,
                          "the sensor has moved or warmed up since the calibration: calibrate again"),
         *_steady(band, where),
-        Check.at_most_um(f"shaft runs more or less eccentrically ({where}), um", band.eccentricity_size, MOST_MOVED_MM,
+        Check.at_most_um("shaft_runs_otherwise", f"shaft runs more or less eccentrically ({where}), um",
+                         band.eccentricity_size, MOST_MOVED_MM,
                          "the shaft was clamped again or has slipped since the calibration: calibrate again"),
     )  # fmt: skip
 
@@ -178,7 +185,8 @@ def _steady(band: Witness, where: str) -> tuple[Check, ...]:
     if band.drift_U > MOST_MOVED_MM:
         return ()
     return (
-        Check.at_most_um(f"sensor moved during the scan ({where}), um", band.drift, MOST_MOVED_MM + band.drift_U,
+        Check.at_most_um("sensor_moved_during_scan", f"sensor moved during the scan ({where}), um", band.drift,
+                         MOST_MOVED_MM + band.drift_U,
                          "the sensor warmed up or moved while the part was scanned: let it warm up and scan again"),
     )  # fmt: skip
 
@@ -187,7 +195,7 @@ def _still_tied(band: Witness, limit: float) -> Check:
     """Whether index or home still tie the angle: the shaft's axis lies in the direction that the calibration found."""
     allowed, ok = limit + band.angle_U, abs(band.angle_shift) <= limit + band.angle_U
     return Check(
-        "shaft turned against the table's zero, mrad", 1000 * band.angle_shift, 1000 * allowed, ok,
+        "shaft_turned", "shaft turned against the table's zero, mrad", 1000 * band.angle_shift, 1000 * allowed, ok,
         "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: home the table and "
         "scan again, or calibrate again",
     )  # fmt: skip

@@ -9,7 +9,6 @@ import numpy as np
 from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import UNTIED
 from truestand.calibration.positions import calibrate_on_axes
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
@@ -28,6 +27,7 @@ from truestand.core.frames import (
     in_table,
     sensor_parameters,
 )
+from truestand.core.message import UNTIED, Message
 from truestand.core.scan import Scan
 from truestand.uncertainty.influence import unknowns_of
 
@@ -38,7 +38,9 @@ LIMIT = 0.01
 """mm by which a calibrated point may have moved on the artefact."""
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
-PUBLISHED = "the old calibration is of the published method, which knows no laser plane or tilt"
+PUBLISHED = Message(
+    "published_method", "the old calibration is of the published method, which knows no laser plane or tilt"
+)
 WORST_FIRST: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
 
 
@@ -46,6 +48,7 @@ WORST_FIRST: tuple[Verdict, ...] = ("does_not_hold", "undecided", "holds")
 class Change:
     """How far one thing has moved since the old calibration: mm on the artefact, with U (k = 2)."""
 
+    code: str
     name: str
     value: float
     U: float
@@ -60,7 +63,7 @@ class Verification:
 
     verdict: Verdict
     changes: tuple[Change, ...]
-    reasons: tuple[str, ...]
+    reasons: tuple[Message, ...]
     calibration: Calibration | None
     """None where the scan shows too little of the artefact to be calibrated."""
     scan: ScanSummary
@@ -95,27 +98,27 @@ def verify(
         return _verification(_changes_in_band(band, tied, limit), reasons, "witness", scan, new)
     if new is None:
         raise NotEnoughData(untrusted[0])
-    reasons = (*(f"the new scan is untrusted: {reason}" for reason in untrusted), *reasons)
+    reasons = (*(reason.after("the new scan is untrusted: ") for reason in untrusted), *reasons)
     return _verification(_changes(old, new, artefact, limit), reasons, "calibration", scan, new)
 
 
-def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calibration | None, tuple[str, ...]]:
+def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calibration | None, tuple[Message, ...]]:
     """The new scan's own calibration, and why it is not to be trusted; its zero of the angle is judged before."""
     try:
         axes = old.positions.axes if old.positions is not None else ()
         new = calibrate_on_axes(scan, artefact, axes) if axes else calibrate(scan, artefact)
     except NotEnoughData as error:
-        return None, (str(error),)
-    return new, tuple(r for r in new.reasons if r != UNTIED)
+        return None, (Message("not_calibrated", str(error)),)
+    return new, tuple(r for r in new.reasons if r.code != UNTIED.code)
 
 
 def _shows_artefact(new: Calibration) -> bool:
     """Whether the scan showed the artefact by itself, and not a part with some shaft beside it."""
-    return all(c.ok for c in new.checks if c.name.startswith(("surfaces told apart", "drawing explains")))
+    return all(c.ok for c in new.checks if c.code in ("surfaces_told_apart", "drawing_explains_view"))
 
 
 def _verification(
-    changes: list[Change], undecided: tuple[str, ...], by: By, scan: Scan, new: Calibration | None
+    changes: list[Change], undecided: tuple[Message, ...], by: By, scan: Scan, new: Calibration | None
 ) -> Verification:
     """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``."""
     worst: Verdict = next(v for v in WORST_FIRST if v in {c.verdict for c in changes})
@@ -125,14 +128,15 @@ def _verification(
     return Verification(worst, tuple(changes), reasons, new, ScanSummary.of(scan), by)
 
 
-def _reason(c: Change) -> str:
+def _reason(c: Change) -> Message:
     if c.verdict == "undecided":
         found = f"found {1000 * c.value:.2f} um with U {1000 * c.U:.2f} um, limit {1000 * c.limit:.2f} um"
-        return f"{c.name}: {found}: too near to decide, or not known well enough; scan for more turns"
-    return f"{c.name}: {c.advice}"
+        text = f"{c.name}: {found}: too near to decide, or not known well enough; scan for more turns"
+        return Message(f"{c.code}_undecided", text)
+    return Message(c.code, f"{c.name}: {c.advice}")
 
 
-def _change(name: str, move: tuple[float, float], advice: str, limit: float) -> Change:
+def _change(code: str, name: str, move: tuple[float, float], advice: str, limit: float) -> Change:
     """The change by a move: its size and U, mm."""
     value, U = move
     verdict: Verdict = "undecided"
@@ -140,7 +144,7 @@ def _change(name: str, move: tuple[float, float], advice: str, limit: float) -> 
         verdict = "holds"
     elif value - U > limit:
         verdict = "does_not_hold"
-    return Change(name, value, U, limit, verdict, advice)
+    return Change(code, name, value, U, limit, verdict, advice)
 
 
 def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Change]:
@@ -148,8 +152,8 @@ def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Chang
     size = abs(band.eccentricity_size), band.eccentricity_U
     shaft = (hypot(*band.eccentricity_change), band.change_U) if direction else size
     return [
-        _change("sensor, radially", (abs(band.radial), band.radial_U), SENSOR_MOVED, limit),
-        _change("shaft on the table", shaft, SHAFT_MOVED, limit),
+        _change("sensor_moved_radially", "sensor, radially", (abs(band.radial), band.radial_U), SENSOR_MOVED, limit),
+        _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit),
     ]
 
 
@@ -162,11 +166,11 @@ def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: floa
     radial = max(_radial_move(old, new, point, covariance) for point in points)
     sideways = max(_move(_plane_sensitivity(v), moved, covariance) for _, _, v in points)
     shaft = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
-    changes = [_change("sensor, radially", radial, SENSOR_MOVED, limit)]
+    changes = [_change("sensor_moved_radially", "sensor, radially", radial, SENSOR_MOVED, limit)]
     if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
         advice = "the laser plane has moved or tilted: calibrate again"
-        changes.append(_change("sensor, sideways", sideways, advice, limit))
-    return [*changes, _change("shaft on the table", shaft, SHAFT_MOVED, limit)]
+        changes.append(_change("sensor_moved_sideways", "sensor, sideways", sideways, advice, limit))
+    return [*changes, _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit)]
 
 
 def _repeatability(old: Calibration, new: Calibration) -> Array:

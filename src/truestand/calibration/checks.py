@@ -11,6 +11,7 @@ from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
+from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
 
 SAMPLED_PROFILES = 120
@@ -48,25 +49,27 @@ def checks_of(
     repeated, most_repeated = repeated_share(scan)
     drift = abs(float(fit.solution.parameters[DRIFT]))
     return (
-        Check("revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
+        Check("revolutions", "revolutions", scan.revolutions, FULL_TURN, scan.revolutions >= FULL_TURN,
               "scan at least one full turn; a partial one can't tell form from eccentricity"),
-        Check("readings rejected, share", share, MOST_REJECTED, share <= MOST_REJECTED,
+        Check("readings_rejected", "readings rejected, share", share, MOST_REJECTED, share <= MOST_REJECTED,
               "clean the shaft, reduce exposure, look for reflections"),
-        Check("readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
+        Check("readings_seen", "readings seen, share", scan.seen, ENOUGH_SEEN, scan.seen >= ENOUGH_SEEN,
               "check exposure, range and occlusion"),
-        Check("profiles repeated to the last digit, share", repeated, most_repeated, repeated <= most_repeated,
+        Check("profiles_repeated", "profiles repeated to the last digit, share", repeated, most_repeated,
+              repeated <= most_repeated,
               "the sensor gave the same profile again (a held image, a buffer read twice, a copied line): scan again"),
-        Check("drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
+        Check("drawing_explains_view", "drawing explains the view, share", fit.segments.explained, LEAST_EXPLAINED,
               fit.segments.explained >= LEAST_EXPLAINED,
               "check the diameters and lengths in shaft.toml and what else is in view"),
-        Check("surfaces told apart, confidence", fit.segments.confidence, LEAST_CONFIDENCE,
+        Check("surfaces_told_apart", "surfaces told apart, confidence", fit.segments.confidence, LEAST_CONFIDENCE,
               fit.segments.confidence >= LEAST_CONFIDENCE,
               "bring a step and an end of the shaft into view; check shaft.toml"),
-        Check.at_most_um("residual, um rms", residuals.rms, MOST_RESIDUAL_MM,
+        Check.at_most_um("residual", "residual, um rms", residuals.rms, MOST_RESIDUAL_MM,
                          "look at the residual map: dirt, a keyway, a loose shaft or a wrong drawing"),
-        Check("fit converged, steps", float(fit.solution.steps), float(MOST_STEPS), fit.solution.converged,
+        Check("fit_converged", "fit converged, steps", float(fit.solution.steps), float(MOST_STEPS),
+              fit.solution.converged,
               "the exact model found no steady answer; check the drawing and the direction of the table"),
-        Check.at_most_um("drift over the scan, um", drift, MOST_DRIFT_MM,
+        Check.at_most_um("drift", "drift over the scan, um", drift, MOST_DRIFT_MM,
                          "let sensor and table warm up; check that nothing is loose"),
         *_angle_checks(scan, fit),
         *_static_checks(scan, artefact, fit, static),
@@ -80,7 +83,8 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
     if fit.overlap is not None:
         differ = "angle" if fit.overlap > MOST_BEARING_MM else source
         checks.append(Check.at_most_um(
-            f"repeated turns differ ({differ}), um rms", fit.overlap, MOST_OVERLAP_MM,
+            f"repeated_turns_differ_{differ}", f"repeated turns differ ({differ}), um rms", fit.overlap,
+            MOST_OVERLAP_MM,
             "the same surface reads otherwise on the next turn: lost profiles, uneven turning, slip or drift; "
             "record the table's angle, or check the one recorded, and see that nothing is loose",
         ))  # fmt: skip
@@ -88,13 +92,14 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
         return checks
     if scan.free_speed:
         checks.append(Check(
-            "all surfaces off their waves at once, share", fit.common_outliers, MOST_COMMON_OUTLIERS,
+            "surfaces_off_at_once", "all surfaces off their waves at once, share", fit.common_outliers,
+            MOST_COMMON_OUTLIERS,
             fit.common_outliers <= MOST_COMMON_OUTLIERS,
             "profiles were lost or the table didn't turn steadily (a start-up ramp?): record its angle, or a "
             "counter, or start the scan later",
         ))  # fmt: skip
     checks.append(Check.at_most_um(
-        f"form shared by all surfaces ({source}), um", shared_form(fit), MOST_SHARED_MM,
+        f"form_shared_{source}", f"form shared by all surfaces ({source}), um", shared_form(fit), MOST_SHARED_MM,
         "the table's bearing, or an angle that is not what it seems (lost profiles, uneven turning), shows on "
         "all surfaces alike: record the angle, or clamp the shaft at another angle to tell which it is",
     ))  # fmt: skip
@@ -120,7 +125,7 @@ def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[S
     linearity = stated if shown <= limit else max(stated, shown)
     checks = [
         Check.at_most_um(
-            f"static shape on {profile.surface}, um peak to valley", profile.peak_to_valley, limit,
+            "static_shape", f"static shape on {profile.surface}, um peak to valley", profile.peak_to_valley, limit,
             "the sensor's range is not linear (or the step's line is not straight): the shape is shown in the "
             "report and is not used as evidence; ask for the sensor's calibration if it matters",
         )
@@ -130,36 +135,29 @@ def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[S
         cylinders = (artefact.base, artefact.cylinders[band.cylinder])
         certified = 0.5 * hypot(*(c.diameter_U or 0.0 for c in cylinders))
         checks.append(Check.at_most_um(
-            f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um",
+            "step_against_drawing", f"step from {cylinders[0].name} to {cylinders[1].name} against the drawing, um",
             float(profile.deviation.mean()), MOST_STEP_MM + certified + linearity,
             "check the diameters in shaft.toml against the certificate",
         ))  # fmt: skip
     return checks
 
 
-UNTIED = (
-    "nothing ties this scan's table angle to the next one's ([table] start = 'unknown', no angle or encoder): "
-    "home the table or record its angle"
-)
-DECISIVE = (
-    "readings rejected, share",
-    "profiles repeated",
-    "residual, um rms",
-    "fit converged, steps",
-    "step from",
-    "all surfaces off",
-    "repeated turns differ (angle)",
-)
-"""How the names of the checks start whose failure makes a calibration untrusted; the others warn."""
+DECISIVE = frozenset(
+    {
+        "readings_rejected", "profiles_repeated", "residual", "fit_converged", "step_against_drawing",
+        "surfaces_off_at_once", "repeated_turns_differ_angle",
+    }
+)  # fmt: skip
+"""Codes of the checks whose failure makes a calibration untrusted; the others warn."""
 
 
-def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZero) -> tuple[str, ...]:
+def reasons_of(segments: Segments, checks: tuple[Check, ...], angle_zero: AngleZero) -> tuple[Message, ...]:
     """Why a calibration is not to be trusted; empty where it is."""
-    failed = (c.reason for c in checks if not c.ok and c.name.startswith(DECISIVE))
+    failed = (c.reason for c in checks if not c.ok and c.code in DECISIVE)
     return (*segments.reasons, *failed, *angle_zero_reasons(angle_zero))
 
 
-def angle_zero_reasons(angle_zero: AngleZero) -> tuple[str, ...]:
+def angle_zero_reasons(angle_zero: AngleZero) -> tuple[Message, ...]:
     """The reason not to trust a calibration whose table angle nothing ties to the next scan's."""
     return (UNTIED,) if angle_zero == "unknown" else ()
 

@@ -386,8 +386,8 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
     """The priors of stand, certificate and common sense, each under its name in the budget."""
     sensor = scan.stand.sensor
     priors = [
-        Prior(MOUNTING, (PLANE_OFFSET,), sensor.plane_offset_U / 2),
-        Prior(MOUNTING, (PLANE_TILT,), sensor.plane_tilt_U / 2),
+        Prior(MOUNTING, (PLANE_OFFSET,), sensor.mounting[0] / 2),
+        Prior(MOUNTING, (PLANE_TILT,), sensor.mounting[1] / 2),
         Prior("clamping", (TILT_X, TILT_Y), CLAMPING_U / 2),
         Prior("drift", (DRIFT,), DRIFT_U / 2),
         Prior("table speed", (SPEED,), SPEED_U / 2 if scan.free_speed else FIXED_U),

@@ -7,7 +7,7 @@ static profile, all share the sensor's pose and the axes of the shaft's steps.
 """
 
 from dataclasses import replace
-from math import cos, degrees, hypot, radians, sin, sqrt
+from math import cos, degrees, hypot, sin, sqrt
 
 import numpy as np
 
@@ -19,11 +19,12 @@ from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import segment
 from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import K
+from truestand.core.assumptions import ASSUMED, CLAMPED_U, K
 from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
 from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import RADIAL
 from truestand.core.harmonics import wrap
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 
 SENSOR_UNKNOWNS = 4
@@ -38,9 +39,7 @@ MOST_MOVED_MM = 0.01
 """By which the sensor may have moved from one scan to the next."""
 SHARED_PRIORS = (MOUNTING, COAXIALITY)
 """What is known beforehand of the unknowns that all scans share."""
-CLAMPED = "clamping angles (assumed)"
-CLAMPED_U = radians(0.5)
-"""rad, k = 2: how well the shaft is clamped at a stated angle."""
+CLAMPED = f"clamping angles{ASSUMED}"
 REFITS = 3
 """Fits with known axes until nothing is left of a fit to coaxial ones."""
 MOST_REFITS, SETTLED_MM = 6, 2e-5
@@ -107,10 +106,10 @@ def _clamping_covariance(fits: tuple[Refined, ...], joint: Refined, clamped: tup
     return covariance
 
 
-def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[str]:
+def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[Message]:
     """What speaks against the scans before the last."""
     singles = (calibration_of(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
-    return [f"scan {i}: {reason}" for i, single in enumerate(singles, 1) for reason in single.reasons]
+    return [reason.after(f"scan {i}: ") for i, single in enumerate(singles, 1) for reason in single.reasons]
 
 
 def _demand_turns(scans: tuple[Scan, ...], clamped: tuple[float, ...]) -> None:
@@ -347,7 +346,7 @@ def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
     noise = [f.covariance["noise"][np.ix_(PLANE, PLANE)] for f in fits]
     u = np.sqrt(np.einsum("ij,njk,ik->ni", design, np.array(noise), design).max())
     return Check.at_most_um(
-        "laser plane differs between the scans, um", float(np.ptp(planes, axis=0).max()),
+        "laser_plane_differs", "laser plane differs between the scans, um", float(np.ptp(planes, axis=0).max()),
         MOST_MOVED_MM + 2 * K * float(u),
         "a clamping angle is not as stated (counter-clockwise from above?), or the sensor moved sideways or tilted "
         "between the scans: check --clamped-at-deg, scan all positions anew",
@@ -357,7 +356,7 @@ def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
 def _bearing_alike(difference: float) -> Check:
     """Whether all surfaces show the same error of the table's bearing."""
     return Check.at_most_um(
-        "surfaces disagree on the table bearing, um", difference, MOST_BEARING_DIFFERENCE_MM,
+        "bearing_disagrees", "surfaces disagree on the table bearing, um", difference, MOST_BEARING_DIFFERENCE_MM,
         "form that doesn't turn with the stated angles shows as bearing error, on each surface another: check "
         "--clamped-at-deg",
     )  # fmt: skip
@@ -367,6 +366,6 @@ def _sensor_stood_still(fits: tuple[Refined, ...]) -> Check:
     """Whether the sensor reads the shaft's radius alike in every scan."""
     radial = [float(f.solution.parameters[RADIAL]) for f in fits]
     return Check.at_most_um(
-        "sensor moved between the scans, um", max(radial) - min(radial), MOST_MOVED_MM,
+        "sensor_moved_between_scans", "sensor moved between the scans, um", max(radial) - min(radial), MOST_MOVED_MM,
         "the sensor moved or warmed up while the shaft was clamped again: scan all positions anew",
     )  # fmt: skip

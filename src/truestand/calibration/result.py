@@ -11,7 +11,7 @@ from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import Refined
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
+from truestand.core.assumptions import ANGLE_ZERO_U, ASSUMED, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
 from truestand.core.calibration import (
     Calibration,
     Harmonic,
@@ -34,7 +34,7 @@ from truestand.core.frames import (
 )
 from truestand.core.scan import Scan
 from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN_DEG, Input, budget_of
-from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
+from truestand.uncertainty.lines import diameter_name, expanded_diameter, linearity_name, linearity_of, scale_name
 
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
 """mm, k = 2, of the shoulder: where its face is hidden, its edge may be broken by as much; where it is seen."""
@@ -100,7 +100,7 @@ def plane_identifiable(scan: Scan, artefact: Artefact, fit: Refined, coaxiality_
     if coaxiality_U is None:
         coaxiality_U = max((c.coaxiality_U or COAXIALITY_U for c in cylinders[1:]), default=0.0)
     eccentricity = float(hypot(*fit.solution.parameters[ECCENTRICITY]))
-    return len(cylinders) > 1 and coaxiality_U < eccentricity * curvature * scan.stand.sensor.plane_offset_U
+    return len(cylinders) > 1 and coaxiality_U < eccentricity * curvature * scan.stand.sensor.mounting[0]
 
 
 def _step(scan: Scan) -> float:
@@ -154,9 +154,9 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
     """Quantities whose number would say more about the prior than about the scan."""
     sensor = scan.stand.sensor
     names = []
-    if IDENTIFIABLE * sensor.plane_offset_U < budget["laser_plane_offset_mm"].U:
+    if IDENTIFIABLE * sensor.mounting[0] < budget["laser_plane_offset_mm"].U:
         names.append("laser_plane_offset_mm")
-    if IDENTIFIABLE * degrees(sensor.plane_tilt_U) < budget["laser_plane_tilt_deg"].U:
+    if IDENTIFIABLE * degrees(sensor.mounting[1]) < budget["laser_plane_tilt_deg"].U:
         names.append("laser_plane_tilt_deg")
     names += [key for key in DIRECTIONS if budget[key].U > IDENTIFIABLE * HALF_TURN_DEG]
     if not fit.segments.shoulder_seen:
@@ -185,7 +185,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
     if eccentricity > 1.0:
         bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)
     return (
-        Input("diameter of the artefact", (base.diameter_U or 0.0) / 2, "normal", {"radial_position_mm": 0.5}),
+        Input(diameter_name(base), expanded_diameter(base) / 2, "normal", {"radial_position_mm": 0.5}),
         Input(linearity_name(sensor), linearity_of(sensor, static) / 2, "normal",
               {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
                "eccentricity_um": eccentricity * slope}),
@@ -193,9 +193,9 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
               {"eccentricity_um": eccentricity}),
         Input("height zero: the shoulder", height / 2, "rectangular",
               {"eccentricity_um": 1000.0 * tilt, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
-        Input("temperature of the artefact (assumed)", TEMPERATURE_U / 2, "rectangular",
+        Input(f"temperature of the artefact{ASSUMED}", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),
-        Input("table bearing, once per turn (assumed)", BEARING_U / 2, "normal", bearing),
-        Input("zero of the table angle (assumed)", ANGLE_ZERO_U / 2, "rectangular",
+        Input(f"table bearing, once per turn{ASSUMED}", BEARING_U / 2, "normal", bearing),
+        Input(f"zero of the table angle{ASSUMED}", ANGLE_ZERO_U / 2, "rectangular",
               dict.fromkeys(DIRECTIONS, degrees(1))),
     )  # fmt: skip

@@ -18,6 +18,7 @@ from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import LaserPlane, facing
 from truestand.core.harmonics import wrap
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 
 LEAST_EXPLAINED = 0.25
@@ -84,7 +85,7 @@ class Segments:
     """Share of the outline that the drawing explains, 0..1."""
     confidence: float
     """Probability 0..1 that this is the right explanation and not the next best one."""
-    reasons: tuple[str, ...]
+    reasons: tuple[Message, ...]
     """Why it is not to be trusted; empty where it is."""
 
     @property
@@ -224,26 +225,28 @@ def _faces_sensor(artefact: Artefact, phi: float) -> bool:
 
 def _reasons(
     best: Match, candidates: list[Match], bands: tuple[Band, ...], artefact: Artefact, explained: float, sure: float
-) -> tuple[str, ...]:
+) -> tuple[Message, ...]:
     reasons = []
     upside_down = max((m.score for m in candidates if cos(m.phi - best.phi) < 0), default=0.0)
     if confidence(best.score - upside_down) < LEAST_CONFIDENCE:
-        reasons.append(
-            "the drawing fits what is seen both ways up, so the axis may point either way; bring a step into view"
-        )
+        text = "the drawing fits what is seen both ways up, so the axis may point either way; bring a step into view"
+        reasons.append(Message("drawing_fits_both_ways_up", text))
     elif sure < LEAST_CONFIDENCE:
-        reasons.append(
+        text = (
             "another place on the drawing explains the view almost as well (confidence "
             f"{sure:.2f}, need {LEAST_CONFIDENCE}): bring more of the shaft into view"
         )
+        reasons.append(Message("another_place_on_drawing", text))
     if explained < LEAST_EXPLAINED:
-        reasons.append(
+        text = (
             f"the drawing explains {explained:.0%} of what the sensor sees, need {LEAST_EXPLAINED:.0%}: "
             "check shaft.toml"
         )
+        reasons.append(Message("drawing_explains_view", text))
     if len(artefact.cylinders) > 1 and len(bands) == 1:
         name = artefact.cylinders[bands[0].cylinder].name
-        reasons.append(f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove")
+        text = f"only one surface of the artefact is seen; taken for {name!r}, which one scan can't prove"
+        reasons.append(Message("one_surface_seen", text))
     return tuple(reasons)
 
 

@@ -120,7 +120,7 @@ def form(
         print_witness(transferred, quiet)
     for remark in result.remarks:
         hint(remark, quiet)
-    end_if_untrusted(record["reasons"], quiet)
+    end_if_untrusted((*doubts, *result.reasons), quiet)
 
 
 def _refuse_mixed(of_scans: Sequence[object], of_points: Sequence[object], is_scan: bool) -> None:

@@ -47,7 +47,10 @@ COMMANDS = {
         "inspect:inspect",
         "Check a part's geometry against its drawing: 0 conforms, 1 does not, 3 undecided or untrusted.",
     ),
-    "identify": ("inspect:identify", "Tell teeth, module, helix and shift of an unknown gear from its scan."),
+    "identify": (
+        "inspect:identify",
+        "Tell teeth, module, helix and shift of an unknown gear from its scan: 0 sure, 3 not sure, or untrusted.",
+    ),
     "form": (
         "form:form",
         "Associate a line, plane, circle, cylinder, sphere or cone with points, and measure the form that remains.",

@@ -9,6 +9,7 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.frames import ECCENTRICITY, ECCENTRICITY_Y, Pose, sensor_parameters, shaft_parameters
+from truestand.core.message import Message
 from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
 from truestand.core.units import um
@@ -73,6 +74,8 @@ class StaticProfile:
 class Check:
     """A test of a scan against a limit. ``value`` and ``limit`` carry the unit named in ``name``."""
 
+    code: str
+    """For programs: it stays, whatever the name says."""
     name: str
     value: float
     limit: float
@@ -80,14 +83,14 @@ class Check:
     advice: str
 
     @classmethod
-    def at_most_um(cls, name: str, value: float, limit: float, advice: str) -> "Check":
+    def at_most_um(cls, code: str, name: str, value: float, limit: float, advice: str) -> "Check":
         """Passed where the size of ``value`` is at most ``limit``, both mm; the check states them in um."""
-        return cls(name, um(value), um(limit), abs(value) <= limit, advice)
+        return cls(code, name, um(value), um(limit), abs(value) <= limit, advice)
 
     @property
-    def reason(self) -> str:
+    def reason(self) -> Message:
         """Why a calibration is not trusted where the check failed."""
-        return f"{self.name}: {self.value:.3g} (limit {self.limit:.3g}); {self.advice}"
+        return Message(self.code, f"{self.name}: {self.value:.3g} (limit {self.limit:.3g}); {self.advice}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +212,7 @@ class Calibration:
     """The part of ``covariance`` that a second scan of the same artefact does not share: noise only."""
     not_identifiable: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Message, ...] = ()
     """Why the calibration is untrusted; empty where it is valid."""
     scan: ScanSummary | None = None
     paper: PaperFigures | None = None
@@ -220,6 +223,8 @@ class Calibration:
     valid_until: str | None = None
     moved_out: float = 0.0
     """mm by which the sensor stands farther out than when it was calibrated, taken into account by ``transfer``."""
+    part_growth: float = 0.0
+    """Relative: by how much the part was larger than at 20 degrees; what is rolled up is as at 20 degrees."""
     applied_to: Scan | None = field(default=None, repr=False, compare=False)
     """The scan that ``transfer`` tied to it: what speaks against applying it there stands in ``reasons`` already."""
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from truestand.core.arrays import Array
 from truestand.core.calibration import Contribution
+from truestand.core.message import Message
 
 Flank = Literal["left", "right"]
 Status = Literal["measured", "partial", "not_measurable"]
@@ -85,9 +86,9 @@ class Inspection:
     defects: tuple[Defect, ...] = ()
     without_damage: tuple[Characteristic, ...] = ()
     """Those that damage touches once more, as if no reading had fallen on it: information, without a verdict."""
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Message, ...] = ()
     """Why nothing may be decided; empty where the calibration, the angle and the datum may carry a verdict."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Message, ...] = ()
     """What the reader should know: coarse sampling, a flank that was hidden, where the angle comes from."""
     settings: dict[str, str] = field(default_factory=dict)
     """How it was evaluated: ranges, filters, datum, decision rule, each as it is printed."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
+from truestand.core.message import Message
 from truestand.core.stand import Stand
 
 AngleSource = Literal["index", "time", "angle", "encoder"]
@@ -65,7 +66,7 @@ class Scan:
     time: Array | None = None
     counter: NDArray[np.int64] | None = None
     intensity: Array | None = None
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Message, ...] = ()
     """Why it is not proven complete; empty where it is, or where the recording does not say."""
 
     @property
@@ -135,11 +136,11 @@ def interpret(recording: Recording, stand: Stand | None = None, start_angle: flo
     )  # fmt: skip
 
 
-def _incomplete_reasons(recording: Recording) -> tuple[str, ...]:
+def _incomplete_reasons(recording: Recording) -> tuple[Message, ...]:
     if recording.acquisition is None or recording.acquisition.get("complete") is True:
         return ()
     reasons = recording.acquisition.get("reasons") or ["nothing proves it whole"]
-    return tuple(f"the scan is incomplete: {reason}; scan again" for reason in reasons)
+    return tuple(Message("scan_incomplete", f"the scan is incomplete: {reason}; scan again") for reason in reasons)
 
 
 def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:

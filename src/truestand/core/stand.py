@@ -1,14 +1,12 @@
 """The stand as its builder describes it: table, sensors, and what the columns of its scans mean."""
 
 from dataclasses import dataclass, field
-from math import radians
 from typing import Literal
 
+from truestand.core.assumptions import LEAST_LINEARITY, LINEARITY_SHARE, PLANE_OFFSET_U, PLANE_TILT_U
 from truestand.core.errors import BadRecipe
 
 Direction = Literal["ccw", "cw"]
-ASSUMED_LINEARITY, LEAST_ASSUMED_LINEARITY = 5e-4, 0.02
-"""Share of the measuring range, and mm at least, k = 2."""
 YMeaning = Literal["index", "time_s", "angle_deg", "encoder"]
 
 
@@ -19,8 +17,8 @@ class Table:
     speed: float | None = None
     """rad/s, positive; used where the scan brings no angle of its own."""
     direction: Direction = "ccw"
-    start: Literal["home", "unknown"] = "home"
-    """Whether every scan starts at the same table position."""
+    start: Literal["home", "unknown"] = "unknown"
+    """Whether every scan starts at the same table position: nobody knows where nobody says."""
     angle_U: float | None = None
     """rad, expanded (k = 2): error of the angle that repeats once a turn."""
 
@@ -47,12 +45,18 @@ class Sensor:
     """mm, from the data sheet; None: ``linearity`` assumes."""
     scale_U: float | None = None
     """Relative, from the data sheet."""
-    plane_offset_U: float = 1.0
-    """mm: how well the laser plane was mounted through the rotation axis."""
-    plane_tilt_U: float = radians(1.0)
-    """rad: how well the laser plane was mounted parallel to the rotation axis."""
+    plane_offset_U: float | None = None
+    """mm: how well the laser plane was mounted through the rotation axis; None: ``mounting`` assumes."""
+    plane_tilt_U: float | None = None
+    """rad: how well it was mounted parallel to it."""
     incidence_U: float | None = None
     """mm: by how much it reads steep surfaces differently, e.g. after a correction learnt on a master gear."""
+
+    @property
+    def mounting(self) -> tuple[float, float]:
+        """mm and rad, k = 2: offset and tilt of the laser plane as stated; where nobody says, as assumed."""
+        offset, tilt = self.plane_offset_U, self.plane_tilt_U
+        return PLANE_OFFSET_U if offset is None else offset, PLANE_TILT_U if tilt is None else tilt
 
     @property
     def linearity(self) -> float:
@@ -60,7 +64,7 @@ class Sensor:
         if self.linearity_U is not None:
             return self.linearity_U
         low, high = self.range or (0.0, 0.0)
-        return max(ASSUMED_LINEARITY * (high - low), LEAST_ASSUMED_LINEARITY)
+        return max(LINEARITY_SHARE * (high - low), LEAST_LINEARITY)
 
 
 @dataclass(frozen=True, slots=True)

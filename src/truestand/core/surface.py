@@ -83,6 +83,8 @@ def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:
     angle = table_angle(scan, calibration)
     roll = _published if calibration.method == "paper" else _affine
     out = roll(scan, calibration.table_from_sensor, calibration.shaft_from_rotor, angle)
+    if calibration.part_growth:
+        out /= 1.0 + calibration.part_growth
     out.flags.writeable = False
     return Surface(out[0], out[1], out[2], scan, calibration)
 

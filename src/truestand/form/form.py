@@ -15,6 +15,7 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
+from truestand.core.message import Message
 from truestand.form.associate import LAYOUTS, Feature, FittedFeature, associate
 from truestand.form.lobes import FEW_LOBES, form_covariance, lobe_leverage
 from truestand.form.upr import UprFilter, upr_filter
@@ -71,9 +72,9 @@ class Form:
     """(n,) mm from the feature; NaN where a point was not seen."""
     certificate: Zone | None = None
     """The zone that gave the reference, proven by forces at its contacts that hold the feature in balance."""
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Message, ...] = ()
     """Why the feature is doubtful; none: it is not."""
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Message, ...] = ()
 
 
 def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_pass: UprFilter | None = None) -> Form:
@@ -217,27 +218,29 @@ def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least
     )  # fmt: skip
 
 
-def _reasons(found: Form, points: Array) -> tuple[str, ...]:
+def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
     """Why a feature is doubtful."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
     if found.form > MOST_FORM * size:
-        reasons.append(
+        text = (
             f"form of {found.form:.4g} mm on points {extent:.4g} mm across: check that they are of a {found.feature}, "
             "their columns, and outliers"
         )
+        reasons.append(Message("poor_fit", text))
     if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
-        reasons.append(f"the points leave the {found.feature} open: measure more of it")
+        reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
     return tuple(reasons)
 
 
-def _remarks(points: Array, fitted: FittedFeature) -> tuple[str, ...]:
+def _remarks(points: Array, fitted: FittedFeature) -> tuple[Message, ...]:
     """What nobody can see in the points of an arc."""
     leverage = lobe_leverage(points, fitted)
     if leverage <= MOST_LEVERAGE:
         return ()
-    return (
+    text = (
         f"only a part of the circumference was measured: a form of {FEW_LOBES[0]} to {FEW_LOBES[-1]} lobes, which that "
-        f"part may not show, moves the centre by up to {leverage:.2g} times its amplitude; U holds what shows",
+        f"part may not show, moves the centre by up to {leverage:.2g} times its amplitude; U holds what shows"
     )
+    return (Message("part_of_circumference", text),)

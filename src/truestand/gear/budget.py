@@ -16,8 +16,20 @@ import numpy as np
 
 from truestand.apply.datum import Datum
 from truestand.core.arrays import Array
-from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, TEMPERATURE_U
+from truestand.core.assumptions import (
+    ANGLE_ZERO_U,
+    ASSUMED,
+    BEARING_U,
+    ENCODER_U,
+    EXPANSION,
+    INCIDENCE_U,
+    SCALE_U,
+    SPEED,
+    STEADY_U,
+    TEMPERATURE_U,
+)
 from truestand.core.calibration import Calibration, Contribution
+from truestand.core.frames import RADIAL
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
@@ -25,15 +37,8 @@ from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
-from truestand.uncertainty.lines import linearity_name, linearity_of
+from truestand.uncertainty.lines import diameter_name, expanded_diameter, linearity_name, linearity_of, scale_name
 
-INCIDENCE_U = 0.02
-"""mm, k = 2: by how much a laser sensor reads steep surfaces differently, where the stand's recipe doesn't say; 10 to
-40 um are usual between 60 and 84 degrees."""
-ENCODER_U = 5e-5
-"""rad, k = 2: once-per-turn error of an angle that is measured (10 arc seconds), where the recipe doesn't say."""
-STEADY_U = 2e-4
-"""rad, k = 2: the same of an angle that is taken from a steady speed, where the recipe doesn't say."""
 LINEARITY_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
 UNKNOWN_ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
@@ -96,14 +101,14 @@ def influences_of(
     """
     rays = _rays(calibration, grid, toothing)
     nominal = toothing.nominal
-    radial = rays.point * np.array([1.0, 1.0, 0.0])
+    radial, temperature = rays.point * np.array([1.0, 1.0, 0.0]), nominal.gear.temperature
     return (
         *_of_calibration(calibration, rays),
         *_of_sensor(scan, calibration, rays),
+        *_of_artefact(calibration, rays),
         *_of_table(scan, calibration, rays, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
         *_of_datum(toothing.datum, rays),
-        rays.influence("temperature of the part (assumed)", radial * EXPANSION * TEMPERATURE_U, TEMPERATURE_U / 2,
-                       "rectangular"),
+        rays.influence(temperature.line, radial * temperature.expanded_growth, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
 
 
@@ -209,7 +214,7 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays) -> list[Influen
     period = LINEARITY_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
     wave = linearity * tau / period * (z - z.mean())
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
-    stated = "" if sensor.incidence_U is not None else " (assumed)"
+    stated = "" if sensor.incidence_U is not None else ASSUMED
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
     steep = _steepness(rays, direction)
     normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
@@ -217,9 +222,27 @@ def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays) -> list[Influen
     return [
         rays.influence(name, direction * linearity, linearity / 2),
         rays.influence(name, direction * wave[:, None], linearity / 2),
-        rays.influence("scale of the sensor", direction * stretched[:, None], scale / 2),
+        rays.influence(scale_name(sensor), direction * stretched[:, None], scale / 2),
         rays.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         rays.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
+    ]
+
+
+def _of_artefact(calibration: Calibration, rays: Rays) -> list[Influence]:
+    """The radial zero of the sensor, by the diameter of the shaft and its temperature."""
+    if calibration.artefact is None:
+        return []
+    base, (parameters, height) = calibration.artefact.base, unknowns_of(calibration)
+
+    def moved_out(by: float) -> Array:
+        moved = parameters.copy()
+        moved[RADIAL] += by
+        return points_of(moved, height, rays.x, rays.z, rays.theta) - rays.point
+
+    diameter, warm = expanded_diameter(base), base.radius * EXPANSION * TEMPERATURE_U
+    return [
+        rays.influence(diameter_name(base), moved_out(diameter / 2), diameter / 2),
+        rays.influence(f"temperature of the artefact{ASSUMED}", moved_out(warm), TEMPERATURE_U / 2, "rectangular"),
     ]
 
 
@@ -252,14 +275,15 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, unev
     measured = scan.angle_source in ("angle", "encoder")
     own = scan.stand.table.angle_U
     U = own if own is not None else ENCODER_U if measured else max(STEADY_U, uneven)
-    name = "angle, once per turn" if measured else "angle, once per turn: speed of the table"
-    name += "" if own is not None else " (assumed)"
+    name = "angle, once per turn" if measured else f"angle, once per turn: {SPEED}"
+    name += "" if own is not None else ASSUMED
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
     waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
+    zero_name = "zero of the table angle" + (ASSUMED if calibration.angle_U is None else "")
     return [
-        *(rays.influence("table bearing (assumed)", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
-        rays.influence("zero of the table angle", rotated(zero), zero / 2, "rectangular"),
+        *(rays.influence(f"table bearing{ASSUMED}", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
+        rays.influence(zero_name, rotated(zero), zero / 2, "rectangular"),
         *(
             rays.influence(name, rotated(U / n * wave(n * rays.theta)), U / n / 2)
             for n, name in waves

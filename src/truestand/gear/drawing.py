@@ -5,6 +5,7 @@ from math import cos, pi, radians
 from typing import Literal
 
 from truestand.core.errors import BadRecipe
+from truestand.core.temperature import UNSTATED, Temperature
 
 Datum = Literal["base", "seat", "common"]
 Standard = Literal["ISO 1328-1:2013", "ISO 1328-1:1995"]
@@ -85,6 +86,7 @@ class Gear:
     """Accuracy class by the characteristic's name, where it is another than ``accuracy_class``."""
     defect_depth: float | None = None
     """Limit for defects; None: they don't decide."""
+    temperature: Temperature = UNSTATED
     damage_decides: bool = True
     """Whether missing, broken and chipped teeth decide; else they are only listed."""
     missing_teeth: tuple[int, ...] = ()

@@ -10,6 +10,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.angle import AngleCorrection, correct_angle
@@ -128,18 +129,18 @@ def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluator, Measures]:
     return evaluator, evaluate(evaluator.grid.delta, evaluator)
 
 
-def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tuple[str, ...]:
+def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tuple[Message, ...]:
     """Why nothing may be decided: the calibration's reasons and, if it has any, a drawing that doesn't fit."""
     reasons = calibration.reasons
     if calibration.method == "paper":
-        reasons = (*reasons, "the calibration is of the published method, which moves no axis: calibrate with "
-                   "--method stand")  # fmt: skip
+        text = "the calibration is of the published method, which moves no axis: calibrate with --method stand"
+        reasons = (*reasons, Message("published_method", text))
     try:
         check_drawing(surface, flanks)
     except WrongDrawing as wrong:
         if not reasons:  # off its axis, every gear looks like another one
             raise
-        reasons = (*reasons, str(wrong))
+        reasons = (*reasons, Message("wrong_drawing", str(wrong)))
     if not flanks.delta.size:
         raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     return reasons

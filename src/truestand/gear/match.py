@@ -129,9 +129,7 @@ def check_drawing(surface: Surface, flanks: Flanks) -> None:
 
 def _moved(seen: IdentifiedGear, drawn: Gear) -> str:
     """What may have made the drawing's gear look like another one."""
-    return (
-        "" if seen.teeth != drawn.teeth else "; or sensor or shaft have moved since the calibration (truestand verify)"
-    )
+    return "" if seen.teeth != drawn.teeth else "; or sensor or shaft have moved since the calibration (verify it)"
 
 
 def _steepest(flanks: Flanks) -> float:

@@ -7,6 +7,7 @@ from math import cos
 import numpy as np
 
 from truestand.core.calibration import Calibration
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.gear.angle import AngleCorrection
 from truestand.gear.coverage import Coverage
@@ -20,13 +21,14 @@ SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
 MOST_REGIONS = 12
 """Damaged regions that are named."""
+OR_THE_GEAR = "or the gear is made so"
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
 
 def remarks_of(
     correction: AngleCorrection, coverage: Coverage, damage: tuple[Damage, ...], measures: Measures
-) -> tuple[str, ...]:
+) -> tuple[Message, ...]:
     """All remarks, in the order of the report."""
     flanks, scan, nominal = correction.flanks, correction.scan, correction.flanks.toothing.nominal
     return (
@@ -39,68 +41,77 @@ def remarks_of(
     )
 
 
-def unevenness(correction: AngleCorrection) -> tuple[str, ...]:
+def unevenness(correction: AngleCorrection) -> tuple[Message, ...]:
     """Why nothing is decided where the table turned unevenly; empty where it did not."""
     if correction.uneven_rms is None:
         return ()
-    return (
+    text = (
         f"the table turned unevenly: passes of one flank are {1000 * correction.uneven_rms:.1f} um (rms) apart, pitch "
-        "may be wrong by as much and more: record the table's angle, or turn it steadily",
+        "may be wrong by as much and more: record the table's angle, or turn it steadily"
     )
+    return (Message("table_uneven", text),)
 
 
-def _sides_not_seen(coverage: Coverage) -> tuple[str, ...]:
+def _sides_not_seen(coverage: Coverage) -> tuple[Message, ...]:
     if not coverage.position.any():
-        return (
+        text = (
             "hardly any of the flanks was seen near the middle of the face: check face_from_mm, the sensor's height "
-            "and its fan",
+            "and its fan"
         )
+        return (Message("flanks_not_seen", text),)
     return tuple(
-        f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the sensor or "
-        "the gear turned over, or with a second sensor"
+        Message(
+            "side_not_seen",
+            f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the sensor "
+            "or the gear turned over, or with a second sensor",
+        )
         for side, flank in enumerate(FLANKS)
         if not coverage.position[side].any()
     )
 
 
-def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[str, ...]:
+def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[Message, ...]:
     found = []
     if nominal.gear.accuracy_class is None and not nominal.gear.limits and not nominal.gear.classes:
-        found.append("no line has a limit: measured, not judged; add accuracy_class to the recipe")
+        text = "no line has a limit: measured, not judged; add accuracy_class to the recipe"
+        found.append(Message("no_limits", text))
     coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
     if coarse > 4 * FINE_STEP:
         enough = profiles_for(nominal, max(nominal.control_roll, 3.0))
-        found.append(
+        text = (
             f"coarse near the root: one profile a {coarse:.1f} mm of roll length at its lower end; {enough} profiles a "
-            f"turn would make it {FINE_STEP:g} mm from 3 mm up"
+            f"turn would make it {FINE_STEP:g} mm from 3 mm up; damage narrower than a step may not be seen"
         )
+        found.append(Message("coarse_near_root", text))
     if calibration.covariance.shape[0] < 8:
-        found.append("the calibration record carries no covariance: it is taken as exact, and U leaves its part out")
+        text = "the calibration record carries no covariance: it is taken as exact, and U leaves its part out"
+        found.append(Message("no_covariance", text))
     if nominal.gear.helix_angle and scan.revolutions < 1:
-        found.append("less than a turn: teeth at the ends of the scan are seen in part")
+        found.append(Message("less_than_a_turn", "less than a turn: teeth at the ends of the scan are seen in part"))
     return tuple(found)
 
 
-def _damaged(damage: tuple[Damage, ...]) -> tuple[str, ...]:
+def _damaged(damage: tuple[Damage, ...]) -> tuple[Message, ...]:
     """Damage of flanks: what was not seen and the deepest first."""
     gravest = sorted(damage, key=lambda d: -1e9 if d.depth is None else -abs(d.depth))
     more = len(damage) - MOST_REGIONS
-    named = tuple(f"damage: {d.text}" for d in gravest[:MOST_REGIONS])
-    return (*named, f"{more} more regions of flanks are damaged") if more > 0 else named
+    named = tuple(Message("damage", f"damage: {d.text}") for d in gravest[:MOST_REGIONS])
+    return (*named, Message("more_damage", f"{more} more regions of flanks are damaged")) if more > 0 else named
 
 
-def _short_face(flanks: Flanks) -> tuple[str, ...]:
+def _short_face(flanks: Flanks) -> tuple[Message, ...]:
     g = flanks.toothing.nominal.gear
     bottom, top = float(flanks.height.min()), float(flanks.height.max())
     if bottom - g.face_from < SHORT_FACE and g.face_to - top < SHORT_FACE:
         return ()
-    return (
+    text = (
         f"flanks were seen from height {bottom:.1f} to {top:.1f} mm, the drawing's face is {g.face_from:g} to "
-        f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view",
+        f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view"
     )
+    return (Message("short_face", text),)
 
 
-def _angle_source(correction: AngleCorrection) -> tuple[str, ...]:
+def _angle_source(correction: AngleCorrection) -> tuple[Message, ...]:
     scan, before, after = correction.scan, correction.before_rms, correction.after_rms
     if scan.angle_source in ("angle", "encoder"):
         return ()
@@ -111,10 +122,11 @@ def _angle_source(correction: AngleCorrection) -> tuple[str, ...]:
         )
     elif scan.revolutions < 2:
         remark += "; two turns and more would tell it from uneven turning"
-    return (f"{remark}; what repeats every turn looks like pitch and stands in U: an encoder would settle it",)
+    text = f"{remark}; what repeats every turn looks like pitch and stands in U: an encoder would settle it"
+    return (Message("angle_from_speed", text),)
 
 
-def _slopes(m: Measures, nominal: Involute) -> tuple[str, ...]:
+def _slopes(m: Measures, nominal: Involute) -> tuple[Message, ...]:
     """Mean slopes that point at the stand, alike or opposite on both sides; none where a side was not seen.
 
     A lateral offset h of the laser plane reads +-h cos(alpha_y) on the flanks, a radial zero off by dr reads
@@ -128,23 +140,26 @@ def _slopes(m: Measures, nominal: Involute) -> tuple[str, ...]:
     opposite, alike, skew = (left - right) / 2, (left + right) / 2, (helix_left - helix_right) / 2
     if abs(opposite) > NOTICEABLE_SLOPE:
         h = abs(opposite / _profile_slope(nominal, np.cos))
-        found.append(
+        text = (
             f"profile slopes are opposite on both sides by {1000 * abs(opposite):.1f} um, as with a laser plane "
             f"{1000 * h:.0f} um beside where the calibration has it"
         )
+        found.append(Message("profile_slopes_opposite", f"{text}; {OR_THE_GEAR}"))
     if abs(alike) > NOTICEABLE_SLOPE:
         dr = alike / _profile_slope(nominal, np.sin)
-        found.append(
+        text = (
             f"profile slopes are alike on both sides by {1000 * alike:.1f} um, as with a radial zero "
             f"{1000 * dr:.0f} um off"
         )
+        found.append(Message("profile_slopes_alike", f"{text}; {OR_THE_GEAR}"))
     if abs(skew) > NOTICEABLE_SLOPE:
         eps = abs(skew) / (slope_length(nominal, along_profile=False) * cos(nominal.transverse_pressure))
-        found.append(
+        text = (
             f"helix slopes are opposite on both sides by {1000 * abs(skew):.1f} um, as with a laser line skew by "
             f"{1000 * eps:.2f} mrad"
         )
-    return tuple(f"{f}; or the gear is made so" for f in found)
+        found.append(Message("helix_slopes_opposite", f"{text}; {OR_THE_GEAR}"))
+    return tuple(found)
 
 
 def _profile_slope(nominal: Involute, wave: np.ufunc) -> float:

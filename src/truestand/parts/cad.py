@@ -11,9 +11,11 @@ import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array, Ints
+from truestand.core.assumptions import ASSUMED, SLOPE_INCIDENCE_U
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.frames import Pose
 from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.parts.drawings import Cad
@@ -45,9 +47,8 @@ DEEPER = 1.25
 """How much deeper a bowl of a patch's size may be than the deepest reading but one says."""
 MOST_REGIONS = 12
 """Regions that the remarks name."""
-INCIDENCE = "incidence on steep surfaces (assumed)"
-INCIDENCE_U = 0.005
-"""mm, k = 2, of range at 60 degrees: the laser's spot grows and shifts with the tangent of the incidence."""
+INCIDENCE = f"incidence on steep surfaces{ASSUMED}"
+"""Of range: the laser's spot grows and shifts with the tangent of the incidence."""
 STEEP_TANGENT = 3.0**0.5
 """Tangent of these 60 degrees."""
 
@@ -128,13 +129,10 @@ def _confirmed(lines: tuple[Characteristic, ...], unconfirmed: tuple[str, ...]) 
     )
 
 
-def _region_remarks(unconfirmed: tuple[str, ...]) -> tuple[str, ...]:
-    more = (
-        (f"{len(unconfirmed) - MOST_REGIONS} more regions are not confirmed",)
-        if len(unconfirmed) > MOST_REGIONS
-        else ()
-    )
-    return (*unconfirmed[:MOST_REGIONS], *more)
+def _region_remarks(unconfirmed: tuple[str, ...]) -> tuple[Message, ...]:
+    named = tuple(Message("not_confirmed", text) for text in unconfirmed[:MOST_REGIONS])
+    more = len(unconfirmed) - MOST_REGIONS
+    return (*named, Message("more_not_confirmed", f"{more} more regions are not confirmed")) if more > 0 else named
 
 
 def _settings(comparison: _Comparison, registration: Registration, grid: Grid) -> dict[str, str]:
@@ -150,15 +148,18 @@ def _settings(comparison: _Comparison, registration: Registration, grid: Grid) -
     }
 
 
-def _remarks(comparison: _Comparison, registration: Registration, patches: Patches, visible: float) -> tuple[str, ...]:
+def _remarks(
+    comparison: _Comparison, registration: Registration, patches: Patches, visible: float
+) -> tuple[Message, ...]:
     remarks = [
-        f"datum: {comparison.datum.remark}",
-        f"{visible:.0%} of the model's surface is visible to the sensor; coverage counts that part",
-        f"noise {1000 * patches.scatter:.2g} um a reading",
+        Message("datum", f"datum: {comparison.datum.remark}"),
+        Message("visible", f"{visible:.0%} of the model's surface is visible to the sensor; coverage counts that part"),
+        Message("noise", f"noise {1000 * patches.scatter:.2g} um a reading"),
         *registration_remarks(registration),
     ]
     if comparison.calibration.covariance.size == 0:
-        remarks.append("the calibration carries no covariance: no U can be told, nothing is decided")
+        text = "the calibration carries no covariance: no U can be told, nothing is decided"
+        remarks.append(Message("no_covariance", text))
     return tuple(remarks)
 
 
@@ -357,7 +358,7 @@ def _budgets(
         lines = [
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
             budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
-            budget_lines.line(INCIDENCE, factor * INCIDENCE_U / STEEP_TANGENT * steep),
+            budget_lines.line(INCIDENCE, factor * SLOPE_INCIDENCE_U / STEEP_TANGENT * steep),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"),
             *_further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height),
         ]
@@ -374,7 +375,7 @@ def _further(comparison: _Comparison, factor: float, radius: float, depth: float
         budget_lines.linearity_line(calibration, apart, factor),
         budget_lines.scale_line(calibration, factor * apart),
         budget_lines.artefact_line(calibration, factor / 2),
-        budget_lines.temperature_line(factor * radius),
+        budget_lines.temperature_line(factor * radius, comparison.part.temperature),
         budget_lines.bearing_line(factor),
         budget_lines.zero_line(turning, factor),
     ]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe
+from truestand.core.temperature import UNSTATED, Temperature
 
 Datum = Literal["base", "seat", "common"]
 FitTo = Literal["none", "angle", "angle_and_height", "all"]
@@ -46,6 +47,7 @@ class Turned:
     bore_clearance: float = 0.0
     upr: int = 50
     """Cut-off of the Gaussian filter of roundness and run-out, undulations per revolution."""
+    temperature: Temperature = UNSTATED
 
     def __post_init__(self) -> None:
         if not self.sections:
@@ -76,3 +78,4 @@ class Cad:
     """Readings farther than this from the model (mm) are counted as no part of it."""
     datum: Datum = "base"
     bore_clearance: float = 0.0
+    temperature: Temperature = UNSTATED

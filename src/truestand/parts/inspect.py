@@ -5,7 +5,8 @@ from dataclasses import replace
 from truestand.apply.transfer import transfer_remarks, with_sensor_as_calibrated
 from truestand.core.artefact import Artefact
 from truestand.core.inspection import Inspection
-from truestand.core.surface import Surface
+from truestand.core.surface import Surface, apply_calibration
+from truestand.core.temperature import Temperature
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import inspect_cad
@@ -30,8 +31,16 @@ def inspect(surface: Surface, part: Part) -> Inspection:
     """
     if isinstance(part, Turned) and _is_shaft(part, surface.origin[1].artefact):
         surface = with_sensor_as_calibrated(surface)
+    if part.temperature.growth:
+        surface = _at_reference_temperature(surface, part.temperature)
     inspection = _inspected(surface, part)
     return replace(inspection, remarks=(*transfer_remarks(surface.origin[1]), *inspection.remarks))
+
+
+def _at_reference_temperature(surface: Surface, temperature: Temperature) -> Surface:
+    """The same scan rolled up as the part is at 20 degrees Celsius."""
+    scan, calibration = surface.origin
+    return apply_calibration(scan, replace(calibration, part_growth=temperature.growth))
 
 
 def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.frames import Pose
+from truestand.core.message import Message
 from truestand.core.robust import MAD_TO_SD, TUKEY, tukey_weights
 from truestand.parts.drawings import FitTo
 from truestand.parts.rays import Rays, Solid, hits_near
@@ -189,19 +190,19 @@ def _motion(step: Array, middle: Array) -> Pose:
     return Pose(tilt, middle - tilt @ middle + np.array([x, y, height])) @ _turn(angle)
 
 
-def registration_remarks(registration: Registration) -> list[str]:
+def registration_remarks(registration: Registration) -> list[Message]:
     """Ties and free motions, in words."""
     remarks = []
     if registration.other_angles and "angle" not in registration.free_motions:
         listed = ", ".join(f"{degrees(a):+.2f}" for a in registration.other_angles[:4])
         more = ", ..." if len(registration.other_angles) > 4 else ""
-        remarks.append(
+        text = (
             f"{len(registration.other_angles) + 1} angles of the model fit alike "
             f"({degrees(registration.angle):+.2f} deg was taken, nearest to the recipe's pose; also {listed}{more}): "
             "which side is which is not known; fit = 'none' if the pose is"
         )
+        remarks.append(Message("angles_fit_alike", text))
     if registration.free_motions:
-        remarks.append(
-            f"the readings leave open: {', '.join(registration.free_motions)}; left as the recipe's pose says"
-        )
+        text = f"the readings leave open: {', '.join(registration.free_motions)}; left as the recipe's pose says"
+        remarks.append(Message("motions_left_open", text))
     return remarks

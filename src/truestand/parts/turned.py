@@ -23,6 +23,7 @@ from truestand.core.inspection import (
     decided,
     status_of,
 )
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
 from truestand.form.upr import UprFilter, filtered_evenly
@@ -248,7 +249,7 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
     inspected = _Inspected(part, scan, table_angle(scan, calibration), calibration, datum)
     deviation = np.full(surface.x.shape, np.nan)
     found: list[Characteristic] = []
-    drawn, remarks = [], [f"datum: {datum.remark}"]
+    drawn, remarks = [], [Message("datum", f"datum: {datum.remark}")]
     for section in part.sections:
         grid, readings = _readings(surface, inspected, section)
         deviation.ravel()[readings.flat] = readings.deviation
@@ -258,7 +259,8 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
         remarks += remark
     deviation.flags.writeable = False
     if calibration.covariance.size == 0:
-        remarks.append("the calibration carries no covariance: no U can be told, nothing is decided")
+        text = "the calibration carries no covariance: no U can be told, nothing is decided"
+        remarks.append(Message("no_covariance", text))
     return Inspection(
         "turned", part.name, tuple(found), reasons=calibration.reasons, remarks=tuple(remarks),
         settings=_settings(part, datum), deviation=deviation, evidence=TurnedEvidence(tuple(drawn)),
@@ -308,7 +310,7 @@ def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid
 
 def _section(
     inspected: _Inspected, section: Section, grid: Grid, readings: Readings
-) -> tuple[list[Characteristic], list[SectionEvidence], list[str]]:
+) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
     """One section's characteristics, what is drawn of it and what is to be said."""
     patches = patches_of(grid, readings, REACH)
     rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
@@ -320,7 +322,7 @@ def _section(
             f"section {section.name!r}: {rings.coverage:.0%} seen of a surface of {section.diameter:g} mm from "
             f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
         )
-        return missing, [], [remark]
+        return missing, [], [Message("section_not_seen", remark)]
     used = np.where(patches.seen & rings.used[:, None], patches.mean, np.nan)
     reading = read_rings(rings, used)
 
@@ -342,9 +344,10 @@ def _section(
         float(from_noise(read, used, patches.noise)[1]),
     )  # fmt: skip
     said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
-    remarks = [f"{said}{1000 * evidence.floor:.2g} um (taken off)"]
+    remarks = [Message("section_noise", f"{said}{1000 * evidence.floor:.2g} um (taken off)")]
     if closed == "partial":
-        remarks.append(f"section {section.name!r}: the circumference is not closed at every height")
+        text = f"section {section.name!r}: the circumference is not closed at every height"
+        remarks.append(Message("section_not_closed", text))
     return lines, [evidence], remarks
 
 
@@ -430,7 +433,8 @@ def _budgets(
         if name == "d":
             lines += [
                 budget_lines.linearity_line(calibration, apart, 2.0), budget_lines.scale_line(calibration, 2 * apart),
-                budget_lines.temperature_line(section.diameter), budget_lines.artefact_line(calibration, 1.0),
+                budget_lines.temperature_line(section.diameter, inspected.part.temperature),
+                budget_lines.artefact_line(calibration, 1.0),
             ]  # fmt: skip
         else:
             lines += [

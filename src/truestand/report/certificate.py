@@ -8,7 +8,7 @@ from datetime import date
 from typing import Any
 
 from truestand.core.errors import BadRecipe, UnreadableFile
-from truestand.files.records.record import Record
+from truestand.files.records.record import Record, texts_of
 from truestand.report.certificate_administration import CertificateInput, administrative_data
 from truestand.report.certificate_results import measurement_results
 from truestand.report.dcc_xml import ROOT, SCHEMA, VERSION, XSI, node, printed
@@ -21,7 +21,7 @@ AGREEMENT = 1e-9
 def refusals(record: Record) -> list[str]:
     """Why there can be no certificate of this calibration; empty where there can."""
     if record.get("status") == "untrusted" or record.get("reasons"):
-        return [str(r) for r in record.get("reasons") or ["the record says untrusted and gives no reason"]]
+        return texts_of(record) or ["the record says untrusted and gives no reason"]
     if record.get("method") == "paper":
         return [
             "the published method states no uncertainty, and no certificate may leave it out "

@@ -207,7 +207,7 @@ def speed_and_rate(stand: Stand) -> tuple[float, float]:
 def paper_stand() -> Stand:
     """The stand of the paper: 200 profiles/s of 640 points, 70..120 mm, pi/10 rad/s."""
     sensor = Sensor("front", 200.0, 640, (70.0, 120.0), linearity_U=0.02)
-    return Stand(Table(speed=pi / 10), (sensor,))
+    return Stand(Table(speed=pi / 10, start="home"), (sensor,))
 
 
 def paper_shaft() -> Artefact:

@@ -24,6 +24,7 @@ import numpy as np
 from truestand.core.errors import BadRecipe, Fault, TruestandError
 from truestand.devices.layout import decode
 from truestand.devices.sensor import Layout
+from truestand.files.records.record import texts_of
 from truestand.station.acquire import Live
 from truestand.station.interrupts import interrupted_by_signals, interrupts_not_lost
 from truestand.station.jobs import STEPS, Job, Observer, run_job
@@ -59,7 +60,7 @@ def _work(request: Mapping[str, Any], emit: Emit) -> int:
         return 1
     record = outcome.record
     emit({"event": "done", "number": number, "verdict": record.get("verdict"), "status": record.get("status"),
-          "message": "; ".join(record["reasons"])})  # fmt: skip
+          "message": "; ".join(texts_of(record))})  # fmt: skip
     return 0
 
 

@@ -5,16 +5,23 @@ from math import sqrt
 import numpy as np
 
 from truestand.core.arrays import Array
-from truestand.core.assumptions import ANGLE_ZERO_U, BEARING_U, EXPANSION, SCALE_U, SMOOTH, TEMPERATURE_U
+from truestand.core.artefact import Cylinder
+from truestand.core.assumptions import (
+    ANGLE_ZERO_U,
+    ASSUMED,
+    BEARING_U,
+    DIAMETER_U,
+    SCALE_U,
+    SMOOTH,
+)
 from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
 from truestand.core.stand import Sensor
+from truestand.core.temperature import Temperature
 
 CALIBRATION = "calibration"
-DIAMETER = "diameter of the artefact"
-TEMPERATURE = "temperature of the part (assumed)"
-BEARING = "table bearing (assumed)"
-ZERO = "zero of the table angle (assumed)"
+BEARING = f"table bearing{ASSUMED}"
+ZERO = f"zero of the table angle{ASSUMED}"
 NOISE = "noise"
 
 
@@ -36,7 +43,7 @@ def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
 
 def linearity_name(sensor: Sensor) -> str:
     """Name of the budget's line."""
-    return "linearity of the sensor" + (" (assumed)" if sensor.linearity_U is None else "")
+    return "linearity of the sensor" + (ASSUMED if sensor.linearity_U is None else "")
 
 
 def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
@@ -52,7 +59,7 @@ def linearity_line(calibration: Calibration, distance: float, factor: float = 1.
 
 def scale_name(sensor: Sensor) -> str:
     """Name of the budget's line."""
-    return "scale of the sensor" + (" (assumed)" if sensor.scale_U is None else "")
+    return "scale of the sensor" + (ASSUMED if sensor.scale_U is None else "")
 
 
 def scale_line(calibration: Calibration, distance: float) -> Contribution:
@@ -61,9 +68,9 @@ def scale_line(calibration: Calibration, distance: float) -> Contribution:
     return line(scale_name(calibration.stand.sensor), abs(distance) * (SCALE_U if stated is None else stated))
 
 
-def temperature_line(length: float) -> Contribution:
+def temperature_line(length: float, temperature: Temperature) -> Contribution:
     """From the part's temperature over ``length`` mm."""
-    return line(TEMPERATURE, abs(length) * EXPANSION * TEMPERATURE_U, "rectangular")
+    return line(temperature.line, abs(length) * temperature.expanded_growth, "rectangular")
 
 
 def bearing_line(factor: float) -> Contribution:
@@ -77,9 +84,21 @@ def zero_line(radius: float, factor: float) -> Contribution:
 
 
 def artefact_line(calibration: Calibration, factor: float) -> Contribution:
-    """From the diameter of the artefact's base: ``factor`` times its U."""
-    base = None if calibration.artefact is None else calibration.artefact.base.diameter_U
-    return line(DIAMETER, factor * (base or 0.0))
+    """From the diameter of the artefact's base: ``factor`` times its U; 0 where the record has no drawing."""
+    if calibration.artefact is None:
+        return line(diameter_name(None), 0.0)
+    base = calibration.artefact.base
+    return line(diameter_name(base), factor * expanded_diameter(base))
+
+
+def expanded_diameter(base: Cylinder) -> float:
+    """U (mm, k = 2) of the diameter of the artefact's base: as its certificate states or as assumed."""
+    return DIAMETER_U if base.diameter_U is None else base.diameter_U
+
+
+def diameter_name(base: Cylinder | None) -> str:
+    """Name of the budget's line."""
+    return "diameter of the artefact" + (ASSUMED if base is not None and base.diameter_U is None else "")
 
 
 def base_radius(calibration: Calibration) -> float:

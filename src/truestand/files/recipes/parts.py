@@ -10,8 +10,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from truestand.core.arrays import Array
+from truestand.core.assumptions import EXPANSION
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
+from truestand.core.temperature import Temperature
 from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import Positive, build, read_toml
 from truestand.files.shapes.meshes import read_mesh
@@ -39,6 +41,9 @@ class PartRecipe(Recipe):
     operator: str | None = None
     datum: Literal["base", "seat", "common"] = "base"
     bore_clearance_mm: NotNegative = 0.0
+    part_temperature_C: Annotated[float, Field(ge=-50, le=200)] | None = None
+    part_temperature_U_C: NotNegative | None = None
+    expansion_per_K: Annotated[float, Field(ge=0, le=1e-3)] = EXPANSION
     simulation: dict[str, Any] = Field(default_factory=dict)
     """Only the virtual stand reads it."""
 
@@ -303,11 +308,17 @@ def _gear(r: GearRecipe) -> Gear:
         defect_depth=None if r.limits.defect_depth_um is None else r.limits.defect_depth_um / UM,
         damage_decides=r.limits.damage == "refuse",
         missing_teeth=tuple(r.missing_teeth),
+        temperature=_temperature(r),
     )  # fmt: skip
 
 
 def _turned(r: TurnedRecipe) -> Turned:
-    return Turned(tuple(_section(s) for s in r.section), r.name or "turned part", r.datum, r.bore_clearance_mm, r.upr)
+    sections = tuple(_section(s) for s in r.section)
+    return Turned(sections, r.name or "turned part", r.datum, r.bore_clearance_mm, r.upr, _temperature(r))
+
+
+def _temperature(r: PartRecipe) -> Temperature:
+    return Temperature(r.part_temperature_C, r.part_temperature_U_C, r.expansion_per_K)
 
 
 def _section(s: SectionRecipe) -> Section:
@@ -327,6 +338,7 @@ def _cad(folder: Path, r: CadRecipe) -> Cad:
         reach=r.reach_mm,
         datum=r.datum,
         bore_clearance=r.bore_clearance_mm,
+        temperature=_temperature(r),
     )
 
 

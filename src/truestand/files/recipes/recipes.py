@@ -32,7 +32,7 @@ class TableRecipe(Recipe):
 
     speed_rad_per_s: Positive | None = None
     direction: Literal["ccw", "cw"] = "ccw"
-    start: Literal["home", "unknown"] = "home"
+    start: Literal["home", "unknown"] = "unknown"
     angle_U_arcsec: Positive | None = None
 
 
@@ -47,8 +47,8 @@ class SensorRecipe(Recipe):
     serial: str | None = None
     linearity_U_um: Positive | None = None
     scale_U_ppm: Positive | None = None
-    plane_offset_U_mm: Positive = 1.0
-    plane_tilt_U_deg: Positive = 1.0
+    plane_offset_U_mm: Positive | None = None
+    plane_tilt_U_deg: Positive | None = None
     incidence_U_um: Positive | None = None
 
     @model_validator(mode="after")
@@ -369,7 +369,7 @@ def _sensor(s: SensorRecipe) -> Sensor:
         linearity_U=None if s.linearity_U_um is None else s.linearity_U_um / 1000.0,
         scale_U=None if s.scale_U_ppm is None else s.scale_U_ppm / 1e6,
         plane_offset_U=s.plane_offset_U_mm,
-        plane_tilt_U=radians(s.plane_tilt_U_deg),
+        plane_tilt_U=None if s.plane_tilt_U_deg is None else radians(s.plane_tilt_U_deg),
         incidence_U=None if s.incidence_U_um is None else s.incidence_U_um / 1000.0,
     )
 
@@ -385,7 +385,7 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         linearity_U_um=None if s.linearity_U is None else s.linearity_U * 1000.0,
         scale_U_ppm=None if s.scale_U is None else s.scale_U * 1e6,
         plane_offset_U_mm=s.plane_offset_U,
-        plane_tilt_U_deg=degrees(s.plane_tilt_U),
+        plane_tilt_U_deg=None if s.plane_tilt_U is None else degrees(s.plane_tilt_U),
         incidence_U_um=None if s.incidence_U is None else s.incidence_U * 1000.0,
     )
 

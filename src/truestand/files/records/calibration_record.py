@@ -28,17 +28,31 @@ from truestand.core.calibration import (
 )
 from truestand.core.errors import UnreadableFile
 from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.message import UNTIED, Message
+from truestand.core.scan import AngleSource, AngleZero
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.atomic import write_json_atomic
 from truestand.files.checking import refuse_other_types
 from truestand.files.recipes.recipes import shaft_from_recipe, shaft_recipe, stand_from_recipe, stand_recipe
-from truestand.files.records.record import SOFTWARE, Record, now, read_json, scan_record, without_nan
+from truestand.files.records.record import (
+    NO_CODE,
+    SOFTWARE,
+    Record,
+    assumptions_record,
+    messages_record,
+    now,
+    read_json,
+    read_messages,
+    scan_record,
+    without_nan,
+)
+from truestand.uncertainty.assumed import assumptions_of
 
 if TYPE_CHECKING:
     from truestand.apply.verify import Verification
 
 FORMAT = "truestand.calibration"
-VERSION = 1
+VERSION = 2
 LEAST_COS_TILT = 1e-3
 """Of a shaft: one that lies across the table's axis has no eccentricity."""
 MOST_MM = 1e9
@@ -54,7 +68,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
         "format": FORMAT,
         "version": VERSION,
         "status": c.status,
-        "reasons": list(c.reasons),
+        "reasons": messages_record(c.reasons),
         "method": c.method,
         "created": created,
         "valid_until": c.valid_until,
@@ -104,8 +118,18 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "repeatability": c.repeatability.tolist(),
         },
         "not_identifiable": list(c.not_identifiable),
+        "assumptions": assumptions_record(assumptions_of(c, ())),
         "checks": [
-            {"name": k.name, "value": k.value, "limit": k.limit, "ok": k.ok, "advice": k.advice} for k in c.checks
+            {
+                "code": k.code,
+                "name": k.name,
+                "value": k.value,
+                "limit": k.limit,
+                "ok": k.ok,
+                "advice": k.advice,
+                "text": str(k.reason),
+            }
+            for k in c.checks
         ],
     }
     if c.paper is not None:
@@ -126,9 +150,9 @@ def verification_record(verification: "Verification", created: str, calibration_
     v = verification
     record: Record = {
         "format": "truestand.verification",
-        "version": 1,
+        "version": VERSION,
         "verdict": v.verdict,
-        "reasons": list(v.reasons),
+        "reasons": messages_record(v.reasons),
         "created": created,
         "software": SOFTWARE,
         "calibration": {"sha256": calibration_sha256},
@@ -136,6 +160,7 @@ def verification_record(verification: "Verification", created: str, calibration_
         "by": v.by,
         "changes": [
             {
+                "code": c.code,
                 "name": c.name,
                 "value_um": UM * c.value,
                 "U_um": UM * c.U,
@@ -196,7 +221,7 @@ def _calibration(record: Record) -> Calibration:
         shaft_from_rotor=_upright(_pose(shaft["shaft_from_rotor"], "shaft_from_rotor")),
         stand=stand,
         angle_source=source,
-        angle_zero=table.get("angle_zero") or ("index" if source in ("angle", "encoder") else "home"),
+        angle_zero=_angle_zero(table, source),
         speed_factor=_speed_factor(table, stand),
         rad_per_profile=table.get("rad_per_profile"),
         artefact=shaft_from_recipe(record["artefact"]) if record.get("artefact") else None,
@@ -211,8 +236,11 @@ def _calibration(record: Record) -> Calibration:
         covariance=_matrix(covariance.get("matrix")),
         repeatability=_matrix(covariance.get("repeatability")),
         not_identifiable=tuple(record.get("not_identifiable", ())),
-        checks=tuple(Check(c["name"], c["value"], c["limit"], c["ok"], c["advice"]) for c in record.get("checks", [])),
-        reasons=_reasons(record),
+        checks=tuple(
+            Check(c.get("code", NO_CODE), c["name"], c["value"], c["limit"], c["ok"], c["advice"])
+            for c in record.get("checks", [])
+        ),
+        reasons=_reasons(record, _angle_zero(table, source)),
         scan=_read_scan(record.get("scan")),
         paper=_read_paper(record.get("paper")),
         positions=_read_positions(record.get("positions")),
@@ -222,12 +250,20 @@ def _calibration(record: Record) -> Calibration:
     )
 
 
-def _reasons(record: Record) -> tuple[str, ...]:
-    reasons = tuple(record.get("reasons", ()))
+def _angle_zero(table: Mapping[str, Any], source: AngleSource) -> AngleZero:
+    """From where the table's angle counts; nobody knows where the record doesn't say and there is no index."""
+    stated: AngleZero | None = table.get("angle_zero")
+    return stated or ("index" if source in ("angle", "encoder") else "unknown")
+
+
+def _reasons(record: Record, angle_zero: AngleZero) -> tuple[Message, ...]:
+    reasons = read_messages(record.get("reasons", ()))
+    if angle_zero == "unknown" and UNTIED.code not in {r.code for r in reasons}:
+        reasons = (*reasons, UNTIED)
     if record.get("status") not in (None, "valid", "untrusted"):
         raise ValueError(f"found status {record['status']!r}, need valid or untrusted")
     if record.get("status") == "untrusted" and not reasons:
-        return ("the record says untrusted and gives no reason",)
+        return (Message("no_reason_given", "the record says untrusted and gives no reason"),)
     return reasons
 
 

@@ -5,13 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from truestand.core.arrays import Array
+from truestand.core.message import Message
 from truestand.core.units import UM_PER_MM
-from truestand.files.records.record import SOFTWARE, Record
+from truestand.files.records.record import SOFTWARE, Record, messages_record
 from truestand.form.form import Form
 
 
 def form_record(
-    form: Form, created: str, source_sha256: str, run_out: float | None = None, reasons: Sequence[str] = ()
+    form: Form, created: str, source_sha256: str, run_out: float | None = None, reasons: Sequence[Message] = ()
 ) -> Record:
     """The record of an associated feature.
 
@@ -20,10 +21,10 @@ def form_record(
     reasons = [*reasons, *form.reasons]
     return {
         "format": "truestand.form",
-        "version": 1,
+        "version": 2,
         "status": "untrusted" if reasons else "valid",
-        "reasons": reasons,
-        "remarks": list(form.remarks),
+        "reasons": messages_record(reasons),
+        "remarks": messages_record(form.remarks),
         "feature": form.feature,
         "point": form.point.tolist(),
         "direction": None if form.direction is None else form.direction.tolist(),

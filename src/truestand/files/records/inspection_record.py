@@ -14,12 +14,20 @@ from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.files.atomic import write_text_atomic
-from truestand.files.records.record import SOFTWARE, Record, scan_record, without_nan
+from truestand.files.records.record import (
+    SOFTWARE,
+    Record,
+    assumptions_record,
+    messages_record,
+    scan_record,
+    without_nan,
+)
 from truestand.gear.evaluate import NEVER_NEGATIVE
+from truestand.uncertainty.assumed import assumptions_of
 
 Limits = tuple[float | None, float | None]
 
-FORMAT, VERSION = "truestand.inspection", 1
+FORMAT, VERSION = "truestand.inspection", 2
 UM = 1000.0
 """um in a mm."""
 CSV_COLUMNS = (
@@ -40,8 +48,8 @@ def inspection_record(
         "format": FORMAT,
         "version": VERSION,
         "verdict": i.verdict,
-        "reasons": list(i.reasons),
-        "remarks": list(i.remarks),
+        "reasons": messages_record(i.reasons),
+        "remarks": messages_record(i.remarks),
         "part": {"kind": i.kind, "name": i.name, **i.identity},
         "characteristics": [
             *(_characteristic(c) for c in i.characteristics),
@@ -50,6 +58,7 @@ def inspection_record(
         "defects": [_defect(d) for d in i.defects],
         "defect_limit_um": None if i.defect_depth is None else UM * i.defect_depth,
         "settings": dict(i.settings),
+        "assumptions": assumptions_record(assumptions_of(calibration, (c.budget for c in i.characteristics))),
         "published": [_published(name, value) for name, value in i.published.items()],
         "calibration": {"sha256": calibration_sha256, "status": calibration.status, "created": calibration.created},
         "scan": scan_record(scan),

@@ -1,6 +1,7 @@
 """What all records share: the scan they rest on, their time, and how they are read back."""
 
 import math
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,18 @@ from typing import Any
 import numpy as np
 
 from truestand._version import __version__
+from truestand.core.assumptions import Assumption
 from truestand.core.calibration import ScanSummary
 from truestand.core.errors import UnreadableFile
+from truestand.core.message import UNTIED, Message
 from truestand.files.json_text import parse_json
 
 Record = dict[str, Any]
 
+NO_CODE = "uncoded"
+"""Of a reason or remark of a record of version 1, or of the user's own."""
+CODES_OF_VERSION_1 = {str(UNTIED): UNTIED.code}
+"""Codes of the sentences of version 1 that decide something."""
 SOFTWARE = f"truestand {__version__}"
 """What wrote a record."""
 
@@ -50,6 +57,35 @@ def scan_record(s: ScanSummary) -> Record:
         "revolutions": s.revolutions,
         "seen": s.seen,
     }
+
+
+def messages_record(messages: Iterable[str]) -> list[Record]:
+    """Reasons or remarks, each with its code; a plain sentence of the user's own has none."""
+    return [{"code": m.code if isinstance(m, Message) else NO_CODE, "text": str(m)} for m in messages]
+
+
+def assumptions_record(assumptions: Iterable[Assumption]) -> list[Record]:
+    """What nobody stated: each with value, unit and source."""
+    return [{"name": a.name, "value": a.value, "unit": a.unit, "source": a.source} for a in assumptions]
+
+
+def read_messages(items: Iterable[Any]) -> tuple[Message, ...]:
+    """Reasons or remarks of a record, of records of version 1 too, which have no codes.
+
+    Raises:
+        TypeError, KeyError: they are neither.
+    """
+    return tuple(
+        Message(CODES_OF_VERSION_1.get(item, NO_CODE), item)
+        if isinstance(item, str)
+        else Message(str(item["code"]), str(item["text"]))
+        for item in items
+    )
+
+
+def texts_of(record: Mapping[str, Any], key: str = "reasons") -> list[str]:
+    """The sentences of a record's reasons or remarks, of any version."""
+    return [str(m) for m in read_messages(record.get(key) or ())]
 
 
 def without_nan(record: Record) -> Record:

@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from typing import Any, Self
 
 from truestand.core.errors import TruestandError
+from truestand.files.records.record import texts_of
 from truestand.station.stand_lock import latched_fault
 from truestand.web.app_state import AppState
 from truestand.web.hub import Listener
@@ -149,7 +150,7 @@ def _result(state: AppState, entry: Entry) -> Json:
     record = state.results.record(entry.number)
     path = state.results.file(entry.number, "record")
     return entry.model_dump(mode="json", exclude={"has"}) | {
-        "reasons": [str(reason) for reason in record.get("reasons") or []],
+        "reasons": texts_of(record),
         "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
         "record_sha256": None if path is None else path.name,  # its hash, as of all evidence
     }

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from truestand.files.records.record import texts_of
 from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.app_state import AppState, StateDep
 from truestand.web.models import CalibrationState, Device, Home, Reset
@@ -65,7 +66,7 @@ def calibration_state(state: AppState, now: datetime) -> CalibrationState:
         fields |= {"verification": verification.number, "verified": verification.time}
         if worst == verdict:
             record = state.results.record(verification.number)
-    return CalibrationState(**fields, reasons=[str(reason) for reason in record.get("reasons") or []])
+    return CalibrationState(**fields, reasons=texts_of(record))
 
 
 def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str:

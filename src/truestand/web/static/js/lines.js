@@ -15,6 +15,11 @@ export function line(c) {
   return { ...c, size, unit, value: size ? c.value_mm : c.value_um, U: size ? c.U_mm : c.U_um, low, high, limited: low !== null || high !== null, most: size ? 4 : 2 };
 }
 
+/** The sentence of a reason or remark; records of version 1 have it without a code. */
+export function sentence(message) {
+  return typeof message === "string" ? message : message.text;
+}
+
 export function limitText({ low, high }) {
   if (low === null && high === null) return "–";
   if (low === null) return `≤ ${short(high)}`;
@@ -81,7 +86,7 @@ export function decisive(record) {
   const lines = whole(record);
   const unseen = lines.filter((c) => c.status === "not_measurable");
   if (unseen.length) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, h("strong", {}, t("result.unseen")), ": ", list(unseen.map((c) => c.name)))));
-  for (const reason of record.reasons ?? []) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, reason)));
+  for (const reason of record.reasons ?? []) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, sentence(reason))));
   for (const verdict of ["does_not_conform", "undecided"]) {
     const broken = (record.defects ?? []).filter((d) => d.verdict === verdict);
     for (const d of broken.slice(0, MOST_NAMED))

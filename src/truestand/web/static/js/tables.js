@@ -4,7 +4,7 @@ import { h, s } from "./dom.js";
 import { number, places, short, when, withU } from "./format.js";
 import { verdict } from "./parts.js";
 import { known, t } from "./texts.js";
-import { limitText, meaning, symbol, usage, where, whole } from "./lines.js";
+import { limitText, meaning, sentence, symbol, usage, where, whole } from "./lines.js";
 
 /** The panel of a tab. */
 export function details(tab, entry, record) {
@@ -104,6 +104,6 @@ function evidence(record) {
     used?.sha256 && [t("evidence.calibration"), h("code", {}, used.sha256)], record.valid_until && [t("evidence.valid"), when(record.valid_until)],
     ...Object.entries(settings ?? {}),
   ].filter(Boolean);
-  return [record.remarks?.length > 0 && h("section", {}, h("h2", {}, t("evidence.remarks")), h("ul", { class: "remarks" }, record.remarks.map((text) => h("li", {}, text)))),
+  return [record.remarks?.length > 0 && h("section", {}, h("h2", {}, t("evidence.remarks")), h("ul", { class: "remarks" }, record.remarks.map((remark) => h("li", {}, sentence(remark))))),
     h("h2", {}, t("evidence.title")), h("dl", { class: "facts-list" }, rows.map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)]))];
 }
