@@ -16,15 +16,15 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.robust import medians, robust_sd
 from truestand.gear.flanks import COLUMNS, FlankPoints, Flanks
 
-BESIDE = (
-    *((0, c) for c in (-3, -2, -1, 1, 2, 3)),
-    *((r, c) for r in (-1, 1) for c in (-1, 0, 1)),
-)  # fmt: skip
-"""Profiles and points by which readings are beside one,"""
-MARGIN = 3
-"""and points by which they are at most."""
+IN_PROFILE, ACROSS = (-3, -2, -1, 1, 2, 3), (-1, 0, 1)
+"""Points by which readings of the same profile are beside one, and of the profiles before and after it,"""
+ROWS = 2
+"""of which so many count where a region departs."""
+MOST_SLANT = 2.0
+"""Points a profile by which a groove along a helical flank may run aslant through profiles."""
+MARGIN = 3 + round(ROWS * MOST_SLANT)
 Image = NDArray[np.float32]
-"""delta (profiles + 2, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none on a flank."""
+"""delta (profiles + 2 ROWS, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none on a flank."""
 LEAST_ALIKE, FEW = 2, 6
 """Readings beside one that must be like it; one is enough where fewer than so many were seen."""
 LEAST_ALONG, ALONG = 4, 1 / 3
@@ -44,31 +44,45 @@ def without_lone_readings(flanks: Flanks, points: int, angle: Array) -> Flanks:
     """
     outside = flanks.outside_gate
     every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
-    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle)
+    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle, _slant(flanks, points, angle))
     on = flanks.delta.size
     return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
 
 
+def _slant(flanks: Flanks, points: int, angle: Array) -> float:
+    """Points of a profile by which a place of a helical flank moves on from one profile to the next; 0: too many."""
+    twist = flanks.toothing.nominal.twist
+    if not twist or flanks.delta.size < 2:
+        return 0.0
+    by_height = float(np.polyfit(flanks.height, flanks.index % points, 1)[0])
+    slant = -float(np.median(np.diff(angle))) / twist * by_height
+    return slant if abs(slant) <= MOST_SLANT else 0.0
+
+
 def lone_readings(
-    delta: Array, flank: NDArray[np.integer], index: NDArray[np.int64], points: int, angle: Array
+    delta: Array, flank: NDArray[np.integer], index: NDArray[np.int64], points: int, angle: Array, slant: float = 0.0
 ) -> Mask:
     """Which readings (n,) of flanks nothing bears out.
 
     ``delta`` (n,) mm; ``flank`` (n,) a number for each flank; ``index`` (n,) of the reading in a scan of ``points`` a
-    profile; ``angle`` (profiles,) rad of the table.
+    profile; ``angle`` (profiles,) rad of the table; ``slant``: points of a profile by which a place moves on from one
+    profile to the next.
     """
     row, column = np.divmod(index, points)
-    image: Image = np.full((angle.size + 2, points + 2 * MARGIN), np.nan, dtype=np.float32)
-    image[row + 1, column + MARGIN] = delta
+    image: Image = np.full((angle.size + 2 * ROWS, points + 2 * MARGIN), np.nan, dtype=np.float32)
+    image[row + ROWS, column + MARGIN] = delta
     reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
     seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
     farther = reach + ALONG * np.abs(delta - _median_of(flank, delta))
-    for r, c in BESIDE:
-        apart = np.abs(image[row + 1 + r, column + MARGIN + c] - delta)
+    beside = [(0, c) for c in IN_PROFILE]
+    beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
+    for r, c in beside:
+        apart = np.abs(image[row + ROWS + r, column + MARGIN + c] - delta)
         with np.errstate(invalid="ignore"):
-            seen += np.isfinite(apart)
-            alike += apart < reach
             along += apart < farther
+            if abs(r) < ROWS:
+                seen += np.isfinite(apart)
+                alike += apart < reach
     shown, repeated = np.zeros((2, delta.size), dtype=bool)
     for place in _places_in_other_turns(angle):
         low, high = _bracket(image, place[row], column)
@@ -102,11 +116,11 @@ def _places_in_other_turns(angle: Array) -> list[Array]:
 def _bracket(image: Image, place: Array, column: NDArray[np.int64]) -> tuple[Array, Array]:
     """Least and largest delta (n,) of the readings about each ``place`` (n,) between two profiles; NaN: none."""
     there = np.flatnonzero(np.isfinite(place))
-    first = np.minimum(place[there].astype(np.int64), image.shape[0] - 4)
+    first = np.minimum(place[there].astype(np.int64), image.shape[0] - 2 * ROWS - 2)
     low, high = np.full((2, place.size), np.nan)
     for r in (0, 1):
         for c in (-1, 0, 1):
-            other = image[first + 1 + r, column[there] + MARGIN + c]
+            other = image[first + ROWS + r, column[there] + MARGIN + c]
             low[there], high[there] = np.fmin(low[there], other), np.fmax(high[there], other)
     return low, high
 
