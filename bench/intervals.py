@@ -2,9 +2,11 @@
 
 Noise: the same stand scanned again and again with another noise; the part of U that a second scan does not share must
 hold 95 % of the errors. Budget: coaxiality, radii and linearity drawn from what certificate and data sheet say of them;
-the whole U must hold at least 95 %.
+the whole U must hold at least 95 %. Views: the same, and mounting and scale, of sensors at 12 to 60 degrees to the
+axis; how many are untrusted though right, and how many valid ones are off by 2 and 3 U.
 
-Run with the development environment: python bench/intervals.py [--scans 1000] [--budgets 300] [--first-seed 0]
+Run with the development environment: python bench/intervals.py [--scans 1000] [--budgets 300] [--views 300]
+[--first-seed 0]
 """
 
 import argparse
@@ -23,6 +25,7 @@ from rich.table import Table as RichTable
 from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
+from truestand.core.errors import TruestandError
 from truestand.core.frames import sensor_parameters, shaft_parameters
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Sensor, Stand, Table
@@ -57,7 +60,7 @@ def stand() -> Stand:
     sensor = Sensor(
         "front", 200.0, POINTS, (70.0, 120.0), linearity_U=0.02, plane_offset_U=10.0, plane_tilt_U=radians(10.0)
     )
-    return Stand(Table(2 * np.pi * 200 / PER_TURN, "ccw"), (sensor,))
+    return Stand(Table(2 * np.pi * 200 / PER_TURN, "ccw", "home"), (sensor,))
 
 
 def simulation(**parts: Any) -> Simulation:
@@ -128,6 +131,8 @@ class Trial:
 
     kind: str
     ratio: dict[str, float]
+    reasons: tuple[str, ...] = ()
+    told: str = ""
 
 
 def try_noise(job: tuple[str, int]) -> Trial:
@@ -166,6 +171,51 @@ def try_budget(seed: int) -> Trial:
     return Trial("budget", {key: abs(e) / found.uncertainty[key].U for key, e in errors.items()})
 
 
+def try_view(seed: int) -> Trial:
+    """A sensor somewhere at 12 to 60 degrees to the axis, looking down or up, everything off by what is stated."""
+    rng = np.random.default_rng(seed)
+    simulated, artefact = drawn(rng)
+    aslant = radians(float(rng.uniform(12.0, 60.0)))
+    phi = float(rng.choice([-aslant, aslant, aslant - np.pi, np.pi - aslant]))
+    mounting = Mounting(
+        phi, 95.0, float(rng.uniform(-2.5, 0.5)), radians(float(rng.normal(0.0, 0.5))), float(rng.normal(0.0, 0.5))
+    )
+    optics = replace(simulated.optics, scale_error=float(rng.normal(0.0, 5e-5)), outliers=0.02, dropouts=0.1)
+    simulated = replace(simulated, mounting=mounting, optics=optics)
+    sensor = replace(stand().sensor, plane_offset_U=None, plane_tilt_U=None)
+    assumed = replace(stand(), sensors=(sensor,))
+    made = simulate(assumed, simulated, artefact, seed)
+    told = f"seed {seed}, phi {np.degrees(phi):.1f}"
+    try:
+        found = calibrate(interpret(made.recording, assumed), artefact)
+    except TruestandError as refused:
+        return Trial("views", {}, (f"refused: {refused}",), told)
+    errors = errors_of(found, made)
+    ratio = {k: abs(e) / found.uncertainty[k].U for k, e in errors.items() if k not in found.not_identifiable}
+    return Trial("views", ratio, tuple(found.reasons), told)
+
+
+def show_views(trials: list[Trial]) -> None:
+    """Inside U by quantity of the valid ones, and what went wrong."""
+    refused = [t for t in trials if not t.ratio]
+    untrusted = [t for t in trials if t.ratio and t.reasons]
+    valid = [t for t in trials if t.ratio and not t.reasons]
+    table = RichTable(
+        "quantity", "known", "inside U", "U rms", "beyond 2 U", "beyond 3 U", title=f"{len(valid)} valid stands"
+    )
+    for key in dict.fromkeys(k for t in valid for k in t.ratio):
+        r = np.array([t.ratio[key] for t in valid if key in t.ratio])
+        table.add_row(key, f"{r.size}", f"{np.mean(r <= 1):.1%}", f"{np.sqrt(np.mean(r**2)):.2f}",
+                      f"{np.sum(r > 2)}", f"{np.sum(r > 3)}")  # fmt: skip
+    console = Console(width=150)
+    console.print(table)
+    right = [t for t in untrusted if max(t.ratio.values()) <= 2]
+    console.print(f"{len(refused)} refused; {len(untrusted)} untrusted, {len(right)} of them though within 2 U")
+    for t in (*refused, *untrusted, *(t for t in valid if max(t.ratio.values()) > 2)):
+        worst = max(t.ratio, key=lambda k: t.ratio[k]) if t.ratio else ""
+        console.print(f"{t.told}: {worst} {t.ratio.get(worst, 0):.1f} U; {'; '.join(r[:90] for r in t.reasons)}")
+
+
 def run(what: Any, jobs: list[Any], title: str, workers: int) -> list[Trial]:
     with ProcessPoolExecutor(workers) as pool:
         return list(track(pool.map(what, jobs, chunksize=4), title, total=len(jobs), console=Console(stderr=True)))
@@ -187,6 +237,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scans", type=int, default=1000)
     parser.add_argument("--budgets", type=int, default=300)
+    parser.add_argument("--views", type=int, default=300)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args()
@@ -195,6 +246,8 @@ def main() -> None:
     if a.scans:
         trials = run(try_noise, [(k, s) for k in KINDS for s in seeds], "noise", a.workers)
         show(trials, f"Errors within the noise part of U (k = 2): {a.scans} scans of each kind")
+    if a.views:
+        show_views(run(try_view, list(range(a.first_seed, a.first_seed + a.views)), "views", a.workers))
     if a.budgets:
         trials = run(try_budget, list(range(a.first_seed, a.first_seed + a.budgets)), "budget", a.workers)
         show(trials, f"Errors within U (k = 2): {a.budgets} stands drawn from their papers")

@@ -125,7 +125,7 @@ def random_shaft(rng: np.random.Generator) -> tuple[Stand, Simulation, Artefact]
 def _stand(rng: np.random.Generator) -> Stand:
     direction = "ccw" if rng.random() < 0.5 else "cw"
     sensor = Sensor("front", 200.0, POINTS, (70.0, 120.0), bool(rng.random() < 0.3), linearity_U=0.02)
-    return Stand(Table(2 * np.pi * 200 / PER_TURN, direction), (sensor,))
+    return Stand(Table(2 * np.pi * 200 / PER_TURN, direction, "home"), (sensor,))
 
 
 def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0, wrong_step: float = 0.0) -> Outcome:

@@ -60,6 +60,19 @@ def test_a_sparse_sensor_sees_the_same_shaft(points):
     assert found.height == pytest.approx(truth_of("paper")["sensor"]["table_from_sensor"][2][3], abs=1.5)
 
 
+@pytest.mark.parametrize("phi", tried([-76, 72], 76, -72, 104))
+def test_what_a_step_hides_leaves_the_height_open_and_nothing_else(phi):
+    """A sensor that stands nearly square to the axis: the same place slid by a mm or two was *another place*."""
+    named = Named({"phi": radians(phi), "height": -1.0}, acquisition=ANGLE, points=320)
+    seen = scan(named)
+    found = segment(seen, shaft())
+    assert found.reasons == () and found.confidence > 0.99
+    calibrated = calibrate(seen, shaft())
+    assert calibrated.status == "valid"
+    (line,) = (c for c in calibrated.uncertainty["eccentricity_um"].contributions if c.name.startswith("height zero"))
+    assert line.value == pytest.approx(max(0.5, found.open_height) / 2, abs=1e-9) or found.shoulder_seen
+
+
 def test_three_cylinders_in_view():
     found = segment(scan(Named({"phi": ABOVE, "height": -4.0}, acquisition=ANGLE), THREE), THREE)
     assert [b.cylinder for b in found.bands] == [0, 1, 2]

@@ -180,7 +180,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
     slope = sqrt(2.0) / band.length
     lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
-    height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else HEIGHT_HIDDEN_U
+    height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else max(HEIGHT_HIDDEN_U, fit.segments.open_height)
     bearing = {"eccentricity_um": 1000.0}
     if eccentricity > 1.0:
         bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)

@@ -49,7 +49,9 @@ MOST_RUN_STEP_MM = 0.15
 LEAST_RUN = 5
 MOST_RUNS = 14
 SAME_HEIGHT_MM, SAME_RADIAL_MM, SAME_DIRECTION_RAD = 1.0, 0.3, 0.03
-"""Within which two explanations are one."""
+"""Within which two explanations are one,"""
+MOST_SLID_MM = 3.0
+"""and by which one may be slid along the axis: what a step hides leaves its height open, and nothing else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +88,8 @@ class Segments:
     confidence: float
     """Probability 0..1 that this is the right explanation and not the next best one."""
     reasons: tuple[Message, ...]
+    open_height: float = 0.0
+    """mm by which the shaft may stand higher or lower and explain the view almost as well."""
     """Why it is not to be trusted; empty where it is."""
 
     @property
@@ -122,6 +126,7 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
     best, margin = best_and_margin(candidates) if candidates else (None, 0.0)
     if best is None or best.score <= 0:
         raise _no_fit(artefact)
+    open_height = _open_height(best, candidates)
     outline, match = _refined(seen, outlines[best.phi], best, artefact)
     bands = _bands(outline, match, artefact)
     if not bands:
@@ -129,7 +134,9 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
     height, shoulder_seen = _shoulder(seen, outline, match, artefact)
     explained = _explained(outline, match, artefact)
     reasons = _reasons(best, candidates, bands, artefact, explained, confidence(margin))
-    return Segments(match.phi, match.radial, height, bands, shoulder_seen, explained, confidence(margin), reasons)
+    return Segments(
+        match.phi, match.radial, height, bands, shoulder_seen, explained, confidence(margin), reasons, open_height
+    )
 
 
 def _moving(outlines: list[Silhouette]) -> list[Silhouette]:
@@ -259,8 +266,21 @@ def explanations(outline: Silhouette, artefact: Artefact) -> list[Match]:
 def best_and_margin(candidates: list[Match]) -> tuple[Match, float]:
     """The best explanation and by how many nats it is better than the best one that differs."""
     best = max(candidates, key=lambda m: m.score)
-    rivals = [m.score for m in candidates if not _same(m, best)]
+    rivals = [m.score for m in candidates if not _same(m, best, MOST_SLID_MM)]
     return best, best.score - max(rivals, default=0.0)
+
+
+def _open_height(best: Match, candidates: list[Match]) -> float:
+    """By how much (mm) explanations that are only slid along the axis differ from the best one, where they are almost
+    as good.
+    """
+    slid = [
+        abs(m.height - best.height)
+        for m in candidates
+        if _same(m, best, MOST_SLID_MM) and confidence(best.score - m.score) < LEAST_CONFIDENCE
+    ]
+    farthest = max(slid, default=0.0)
+    return farthest if farthest > SAME_HEIGHT_MM else 0.0
 
 
 def confidence(margin: float) -> float:
@@ -268,9 +288,10 @@ def confidence(margin: float) -> float:
     return float(1.0 / (1.0 + np.exp(-min(margin, 700.0))))
 
 
-def _same(a: Match, b: Match) -> bool:
+def _same(a: Match, b: Match, height: float) -> bool:
+    """Whether two explanations are one, but for a ``height`` (mm)."""
     turned = abs(wrap(a.phi - b.phi))
-    near = abs(a.height - b.height) < SAME_HEIGHT_MM and abs(a.radial - b.radial) < SAME_RADIAL_MM
+    near = abs(a.height - b.height) < height and abs(a.radial - b.radial) < SAME_RADIAL_MM
     return turned < SAME_DIRECTION_RAD and near
 
 
