@@ -9,6 +9,7 @@ from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
 from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
+from truestand.calibration.uneven_form import uneven_form
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
 from truestand.core.message import UNTIED, Message
@@ -37,6 +38,8 @@ MOST_COMMON_OUTLIERS = 0.02
 """Share of the profiles."""
 MOST_SHARED_MM, ALIKE = 0.002, 0.25
 """Amplitude; and how far, as a share of the common wave, the surfaces' waves may lie from it to be called the same."""
+MOST_UNEVEN_MM = 0.001
+"""rms: a ground shaft is as round at one end as at the other."""
 MOST_RESIDUAL_MM = 0.1
 """rms: a laser triangulation sensor on a metal shaft does ten times better."""
 
@@ -71,6 +74,8 @@ def checks_of(
               "the exact model found no steady answer; check the drawing and the direction of the table"),
         Check.at_most_um("drift", "drift over the scan, um", drift, MOST_DRIFT_MM,
                          "let sensor and table warm up; check that nothing is loose"),
+        Check.at_most_um("form_changes_along_shaft", "form changes along the shaft, um", float(uneven_form(fit).max()),
+                         MOST_UNEVEN_MM, "clean the shaft: oil and dirt look like that; it stands in U"),
         *_angle_checks(scan, fit),
         *_static_checks(scan, artefact, fit, static),
     )  # fmt: skip

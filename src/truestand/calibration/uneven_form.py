@@ -1,0 +1,67 @@
+"""Form that changes along the shaft: what a film of oil, dirt or a bent shaft leaves in the readings.
+
+The model takes form for the same at every height. Where waves of a few undulations change from one stretch of a
+cylinder to the next, the first one, which is the axis itself, changes as well, and nothing tells it from a cylinder
+that stands elsewhere. It is taken to be as large as those that show.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from truestand.calibration.estimate import solve
+from truestand.calibration.model import precision_of
+from truestand.calibration.refine import Refined
+from truestand.core.arrays import Array
+
+SOURCE = "form that changes along the shaft"
+STRETCHES = 4
+"""Of each cylinder, that are compared."""
+SLOW, FAST = np.arange(2, 8), np.arange(26, 40)
+"""Undulations that a film or dirt has, and such as only noise has."""
+
+
+def uneven_form(fit: Refined) -> Array:
+    """Amplitude (cylinders,) mm, root mean square, of slow waves by which stretches of each cylinder differ."""
+    readings, solution = fit.cells.readings, fit.solution
+    _, height = fit.plane.to_uv(readings.x, readings.z)
+    psi = fit.model.angle(solution.parameters, readings.angle)
+    amplitudes = np.zeros(len(fit.model.radii))
+    for k, band in enumerate(fit.segments.bands):
+        part = np.floor((height - band.low) / band.length * STRETCHES)
+        power = []
+        for stretch in range(STRETCHES):
+            on = (readings.cylinder == k) & (solution.weights > 0) & (part == stretch)
+            if on.any():
+                waves = np.exp(1j * np.multiply.outer(np.concatenate([SLOW, FAST]), psi[on]))
+                w = solution.weights[on]
+                power.append(np.square(2 * np.abs(waves @ (w * solution.residuals[on])) / w.sum()))
+        if power:
+            slow, fast = np.split(np.mean(power, axis=0), [SLOW.size])
+            amplitudes[k] = np.sqrt(max(float(slow.mean() - fast.mean()), 0.0))
+    return amplitudes
+
+
+def covariance_of_uneven_form(fit: Refined) -> Array:
+    """Covariance (p, p) of the unknowns: each cylinder's axis is off by such a wave, as a whole and from end to end."""
+    solution, readings = fit.solution, fit.cells.readings
+    _, jacobian = fit.model.linearised(solution.parameters, readings)
+    size = solution.information.shape[0]  # several scans fitted together have more unknowns than this one's model
+    patterns = np.stack(list(_axis_patterns(fit)), axis=1)
+    gradient = np.zeros((size, patterns.shape[1]))
+    gradient[: jacobian.shape[1]] = jacobian.T @ (solution.weights[:, None] * patterns)
+    moved = solve(solution.information + np.diag(precision_of(fit.priors, size)), gradient)
+    return np.asarray(moved @ moved.T)
+
+
+def _axis_patterns(fit: Refined) -> Iterator[Array]:
+    """Residuals (n,) mm that one standard deviation of each cylinder's axis makes: along x and y, moved and leaning."""
+    readings = fit.cells.readings
+    _, height = fit.plane.to_uv(readings.x, readings.z)
+    psi = fit.model.angle(fit.solution.parameters, readings.angle)
+    for k, (band, amplitude) in enumerate(zip(fit.segments.bands, uneven_form(fit), strict=True)):
+        on = np.where(readings.cylinder == k, amplitude / np.sqrt(2.0), 0.0)
+        lever = (height - band.middle) / (band.length / 2)
+        for wave in (np.cos(psi), np.sin(psi)):
+            yield on * wave
+            yield on * wave * lever
