@@ -184,10 +184,10 @@ def _not_seen(rays: Rays, there: Mask) -> Array:
     """Weights of cells (2, teeth, roll lengths, heights) whose rays miss a flank that most teeth ``there`` show."""
     expected, missed = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
     on_most = (expected > 0) & (missed <= (1.0 - ON_MOST) * expected)
-    unconfirmed, lost = rays.missed & on_most, rays.lost_share(on_most)
-    if lost > MOST_LOST:  # readings get lost everywhere: only what is missed all round counts
-        unconfirmed &= ~_with_neighbours(rays.expected & ~rays.missed)
-    return np.where(unconfirmed, min(log(max(lost, LEAST_LOST)) / log(CERTAINLY_LOST), 1.0), 0.0)
+    all_round = rays.missed & ~_with_neighbours(rays.expected & ~rays.missed)
+    unconfirmed = np.where(rays.lost > MOST_LOST, all_round, rays.missed) & on_most
+    weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(CERTAINLY_LOST), 1.0)
+    return np.where(unconfirmed, weight, 0.0)
 
 
 def _with_neighbours(cells: Mask) -> Mask:

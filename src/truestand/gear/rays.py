@@ -35,13 +35,13 @@ class Rays:
     missed: Mask
     """Those of them without a reading, there or beside."""
 
-    def lost_share(self, shown: Mask) -> float:
-        """Share of missed cells among those that most teeth show, ``shown`` (2, 1, roll lengths, heights).
-
-        The median of the roll lengths: damage is a region.
+    @property
+    def lost(self) -> Array:
+        """Share (2, 1, roll lengths, 1) of the cells of each side and roll length that are missed: the steeper a flank
+        is seen, the more readings get lost on sound ones too.
         """
-        expected, missed = ((n & shown).sum(axis=(1, 3)) for n in (self.expected, self.missed))
-        return float(np.median(missed[expected > 0] / expected[expected > 0])) if expected.any() else 0.0
+        expected, missed = (n.sum(axis=(1, 3), keepdims=True) for n in (self.expected, self.missed))
+        return np.asarray(missed / np.maximum(expected, 1))
 
 
 def rays_on_flanks(grid: Grid, surface: Array, toothing: Toothing, scan: Scan, calibration: Calibration) -> Rays:
