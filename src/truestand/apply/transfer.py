@@ -18,6 +18,8 @@ MOST_MOVED_MM = 0.01
 """By which sensor or shaft may have moved since the calibration."""
 MOST_ARC_MM = 0.02
 """At the part's outside: how well the zero of the table's angle must be known."""
+NOTICEABLE_MM = 0.001
+"""Of a move that is taken into account, below which nothing is said."""
 SAMPLED_PROFILES = 200
 OUTSIDE_QUANTILE = 0.9
 """Share of the readings within the radius that counts as the part's outside: outliers lie beyond."""
@@ -120,7 +122,7 @@ def with_sensor_as_calibrated(surface: Surface) -> Surface:
 
 def transfer_remarks(calibration: Calibration) -> tuple[Message, ...]:
     """What ``transfer`` did to a calibration, for the reader of an inspection."""
-    if not calibration.moved_out:
+    if abs(calibration.moved_out) < NOTICEABLE_MM:
         return ()
     where = "out" if calibration.moved_out > 0 else "in"
     return (

@@ -42,19 +42,20 @@ CLAMPED_U = radians(0.5)
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """A number that nobody stated; U with k = 2."""
+    """A number that nobody stated: a U (k = 2), but for a ``constant``."""
 
     name: str
     value: float
     unit: str
     source: str
     """Why this much, and where to state better."""
+    constant: bool = False
 
 
 SPEED = "speed of the table"
 """In the name of a line of an angle that is taken from the table's speed."""
 EXPANSION_OF_STEEL = Assumption(
-    "thermal expansion", EXPANSION, "1/K", "steel; expansion_per_K in the part's recipe states another"
+    "thermal expansion", EXPANSION, "1/K", "steel; expansion_per_K in the part's recipe states another", constant=True
 )
 ASSUMPTIONS = (
     Assumption("scale of the sensor", SCALE_U, "1", "usual of line sensors; scale_U_ppm in stand.toml states better"),

@@ -14,8 +14,9 @@ from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
 from truestand.report.gear_page import gear_facts, gear_parts
 from truestand.report.notation import VERDICTS, limit_text, number
-from truestand.report.page import K_NOTE, framed, head, page, stamp
+from truestand.report.page import K_NOTE, assumed, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
+from truestand.uncertainty.assumed import assumptions_of
 
 TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
 MEANINGS: dict[Verdict, str] = {
@@ -52,7 +53,7 @@ def inspection_report(
     results = {"gear": gear_parts, "turned": _turned, "cad": _cad}[inspection.kind]
     parts = [
         _head(inspection, calibration, company), *results(inspection, values), _budget(inspection),
-        tables.settings(inspection), _glossary(inspection),
+        _assumed(inspection, calibration), tables.settings(inspection), _glossary(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
     return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note)
@@ -82,6 +83,12 @@ def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]
             facts.append(f"calibration scan {calibration.scan.sha256[:12]}")
     facts += [f"inspected {inspection.created}"] if inspection.created else []
     return facts + ([inspection.software] if inspection.software else [])
+
+
+def _assumed(inspection: Inspection, calibration: Calibration | None) -> str:
+    if calibration is None:
+        return ""
+    return assumed(assumptions_of(calibration, (c.budget for c in inspection.characteristics)))
 
 
 def _remarks(inspection: Inspection) -> str:
