@@ -20,12 +20,10 @@ from truestand.core.assumptions import (
     ANGLE_ZERO_U,
     ASSUMED,
     BEARING_U,
-    ENCODER_U,
     EXPANSION,
     INCIDENCE_U,
     SCALE_U,
     SPEED,
-    STEADY_U,
     TEMPERATURE_U,
 )
 from truestand.core.calibration import Calibration, Contribution
@@ -37,7 +35,14 @@ from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid
 from truestand.uncertainty.influence import points_of, unknowns_of
-from truestand.uncertainty.lines import diameter_name, expanded_diameter, linearity_name, linearity_of, scale_name
+from truestand.uncertainty.lines import (
+    diameter_name,
+    expanded_diameter,
+    linearity_name,
+    linearity_of,
+    once_per_turn,
+    scale_name,
+)
 
 LINEARITY_PERIOD = 50.0
 """mm of range over which a sensor's range error swings once, where its range isn't known."""
@@ -272,11 +277,9 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, unev
     def rotated(angle: Array | float) -> Array:
         return points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - rays.point
 
-    measured = scan.angle_source in ("angle", "encoder")
-    own = scan.stand.table.angle_U
-    U = own if own is not None else ENCODER_U if measured else max(STEADY_U, uneven)
-    name = "angle, once per turn" if measured else f"angle, once per turn: {SPEED}"
-    name += "" if own is not None else ASSUMED
+    name, U = once_per_turn(scan)
+    if SPEED in name and name.endswith(ASSUMED):
+        U = max(U, uneven)
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
     waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U

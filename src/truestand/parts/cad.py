@@ -339,9 +339,10 @@ def _budgets(
     hits = hits_near(comparison.solid, Rays(points, directions), comparison.part.reach)
     normal = comparison.solid.normal[hits.triangle]
     normal = np.where((hits.triangle >= 0)[:, None], normal, 0.0)
+    facing = normal @ model_from_shaft.rotation
     lifts = moves(
         comparison.calibration, comparison.scan.x[row, column], comparison.scan.z[row, column], comparison.angle[row],
-        normal @ model_from_shaft.rotation,
+        facing,
     )  # fmt: skip
     if lifts is None:
         return None
@@ -350,8 +351,9 @@ def _budgets(
     lifts = lifts - _taken_up(jacobian[:, fitted], lifts)
     U = budget_lines.spread_of(_changes(maps, lifts))
     steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, directions)), 0.95)))
-    radius = np.hypot(points[:, 0], points[:, 1])
-    height = float(np.median(model_from_shaft.inverse(points)[:, 2]))
+    in_shaft = model_from_shaft.inverse(points)
+    radius, height = np.hypot(in_shaft[:, 0], in_shaft[:, 1]), float(np.median(in_shaft[:, 2]))
+    arm = float(np.quantile(np.abs(in_shaft[:, 0] * facing[:, 1] - in_shaft[:, 1] * facing[:, 0]), 0.95))
     budgets = []
     for i, name in enumerate(STATISTICS):
         factor = 2.0 if name == "profile" else 1.0
@@ -361,6 +363,7 @@ def _budgets(
             budget_lines.line(INCIDENCE, factor * SLOPE_INCIDENCE_U / STEEP_TANGENT * steep),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"),
             *_further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height),
+            budget_lines.angle_line(comparison.scan, factor * arm),
         ]
         budgets.append(budget_lines.together(lines))
     return budgets

@@ -442,6 +442,7 @@ def _budgets(
                 budget_lines.scale_line(calibration, float(reading.statistics[i])),
             ]  # fmt: skip
         if name.endswith("runout"):
-            lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0)]
+            lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0),
+                      budget_lines.angle_line(inspected.scan, travel)]  # fmt: skip
         budgets.append(budget_lines.together(lines))
     return budgets

@@ -11,11 +11,15 @@ from truestand.core.assumptions import (
     ASSUMED,
     BEARING_U,
     DIAMETER_U,
+    ENCODER_U,
     SCALE_U,
     SMOOTH,
+    SPEED,
+    STEADY_U,
 )
 from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
+from truestand.core.scan import Scan
 from truestand.core.stand import Sensor
 from truestand.core.temperature import Temperature
 
@@ -81,6 +85,21 @@ def bearing_line(factor: float) -> Contribution:
 def zero_line(radius: float, factor: float) -> Contribution:
     """From the zero of the table's angle, by which what lies at ``radius`` mm from the rotation axis is turned."""
     return line(ZERO, factor * ANGLE_ZERO_U * radius, "rectangular")
+
+
+def once_per_turn(scan: Scan) -> tuple[str, float]:
+    """Name of the budget's line and U (rad, k = 2) of the angle's error that repeats every turn."""
+    measured, own = scan.angle_source in ("angle", "encoder"), scan.stand.table.angle_U
+    name = "angle, once per turn" + ("" if measured else f": {SPEED}")
+    if own is not None:
+        return name, own
+    return name + ASSUMED, ENCODER_U if measured else STEADY_U
+
+
+def angle_line(scan: Scan, arm: float) -> Contribution:
+    """From the angle's error that repeats every turn, which moves a surface along its normal ``arm`` mm a rad."""
+    name, U = once_per_turn(scan)
+    return line(name, U * arm)
 
 
 def artefact_line(calibration: Calibration, factor: float) -> Contribution:
