@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from truestand.calibration.calibrate import calibrate
 from truestand.calibration.checks import shared_form
 from truestand.calibration.model import Model
+from truth import scan_of, shaft
 
 
 def fit_with_form(*waves, orders=4):
@@ -31,3 +33,16 @@ def test_form_of_one_surface_or_of_another_phase_is_not_shared():
 
 def test_a_fit_without_form_shares_none():
     assert shared_form(fit_with_form(orders=1)) == 0.0
+
+
+def test_a_wave_that_all_surfaces_share_is_in_u_of_the_eccentricity():
+    """It may be the bearing's, whose first wave nobody can tell from eccentricity."""
+    found = calibrate(scan_of("many harmonics"), shaft())
+    (check,) = (c for c in found.checks if c.code.startswith("form_shared"))
+    assert not check.ok
+    (line,) = (c for c in found.uncertainty["eccentricity_um"].contributions if c.name.startswith("table bearing"))
+    shared, known = line.U, check.value
+    assert shared == pytest.approx(known, rel=1e-6)
+    clean = calibrate(scan_of("encoder"), shaft()).uncertainty["eccentricity_um"].contributions
+    (assumed,) = (c.U for c in clean if c.name.startswith("table bearing"))
+    assert assumed == pytest.approx(0.5)

@@ -112,7 +112,9 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
 
 
 def shared_form(fit: Refined) -> float:
-    """The largest amplitude (mm) of a form harmonic that all surfaces share in size and phase; 0 where none is."""
+    """The largest amplitude (mm) of a form harmonic that all surfaces share in size and phase; 0 with one surface."""
+    if len(fit.model.radii) < 2:
+        return 0.0
     p, model = fit.solution.parameters, fit.model
     waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
     complex_waves = waves[:, 0] + 1j * waves[:, 1]

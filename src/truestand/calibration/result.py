@@ -5,7 +5,7 @@ from math import degrees, hypot, sqrt
 
 import numpy as np
 
-from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of
+from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of, shared_form
 from truestand.calibration.covariance import weigh
 from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import Refined
@@ -39,6 +39,7 @@ from truestand.uncertainty.lines import diameter_name, expanded_diameter, linear
 
 HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
 """mm, k = 2, of the shoulder: where its face is hidden, its edge may be broken by as much; where it is seen."""
+SHARED = " (as the waves that all surfaces share)"
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
 RESIDUAL_PROFILES = 300
@@ -183,6 +184,9 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
     lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else max(HEIGHT_HIDDEN_U, fit.segments.open_height)
+    # Waves that all surfaces share come from bearing or angle; the first one looks like eccentricity.
+    bearing_U = max(BEARING_U, shared_form(fit))
+    bearing_name = "table bearing, once per turn" + (ASSUMED if bearing_U == BEARING_U else SHARED)
     bearing = {"eccentricity_um": 1000.0}
     if eccentricity > 1.0:
         bearing["eccentricity_direction_deg"] = degrees(1000.0 / eccentricity)
@@ -197,7 +201,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
               {"eccentricity_um": 1000.0 * tilt, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
         Input(f"temperature of the artefact{ASSUMED}", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),
-        Input(f"table bearing, once per turn{ASSUMED}", BEARING_U / 2, "normal", bearing),
+        Input(bearing_name, bearing_U / 2, "normal", bearing),
         Input(f"zero of the table angle{ASSUMED}", ANGLE_ZERO_U / 2, "rectangular",
               dict.fromkeys(DIRECTIONS, degrees(1))),
     )  # fmt: skip
