@@ -276,6 +276,16 @@ def test_dents_touch_only_the_figures_that_read_them():
     ]
 
 
+@pytest.mark.parametrize("edge", tried([0.14], 0.8))
+def test_wear_on_every_tooth_breaks_none(edge):
+    """25 um over the same roll lengths of all left flanks: single teeth were chipped by 130 um, beside the wear."""
+    worn_all = replace(SOUND, worn=tuple(Worn(t, "left", (5.68, 9.44), FACE, 0.025, edge) for t in range(1, 25)))
+    found = inspected(worn_all, GEAR, simulation(4400, noise=0.004), 400)
+    assert found.verdict != "does_not_conform"
+    assert not [d for d in found.defects if d.kind == "chipped flank"]
+    assert max((abs(d.depth) for d in found.defects if d.depth is not None), default=0.0) < 0.04
+
+
 @pytest.mark.parametrize(("drawn", "verdicts"), [((18,), set()), ((3,), set()), ((17, 18), {"does_not_conform"})])
 def test_a_sector_gear_misses_the_teeth_that_it_is_drawn_without(drawn, verdicts):
     """Its drawing counts from any tooth, the record from the first one at polar angle 0."""

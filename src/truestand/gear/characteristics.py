@@ -150,7 +150,10 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
     budget = tuple(sorted((*line.budget, *(c for c in causes if c.U)), key=lambda c: -c.U))
     gravest = max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
     wider = replace(line, grade=None, U=hypot(*(c.U for c in budget)), budget=budget, reason=gravest.text)
-    return wider if line.verdict is None else replace(wider, verdict=_verdict(line, wider, without_top))
+    if line.verdict is None:
+        return wider
+    material_gone = any((d.depth or 0.0) > 0 for d in regions)
+    return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
 
 
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
@@ -181,15 +184,15 @@ def _per_delta(name: str, a: Assessment) -> float:
     return others.get(plain, 1.0)
 
 
-def _verdict(line: Characteristic, wider: Characteristic, without_top: float) -> Verdict | None:
+def _verdict(line: Characteristic, wider: Characteristic, without_top: float, material_gone: bool) -> Verdict | None:
     """The verdict of a line that damage makes ``wider``.
 
     What lies on top may be a second reflection: with it and without, the line must say the same. Forms and totals are
-    no less than what was seen.
+    no less than what was seen, where readings show that material is gone.
     """
     if not np.isfinite(without_top) or decided(replace(line, value=without_top)).verdict != line.verdict:
         return "undecided"
-    if line.verdict == "does_not_conform" and line.name in FORMS:
+    if line.verdict == "does_not_conform" and line.name in FORMS and material_gone:
         return line.verdict
     return decided(wider).verdict
 

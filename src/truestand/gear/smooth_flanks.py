@@ -21,6 +21,8 @@ ROUNDS = ((0, False), (3, False), (3, True), (3, True), (TERMS, True), (TERMS, T
 """Of weighing: terms that are free (0: the flank's median), and whether far cells are left out (Tukey) or only held
 back (Huber). A flank that is free to lean and bend from the start leans and bends towards a step in it.
 """
+PASSES = 2
+"""In which the shared shape and the flanks' own are told apart."""
 LEAST_TEETH = 4
 """Teeth whose median says what all of them share."""
 LEAST_CELLS = 40
@@ -51,9 +53,11 @@ def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
     wanted = np.isfinite(grid.delta) if whole_flank else np.isfinite(grid.delta) & grid.in_ranges
     values, inside = grid.delta.reshape(flanks, cells), wanted.reshape(flanks, cells)
     basis = _basis(grid).reshape(flanks, cells, TERMS)
-    weight = inside.astype(np.float64)
+    weight, shared = inside.astype(np.float64), np.zeros(values.shape)
     for terms, leaves_out in ROUNDS:
-        residual = _residual(values, basis[:, :, :terms], weight, grid.delta.shape)
+        rest = _own_rest(values - shared, basis[:, :, :terms], weight)
+        of_all = _median_tooth(np.where(weight > 0, rest, np.nan), grid.delta.shape)
+        shared, residual = shared + of_all, np.nan_to_num(rest - of_all)
         spread = max(robust_sd(residual[inside]) if inside.any() else 0.0, LEAST_SPREAD)
         ratio = np.where(inside, np.abs(residual), 0.0) / spread
         far = tukey_weights(ratio / TUKEY) if leaves_out else HUBER / np.maximum(ratio, HUBER)
@@ -81,10 +85,16 @@ def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:
 
 def _fit(delta: Array, smooth: SmoothFlanks) -> tuple[Array, Array]:
     """The shape shared by all teeth (flanks, cells), and coefficients (flanks, TERMS)."""
-    values = np.where(smooth.weight > 0, delta.reshape(smooth.weight.shape), 0.0)
-    own = _times(smooth.basis, _times(smooth.solver, values))
-    shared = _mean_tooth(values - own, smooth.weight, delta.shape)
-    return shared, _times(smooth.solver, values - shared)
+    seen = smooth.weight > 0
+    values = np.where(seen, delta.reshape(smooth.weight.shape), 0.0)
+    total = np.maximum(smooth.weight.sum(axis=1, keepdims=True), 1e-9)
+    shared = _mean_tooth(
+        values - (smooth.weight * values).sum(axis=1, keepdims=True) / total, smooth.weight, delta.shape
+    )
+    for _ in range(PASSES):  # what all teeth share must not depend on where each of them was met
+        own = _times(smooth.basis, _times(smooth.solver, np.where(seen, values - shared, 0.0)))
+        shared = shared + _mean_tooth(values - shared - own, smooth.weight, delta.shape)
+    return shared, _times(smooth.solver, np.where(seen, values - shared, 0.0))
 
 
 def _shared_at(shared: Array, smooth: SmoothFlanks, roll: float) -> Array:
@@ -135,17 +145,12 @@ def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array
     return np.asarray(np.repeat(np.where(total > 0, mean, 0.0), teeth, axis=0).reshape(residual.shape))
 
 
-def _residual(values: Array, basis: Array, weight: Array, shape: tuple[int, ...]) -> Array:
-    """What the terms of a ``basis`` (flanks, cells, terms) leave of each flank, and the median tooth of that; without
-    terms the flank's median. 0 where nothing was seen.
-    """
+def _own_rest(values: Array, basis: Array, weight: Array) -> Array:
+    """What the terms of a ``basis`` (flanks, cells, terms) leave of each flank's values; without terms, its median."""
     filled = np.where(np.isfinite(values), values, 0.0)
     if basis.shape[2]:
-        rest = filled - _times(basis, _times(_solver(basis, weight), filled))
-    else:
-        rest = filled - nan_median(np.where(weight > 0, values, np.nan), axis=1)[:, None]
-    rest = rest - _median_tooth(np.where(weight > 0, rest, np.nan), shape)
-    return np.asarray(np.nan_to_num(rest))
+        return filled - _times(basis, _times(_solver(basis, weight), filled))
+    return np.asarray(filled - nan_median(np.where(weight > 0, values, np.nan), axis=1)[:, None])
 
 
 def _median_tooth(residual: Array, shape: tuple[int, ...]) -> Array:
