@@ -149,7 +149,7 @@ def scan_of(gear: Gear, errors: GearErrors, simulation: Simulation, seed: int) -
     )
 
 
-def judge(count: Count, c: Characteristic, true: float, told: str) -> None:
+def judge(count: Count, c: Characteristic, true: float, label: str) -> None:
     """Enter one line: ``true`` (mm)."""
     count.lines += 1
     if c.value is None or c.U is None or c.limits is None or c.verdict is None:
@@ -161,7 +161,7 @@ def judge(count: Count, c: Characteristic, true: float, told: str) -> None:
         count.failed += c.verdict == "does_not_conform"
         if c.verdict != "does_not_conform":
             count.notes.append(
-                f"{told}: {c.verdict} {c.name} {c.flank} {c.tooth} but true {1000 * true:.1f}; {c.reason}"
+                f"{label}: {c.verdict} {c.name} {c.flank} {c.tooth} but true {1000 * true:.1f}; {c.reason}"
             )
     near = abs(beyond) <= c.U
     count.near_limit += near
@@ -178,7 +178,7 @@ def judge(count: Count, c: Characteristic, true: float, told: str) -> None:
     if wrong or off > 1.5 * c.U:
         kind = "wrong" if wrong else "outside"
         count.notes.append(
-            f"{told}: {kind} {c.name} {c.flank} {c.tooth}: {1000 * c.value:.1f} +- {1000 * c.U:.1f}, true "
+            f"{label}: {kind} {c.name} {c.flank} {c.tooth}: {1000 * c.value:.1f} +- {1000 * c.U:.1f}, true "
             f"{1000 * true:.1f}, limit {1000 * high:.0f}, {c.verdict}; {c.reason}"
         )
 

@@ -132,7 +132,7 @@ class Trial:
     kind: str
     ratio: dict[str, float]
     reasons: tuple[str, ...] = ()
-    told: str = ""
+    label: str = ""
 
 
 def try_noise(job: tuple[str, int]) -> Trial:
@@ -185,14 +185,14 @@ def try_view(seed: int) -> Trial:
     sensor = replace(stand().sensor, plane_offset_U=None, plane_tilt_U=None)
     assumed = replace(stand(), sensors=(sensor,))
     made = simulate(assumed, simulated, artefact, seed)
-    told = f"seed {seed}, phi {np.degrees(phi):.1f}"
+    label = f"seed {seed}, phi {np.degrees(phi):.1f}"
     try:
         found = calibrate(interpret(made.recording, assumed), artefact)
     except TruestandError as refused:
-        return Trial("views", {}, (f"refused: {refused}",), told)
+        return Trial("views", {}, (f"refused: {refused}",), label)
     errors = errors_of(found, made)
     ratio = {k: abs(e) / found.uncertainty[k].U for k, e in errors.items() if k not in found.not_identifiable}
-    return Trial("views", ratio, tuple(found.reasons), told)
+    return Trial("views", ratio, tuple(found.reasons), label)
 
 
 def show_views(trials: list[Trial]) -> None:
@@ -213,7 +213,7 @@ def show_views(trials: list[Trial]) -> None:
     console.print(f"{len(refused)} refused; {len(untrusted)} untrusted, {len(right)} of them though within 2 U")
     for t in (*refused, *untrusted, *(t for t in valid if max(t.ratio.values()) > 2)):
         worst = max(t.ratio, key=lambda k: t.ratio[k]) if t.ratio else ""
-        console.print(f"{t.told}: {worst} {t.ratio.get(worst, 0):.1f} U; {'; '.join(r[:90] for r in t.reasons)}")
+        console.print(f"{t.label}: {worst} {t.ratio.get(worst, 0):.1f} U; {'; '.join(r[:90] for r in t.reasons)}")
 
 
 def run(what: Any, jobs: list[Any], title: str, workers: int) -> list[Trial]:

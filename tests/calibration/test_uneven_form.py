@@ -40,7 +40,7 @@ def test_a_film_on_both_steps_is_in_u_or_doubted(seed):
     made, found = filmed(seed)
     errors = errors_of(found, made)
     off = {k: abs(e) / found.uncertainty[k].U for k, e in errors.items() if k not in found.not_identifiable}
-    assert found.reasons or max(off.values()) < 2.0  # four standard deviations
+    assert found.reasons or max(off.values()) < 1.6  # of five shafts; 1.50 is the worst
     (check,) = (c for c in found.checks if c.code == "form_changes_along_shaft")
     assert found.reasons or not check.ok
 

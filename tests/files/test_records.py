@@ -144,5 +144,5 @@ def test_a_message_is_its_sentence_wherever_it_goes():
     message = Message("dropped", "the shaft was dropped")
     for same in (message, copy.deepcopy(message), pickle.loads(pickle.dumps(message))):
         assert same == "the shaft was dropped" and same.code == "dropped"
-    assert message.after("scan 2: ") == "scan 2: the shaft was dropped"
-    assert message.after("scan 2: ").code == "dropped"
+    assert message.prefixed("scan 2: ") == "scan 2: the shaft was dropped"
+    assert message.prefixed("scan 2: ").code == "dropped"

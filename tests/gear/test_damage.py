@@ -256,7 +256,60 @@ def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     gear = replace(helical(helix), accuracy_class=10)
     found = inspected(SOUND, gear, simulation(4400, upright=True), 400)
     doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
-    assert len(doubted) <= 6  # of 288: two flanks
+    assert len(doubted) <= 3  # of 288: one flank
+
+
+@pytest.mark.parametrize(("helix", "flank"), tried([(15.0, "right")], (-15.0, "left")))
+def test_a_narrow_groove_at_grazing_incidence_is_not_overlooked(helix, flank):
+    """Its walls hide it, and rays get lost on sound teeth, too: 83 um read 8, *conforms*."""
+    gear = replace(helical(helix), accuracy_class=10)
+    groove = replace(SOUND, worn=(Worn(8, flank, (6.24, 6.97), FACE, 0.08, 0.1),))
+    found, true = inspected(groove, gear, simulation(4400, upright=True, speckle=0.005), 320), truth(groove, gear)
+    for name in PROFILE:
+        c = line(found, name, 8, flank)
+        assert c.verdict != "conforms" and abs(c.value - true[name, flank, 8]) < c.U, name
+    overlooked = {(c.tooth, c.flank) for c in found.characteristics if c.tooth and "not seen" in (c.reason or "")}
+    assert len(overlooked) <= 2
+
+
+def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
+    """Where some of the heights of a trace end, it must not step to the mean of the others: 24 um for 0.1."""
+    ends = replace(
+        SOUND, worn=tuple(Worn(t, "left", (0.0, 15.0), (14.75 + t / 40, 17.8), 0.06, 0.1) for t in (3, 8, 13))
+    )
+    found, true = inspected(ends, points=320), truth(ends)
+    for tooth in (3, 8, 13):
+        for name in (*PROFILE, "f_Halpha"):
+            c = line(found, name, tooth)
+            assert abs(c.value - true[name, "left", tooth]) < 1.2 * c.U and c.verdict == "conforms", (name, tooth)
+
+
+def test_a_dent_that_one_profile_crosses_is_no_outlier():
+    """Three readings of 49 um deep, 0.8 mm wide, were left out as single ones: 22 um of form read 4.2 +- 1.3."""
+    dents = replace(SOUND, dents=tuple(Dent(t, "left", 8.0 + t / 50, 19.83, 0.42, 0.049) for t in range(2, 24, 4)))
+    found, true = inspected(dents, GEAR, simulation(4400), 320), truth(dents)
+    for tooth in range(2, 24, 4):
+        c = line(found, "f_fbeta", tooth)
+        assert abs(c.value - true["f_fbeta", "left", tooth]) < 1.5 * c.U, tooth
+
+
+def test_reflections_in_every_tooth_space_leave_the_lines_beside_them_decided():
+    """One spot of 1 mm on one flank of each: within a step of a trace it makes the trace's lines undecided."""
+    rng = np.random.default_rng(3)
+    spots = replace(SOUND, worn=tuple(_spot(tooth, rng) for tooth in range(1, 25)))
+    clean, seen = (
+        inspected(errors, GEAR, simulation(4400, speckle=speckle), 320)
+        for errors, speckle in ((SOUND, 0), (spots, 0.005))
+    )
+    decided = {(c.name, c.tooth, c.flank) for c in clean.characteristics if c.verdict == "conforms"}
+    still = [c.verdict for c in seen.characteristics if (c.name, c.tooth, c.flank) in decided]
+    assert still.count("does_not_conform") == 0 and still.count("conforms") >= 0.88 * len(decided)
+
+
+def _spot(tooth, rng):
+    roll, height = rng.uniform(3.0, 11.5), rng.uniform(6.0, 23.0)
+    flank = "left" if rng.random() < 0.5 else "right"
+    return Worn(tooth, flank, (roll, roll + 1.0), (height, height + 1.0), -rng.uniform(0.02, 0.15), 0.1)
 
 
 def test_dents_touch_only_the_figures_that_read_them():

@@ -64,10 +64,13 @@ def test_radial_zero_error_gives_equal_profile_slopes():
 
 
 def test_lateral_offset_gives_opposite_profile_slopes():
-    """delta = +-h cos(alpha): 6.5 um for 50 um; what is alike on both sides is second order, h d / r."""
+    """delta = +-h cos(alpha): 6.5 um for 50 um; what is alike on both sides is second order, h d / r.
+
+    Below the lowest profile, which is half a step of 2 mm at most, a trace goes on level: 2 % of the slope.
+    """
     found = figures(offset=50 * UM)
     left, right = found["f_Halpha", "left"], found["f_Halpha", "right"]
-    assert abs(left - right) / 2 == pytest.approx(abs(slope_of(lambda a: 50 * UM * np.cos(a))), abs=0.1 * UM)
+    assert abs(left - right) / 2 == pytest.approx(abs(slope_of(lambda a: 50 * UM * np.cos(a))), rel=0.02)
     assert abs(left + right) / 2 < 0.4 * UM
     assert any("a laser plane 51 um beside" in r for r in found["remarks"])
 

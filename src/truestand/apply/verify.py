@@ -98,7 +98,7 @@ def verify(
         return _verification(_changes_in_band(band, tied, limit), reasons, "witness", scan, new)
     if new is None:
         raise NotEnoughData(untrusted[0])
-    reasons = (*(reason.after("the new scan is untrusted: ") for reason in untrusted), *reasons)
+    reasons = (*(reason.prefixed("the new scan is untrusted: ") for reason in untrusted), *reasons)
     return _verification(_changes(old, new, artefact, limit), reasons, "calibration", scan, new)
 
 

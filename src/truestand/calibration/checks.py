@@ -9,7 +9,6 @@ from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
 from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
-from truestand.calibration.uneven_form import uneven_form
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
 from truestand.core.message import UNTIED, Message
@@ -45,9 +44,17 @@ MOST_RESIDUAL_MM = 0.1
 
 
 def checks_of(
-    scan: Scan, artefact: Artefact, fit: Refined, residuals: Residuals, static: tuple[StaticProfile, ...]
+    scan: Scan,
+    artefact: Artefact,
+    fit: Refined,
+    residuals: Residuals,
+    static: tuple[StaticProfile, ...],
+    uneven: float,
 ) -> tuple[Check, ...]:
-    """All checks of one calibration, the gravest first."""
+    """All checks of one calibration, the gravest first.
+
+    ``uneven``: mm, rms, by which form changes along the shaft.
+    """
     share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
     repeated, most_repeated = repeated_share(scan)
     drift = abs(float(fit.solution.parameters[DRIFT]))
@@ -74,8 +81,8 @@ def checks_of(
               "the exact model found no steady answer; check the drawing and the direction of the table"),
         Check.at_most_um("drift", "drift over the scan, um", drift, MOST_DRIFT_MM,
                          "let sensor and table warm up; check that nothing is loose"),
-        Check.at_most_um("form_changes_along_shaft", "form changes along the shaft, um", float(uneven_form(fit).max()),
-                         MOST_UNEVEN_MM, "clean the shaft: oil and dirt look like that; it stands in U"),
+        Check.at_most_um("form_changes_along_shaft", "form changes along the shaft, um", uneven, MOST_UNEVEN_MM,
+                         "clean the shaft: oil and dirt look like that; it stands in U"),
         *_angle_checks(scan, fit),
         *_static_checks(scan, artefact, fit, static),
     )  # fmt: skip

@@ -109,7 +109,7 @@ def _clamping_covariance(fits: tuple[Refined, ...], joint: Refined, clamped: tup
 def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[Message]:
     """What speaks against the scans before the last."""
     singles = (calibration_of(scan, artefact, fit) for scan, fit in zip(scans[:-1], fits[:-1], strict=True))
-    return [reason.after(f"scan {i}: ") for i, single in enumerate(singles, 1) for reason in single.reasons]
+    return [reason.prefixed(f"scan {i}: ") for i, single in enumerate(singles, 1) for reason in single.reasons]
 
 
 def _demand_turns(scans: tuple[Scan, ...], clamped: tuple[float, ...]) -> None:

@@ -9,7 +9,7 @@ from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of,
 from truestand.calibration.covariance import weigh
 from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import Refined
-from truestand.calibration.uneven_form import SOURCE, covariance_of_uneven_form
+from truestand.calibration.uneven_form import SOURCE, covariance_of_uneven_form, uneven_form
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import ANGLE_ZERO_U, ASSUMED, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
@@ -60,13 +60,14 @@ def calibration_of(
     identifiable = plane_identifiable(scan, artefact, fit, coaxiality_U)
     p, parts = weigh(fit.solution, fit.score_covariance, fit.priors, identifiable)
     fit = replace(fit, solution=replace(fit.solution, parameters=p))
-    further = {**(further or {}), SOURCE: covariance_of_uneven_form(fit)}
+    uneven = uneven_form(fit)
+    further = {**(further or {}), SOURCE: covariance_of_uneven_form(fit, uneven)}
     geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in (parts | further).items()}
     static = static_profiles(artefact, fit)
     stated = {q.name: q.u for q in reversed(fit.priors)}
     budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
     residuals = residuals_of(scan, fit)
-    checks = checks_of(scan, artefact, fit, residuals, static)
+    checks = checks_of(scan, artefact, fit, residuals, static, float(uneven.max()))
     return Calibration(
         method="stand",
         table_from_sensor=table_from_sensor(p[PHI], p[RADIAL], fit.model.height, p[PLANE_TILT], p[PLANE_OFFSET]),

@@ -42,24 +42,27 @@ def uneven_form(fit: Refined) -> Array:
     return amplitudes
 
 
-def covariance_of_uneven_form(fit: Refined) -> Array:
-    """Covariance (p, p) of the unknowns: each cylinder's axis is off by such a wave, as a whole and from end to end."""
+def covariance_of_uneven_form(fit: Refined, uneven: Array) -> Array:
+    """Covariance (p, p) of the unknowns: each cylinder's axis is off by such a wave, as a whole and from end to end.
+
+    ``uneven`` (cylinders,): mm, as ``uneven_form``.
+    """
     solution, readings = fit.solution, fit.cells.readings
     _, jacobian = fit.model.linearised(solution.parameters, readings)
     size = solution.information.shape[0]  # several scans fitted together have more unknowns than this one's model
-    patterns = np.stack(list(_axis_patterns(fit)), axis=1)
+    patterns = np.stack(list(_axis_patterns(fit, uneven)), axis=1)
     gradient = np.zeros((size, patterns.shape[1]))
     gradient[: jacobian.shape[1]] = jacobian.T @ (solution.weights[:, None] * patterns)
     moved = solve(solution.information + np.diag(precision_of(fit.priors, size)), gradient)
     return np.asarray(moved @ moved.T)
 
 
-def _axis_patterns(fit: Refined) -> Iterator[Array]:
+def _axis_patterns(fit: Refined, uneven: Array) -> Iterator[Array]:
     """Residuals (n,) mm that one standard deviation of each cylinder's axis makes: along x and y, moved and leaning."""
     readings = fit.cells.readings
     _, height = fit.plane.to_uv(readings.x, readings.z)
     psi = fit.model.angle(fit.solution.parameters, readings.angle)
-    for k, (band, amplitude) in enumerate(zip(fit.segments.bands, uneven_form(fit), strict=True)):
+    for k, (band, amplitude) in enumerate(zip(fit.segments.bands, uneven, strict=True)):
         on = np.where(readings.cylinder == k, amplitude / np.sqrt(2.0), 0.0)
         lever = (height - band.middle) / (band.length / 2)
         for wave in (np.cos(psi), np.sin(psi)):

@@ -18,7 +18,7 @@ class Message(str):
     def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]  # of pickle and copy: what __new__ takes
         return self.code, str(self)
 
-    def after(self, beginning: str) -> "Message":
+    def prefixed(self, beginning: str) -> "Message":
         """The same with a ``beginning`` before the sentence."""
         return Message(self.code, f"{beginning}{self}")
 

@@ -74,7 +74,7 @@ class Influence:
 
 
 @dataclass(frozen=True, slots=True)
-class Rays:
+class SeenCells:
     """The cells of the nominal flanks as the stand sees them; (n, 3) or (n,)."""
 
     point: Array
@@ -104,16 +104,17 @@ def influences_of(
 
     ``uneven``: by how much (mm, rms, along the base circle) turns disagreed; what repeats is taken for no less.
     """
-    rays = _rays(calibration, grid, toothing)
+    cells = _seen_cells(calibration, grid, toothing)
     nominal = toothing.nominal
-    radial, temperature = rays.point * np.array([1.0, 1.0, 0.0]), nominal.gear.temperature
+    temperature = nominal.gear.temperature
+    grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
-        *_of_calibration(calibration, rays),
-        *_of_sensor(scan, calibration, rays),
-        *_of_artefact(calibration, rays),
-        *_of_table(scan, calibration, rays, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
-        *_of_datum(toothing.datum, rays),
-        rays.influence(temperature.line, radial * temperature.expanded_growth, temperature.expanded / 2, "rectangular"),
+        *_of_calibration(calibration, cells),
+        *_of_sensor(scan, calibration, cells),
+        *_of_artefact(calibration, cells),
+        *_of_table(scan, calibration, cells, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
+        *_of_datum(toothing.datum, cells),
+        cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
 
 
@@ -162,31 +163,26 @@ def lines_of(
     return tuple(c for c in lines if c.U > 1e-3 * lines[0].U)
 
 
-def _rays(calibration: Calibration, grid: Grid, toothing: Toothing) -> Rays:
-    nominal = toothing.nominal
+def _seen_cells(calibration: Calibration, grid: Grid, toothing: Toothing) -> SeenCells:
+    nominal, pose = toothing.nominal, toothing.datum.pose
     side, tooth, _, _ = np.indices(grid.delta.shape).reshape(4, -1)
-    roll, height = grid.roll.reshape(-1), grid.height.reshape(-1)
-    radius = nominal.radius(roll)
-    psi = nominal.flank_angle(tooth, side, roll, height, toothing.first_tooth)
-    c, s = np.cos(psi), np.sin(psi)
-    in_datum = np.stack([radius * c, radius * s, height], axis=1)
-    shaft_from_datum = toothing.datum.pose.inverse
-    point = shaft_from_datum(in_datum)
-    gradient = _gradient(nominal, radius, c, s, SIGMA[side]) @ shaft_from_datum.rotation.T
+    point = toothing.points((side, tooth), grid.roll.reshape(-1), grid.height.reshape(-1), np.zeros(side.size))
+    gradient = _gradient(nominal, pose(point), SIGMA[side]) @ pose.rotation
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
-    return Rays(point, x, z, theta, gradient, grid.delta.shape)
+    return SeenCells(point, x, z, theta, gradient, grid.delta.shape)
 
 
-def _gradient(nominal: Involute, radius: Array, c: Array, s: Array, side: Array) -> Array:
-    """Of delta over x, y, z of the datum's frame: sigma rb dtheta + sin alpha dr - sigma rb twist dz."""
-    rb = nominal.base_radius
+def _gradient(nominal: Involute, points: Array, side: Array) -> Array:
+    """Of delta over ``points`` (n, 3) in the datum's frame: sigma rb dtheta + sin alpha dr - sigma rb twist dz."""
+    rb, radius = nominal.base_radius, np.hypot(points[:, 0], points[:, 1])
+    c, s = points[:, 0] / radius, points[:, 1] / radius
     sine = np.sqrt(np.maximum(1.0 - (rb / radius) ** 2, 0.0))
     around = side * rb / radius
     return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
 
 
-def _of_calibration(calibration: Calibration, rays: Rays) -> list[Influence]:
+def _of_calibration(calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
     covariance = calibration.covariance
     if covariance.shape[0] < len(UNKNOWN_ORDER):
@@ -198,8 +194,8 @@ def _of_calibration(calibration: Calibration, rays: Rays) -> list[Influence]:
     for name, column in zip(UNKNOWN_NAMES, factor.T, strict=True):
         step = np.zeros(len(UNKNOWN_ORDER))
         step[order] = 2 * column
-        moved = points_of(parameters + step, height, rays.x, rays.z, rays.theta) - rays.point
-        found.append(rays.influence(name, moved, float(np.abs(column).max())))
+        moved = points_of(parameters + step, height, cells.x, cells.z, cells.theta) - cells.point
+        found.append(cells.influence(name, moved, float(np.abs(column).max())))
     return found
 
 
@@ -210,30 +206,30 @@ def _cholesky(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(correlation))
 
 
-def _of_sensor(scan: Scan, calibration: Calibration, rays: Rays) -> list[Influence]:
+def _of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """Range errors along the ray, and what steep incidence does."""
     sensor = scan.stand.sensor
-    direction = (rays.point - sensor_origins(calibration, rays.theta)) / rays.z[:, None]  # of one unit of range
-    z = rays.z
+    direction = (cells.point - sensor_origins(calibration, cells.theta)) / cells.z[:, None]  # of one unit of range
+    z = cells.z
     linearity, name = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
     period = LINEARITY_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
     wave = linearity * tau / period * (z - z.mean())
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     stated = "" if sensor.incidence_U is not None else ASSUMED
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
-    steep = _steepness(rays, direction)
-    normal = rays.gradient / np.square(np.linalg.norm(rays.gradient, axis=1, keepdims=True))  # delta of 1
+    steep = _steepness(cells, direction)
+    normal = cells.gradient / np.square(np.linalg.norm(cells.gradient, axis=1, keepdims=True))  # delta of 1
     stretched = scale * (z - _shaft_range(calibration, z))
     return [
-        rays.influence(name, direction * linearity, linearity / 2),
-        rays.influence(name, direction * wave[:, None], linearity / 2),
-        rays.influence(scale_name(sensor), direction * stretched[:, None], scale / 2),
-        rays.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
-        rays.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
+        cells.influence(name, direction * linearity, linearity / 2),
+        cells.influence(name, direction * wave[:, None], linearity / 2),
+        cells.influence(scale_name(sensor), direction * stretched[:, None], scale / 2),
+        cells.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
+        cells.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
     ]
 
 
-def _of_artefact(calibration: Calibration, rays: Rays) -> list[Influence]:
+def _of_artefact(calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """The radial zero of the sensor, by the diameter of the shaft and its temperature."""
     if calibration.artefact is None:
         return []
@@ -242,18 +238,18 @@ def _of_artefact(calibration: Calibration, rays: Rays) -> list[Influence]:
     def moved_out(by: float) -> Array:
         moved = parameters.copy()
         moved[RADIAL] += by
-        return points_of(moved, height, rays.x, rays.z, rays.theta) - rays.point
+        return points_of(moved, height, cells.x, cells.z, cells.theta) - cells.point
 
     diameter, warm = expanded_diameter(base), base.radius * EXPANSION * TEMPERATURE_U
     return [
-        rays.influence(diameter_name(base), moved_out(diameter / 2), diameter / 2),
-        rays.influence(f"temperature of the artefact{ASSUMED}", moved_out(warm), TEMPERATURE_U / 2, "rectangular"),
+        cells.influence(diameter_name(base), moved_out(diameter / 2), diameter / 2),
+        cells.influence(f"temperature of the artefact{ASSUMED}", moved_out(warm), TEMPERATURE_U / 2, "rectangular"),
     ]
 
 
-def _steepness(rays: Rays, direction: Array) -> Array:
+def _steepness(cells: SeenCells, direction: Array) -> Array:
     """-0.5..0.5 over the flank: how steeply it is seen, in the middle 0."""
-    normal = rays.gradient / np.linalg.norm(rays.gradient, axis=1, keepdims=True)
+    normal = cells.gradient / np.linalg.norm(cells.gradient, axis=1, keepdims=True)
     incidence = np.arccos(
         np.clip(np.abs((normal * direction).sum(axis=1)) / np.linalg.norm(direction, axis=1), 0.0, 1.0)
     )
@@ -270,12 +266,12 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, uneven: float) -> list[Influence]:
+def _of_table(scan: Scan, calibration: Calibration, cells: SeenCells, teeth: int, uneven: float) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn; ``uneven``: rad, k = 2."""
     parameters, height = unknowns_of(calibration)
 
     def rotated(angle: Array | float) -> Array:
-        return points_of(parameters, height, rays.x, rays.z, rays.theta + angle) - rays.point
+        return points_of(parameters, height, cells.x, cells.z, cells.theta + angle) - cells.point
 
     name, U = once_per_turn(scan)
     if SPEED in name and name.endswith(ASSUMED):
@@ -285,21 +281,21 @@ def _of_table(scan: Scan, calibration: Calibration, rays: Rays, teeth: int, unev
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
     zero_name = "zero of the table angle" + (ASSUMED if calibration.angle_U is None else "")
     return [
-        *(rays.influence(f"table bearing{ASSUMED}", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
-        rays.influence(zero_name, rotated(zero), zero / 2, "rectangular"),
+        *(cells.influence(f"table bearing{ASSUMED}", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
+        cells.influence(zero_name, rotated(zero), zero / 2, "rectangular"),
         *(
-            rays.influence(name, rotated(U / n * wave(n * rays.theta)), U / n / 2)
+            cells.influence(name, rotated(U / n * wave(n * cells.theta)), U / n / 2)
             for n, name in waves
             for wave in (np.cos, np.sin)
         ),
     ]
 
 
-def _of_datum(datum: Datum, rays: Rays) -> list[Influence]:
+def _of_datum(datum: Datum, cells: SeenCells) -> list[Influence]:
     """Where the part's own axis may stand, sideways and leaning."""
     across = np.eye(3)[:2]
-    found = [rays.influence(line.name, axis * line.U, line.U / 2) for line in datum.contributions for axis in across]
+    found = [cells.influence(line.name, axis * line.U, line.U / 2) for line in datum.contributions for axis in across]
     if datum.U_slope:
-        lever = (rays.point[:, 2:] - datum.height) * datum.U_slope
-        found += [rays.influence("slope of the datum axis", axis * lever, datum.U_slope / 2) for axis in across]
+        lever = (cells.point[:, 2:] - datum.height) * datum.U_slope
+        found += [cells.influence("slope of the datum axis", axis * lever, datum.U_slope / 2) for axis in across]
     return found

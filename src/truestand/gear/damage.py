@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
+from truestand.core.robust import robust_sd
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
@@ -29,8 +30,8 @@ DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
 LEAST_LOST, MOST_LOST = 1e-3, 0.05
-"""Share of rays that get lost on sound flanks at least, and share from which single ones say nothing."""
-CERTAINLY_LOST = 1e-4
+"""Share of rays that get lost on sound flanks at least, and share from which only their number counts."""
+RARELY_LOST = 1e-4
 """So seldom a ray must get lost for a cell without it to weigh as much as one that departs."""
 DEPTH_QUANTILE = 0.98
 """Quantile of a region's readings that is its depth: the last few may be outliers."""
@@ -48,8 +49,18 @@ MOST_SHADOW = 0.25
 """Share of its width over which the edge's shadow may reach, as deep as it was seen, for its bottom to be seen."""
 LEAST_STEPS = 1.5
 """Steps of the table that it must be wide for its depth to be known to a half."""
-STEPS_BESIDE = 1.5
-"""Steps of the table to either side of a circle over which it is read: damage there touches what is read."""
+STEPS_BESIDE = 1.0
+"""Steps of the table to either side of a circle in which the profiles lie that meet a flank next to it."""
+WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (2, None), (None, 2))
+"""Cells of roll length and height in which missed rays are counted together; None: all."""
+TOO_OFTEN = 5.0
+"""Standard deviations by which there are more of them than elsewhere."""
+NEIGHBOURS = (-2, -1, 1, 2)
+"""Teeth beside one that say what is usual there."""
+PASSES = 3
+"""In which teeth with more of them are left out of what is usual."""
+MOST_BETWEEN = 9
+"""Cells along the height that may lie between two rays."""
 ROWS_ACROSS = 3
 """Rows of cells along the height that a region must be wide for its depth to be known."""
 
@@ -63,7 +74,7 @@ class Damage:
     tooth: int
     """From 0."""
     cells: Mask
-    """(roll lengths, heights)."""
+    """(roll lengths, heights), with those within half a step of the table of what is hidden."""
     depth: float | None
     """mm by which its readings depart, positive into the material; None: not seen."""
     depth_U: float | None
@@ -71,7 +82,8 @@ class Damage:
     resolved: bool
     """Whether profiles enough cross it to tell its depth,"""
     hidden: bool
-    """and whether its bottom may lie in the shadow of its edge or between two profiles, or nothing of it was seen."""
+    """and whether its bottom may lie in the shadow of its edge or between two profiles, or nothing of it was seen:
+    what lies on top has none."""
     rolls: tuple[float, float]
     """mm, from and to."""
     heights: tuple[float, float]
@@ -118,16 +130,14 @@ def damage_of(
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
     far = DEPARTS * grid.scatter
     found = []
-    for sign, count in (
-        (1, (far_off & (rest < 0)) | _departing(cell[depth > far], grid)),
-        (-1, (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)),
-        (0, _not_seen(rays, there)),
-    ):
-        count = np.where(grid.in_ranges & there[:, None, None], count, 0.0)
-        bridged = bridge_gaps(count > 0, grid, step)
-        for side, tooth in np.argwhere((count > 0).any(axis=(2, 3))):
+    below = (far_off & (rest < 0)) | _departing(cell[depth > far], grid)
+    above = (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)
+    for sign, marked, weight in ((1, below, below), (-1, above, above), (0, *_not_seen(rays, there))):
+        marked = marked & grid.in_ranges & there[:, None, None]
+        bridged = bridge_gaps(marked, grid, step)
+        for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
-            for region in _regions(count[side, tooth], bridged[side, tooth]):
+            for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
                 depths = depth[own[region.reshape(-1)[cell[own] % region.size]]] if sign else None
                 found.append(_damage(grid, int(side), int(tooth), region, depths, sign, step, radial))
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
@@ -149,15 +159,17 @@ def _damage(
     """One region, with the ``depths`` (n,) mm of its readings; None: no reading shows the flank there."""
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
     heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
+    about = bridge_gaps(region[None, None], grid, step)[0, 0]
     if depths is None:
-        return Damage(side, tooth, region, None, None, False, True, rolls, heights)
+        return Damage(side, tooth, about, None, None, False, True, rolls, heights)
     depth = sign * float(np.quantile(sign * depths, DEPTH_QUANTILE))
     middle, width = sum(rolls) / 2, rolls[1] - rolls[0]
     steps = width / float(step_on_flank(grid.nominal, middle, step))
-    hidden = steps < LEAST_STEPS or depth * _shadow(grid.nominal, middle, radial) > MOST_SHADOW * width
+    shadow = depth * _shadow(grid.nominal, middle, radial)
+    hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width)
     resolved = steps >= STEPS_ACROSS and int(np.count_nonzero(region.any(axis=0))) >= ROWS_ACROSS
     depth_U = hypot(DEPTH_SHARE_U * depth, 2 * grid.scatter)
-    return Damage(side, tooth, region, depth, depth_U, resolved, hidden, rolls, heights)
+    return Damage(side, tooth, about if hidden else region, depth, depth_U, resolved, hidden, rolls, heights)
 
 
 def _shadow(nominal: Involute, roll: float, radial: float) -> float:
@@ -180,30 +192,85 @@ def _cut(flanks: Flanks, grid: Grid) -> Mask:
     return np.asarray((outside >= enough) & (grid.count < enough) & grid.in_ranges)
 
 
-def _not_seen(rays: Rays, there: Mask) -> Array:
-    """Weights of cells (2, teeth, roll lengths, heights) whose rays miss a flank that most teeth ``there`` show."""
+def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
+    """Cells (2, teeth, roll lengths, heights) that rays show nothing of, though most teeth ``there`` show them, and
+    how much each of them weighs.
+
+    Where rays often get lost, only where they get lost more often than on other teeth; cells between those are none
+    that others show.
+    """
     expected, missed = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
     on_most = (expected > 0) & (missed <= (1.0 - ON_MOST) * expected)
-    all_round = rays.missed & ~_with_neighbours(rays.expected & ~rays.missed)
-    unconfirmed = np.where(rays.lost > MOST_LOST, all_round, rays.missed) & on_most
-    weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(CERTAINLY_LOST), 1.0)
-    return np.where(unconfirmed, weight, 0.0)
+    too_often = rays.missed & _missed_too_often(rays, there)
+    weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(RARELY_LOST), 1.0)
+    single = rays.missed & on_most & (rays.lost <= MOST_LOST)
+    return single | _joined(too_often, rays), np.where(too_often, 1.0, np.where(single, weight, 0.0))
 
 
-def _with_neighbours(cells: Mask) -> Mask:
-    """The same cells (2, teeth, roll lengths, heights) and those beside them."""
-    from scipy.ndimage import binary_dilation
+def _joined(missed: Mask, rays: Rays) -> Mask:
+    """The same cells (2, teeth, roll lengths, heights) and those between them along the height that no ray shows."""
+    from scipy.ndimage import binary_closing
 
-    return np.asarray(binary_dilation(cells, np.ones((1, 1, 3, 3), dtype=bool)))
+    closed = binary_closing(missed, np.ones((1, 1, 1, MOST_BETWEEN), dtype=bool))
+    return np.asarray(missed | (closed & ~(rays.expected & ~rays.missed)))
 
 
-def _regions(count: Array, bridged: Mask) -> list[Mask]:
-    """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and count enough."""
+def _missed_too_often(rays: Rays, there: Mask) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) about which more rays miss the flank than those of other teeth there."""
+    too_often = np.zeros(rays.expected.shape, dtype=bool)
+    for window in WINDOWS:
+        expected, missed = _sums(rays.expected, window), _sums(rays.missed, window)
+        sound = there[:, None, None] & (expected > 0)
+        for _ in range(PASSES):
+            excess = _deviance(missed, expected, _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0)))
+            spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
+            more = np.asarray(excess > TOO_OFTEN * max(spread, 1.0))
+            sound &= ~more
+        too_often |= more
+    return too_often
+
+
+def _usual(missed: Array, expected: Array) -> Array:
+    """Share (2, teeth, roll lengths, heights) of rays that get lost on all teeth, or on those beside each where it is
+    more: an eccentric gear is seen at another incidence all round.
+    """
+    beside = [sum(np.roll(n, shift, axis=1) for shift in NEIGHBOURS) for n in (missed, expected)]
+    of_all = [n.sum(axis=1, keepdims=True) for n in (missed, expected)]
+    share = np.maximum(*(lost / np.maximum(of, 1.0) for lost, of in (beside, of_all)))
+    return np.asarray(np.clip(share, LEAST_LOST, 1.0 - LEAST_LOST))
+
+
+def _sums(cells: Mask, window: tuple[int | None, int | None]) -> Array:
+    """Numbers (2, teeth, roll lengths, heights) of cells in a window about each; None: all of a column or row."""
+    from scipy.ndimage import uniform_filter1d
+
+    total = cells.astype(np.float64)
+    for axis, size in zip((2, 3), window, strict=True):
+        if size is None:
+            total = np.broadcast_to(total.sum(axis=axis, keepdims=True), cells.shape)
+        elif size > 1:
+            total = size * uniform_filter1d(total, size, axis=axis, mode="constant")
+    return np.asarray(np.rint(total))
+
+
+def _deviance(number: Array, of: Array, share: Array) -> Array:
+    """By how many standard deviations a ``number`` ``of`` trials exceeds a ``share``: signed root of the deviance of a
+    binomial distribution.
+    """
+    from scipy.special import rel_entr
+
+    found = number / np.maximum(of, 1.0)
+    square = 2 * of * (rel_entr(found, share) + rel_entr(1.0 - found, 1.0 - share))
+    return np.asarray(np.sign(found - share) * np.sqrt(np.maximum(square, 0.0)))
+
+
+def _regions(cells: Mask, weight: Array, bridged: Mask) -> list[Mask]:
+    """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and weigh enough."""
     from scipy.ndimage import label
 
     marked, number = label(bridged, np.ones((3, 3)))
-    regions = ((count > 0) & (marked == n) for n in range(1, number + 1))
-    return [r for r in regions if count[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)]
+    regions = (cells & (marked == n) for n in range(1, number + 1))
+    return [r for r in regions if weight[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)]
 
 
 def _extent(centres: Array, size: float, on: Mask) -> tuple[float, float]:
@@ -220,7 +287,7 @@ def zones_of(grid: Grid, step: float) -> dict[Zone, Mask]:
     nominal = grid.nominal
 
     def about(roll: float) -> Mask:
-        width = nominal.gear.evaluation.resolution + STEPS_BESIDE * float(step_on_flank(nominal, roll, step))
+        width = grid.size[0] / 2 + STEPS_BESIDE * float(step_on_flank(nominal, roll, step))
         return np.asarray(np.abs(grid.rolls - roll) <= width)[:, None]
 
     height = TRACE_SHARE * nominal.gear.face_width + grid.size[1]

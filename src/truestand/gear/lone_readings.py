@@ -2,8 +2,8 @@
 
 On a part, outliers are single readings, never regions: a groove departs from the ideal flank as far as an outlier does,
 but its readings bear each other out. A reading counts when readings beside it in profile and time are like it (or more
-of them go along with it: a small dent has no two readings alike) and, where another turn shows its place, when it
-repeats there.
+of them go along with it: a small dent has no two readings alike), or as one of two or three in a row that depart from
+the flank together where outliers are too rare for that, and, where another turn shows its place, when it repeats there.
 """
 
 from dataclasses import replace
@@ -76,10 +76,14 @@ def lone_readings(
     farther = reach + ALONG * np.abs(delta - _median_of(flank, delta))
     beside = [(0, c) for c in IN_PROFILE]
     beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
+    in_row = {}
     for r, c in beside:
         apart = np.abs(image[row + ROWS + r, column + MARGIN + c] - delta)
         with np.errstate(invalid="ignore"):
-            along += apart < farther
+            goes_along = apart < farther
+            along += goes_along
+            if not r:
+                in_row[c] = goes_along
             if abs(r) < ROWS:
                 seen += np.isfinite(apart)
                 alike += apart < reach
@@ -90,8 +94,13 @@ def lone_readings(
         with np.errstate(invalid="ignore"):
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
         shown |= np.isfinite(low)
-    needed = np.where(seen < FEW, 1, LEAST_ALIKE)
-    return np.asarray(((alike < needed) & (along < LEAST_ALONG)) | (shown & ~repeated))
+    alone = (alike < np.where(seen < FEW, 1, LEAST_ALIKE)) & (along < LEAST_ALONG)
+    number, of = np.count_nonzero(alone), alone.size
+    if number**2 < of:  # two outliers side by side are not to be expected,
+        alone &= ~(in_row[-1] | in_row[1])
+    elif number**3 < of**2:  # or not three
+        alone &= ~((in_row[-2] & in_row[-1]) | (in_row[-1] & in_row[1]) | (in_row[1] & in_row[2]))
+    return np.asarray(alone | (shown & ~repeated))
 
 
 def _spread(image: Image) -> float:

@@ -157,9 +157,9 @@ def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Identi
     """
     angle, radius, height = _points(surface, datum, bottom, top)
     root, tip = _root_and_tip(radius)
+    cloud = _Cloud(angle, radius, height - (bottom + top) / 2, root, tip)
     found = []
     for teeth, twist in _patterns(angle, radius, height, root, tip):
-        cloud = _Cloud(angle, radius, height - (bottom + top) / 2, root, tip)
         found += _gears_through(cloud, teeth, _refined(cloud, teeth, twist))
     if not found:
         raise NotEnoughData("found too few points on the flanks, need both sides of the teeth or one of them in view")

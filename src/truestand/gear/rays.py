@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
+from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
 from truestand.core.surface import seen_at, table_angle
 from truestand.gear.flanks import Toothing
@@ -45,10 +46,13 @@ class Rays:
 
 
 def rays_on_flanks(grid: Grid, surface: Array, toothing: Toothing, scan: Scan, calibration: Calibration) -> Rays:
-    """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta."""
+    """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
+    heights that stand elsewhere as a whole: in a groove along the profile.
+    """
     nominal, (low, high) = grid.nominal, grid.nominal.profile_range
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
-    met = _met_at(toothing, calibration, grid, rows, np.clip(np.nan_to_num(surface[:, :, rows]), -MOST_OFF, MOST_OFF))
+    stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
+    met = _met_at(toothing, calibration, grid, rows, np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF))
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     expected = np.zeros(grid.delta.shape, dtype=bool)
     for side, tooth, column in np.ndindex(2, nominal.gear.teeth, grid.heights.size):

@@ -75,6 +75,8 @@ class Interpolation:
     share: Array
     """0..1 of the way from one to the other."""
     seen: Mask
+    inside: Mask
+    """Places between two values; beyond the first and the last one their value holds."""
 
     def __call__(self, values: Array) -> Array:
         """Values (flanks, n) read at the places; NaN where not seen."""
@@ -139,7 +141,7 @@ def profile_of(delta: Array, traces: Traces) -> Array:
     """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
     band = _columns(np.nan_to_num(delta))[:, traces.band]
     columns = np.stack([column(band[:, j]) for j, column in enumerate(traces.profile)], axis=2)
-    return _mean_of_columns(columns, np.isfinite(columns))
+    return _joined(columns, np.stack([column.inside for column in traces.profile], axis=2))
 
 
 def helix_of(delta: Array, traces: Traces) -> Array:
@@ -162,6 +164,22 @@ def position_bend(reading: Reading, traces: Traces) -> Array:
 
 def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
     return _mean_of_columns(values[:, traces.band], reading.seen[:, traces.band])
+
+
+def _joined(columns: Array, inside: Mask) -> Array:
+    """The mean (flanks, n) of columns (flanks, n, band), NaN: not seen; NaN where most were not.
+
+    Where some of them end (``inside``: they don't), the mean of the others goes on by its steps: columns stand at other
+    heights where damage ends between them, and the trace must not step where one of them does.
+    """
+    mean = _mean_of_columns(columns, np.isfinite(columns))
+    known = inside[:, 1:] & inside[:, :-1]
+    step = np.where(known, np.diff(np.nan_to_num(columns), axis=1), 0.0).sum(axis=2) / np.maximum(known.sum(axis=2), 1)
+    path = np.concatenate([np.zeros((mean.shape[0], 1)), np.cumsum(step, axis=1)], axis=1)
+    number = inside.sum(axis=2)
+    full = (number == number.max(axis=1, keepdims=True)) & np.isfinite(mean)
+    offset = np.where(full, np.nan_to_num(mean) - path, 0.0).sum(axis=1) / np.maximum(full.sum(axis=1), 1)
+    return np.where(np.isfinite(mean), path + offset[:, None], np.nan)
 
 
 def _mean_of_columns(values: Array, seen: Mask) -> Array:
@@ -356,15 +374,16 @@ def _interpolation(at: Array, places: Array, beyond: Array) -> Interpolation:
     """
     shape = at.shape[0], places.size
     first, last, share = np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=np.intp), np.zeros(shape)
-    known = np.zeros(shape, dtype=bool)
+    known, inside = np.zeros((2, *shape), dtype=bool)
     for flank in range(at.shape[0]):
         seen = np.flatnonzero(np.isfinite(at[flank]))
         if not seen.size:
             continue
         x = at[flank, seen]
+        inside[flank] = (places >= x[0]) & (places <= x[-1])
         known[flank] = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
         place = np.interp(places, x, np.arange(x.size, dtype=np.float64))
         below = np.minimum(place.astype(np.intp), max(x.size - 2, 0))
         first[flank], last[flank] = seen[below], seen[np.minimum(below + 1, x.size - 1)]
         share[flank] = place - below
-    return Interpolation(first, last, share, known)
+    return Interpolation(first, last, share, known, inside)

@@ -57,7 +57,7 @@ def not_measured(title: str, items: Iterable[str]) -> str:
 def assumed(assumptions: Iterable[Assumption]) -> str:
     """What nobody stated and the result rests on, with its heading; empty where all was stated."""
     rows = "".join(
-        f'<tr><th>{escape(a.name)}</th><td class="n">{_in_daily_units(a)}</td><td>{escape(a.source)}</td></tr>'
+        f'<tr><th>{escape(a.name)}</th><td class="n">{_value_text(a)}</td><td>{escape(a.source)}</td></tr>'
         for a in assumptions
     )
     return (
@@ -68,7 +68,7 @@ def assumed(assumptions: Iterable[Assumption]) -> str:
     )
 
 
-def _in_daily_units(a: Assumption) -> str:
+def _value_text(a: Assumption) -> str:
     """The value in um, arc seconds or ppm where mm, rad or a plain share would read badly."""
     scale, unit = {"mm": (1e3, "um"), "rad": (degrees(3600), "″"), "1": (1e6, "ppm")}.get(a.unit, (1.0, a.unit))
     return f"{'' if a.constant else '± '}{scale * a.value:.3g} {unit}"
