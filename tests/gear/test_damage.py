@@ -14,6 +14,7 @@ from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.calibration import ScanSummary
 from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import characteristics_from, inspection_record
+from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, VirtualGear, Worn, paper_shaft
 from truestand.sim.gear_truth import gear_figures
@@ -282,6 +283,19 @@ def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
         for name in (*PROFILE, "f_Halpha"):
             c = line(found, name, tooth)
             assert abs(c.value - true[name, "left", tooth]) < 1.2 * c.U and c.verdict == "conforms", (name, tooth)
+
+
+def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_helix():
+    """Between the profiles on either side of the circle its wall may stand anywhere: 88 um were read for 1."""
+    teeth, begins = range(2, 24, 3), involute(GEAR).measuring_roll
+    craters = (Worn(t, "left", (begins + t / 200, begins + 2.6), (19.3, 25.0), 0.45, 0.2) for t in teeth)
+    beside = replace(SOUND, worn=tuple(craters))
+    found, true = inspected(beside, replace(GEAR, accuracy_class=7), simulation(4400), 320), truth(beside)
+    for tooth in teeth:
+        for name in HELIX:
+            c = line(found, name, tooth)
+            assert true[name, "left", tooth] < 5 * UM and c.verdict != "does_not_conform", (name, tooth)
+            assert abs(c.value - true[name, "left", tooth]) < c.U, (name, tooth)
 
 
 def test_a_dent_that_one_profile_crosses_is_no_outlier():

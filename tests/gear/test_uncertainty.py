@@ -9,6 +9,7 @@ import pytest
 
 from gears import SPUR, calibrated, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
+from truestand.core.calibration import ScanSummary
 from truestand.core.frames import sensor_parameters, shaft_from_rotor, shaft_parameters, table_from_sensor
 from truestand.core.surface import apply_calibration
 from truestand.gear.budget import Influence, expanded
@@ -155,10 +156,27 @@ def test_bore_clearance_is_in_the_budget_of_pitch():
     assert lines[1].U > lines[0].U
 
 
-def test_record_without_covariance_is_remarked():
+def test_a_sensor_that_moved_where_no_shaft_shows_it_stands_in_u():
+    """12 um: d_a was 24 um off at U 3. Shaft in view tells, and so does a scan that is the calibration's own."""
+    c, scan = true_calibration(), replace(scan_of(SPUR, PERFECT, QUIET), sha256="of this scan")
+    warm = replace(c.table_from_sensor, translation=c.table_from_sensor.translation + np.array([0.012, 0.0, 0.0]))
+    moved = replace(c, table_from_sensor=warm)
+    found = [
+        next(line for line in inspect_gear(apply_calibration(scan, known), SPUR).characteristics if line.name == "d_a")
+        for known in (moved, replace(moved, followed=True), replace(moved, scan=ScanSummary.of(scan)))
+    ]
+    assert abs(found[0].value - 52.0) < 1.3 * found[0].U  # 12 of 10 um assumed
+    assert [any(b.name == "stability of the sensor (assumed)" for b in f.budget) for f in found] == [True, False, False]
+    assert np.sqrt(found[0].U ** 2 - found[1].U ** 2) == pytest.approx(0.02, rel=0.01)  # of the radius, twice
+    assert found[2].U == found[1].U
+
+
+def test_record_without_covariance_decides_nothing():
+    """Cut down to the keys that a record must have: its U would leave out what the calibration doesn't know."""
     bare = replace(calibrated(), covariance=np.zeros((0, 0)))
-    found = inspect_gear(apply_calibration(scan_of(), bare), SPUR)
-    assert any("no covariance" in r for r in found.remarks)
+    found = inspect_gear(apply_calibration(scan_of(), bare), replace(SPUR, accuracy_class=10))
+    assert [r.code for r in found.reasons] == ["no_covariance"]
+    assert found.verdict == "undecided" and {c.verdict for c in found.characteristics} == {None}
 
 
 @cache

@@ -97,7 +97,7 @@ def _moved_out(calibration: Calibration, band: Witness) -> Calibration:
     covariance = calibration.covariance.copy()
     if covariance.shape[0] > RADIAL:
         covariance[RADIAL, RADIAL] += (band.radial_U / K) ** 2
-    calibration = replace(calibration, covariance=covariance)
+    calibration = replace(calibration, covariance=covariance, followed=True)
     if abs(band.radial) <= band.radial_U:
         return calibration
     return _with_sensor_out(calibration, band.radial)
@@ -115,9 +115,10 @@ def with_sensor_as_calibrated(surface: Surface) -> Surface:
     diameter must not be measured by itself.
     """
     scan, calibration = surface.origin
+    calibrated = replace(calibration, followed=False)
     if not calibration.moved_out:
-        return surface
-    return apply_calibration(scan, _with_sensor_out(calibration, -calibration.moved_out))
+        return replace(surface, calibration=calibrated)
+    return apply_calibration(scan, _with_sensor_out(calibrated, -calibration.moved_out))
 
 
 def transfer_remarks(calibration: Calibration) -> tuple[Message, ...]:

@@ -24,6 +24,8 @@ SLOPE_INCIDENCE_U = 0.005
 """mm: the same on surfaces at 60 degrees, growing with the tangent."""
 PLANE_OFFSET_U, PLANE_TILT_U = 1.0, radians(1.0)
 """mm, rad: how well the laser plane was mounted through and along the rotation axis."""
+STABILITY_U = 0.01
+"""mm: radial zero of a sensor from one scan to the next; data sheets state 0.01 % of the range a kelvin, of 50 mm."""
 DIAMETER_U = 0.003
 """mm: diameter of a shaft by a micrometer."""
 COAXIALITY_U = 0.002
@@ -64,6 +66,8 @@ ASSUMPTIONS = (
     Assumption("incidence on steep surfaces", SLOPE_INCIDENCE_U, "mm", "usual of lasers at 60 degrees"),
     Assumption("mounting of the laser plane", PLANE_OFFSET_U, "mm",
                "by eye; plane_offset_U_mm and plane_tilt_U_deg in stand.toml state better"),
+    Assumption("stability of the sensor", STABILITY_U, "mm",
+               "0.01 % of the range a kelvin; stability_U_um in stand.toml states better, shaft in view measures it"),
     Assumption("diameter of the artefact", DIAMETER_U, "mm",
                "a micrometer's; diameter_U_mm in shaft.toml states better"),
     Assumption("coaxiality", COAXIALITY_U, "mm",

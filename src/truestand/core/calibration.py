@@ -223,6 +223,8 @@ class Calibration:
     valid_until: str | None = None
     moved_out: float = 0.0
     """mm by which the sensor stands farther out than when it was calibrated, taken into account by ``transfer``."""
+    followed: bool = False
+    """Whether shaft in view of a part's scan told ``moved_out``; else the sensor may have moved unseen."""
     part_growth: float = 0.0
     """Relative: by how much the part was larger than at 20 degrees; what is rolled up is as at 20 degrees."""
     applied_to: Scan | None = field(default=None, repr=False, compare=False)

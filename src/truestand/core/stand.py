@@ -51,6 +51,8 @@ class Sensor:
     """rad: how well it was mounted parallel to it."""
     incidence_U: float | None = None
     """mm: by how much it reads steep surfaces differently, e.g. after a correction learnt on a master gear."""
+    stability_U: float | None = None
+    """mm: by how much its zero changes from the scan of the artefact to that of a part."""
 
     @property
     def mounting(self) -> tuple[float, float]:

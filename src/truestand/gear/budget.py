@@ -42,6 +42,8 @@ from truestand.uncertainty.lines import (
     linearity_of,
     once_per_turn,
     scale_name,
+    stability_name,
+    stability_of,
 )
 
 LINEARITY_PERIOD = 50.0
@@ -111,7 +113,7 @@ def influences_of(
     return (
         *_of_calibration(calibration, cells),
         *_of_sensor(scan, calibration, cells),
-        *_of_artefact(calibration, cells),
+        *_of_radial_zero(scan, calibration, cells),
         *_of_table(scan, calibration, cells, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
         *_of_datum(toothing.datum, cells),
         cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
@@ -229,19 +231,23 @@ def _of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[I
     ]
 
 
-def _of_artefact(calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """The radial zero of the sensor, by the diameter of the shaft and its temperature."""
-    if calibration.artefact is None:
-        return []
-    base, (parameters, height) = calibration.artefact.base, unknowns_of(calibration)
+def _of_radial_zero(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """The radial zero of the sensor, by its stability, the diameter of the shaft and its temperature."""
+    parameters, height = unknowns_of(calibration)
 
     def moved_out(by: float) -> Array:
         moved = parameters.copy()
         moved[RADIAL] += by
         return points_of(moved, height, cells.x, cells.z, cells.theta) - cells.point
 
+    since, name = stability_of(calibration, scan), stability_name(calibration.stand.sensor)
+    stability = [cells.influence(name, moved_out(since), since / 2)] if since else []
+    if calibration.artefact is None:
+        return stability
+    base = calibration.artefact.base
     diameter, warm = expanded_diameter(base), base.radius * EXPANSION * TEMPERATURE_U
     return [
+        *stability,
         cells.influence(diameter_name(base), moved_out(diameter / 2), diameter / 2),
         cells.influence(f"temperature of the artefact{ASSUMED}", moved_out(warm), TEMPERATURE_U / 2, "rectangular"),
     ]

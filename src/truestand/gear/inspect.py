@@ -9,6 +9,7 @@ from truestand.apply.datum import datum_of
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
+from truestand.core.frames import UNKNOWNS
 from truestand.core.inspection import Inspection
 from truestand.core.message import Message
 from truestand.core.scan import Scan
@@ -135,6 +136,9 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
     if calibration.method == "paper":
         text = "the calibration is of the published method, which moves no axis: calibrate with --method stand"
         reasons = (*reasons, Message("published_method", text))
+    if calibration.covariance.shape[0] < UNKNOWNS:
+        text = "the calibration carries no covariance: it is taken as exact, so U leaves its part out"
+        reasons = (*reasons, Message("no_covariance", text))
     try:
         check_drawing(surface, flanks)
     except WrongDrawing as wrong:

@@ -83,9 +83,6 @@ def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tup
             f"turn would make it {FINE_STEP:g} mm from 3 mm up; damage narrower than a step may not be seen"
         )
         found.append(Message("coarse_near_root", text))
-    if calibration.covariance.shape[0] < 8:
-        text = "the calibration record carries no covariance: it is taken as exact, and U leaves its part out"
-        found.append(Message("no_covariance", text))
     if nominal.gear.helix_angle and scan.revolutions < 1:
         found.append(Message("less_than_a_turn", "less than a turn: teeth at the ends of the scan are seen in part"))
     return tuple(found)

@@ -42,6 +42,8 @@ LEAST_CUTOFF = 0.25
 """mm: wavelength of the low-pass at least (ISO 1328-1:2013),"""
 CUTOFF_SHARE = 1 / 30
 """and its share of the evaluation length or the face."""
+TINY = 1e-12
+"""mm: a cell at the place itself is the one before it."""
 GAUSS = sqrt(log(2.0) / pi)
 """Width of the weighting function over the wavelength that it halves (ISO 16610-21)."""
 
@@ -115,7 +117,7 @@ def traces_of(grid: Grid, noise: CellNoise, step: float) -> Traces:
 
     def reading(place: float) -> Reading:
         wide = [max(steps * float(step_on_flank(nominal, place, step)), 1.5 * grid.size[0]) for steps in WIDE_STEPS]
-        return _reading(np.nan_to_num(delta), rolls - place, variance + noise.of_row**2, wide)
+        return _reading(np.nan_to_num(delta), rolls - place, variance + noise.of_row**2, wide, grid.size[0] / 2)
 
     circle = reading(nominal.measuring_roll)
     share = np.abs(circle.weights)
@@ -198,12 +200,14 @@ def profile_bend(delta: Array, traces: Traces) -> Array:
 
 
 def helix_bend(delta: Array, traces: Traces) -> Array:
-    """By how much (flanks,) mm helices may reach beyond their points."""
+    """By how much (flanks,) mm helices may reach beyond their points, or less far than they do."""
     circle, points = traces.circle, traces.circle(delta)
     low, high = traces.nominal.helix_range
     on = circle.seen & (traces.heights >= low) & (traces.heights <= high)
-    wider = _range(points + circle.above, points - circle.below, on) - _range(points, points, on)
-    return wider + _bend(points, traces.heights, (low, high))
+    range_read = _range(points, points, on)
+    wider = _range(points + circle.above, points - circle.below, on) - range_read
+    narrower = range_read - np.maximum(_range(points - circle.below, points + circle.above, on), 0.0)
+    return np.asarray(np.maximum(wider, narrower) + _bend(points, traces.heights, (low, high)))
 
 
 def helix_tilt(traces: Traces) -> Array:
@@ -307,14 +311,14 @@ def _columns(cells: Array) -> Array:
     return np.asarray(cells.reshape(-1, *cells.shape[2:]).swapaxes(1, 2))
 
 
-def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float]) -> Reading:
+def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float], half_cell: float) -> Reading:
     """How columns of cells (flanks, heights, roll lengths) are read at 0, at ``x`` from it (NaN: not seen).
 
     ``reaches``: mm to either side of which a parabola may take cells, the widest first. Where cells depart from it, or
     it from the nearest cells, by more than noise does, the flank bends there: those stand, and it may be anywhere
-    between them.
+    between them, or between the ones next to them where they reach across 0 (``half_cell`` mm).
     """
-    nearest, below, above = _between(x, values)
+    nearest, below, above = _between(x, values, half_cell)
     seen = np.asarray(np.isfinite(nearest).all(axis=2))
     weights, bends = nearest, seen.copy()
     for reach in reaches:
@@ -327,23 +331,32 @@ def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float])
     return Reading(np.nan_to_num(weights), seen, np.where(bends, below, 0.0), np.where(bends, above, 0.0))
 
 
-def _between(x: Array, values: Array) -> tuple[Array, Array, Array]:
+def _between(x: Array, values: Array, half_cell: float) -> tuple[Array, Array, Array]:
     """Weights (..., n) of straight lines between those nearest to 0 on either side; NaN where a side has none.
 
-    And how far (...) below and above the line at 0 their values lie.
+    And how far (...) below and above the line at 0 they lie, and those nearest to 0 that don't reach across it.
     """
-    below, above = np.where(x <= 0, x, -np.inf), np.where(x > 0, x, np.inf)
-    low, high = below.argmax(axis=-1)[..., None], above.argmin(axis=-1)[..., None]
-    first, last = np.take_along_axis(below, low, -1), np.take_along_axis(above, high, -1)
+    low, first = _nearest(-x, 0.0)
+    high, last = _nearest(x, TINY)
     known = np.isfinite(first) & np.isfinite(last)
-    share = np.where(known, -first, 0.0) / np.where(known, last - first, 1.0)
+    share = np.where(known, first, 0.0) / np.where(known, first + last, 1.0)
     weights = np.zeros(x.shape)
     np.put_along_axis(weights, low, 1.0 - share, -1)
     np.put_along_axis(weights, high, share, -1)
     weights[~known[..., 0]] = np.nan
-    ends = [np.take_along_axis(values, side, -1)[..., 0] for side in (low, high)]
+    about = [(low, first), (high, last), _nearest(-x, half_cell), _nearest(x, half_cell)]
+    ends = [np.where(np.isfinite(d), np.take_along_axis(values, side, -1), np.nan)[..., 0] for side, d in about]
     line = (1.0 - share[..., 0]) * ends[0] + share[..., 0] * ends[1]
-    return weights, line - np.minimum(*ends), np.maximum(*ends) - line
+    return weights, line - np.fmin.reduce(ends), np.fmax.reduce(ends) - line
+
+
+def _nearest(distance: Array, least: float) -> tuple[Ints, Array]:
+    """Which (..., 1) of some cells (..., n), NaN: not seen, is the nearest of those ``least`` mm and more away, and its
+    distance; infinite where there is none.
+    """
+    away = np.where(distance >= least, distance, np.inf)
+    at = away.argmin(axis=-1)[..., None]
+    return at, np.take_along_axis(away, at, -1)
 
 
 def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[Array, Array]:

@@ -378,6 +378,7 @@ def _further(comparison: _Comparison, factor: float, radius: float, depth: float
         budget_lines.linearity_line(calibration, apart, factor),
         budget_lines.scale_line(calibration, factor * apart),
         budget_lines.artefact_line(calibration, factor / 2),
+        budget_lines.stability_line(calibration, comparison.scan, factor),
         budget_lines.temperature_line(factor * radius, comparison.part.temperature),
         budget_lines.bearing_line(factor),
         budget_lines.zero_line(turning, factor),

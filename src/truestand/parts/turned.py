@@ -435,6 +435,7 @@ def _budgets(
                 budget_lines.linearity_line(calibration, apart, 2.0), budget_lines.scale_line(calibration, 2 * apart),
                 budget_lines.temperature_line(section.diameter, inspected.part.temperature),
                 budget_lines.artefact_line(calibration, 1.0),
+                budget_lines.stability_line(calibration, inspected.scan, 2.0),
             ]  # fmt: skip
         else:
             lines += [

@@ -15,6 +15,7 @@ from truestand.core.assumptions import (
     SCALE_U,
     SMOOTH,
     SPEED,
+    STABILITY_U,
     STEADY_U,
 )
 from truestand.core.assumptions import K as K
@@ -70,6 +71,25 @@ def scale_line(calibration: Calibration, distance: float) -> Contribution:
     """From the sensor's scale over ``distance`` mm."""
     stated = calibration.stand.sensor.scale_U
     return line(scale_name(calibration.stand.sensor), abs(distance) * (SCALE_U if stated is None else stated))
+
+
+def stability_of(calibration: Calibration, scan: Scan) -> float:
+    """U (mm, k = 2) of the sensor's radial zero since the calibration; 0 where shaft in view showed it, and in the scan
+    that the calibration is from.
+    """
+    stated, calibrated = calibration.stand.sensor.stability_U, calibration.scan
+    same = calibrated is not None and bool(scan.sha256) and scan.sha256 == calibrated.sha256
+    return 0.0 if calibration.followed or same else STABILITY_U if stated is None else stated
+
+
+def stability_name(sensor: Sensor) -> str:
+    """Name of the budget's line."""
+    return "stability of the sensor" + (ASSUMED if sensor.stability_U is None else "")
+
+
+def stability_line(calibration: Calibration, scan: Scan, factor: float) -> Contribution:
+    """From a sensor that may have moved since the calibration, ``factor`` times its radial zero."""
+    return line(stability_name(calibration.stand.sensor), factor * stability_of(calibration, scan))
 
 
 def temperature_line(length: float, temperature: Temperature) -> Contribution:

@@ -50,6 +50,7 @@ class SensorRecipe(Recipe):
     plane_offset_U_mm: Positive | None = None
     plane_tilt_U_deg: Positive | None = None
     incidence_U_um: Positive | None = None
+    stability_U_um: Positive | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> "SensorRecipe":
@@ -371,6 +372,7 @@ def _sensor(s: SensorRecipe) -> Sensor:
         plane_offset_U=s.plane_offset_U_mm,
         plane_tilt_U=None if s.plane_tilt_U_deg is None else radians(s.plane_tilt_U_deg),
         incidence_U=None if s.incidence_U_um is None else s.incidence_U_um / 1000.0,
+        stability_U=None if s.stability_U_um is None else s.stability_U_um / 1000.0,
     )
 
 
@@ -387,6 +389,7 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         plane_offset_U_mm=s.plane_offset_U,
         plane_tilt_U_deg=None if s.plane_tilt_U is None else degrees(s.plane_tilt_U),
         incidence_U_um=None if s.incidence_U is None else s.incidence_U * 1000.0,
+        stability_U_um=None if s.stability_U is None else s.stability_U * 1000.0,
     )
 
 
