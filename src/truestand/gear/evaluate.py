@@ -12,7 +12,7 @@ from truestand.core.arrays import Array
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid
 from truestand.gear.noise import CellNoise, noise_of_cells
-from truestand.gear.smooth_flanks import SmoothFlanks, areal_positions, smooth_flanks
+from truestand.gear.smooth_flanks import SmoothFlanks, areal_positions, shared_shape, smooth_flanks
 from truestand.gear.traces import (
     Line,
     Traces,
@@ -26,6 +26,7 @@ from truestand.gear.traces import (
     profile_bend,
     profile_of,
     profile_points,
+    profile_unsampled,
     traces_of,
     unseen_ends,
 )
@@ -196,7 +197,9 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     nominal, traces, delta = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta
     profile = unseen_ends(profile_of(delta, traces), profile_points(nominal), lambda t: profile_line(t, evaluator))
     helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, evaluator))
-    profile_between, helix_between = profile_bend(delta, traces), helix_bend(delta, traces)
+    shared = shared_shape(delta, evaluator.smooth)
+    profile_between = profile_bend(delta, traces) + profile_unsampled(shared, evaluator.grid, traces)
+    helix_between = helix_bend(delta, traces)
     widths: Figures = {
         "f_Halpha": profile.slope, "f_falpha": profile.form + profile_between,
         "F_alpha": profile.total + profile_between, "f_Hbeta": helix.slope + helix_tilt(traces),

@@ -76,6 +76,13 @@ def smooth_surface(delta: Array, smooth: SmoothFlanks) -> Array:
     return np.asarray((shared + _times(smooth.basis, c)).reshape(delta.shape))
 
 
+def shared_shape(delta: Array, smooth: SmoothFlanks) -> Array:
+    """What all teeth of a side share (2, roll lengths, heights) mm; NaN where none of them was seen."""
+    shared, _ = _fit(delta, smooth)
+    counts = (smooth.weight > 0).reshape(delta.shape).any(axis=1)
+    return np.where(counts, shared.reshape(delta.shape)[:, 0], np.nan)
+
+
 def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:
     """delta (2, teeth) mm of each smooth flank, mean over its evaluation area, NaN where not seen."""
     shared, c = _fit(delta, smooth)

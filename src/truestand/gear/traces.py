@@ -199,6 +199,22 @@ def profile_bend(delta: Array, traces: Traces) -> Array:
     return np.asarray(np.mean(bends, axis=0))
 
 
+def profile_unsampled(shape: Array, grid: Grid, traces: Traces) -> Array:
+    """By how much (flanks,) mm profiles are off between their readings where ``shape`` (2, roll lengths, heights) mm,
+    which all teeth share, is theirs as well; NaN: not known.
+    """
+    band, points = shape[:, :, traces.band], profile_points(traces.nominal)
+    along = _mean_of_columns(band, np.isfinite(band))
+    cells, whole = np.zeros(grid.roll.shape), np.zeros((2, 1, points.size))
+    for side, known in enumerate(np.isfinite(along)):
+        if known.any():
+            cells[side] = np.interp(grid.roll[side], grid.rolls[known], along[side, known])
+            whole[side] = np.interp(points, grid.rolls[known], along[side, known])
+    read = profile_of(cells, traces)
+    apart = np.abs(read - np.broadcast_to(whole, (*cells.shape[:2], points.size)).reshape(read.shape))
+    return np.asarray(np.nan_to_num(apart).max(axis=1))
+
+
 def helix_bend(delta: Array, traces: Traces) -> Array:
     """By how much (flanks,) mm helices may reach beyond their points, or less far than they do."""
     circle, points = traces.circle, traces.circle(delta)
