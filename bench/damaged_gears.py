@@ -14,7 +14,7 @@ import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from math import cos, log, radians
 
 import numpy as np
@@ -183,9 +183,10 @@ def judge(count: Count, c: Characteristic, true: float, label: str) -> None:
         )
 
 
-def one_gear(seed: int) -> tuple[str, str, Count, float]:
+def one_gear(seed: int, narrowest: float | None) -> tuple[str, str, Count, float]:
     rng = np.random.default_rng(seed)
     gear = gear_of(rng)
+    gear = replace(gear, evaluation=replace(gear.evaluation, narrowest_damage=narrowest))
     errors, kinds, apparent = errors_of(gear, rng), [], []
     damage: list[Dent | Worn] = []
     for tooth in range(2, gear.teeth, 3):
@@ -220,11 +221,13 @@ def main() -> None:
     parser.add_argument("--gears", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--narrowest", type=float, help="mm: damage that must not escape (narrowest_damage_mm)")
     parser.add_argument("--list", action="store_true", help="list each line that is wrong or outside 1.5 U")
     args = parser.parse_args()
     total, verdicts = Count(), Counter()
     with ProcessPoolExecutor(args.workers) as pool:
-        for kinds, verdict, count, seconds in pool.map(one_gear, range(args.first, args.first + args.gears)):
+        seeds = range(args.first, args.first + args.gears)
+        for kinds, verdict, count, seconds in pool.map(partial(one_gear, narrowest=args.narrowest), seeds):
             verdicts[verdict] += 1
             for name in Count.__dataclass_fields__:
                 setattr(total, name, getattr(total, name) + getattr(count, name))

@@ -355,6 +355,18 @@ def test_a_groove_of_all_teeth_stands_in_u_of_those_whose_profiles_miss_it():
     assert max(off) < 1.5 and np.mean(np.array(off) < 1.0) > 0.9
 
 
+def test_what_profiles_are_too_far_apart_for_is_not_seen_where_the_drawing_says_so():
+    """Near the root they are 1 to 3 mm apart: a groove of 0.8 mm between two of them shows nowhere."""
+    gear = replace(GEAR, evaluation=replace(GEAR.evaluation, narrowest_damage=0.8))
+    found = inspected(worn((3.1, 3.9), FACE, 0.08), gear, simulation(4400), 320)
+    assert {(line(found, n).status, line(found, n).verdict) for n in PROFILE} == {("partial", "undecided")}
+    assert {verdict(found, n) for n in HELIX} == {"conforms"} and verdict(found, "f_p", None) == "conforms"
+    fine = inspected(
+        SOUND, replace(gear, evaluation=replace(gear.evaluation, narrowest_damage=4.0)), simulation(4400), 320
+    )
+    assert verdict(fine, "f_falpha") == "conforms"
+
+
 @pytest.mark.parametrize("edge", tried([0.14], 0.8))
 def test_wear_on_every_tooth_breaks_none(edge):
     """25 um over the same roll lengths of all left flanks: single teeth were chipped by 130 um, beside the wear."""

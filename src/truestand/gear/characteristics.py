@@ -115,6 +115,8 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     size = plain in SIZES
     coverage = _coverage(a, plain, at)
     status = status_of(coverage)
+    if status == "measured" and coverage < 1.0 and plain in MEANS and a.nominal.gear.evaluation.narrowest_damage:
+        status = "partial"  # any gap may hide damage as narrow as that
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))
     budget = lines_of(a.expanded, a.influences, name, at) if seen else ()

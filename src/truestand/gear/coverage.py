@@ -33,7 +33,7 @@ class Coverage:
 def coverage_of(grid: Grid, measures: Measures, step: float) -> Coverage:
     """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
     nominal = grid.nominal
-    seen = bridge_gaps(grid.solid, grid, step)
+    seen = bridge_gaps(grid.solid, grid, step, nominal.gear.evaluation.narrowest_damage)
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
     rolls = (grid.rolls >= low) & (grid.rolls <= high)
     heights = (grid.heights >= bottom) & (grid.heights <= top)

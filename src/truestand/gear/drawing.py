@@ -31,6 +31,8 @@ class Evaluation:
     edition) or of the evaluation range (as 1995)."""
     resolution: float = 0.25
     """Lateral resolution along the roll length: the width of a cell."""
+    narrowest_damage: float | None = None
+    """Of damage, along the roll length, that must not escape: between profiles farther apart nothing was seen."""
 
 
 @dataclass(frozen=True, slots=True)

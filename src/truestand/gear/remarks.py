@@ -80,7 +80,8 @@ def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tup
         enough = profiles_for(nominal, max(nominal.control_roll, 3.0))
         text = (
             f"coarse near the root: one profile a {coarse:.1f} mm of roll length at its lower end; {enough} profiles a "
-            f"turn would make it {FINE_STEP:g} mm from 3 mm up; damage narrower than a step may not be seen"
+            f"turn would make it {FINE_STEP:g} mm from 3 mm up; damage narrower than a step may not be seen: "
+            "narrowest_damage_mm in the recipe says what must not escape"
         )
         found.append(Message("coarse_near_root", text))
     if nominal.gear.helix_angle and scan.revolutions < 1:

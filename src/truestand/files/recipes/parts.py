@@ -59,6 +59,7 @@ class EvaluationRecipe(Recipe):
     pitch_span: Annotated[int, Field(ge=1)] | None = None
     slope_ends: Literal["full", "evaluation"] | None = None
     resolution_mm: Positive = 0.25
+    narrowest_damage_mm: Positive | None = None
 
 
 class ModificationRecipe(Recipe):
@@ -297,7 +298,7 @@ def _gear(r: GearRecipe) -> Gear:
         name=r.name or "gear",
         evaluation=Evaluation(
             e.control_diameter_mm, e.tip_form_diameter_mm, e.measuring_diameter_mm, e.ball_diameter_mm,
-            e.span_teeth, e.pitch_span, e.slope_ends, e.resolution_mm,
+            e.span_teeth, e.pitch_span, e.slope_ends, e.resolution_mm, e.narrowest_damage_mm,
         ),
         modification=Modification(
             m.tip_relief_um / UM, m.tip_relief_from_mm, m.profile_crowning_um / UM, m.helix_crowning_um / UM,
