@@ -204,10 +204,10 @@ def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
     too_often = rays.missed & _missed_too_often(rays, there)
     weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(RARELY_LOST), 1.0)
     single = rays.missed & on_most & (rays.lost <= MOST_LOST)
-    return single | _joined(too_often, rays), np.where(too_often, 1.0, np.where(single, weight, 0.0))
+    return single | _with_those_between(too_often, rays), np.where(too_often, 1.0, np.where(single, weight, 0.0))
 
 
-def _joined(missed: Mask, rays: Rays) -> Mask:
+def _with_those_between(missed: Mask, rays: Rays) -> Mask:
     """The same cells (2, teeth, roll lengths, heights) and those between them along the height that no ray shows."""
     from scipy.ndimage import binary_closing
 

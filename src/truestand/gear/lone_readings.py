@@ -95,10 +95,10 @@ def lone_readings(
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
         shown |= np.isfinite(low)
     alone = (alike < np.where(seen < FEW, 1, LEAST_ALIKE)) & (along < LEAST_ALONG)
-    number, of = np.count_nonzero(alone), alone.size
-    if number**2 < of:  # two outliers side by side are not to be expected,
+    number, total = np.count_nonzero(alone), alone.size
+    if number**2 < total:  # two outliers side by side are not to be expected,
         alone &= ~(in_row[-1] | in_row[1])
-    elif number**3 < of**2:  # or not three
+    elif number**3 < total**2:  # or not three
         alone &= ~((in_row[-2] & in_row[-1]) | (in_row[-1] & in_row[1]) | (in_row[1] & in_row[2]))
     return np.asarray(alone | (shown & ~repeated))
 
