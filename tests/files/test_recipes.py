@@ -33,6 +33,8 @@ linearity_U_um = 20.0
 scale_U_ppm = 50.0
 plane_offset_U_mm = 0.5
 plane_tilt_U_deg = 0.25
+incidence_U_um = 8.0
+stability_U_um = 4.0
 [scan]
 y = "encoder"
 counts_per_turn = 36000
@@ -78,6 +80,7 @@ def test_units_end_at_the_border(tmp_path):
     assert (made.table.sign, made.table.speed) == (-1, 0.3141592653589793)
     assert made.sensor.linearity_U == 0.02
     assert made.sensor.scale_U == pytest.approx(5e-5)
+    assert (made.sensor.incidence_U, made.sensor.stability_U) == (0.008, 0.004)
     assert made.sensor.plane_tilt_U == radians(0.25)
     assert (made.y, made.counts_per_turn) == ("encoder", 36000)
     assert read_simulation(tmp_path / "stand.toml") == {"seed_free": 1}
