@@ -168,6 +168,21 @@ def test_half_a_circumference_is_partial_and_a_quarter_is_no_number():
     assert decided.verdict == "undecided"
 
 
+def test_a_section_seen_in_part_is_not_measured_however_high_its_cells():
+    """Few readings make one cell of the whole height: half a section hidden behind a larger one was covered by 1.0."""
+    scan, known = scanned("round")
+    sparse = replace(scan, x=scan.x[:, ::8], z=scan.z[:, ::8])
+    surface = apply_calibration(sparse, known)
+    top = float(np.nanmax(np.where(np.hypot(surface.x, surface.y) < 7.5, surface.z, np.nan)))
+    for part_seen, status in ((1.0, "measured"), (0.6, "partial"), (0.2, "not_measurable")):
+        section = Section("seat", 8.0, 8.0 + (top - 8.5) / part_seen, 13.94, roundness_limit=0.05)
+        found = inspect_turned(surface, Turned((section,)))
+        lines = [c for c in found.characteristics if c.name in ("d", "roundness")]
+        assert {c.status for c in lines} == {status}
+        assert all(abs(c.coverage - part_seen) < 0.2 for c in lines)
+        assert {c.verdict for c in lines if c.limits} == {"conforms" if status == "measured" else "undecided"}
+
+
 def test_a_keyway_leaves_the_diameter_and_makes_form_partial():
     part = Turned((replace(BASE, roundness_limit=0.1, diameter_limits=(24.9, 25.1)),))
     found = inspected("keyway", part)

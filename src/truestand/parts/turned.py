@@ -16,6 +16,7 @@ from truestand.core.calibration import Calibration, Contribution
 from truestand.core.inspection import (
     EDITION,
     GUARD_FACTOR,
+    MEASURED,
     PARTIAL,
     Characteristic,
     Inspection,
@@ -49,6 +50,8 @@ CIRCLE_HEIGHT = 1.0
 """mm of height that one circle is read from."""
 READINGS_PER_CELL = 12
 """On average, where there are so many."""
+FINE_HEIGHT, SPACINGS = 0.25, 2.0
+"""mm of height, and points of a profile at least, by which it is told what was seen."""
 BLOCK = 256
 """Profiles worked on at once."""
 FORM = (
@@ -251,9 +254,9 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
     found: list[Characteristic] = []
     drawn, remarks = [], [Message("datum", f"datum: {datum.remark}")]
     for section in part.sections:
-        grid, readings = _readings(surface, inspected, section)
+        grid, readings, share = _readings(surface, inspected, section)
         deviation.ravel()[readings.flat] = readings.deviation
-        lines, shown, remark = _section(inspected, section, grid, readings)
+        lines, shown, remark = _section(inspected, section, grid, readings, share)
         found += lines
         drawn += shown
         remarks += remark
@@ -279,8 +282,10 @@ def _settings(part: Turned, datum: Datum) -> dict[str, str]:
     }
 
 
-def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, Readings]:
-    """The section's grid, and its readings (r - R) within the drawing's reach, about the datum axis."""
+def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, Readings, float]:
+    """The section's grid, its readings (r - R) within the drawing's reach, about the datum axis, and the share of its
+    surface that they show.
+    """
     margin = min(MARGIN, 0.15 * (section.top - section.bottom))
     low, high = section.bottom + margin, section.top - margin
     pose, width = inspected.datum.pose, surface.x.shape[1]
@@ -296,8 +301,18 @@ def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tupl
         places.append(points[on])
     x, y, z = np.concatenate(places).T
     grid = _grid(inspected, low, high, z.size)
-    off = np.hypot(x, y) - section.diameter / 2
-    return grid, Readings(np.concatenate(flats), off, grid.cells(np.arctan2(y, x), z))
+    off, angle = np.hypot(x, y) - section.diameter / 2, np.arctan2(y, x)
+    return grid, Readings(np.concatenate(flats), off, grid.cells(angle, z)), _share_seen(angle, z, low, high)
+
+
+def _share_seen(angle: Array, height: Array, low: float, high: float) -> float:
+    """Share of a section between two heights (mm) that readings (n,) in the order of the scan show, whatever the height
+    of the cells that form is read from.
+    """
+    spacing = float(np.median(np.abs(np.diff(height)))) if height.size > 1 else high - low
+    heights = max(int((high - low) / max(FINE_HEIGHT, SPACINGS * spacing)), 1)
+    fine = Grid(low, high, heights, LEAST_ANGLES)
+    return float((np.bincount(fine.cells(angle, height), minlength=heights * LEAST_ANGLES) > 0).mean())
 
 
 def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid:
@@ -309,17 +324,16 @@ def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid
 
 
 def _section(
-    inspected: _Inspected, section: Section, grid: Grid, readings: Readings
+    inspected: _Inspected, section: Section, grid: Grid, readings: Readings, share: float
 ) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
-    """One section's characteristics, what is drawn of it and what is to be said."""
+    """One section's characteristics, what is drawn of it and what is to be said; ``share``: of it that was seen."""
     patches = patches_of(grid, readings, REACH)
     rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
-    if not rings.used.any() or rings.coverage < PARTIAL:
-        missing = [
-            _characteristic(section, how, None, None, rings.coverage, "not_measurable") for how in _drawn(section)
-        ]
+    coverage = min(rings.coverage, share)
+    if not rings.used.any() or coverage < PARTIAL:
+        missing = [_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section)]
         remark = (
-            f"section {section.name!r}: {rings.coverage:.0%} seen of a surface of {section.diameter:g} mm from "
+            f"section {section.name!r}: {coverage:.0%} seen of a surface of {section.diameter:g} mm from "
             f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
         )
         return missing, [], [Message("section_not_seen", remark)]
@@ -331,12 +345,12 @@ def _section(
 
     clear = cleared(read, used, patches.noise)
     clear = replace(clear, value=np.append(reading.statistics[0], clear.value[1:]))  # a mean has no bias
-    whole = status_of(rings.coverage)
+    whole = status_of(coverage)
     closed = whole if bool(rings.closed.all()) else "partial"
     noise = clear.u * _rougher(patches, rings, used)
     U = _budgets(inspected, section, rings, _moved(inspected, readings, patches, rings, used), reading, noise)
     lines = [
-        _characteristic(section, how, float(clear.value[i]), U[i], rings.coverage, closed if i else whole)
+        _characteristic(section, how, float(clear.value[i]), U[i], coverage, closed if i else whole)
         for i, how in enumerate(_drawn(section))
     ]
     evidence = SectionEvidence(
@@ -345,7 +359,10 @@ def _section(
     )  # fmt: skip
     said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
     remarks = [Message("section_noise", f"{said}{1000 * evidence.floor:.2g} um (taken off)")]
-    if closed == "partial":
+    if share < MEASURED:
+        text = f"section {section.name!r}: {share:.0%} of its surface was seen; what was not may be worse"
+        remarks.append(Message("section_in_part", text))
+    elif closed == "partial":
         text = f"section {section.name!r}: the circumference is not closed at every height"
         remarks.append(Message("section_not_closed", text))
     return lines, [evidence], remarks
