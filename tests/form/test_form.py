@@ -380,6 +380,19 @@ def test_an_arc_holds_no_inscribed_circle():
         evaluate(points, "circle", "MIC")
 
 
+@pytest.mark.parametrize(("feature", "number"), [("line", 2), ("plane", 3), ("circle", 3), ("sphere", 4)])
+def test_points_that_are_just_enough_tell_no_form(feature, number):
+    """Whatever they are, they fit: 3 points of a circle were *valid*, with U = 0.000 um of its minimum zone."""
+    points = np.array([[0.0, 0.0, 0.0], [5.0, 1.0, 0.5], [1.0, 6.0, -1.0], [2.0, 2.0, 7.0]])[:number]
+    for reference in ("LSC", "MZC"):
+        assert [r.code for r in evaluate(points, feature, reference).reasons] == ["no_redundant_points"]
+
+
+def test_a_cut_off_that_no_profile_has_is_refused():
+    with pytest.raises(BadRecipe, match="up to 100000"):
+        UprFilter(float("inf"))
+
+
 def test_references_and_filters_are_for_round_features():
     points = np.random.default_rng(0).normal(size=(20, 3))
     with pytest.raises(BadRecipe, match="a plane has LSC and MZC"):

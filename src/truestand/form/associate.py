@@ -64,6 +64,7 @@ def associate(points: Array, feature: Feature) -> FittedFeature:
     centred = points - centroid
     # Many points have the singular values and axes of their triangular factor.
     factor = centred if len(points) < MANY_POINTS else np.linalg.qr(centred, mode="r")
+    factor = np.pad(factor, ((0, max(3 - len(factor), 0)), (0, 0)))  # two points have three axes, too
     _, extent, axes = np.linalg.svd(factor, full_matrices=False)
     _demand_extent(feature, extent)
     return _FITS[feature](centred, centroid, axes)

@@ -16,7 +16,7 @@ from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
-from truestand.form.associate import LAYOUTS, Feature, FittedFeature, associate
+from truestand.form.associate import LAYOUTS, LEAST_POINTS, Feature, FittedFeature, associate
 from truestand.form.lobes import FEW_LOBES, form_covariance, lobe_leverage
 from truestand.form.upr import UprFilter, upr_filter
 from truestand.form.zone import Zone
@@ -223,6 +223,9 @@ def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
+    if found.n <= LEAST_POINTS[found.feature]:
+        text = f"{found.n} points hold a {found.feature} just so: nothing tells its form or U; measure more"
+        reasons.append(Message("no_redundant_points", text))
     if found.form > MOST_FORM * size:
         text = (
             f"form of {found.form:.4g} mm on points {extent:.4g} mm across: check that they are of a {found.feature}, "

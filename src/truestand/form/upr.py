@@ -21,6 +21,8 @@ EVEN_SPACING = 1e-6
 """Largest departure from even spacing, as a share of it, at which a profile counts as evenly spaced."""
 NEGLIGIBLE = 4
 """From this many cut-offs on nothing passes the Gaussian: 2^-16."""
+MOST_UPR = 100_000.0
+"""No profile has as many points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +33,10 @@ class UprFilter:
     kind: FilterKind = "gaussian"
 
     def __post_init__(self) -> None:
-        if not self.cutoff > 0:
+        if not 0 < self.cutoff <= MOST_UPR:
             raise BadRecipe(
-                f"found a cut-off of {self.cutoff:g} UPR, need a positive one; 15, 50, 150 and 500 are usual"
+                f"found a cut-off of {self.cutoff:g} UPR, need a positive one up to {MOST_UPR:g}; 15, 50, 150 and 500 "
+                "are usual"
             )
 
     @property
