@@ -18,7 +18,7 @@ from truestand.store import Store
 
 @pytest.fixture(scope="module")
 def stand(tmp_path_factory):
-    with lab(tmp_path_factory.mktemp("stand"), turns=0.3, sensors=("front", "back"), points=640) as found:
+    with lab(tmp_path_factory.mktemp("stand"), turns=0.3, pace=2.0, sensors=("front", "back"), points=320) as found:
         yield found
 
 

@@ -186,11 +186,12 @@ def tried_until(last, answers):
     raise AssertionError(f"the sensor never {'answered' if answers else 'fell silent'}")
 
 
-def test_command_serves_until_sigterm(tmp_path):
+@pytest.mark.parametrize(("faults", "answers"), [(["unplugged@0.1"], False), (["unplugged@0", "none@0.1"], True)])
+def test_command_serves_until_sigterm(tmp_path, faults, answers):
     (tmp_path / "stand.toml").write_text(RECIPE)
     command = [
         sys.executable, "-W", "error", "-m", "truestand", "stand", "simulate", "stand.toml", "--truth", "truth.json",
-        "--fault", "unplugged@0.1", "--fault", "none@4",
+        *(word for fault in faults for word in ("--fault", fault)),
     ]  # fmt: skip
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -198,8 +199,7 @@ def test_command_serves_until_sigterm(tmp_path):
             ready = process.stdout.readline()
             assert ready.startswith(f"ready · table modbus {NET}.9:")
             assert ready.endswith(f"sensor front {NET}.9:3956\n")
-            tried_until(9, answers=False)
-            tried_until(9, answers=True)
+            tried_until(9, answers)
         finally:
             process.send_signal(signal.SIGTERM)
             rest, complaints = process.communicate(timeout=NOT_FOR_EVER)

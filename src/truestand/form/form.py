@@ -224,7 +224,7 @@ def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
     if found.n <= LEAST_POINTS[found.feature]:
-        text = f"{found.n} points hold a {found.feature} just so: nothing tells its form or U; measure more"
+        text = f"found {found.n} points, which any {found.feature} fits: form and U are not known; measure more"
         reasons.append(Message("no_redundant_points", text))
     if found.form > MOST_FORM * size:
         text = (

@@ -137,7 +137,7 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
         text = "the calibration is of the published method, which moves no axis: calibrate with --method stand"
         reasons = (*reasons, Message("published_method", text))
     if calibration.covariance.shape[0] < UNKNOWNS:
-        text = "the calibration carries no covariance: it is taken as exact, so U leaves its part out"
+        text = "the calibration carries no covariance, so U leaves its part out: use the whole record"
         reasons = (*reasons, Message("no_covariance", text))
     try:
         check_drawing(surface, flanks)

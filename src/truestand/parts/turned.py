@@ -360,7 +360,9 @@ def _section(
     said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
     remarks = [Message("section_noise", f"{said}{1000 * evidence.floor:.2g} um (taken off)")]
     if share < MEASURED:
-        text = f"section {section.name!r}: {share:.0%} of its surface was seen; what was not may be worse"
+        text = (
+            f"section {section.name!r}: {share:.0%} of its surface was seen, the rest may be worse: draw what is seen"
+        )
         remarks.append(Message("section_in_part", text))
     elif closed == "partial":
         text = f"section {section.name!r}: the circumference is not closed at every height"

@@ -1,6 +1,7 @@
 """Guided jobs: by keyboard alone, seen live, stopped, failed, and what the end says."""
 
 import json
+import re
 
 import pytest
 
@@ -70,12 +71,12 @@ def test_a_job_is_seen_live_and_stopped(open_tab, stand):
     stand.run("hold")
     tab = open_tab("#/job")
     expect(tab.locator(".gauge .share")).to_have_text("12 %", timeout=8000)
-    assert tab.locator(".sensor").count() == 2
-    assert tab.locator(".lost").all_inner_texts() == ["0 ✓", "12 ✗"]
-    assert tab.locator(".dial strong").inner_text().endswith("°")
+    expect(tab.locator(".sensor")).to_have_count(2)
+    expect(tab.locator(".lost")).to_have_text(["0 ✓", "12 ✗"])
+    expect(tab.locator(".dial strong")).to_have_text(re.compile("°$"))
     picture = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data"
-    drawn = f"(c) => {picture}.filter((v, i) => i % 4 === 3 && v > 200).length"
-    assert tab.locator("canvas.profile").first.evaluate(drawn) > 500
+    drawn = f"(c) => {picture}.filter((v, i) => i % 4 === 3 && v > 200).length > 500"
+    tab.wait_for_function(drawn, arg=tab.locator("canvas.profile").first.element_handle())
     box = tab.get_by_role("button", name="Stop").bounding_box()
     assert box["height"] >= 48 and box["y"] + box["height"] <= 800
     tab.get_by_role("button", name="Stop").click()

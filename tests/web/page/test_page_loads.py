@@ -7,6 +7,8 @@ from lab import lab
 from truestand.web.routes.files import STATIC
 from web_lab import PASSWORD
 
+expect_soon = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
+
 PAGES = {
     "#/": "Home", "#/inspect": "Which part?", "#/inspect/gear": "demo wheel",
     "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results",
@@ -110,12 +112,12 @@ def test_login_leads_back_to_the_page_asked_for(open_tab, stand):
 
 def test_results_are_filtered_and_paged(open_tab):
     tab = open_tab("#/results")
-    assert tab.locator(".row").count() == 30
+    expect_soon(tab.locator(".row")).to_have_count(30)
     tab.get_by_role("button", name="Show older ones").click()
     tab.locator(".row").nth(stored_results.CALIBRATIONS + stored_results.INSPECTIONS).wait_for()
     tab.get_by_label("Calibrations").check()
     tab.locator(".row").nth(stored_results.CALIBRATIONS).wait_for(state="detached")
-    assert tab.locator(".row").count() == stored_results.CALIBRATIONS
+    expect_soon(tab.locator(".row")).to_have_count(stored_results.CALIBRATIONS)
     assert tab.locator(".row .verdict").all_inner_texts().count("not trusted") == 1
 
 

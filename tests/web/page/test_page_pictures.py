@@ -102,14 +102,14 @@ def test_history_shows_limits_and_findings(open_tab):
     tab = open_tab("#/history", expect=["willReadFrequently"])
     tab.locator(".plot .main-svg").first.wait_for(timeout=FIRST_CHART)
     assert "beyond" in tab.locator(".trend").inner_text()
-    assert tab.locator(".plot .shapelayer path").count() == 3
+    expect(tab.locator(".plot .shapelayer path")).to_have_count(3)
     assert tab.locator(".plot .errorbar").count() >= stored_results.CALIBRATIONS - 1
     tab.get_by_label("Trend of").select_option("gear")
     tab.get_by_role("heading", name="f_p left").wait_for()
     tab.get_by_role("link", name="F_beta right").click()
     tab.get_by_role("heading", name="F_beta right").wait_for()
     tab.locator(".plot .main-svg").first.wait_for(timeout=FIRST_CHART)
-    assert tab.locator(".plot .shapelayer path").count() == 4
+    expect(tab.locator(".plot .shapelayer path")).to_have_count(4)
 
 
 def test_charts_without_plotly_say_what_to_install(chromium, stand):
