@@ -2,10 +2,11 @@
 
     python bench/damaged_gears.py --gears 300
     python bench/damaged_gears.py --gears 20 --first 40 --list
+    python bench/damaged_gears.py --every 1 --kinds scratch --flanks 2
 
-Every third tooth may carry damage: a groove across the face or along the profile, a dent, a worn band, material on
-top, a crater; some carry what looks like material and is none (a second reflection). True figures come from the virtual
-stand's surface, which shares no code with the inspection.
+Every third tooth (each: ``--every 1``) may carry damage: a groove across the face, along the profile or aslant, a dent,
+a worn band, material on top, a crater; some carry what looks like material and is none (a second reflection). True
+figures come from the virtual stand's surface, which shares no code with the inspection.
 """
 
 import argparse
@@ -30,6 +31,7 @@ from truestand.sim import (
     Dent,
     FlankErrors,
     GearErrors,
+    Scratch,
     Simulation,
     VirtualGear,
     paper_shaft,
@@ -41,8 +43,9 @@ from truestand.sim.gear_errors import Worn
 from truestand.sim.gear_truth import gear_figures
 
 POINTS, PROFILES = 320, 4400
-KINDS = ("none", "across", "along", "dent", "wear", "on top", "crater", "reflection")
+KINDS = ("none", "across", "along", "dent", "wear", "on top", "crater", "reflection", "scratch")
 INCIDENCE_U = 0.005
+Damage = Dent | Worn | Scratch
 
 
 @dataclass
@@ -63,15 +66,14 @@ class Count:
 
 
 def gear_of(rng: np.random.Generator) -> Gear:
-    helix = radians(float(rng.choice([0.0, 0.0, 15.0])))
+    helix = radians(float(rng.choice([0.0, 0.0, 15.0, 20.0, -25.0])))
     teeth = int(rng.integers(20, 29))
     reference = 2.0 * teeth / cos(helix)
     return Gear(teeth, 2.0, 20.0, 5.0, reference + 4.0, reference - 5.0, helix_angle=helix, accuracy_class=10)
 
 
-def damage_of(kind: str, tooth: int, gear: Gear, rng: np.random.Generator) -> tuple[Dent | Worn, ...]:
+def damage_of(kind: str, tooth: int, flank: str, gear: Gear, rng: np.random.Generator) -> tuple[Damage, ...]:
     nominal = involute(gear)
-    flank = "left" if rng.random() < 0.5 else "right"
     low, high = nominal.profile_range
     bottom, top = nominal.helix_range
     depth = float(np.exp(rng.uniform(log(0.005), log(0.1))))
@@ -84,6 +86,9 @@ def damage_of(kind: str, tooth: int, gear: Gear, rng: np.random.Generator) -> tu
     if kind == "dent":
         place = float(rng.uniform(low + 1, high - 0.5)), float(rng.uniform(bottom + 1, top - 1))
         return (Dent(tooth, flank, *place, float(rng.uniform(0.4, 2.0)), depth),)
+    if kind == "scratch":
+        places = [(float(rng.uniform(low, high)), float(rng.uniform(bottom, top))) for _ in range(2)]
+        return (Scratch(tooth, flank, *places, float(rng.uniform(0.6, 1.6)), depth),)
     if kind == "wear":
         start, width = float(rng.uniform(low + 1, high - 2)), float(rng.uniform(2.0, 4.0))
         rolls = (start, start + width)
@@ -183,17 +188,20 @@ def judge(count: Count, c: Characteristic, true: float, label: str) -> None:
         )
 
 
-def one_gear(seed: int, narrowest: float | None) -> tuple[str, str, Count, float]:
+def one_gear(
+    seed: int, narrowest: float | None, every: int, among: tuple[str, ...], flanks: int
+) -> tuple[str, str, Count, float]:
     rng = np.random.default_rng(seed)
     gear = gear_of(rng)
     gear = replace(gear, evaluation=replace(gear.evaluation, narrowest_damage=narrowest))
     errors, kinds, apparent = errors_of(gear, rng), [], []
-    damage: list[Dent | Worn] = []
-    for tooth in range(2, gear.teeth, 3):
-        kind = str(rng.choice(KINDS))
-        kinds.append(kind)
-        if kind != "none":
-            (apparent if kind == "reflection" else damage).extend(damage_of(kind, tooth, gear, rng))
+    damage: list[Damage] = []
+    for tooth in range(2 if every > 1 else 1, gear.teeth + (every == 1), every):
+        for flank in rng.permutation(["left", "right"])[:flanks]:
+            kind = str(rng.choice(among))
+            kinds.append(kind)
+            if kind != "none":
+                (apparent if kind == "reflection" else damage).extend(damage_of(kind, tooth, flank, gear, rng))
     speckle = float(rng.choice([0.0, 0.0, 0.005, 0.01, 0.02]))
     simulation = simulation_of(bool(gear.helix_angle), PROFILES, speckle)
     real = _with(errors, damage)
@@ -210,10 +218,12 @@ def one_gear(seed: int, narrowest: float | None) -> tuple[str, str, Count, float
     return f"{Counter(kinds)}", found.verdict, count, seconds
 
 
-def _with(errors: GearErrors, damage: list[Dent | Worn]) -> GearErrors:
-    dents = tuple(d for d in damage if isinstance(d, Dent))
-    return replace(errors, dents=(*errors.dents, *dents),
-                   worn=(*errors.worn, *(w for w in damage if isinstance(w, Worn))))  # fmt: skip
+def _with(errors: GearErrors, damage: list[Damage]) -> GearErrors:
+    dents, worn, scratches = (tuple(d for d in damage if isinstance(d, kind)) for kind in (Dent, Worn, Scratch))
+    return replace(
+        errors,
+        dents=(*errors.dents, *dents), worn=(*errors.worn, *worn), scratches=(*errors.scratches, *scratches),
+    )  # fmt: skip
 
 
 def main() -> None:
@@ -222,12 +232,17 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--narrowest", type=float, help="mm: damage that must not escape (narrowest_damage_mm)")
+    parser.add_argument("--every", type=int, default=3, help="teeth of which one may be damaged")
+    parser.add_argument("--flanks", type=int, default=1, help="of such a tooth")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
     parser.add_argument("--list", action="store_true", help="list each line that is wrong or outside 1.5 U")
     args = parser.parse_args()
     total, verdicts = Count(), Counter()
+    options = {"narrowest": args.narrowest, "every": args.every, "among": tuple(args.kinds), "flanks": args.flanks}
+    work = partial(one_gear, **options)
     with ProcessPoolExecutor(args.workers) as pool:
         seeds = range(args.first, args.first + args.gears)
-        for kinds, verdict, count, seconds in pool.map(partial(one_gear, narrowest=args.narrowest), seeds):
+        for kinds, verdict, count, seconds in pool.map(work, seeds):
             verdicts[verdict] += 1
             for name in Count.__dataclass_fields__:
                 setattr(total, name, getattr(total, name) + getattr(count, name))

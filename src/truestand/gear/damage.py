@@ -47,6 +47,8 @@ STEPS_ACROSS = 3.0
 """Steps of the table that a region must be wide for its depth to be known."""
 MOST_SHADOW = 0.25
 """Share of its width over which the edge's shadow may reach, as deep as it was seen, for its bottom to be seen."""
+LEAST_MISSED, MOST_MISSED = 1.0, 0.1
+"""Weight, and share of its cells, of the rays that did not meet a region from which its bottom is hidden."""
 LEAST_STEPS = 1.5
 """Steps of the table that it must be wide for its depth to be known to a half."""
 STEPS_BESIDE = 1.0
@@ -116,7 +118,7 @@ def with_deep_damage(flanks: Flanks) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, smooth: SmoothFlanks, rays: Rays, step: float, radial: float, there: Mask
+    flanks: Flanks, smooth: SmoothFlanks, rays: tuple[Rays, ...], step: float, radial: float, there: Mask
 ) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
@@ -132,14 +134,19 @@ def damage_of(
     found = []
     below = (far_off & (rest < 0)) | _departing(cell[depth > far], grid)
     above = (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)
-    for sign, marked, weight in ((1, below, below), (-1, above, above), (0, *_not_seen(rays, there))):
-        marked = marked & grid.in_ranges & there[:, None, None]
+    not_seen = [_not_seen(told, there) for told in rays]
+    unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
+    missed = np.maximum.reduce([weight for _, weight in not_seen])
+    for sign, departing, others, weight in ((1, below, unseen, np.maximum(below, missed)), (-1, above, above, above)):
+        marked = (departing | others) & grid.in_ranges & there[:, None, None]
         bridged = bridge_gaps(marked, grid, step)
         for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
-                depths = depth[own[region.reshape(-1)[cell[own] % region.size]]] if sign else None
-                found.append(_damage(grid, int(side), int(tooth), region, depths, sign, step, radial))
+                on = (region & departing[side, tooth]).reshape(-1)
+                depths = sign * depth[own[on[cell[own] % region.size]]]
+                not_met = float(missed[side, tooth][region].sum()) if sign > 0 else 0.0
+                found.append(_damage(grid, (int(side), int(tooth)), region, depths, not_met, sign, step, radial))
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
@@ -154,22 +161,41 @@ def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:
 
 
 def _damage(
-    grid: Grid, side: int, tooth: int, region: Mask, depths: Array | None, sign: int, step: float, radial: float
+    grid: Grid,
+    at: tuple[int, int],
+    region: Mask,
+    depths: Array,
+    not_met: float,
+    sign: int,
+    step: float,
+    radial: float,
 ) -> Damage:
-    """One region, with the ``depths`` (n,) mm of its readings; None: no reading shows the flank there."""
+    """One region ``at`` a side and tooth, with the ``depths`` (n,) mm of its readings, and how much the rays weigh that
+    did not meet it.
+    """
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
     heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
     about = bridge_gaps(region[None, None], grid, step)[0, 0]
-    if depths is None:
-        return Damage(side, tooth, about, None, None, False, True, rolls, heights)
-    depth = sign * float(np.quantile(sign * depths, DEPTH_QUANTILE))
-    middle, width = sum(rolls) / 2, rolls[1] - rolls[0]
+    if not depths.size:
+        return Damage(*at, about, None, None, False, True, rolls, heights)
+    depth = sign * float(np.quantile(depths, DEPTH_QUANTILE))
+    width, middle = _widest(region, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     shadow = depth * _shadow(grid.nominal, middle, radial)
-    hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width)
-    resolved = steps >= STEPS_ACROSS and int(np.count_nonzero(region.any(axis=0))) >= ROWS_ACROSS
+    mostly_met = not_met < max(LEAST_MISSED, MOST_MISSED * np.count_nonzero(region))
+    hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width or not mostly_met)
+    resolved = steps >= STEPS_ACROSS and int(region.sum(axis=1).max()) >= ROWS_ACROSS
     depth_U = hypot(DEPTH_SHARE_U * depth, 2 * grid.scatter)
-    return Damage(side, tooth, about if hidden else region, depth, depth_U, resolved, hidden, rolls, heights)
+    return Damage(*at, about if hidden else region, depth, depth_U, resolved, hidden, rolls, heights)
+
+
+def _widest(region: Mask, grid: Grid) -> tuple[float, float]:
+    """How wide (mm of roll length) a region (roll lengths, heights) is at the height where it is widest, and the middle
+    there: what runs aslant is narrower than its extent.
+    """
+    widest = int(region.sum(axis=0).argmax())
+    low, high = _extent(grid.rolls, grid.size[0], region[:, widest])
+    return high - low, (low + high) / 2
 
 
 def _shadow(nominal: Involute, roll: float, radial: float) -> float:

@@ -20,6 +20,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
 from truestand.core.surface import Surface, sensor_origins, table_angle
 from truestand.gear.geometry import SIGMA, Involute
+from truestand.statistics.lone_readings import MOST_SLANT, lone_readings
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
@@ -323,3 +324,25 @@ def _offsets(flank: NDArray[np.intp], delta: Array, nominal: Involute) -> Array:
     mean = np.bincount(flank[at_mode], delta[at_mode], minlength=flanks) / np.maximum(number, 1)
     within_reach = np.bincount(flank[near], minlength=flanks)
     return np.where((number > LEAST_POINTS) & (number > LEAST_TOGETHER * within_reach), mean, np.nan)
+
+
+def without_lone_readings(flanks: Flanks, points: int, angle: Array) -> Flanks:
+    """The flanks without readings that nothing bears out; ``points`` a profile; ``angle`` (profiles,) rad of the table.
+
+    Those outside the gate bear each other out, too.
+    """
+    outside = flanks.outside_gate
+    every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
+    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle, _slant(flanks, points, angle))
+    on = flanks.delta.size
+    return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
+
+
+def _slant(flanks: Flanks, points: int, angle: Array) -> float:
+    """Points of a profile by which a place of a helical flank moves on from one profile to the next; 0: too many."""
+    twist = flanks.toothing.nominal.twist
+    if not twist or flanks.delta.size < 2:
+        return 0.0
+    by_height = float(np.polyfit(flanks.height, flanks.index % points, 1)[0])
+    slant = -float(np.median(np.diff(angle))) / twist * by_height
+    return slant if abs(slant) <= MOST_SLANT else 0.0

@@ -32,10 +32,9 @@ from truestand.gear.evaluate import (
     pitch_extremes,
     sampling_of,
 )
-from truestand.gear.flanks import Flanks, find_flanks, find_toothing
+from truestand.gear.flanks import Flanks, find_flanks, find_toothing, without_lone_readings
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
-from truestand.gear.lone_readings import without_lone_readings
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_on_flanks
 from truestand.gear.remarks import remarks_of, unevenness
@@ -85,7 +84,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     folded = fold(correction.surface, flanks.toothing)
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
-    rays = rays_on_flanks(evaluator.grid, smooth, flanks.toothing, scan, correction.calibration)
+    rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
     damage = damage_of(complete, evaluator.smooth, rays, scan.step, _radial_share(correction.calibration), there)
     assessment = _assess(correction, evaluator, measures, coverage, damage, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)

@@ -10,13 +10,13 @@ from math import ceil, floor, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array, Mask
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
 from truestand.core.surface import seen_at, table_angle
-from truestand.gear.flanks import Toothing
-from truestand.gear.grid import Grid, bin_index
+from truestand.gear.flanks import Flanks, Toothing
+from truestand.gear.grid import Grid, bin_index, column_of
 
 KNOTS = 12
 """Roll lengths at which it is worked out when a flank is met."""
@@ -24,6 +24,8 @@ MOST_OFF = 0.1
 """mm of delta that a smooth flank may say where nothing was seen of it."""
 BESIDE = 1
 """Cells of roll length beside the one in which a ray should meet the flank where its reading may lie."""
+USUALLY = 0.99
+"""Share of the rays whose reading lies no farther away than is usual."""
 AT_END = 2
 """Cells at the lower end of the evaluation range that are left out: rays may meet the flank below it."""
 
@@ -34,7 +36,7 @@ class Rays:
 
     expected: Mask
     missed: Mask
-    """Those of them without a reading, there or beside."""
+    """Those of them that show nothing of it."""
 
     @property
     def lost(self) -> Array:
@@ -45,21 +47,89 @@ class Rays:
         return np.asarray(missed / np.maximum(expected, 1))
 
 
-def rays_on_flanks(grid: Grid, surface: Array, toothing: Toothing, scan: Scan, calibration: Calibration) -> Rays:
+def rays_on_flanks(
+    grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calibration: Calibration
+) -> tuple[Rays, Rays]:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
     heights that stand elsewhere as a whole: in a groove along the profile.
+
+    Missed, in the first, are those about which no reading lies along the roll length; in the second, those whose own
+    profile has no reading as near along the height as it usually has. A narrow groove on a flank seen well lies between
+    two readings of the first; on a steep one, readings of a profile are far apart.
     """
-    nominal, (low, high) = grid.nominal, grid.nominal.profile_range
+    (low, high), shape = grid.nominal.profile_range, grid.delta.shape
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
     stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
-    met = _met_at(toothing, calibration, grid, rows, np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF))
-    angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
-    expected = np.zeros(grid.delta.shape, dtype=bool)
-    for side, tooth, column in np.ndindex(2, nominal.gear.teeth, grid.heights.size):
-        roll = _rolls_met(angle, met[side, tooth, :, column], grid.rolls[rows])
-        roll = roll[(roll > low + AT_END * grid.size[0]) & (roll < high)]
-        expected[side, tooth, bin_index(roll, nominal.control_roll, nominal.tip_roll, grid.rolls.size), column] = True
-    return Rays(expected, expected & ~_beside(grid.seen))
+    stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF)
+    met = _met_at(flanks.toothing, calibration, grid, rows, stands)
+    found = _meetings(
+        table_angle(scan, calibration), np.asarray(np.isfinite(scan.z).any(axis=1)), met, grid.rolls[rows]
+    )
+    found = found.select((found.roll > low + AT_END * grid.size[0]) & (found.roll < high))
+    away = _columns_away(found, flanks, grid, scan)
+    row = bin_index(found.roll, grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
+    missed = away > _usual_columns_away(away, found.flank // shape[1] * shape[2] + row)
+    cell = (found.flank * shape[2] + row) * shape[3] + found.column
+    expected, shown = (np.bincount(at, minlength=grid.delta.size).reshape(shape) > 0 for at in (cell, cell[~missed]))
+    return Rays(expected, expected & ~_beside(grid.seen)), Rays(expected, expected & ~shown)
+
+
+@dataclass(frozen=True, slots=True)
+class _Meetings:
+    """Where profiles should meet flanks, (n,) each."""
+
+    flank: Ints
+    """side * teeth + tooth."""
+    column: Ints
+    """Of cells along the height."""
+    profile: Ints
+    """Its row in the scan."""
+    roll: Array
+    """mm."""
+
+    def select(self, on: Mask) -> "_Meetings":
+        return _Meetings(self.flank[on], self.column[on], self.profile[on], self.roll[on])
+
+
+def _meetings(angle: Array, seen: Mask, met: Array, rolls: Array) -> _Meetings:
+    """Where profiles at table angles (profiles,) rad, ``seen`` if they have readings, should meet flanks.
+
+    ``met`` (2, teeth, k, heights) rad: table angle at which they are met at ``rolls`` (k,) mm; NaN: never.
+    """
+    order = np.argsort(angle)
+    order = order[seen[order]]
+    met = met.swapaxes(2, 3).reshape(-1, met.shape[3], rolls.size)
+    found: list[tuple[Ints, Ints, Ints, Array]] = []
+    for flank, column in np.ndindex(met.shape[:2]):
+        which, roll = _rolls_met(angle[order], met[flank, column], rolls)
+        found.append((np.full(roll.size, flank), np.full(roll.size, column), order[which], roll))
+    return _Meetings(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _columns_away(met: _Meetings, flanks: Flanks, grid: Grid, scan: Scan) -> Ints:
+    """How many columns (n,) away, along the height, the nearest reading lies that the same profile has on the flank;
+    as many as there are where it has none.
+    """
+    columns, profiles = grid.heights.size, scan.x.shape[0]
+    of_profile = flanks.flank.astype(np.int64) * profiles + flanks.index // scan.x.shape[1]
+    reading = np.unique(of_profile * columns + column_of(flanks.height, grid.edges))
+    here = met.flank * profiles + met.profile
+    away = np.full(here.size, columns)
+    behind = np.searchsorted(reading, here * columns + met.column)
+    for at in (np.maximum(behind - 1, 0), np.minimum(behind, reading.size - 1)):
+        same = reading[at] // columns == here
+        away = np.minimum(away, np.where(same, np.abs(reading[at] % columns - met.column), columns))
+    return away
+
+
+def _usual_columns_away(away: Ints, row: Ints) -> Ints:
+    """How far (n,) columns the nearest reading usually is at most, in the same ``row`` (n,) of a side's cells: the
+    steeper a flank is seen, the farther apart its readings are.
+    """
+    limit = np.zeros(int(row.max(initial=0)) + 1, dtype=np.int64)
+    for of in np.unique(row):
+        limit[of] = int(np.quantile(away[row == of], USUALLY, method="lower"))
+    return np.asarray(limit[row])
 
 
 def _met_at(toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDArray[np.intp], delta: Array) -> Array:
@@ -69,20 +139,20 @@ def _met_at(toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDAr
     return np.asarray(np.unwrap(seen_at(calibration, points).reshape(delta.shape), axis=2))
 
 
-def _rolls_met(angle: Array, met: Array, rolls: Array) -> Array:
-    """Roll lengths (m,) mm at which profiles at increasing table angles (n,) rad meet a flank.
+def _rolls_met(angle: Array, met: Array, rolls: Array) -> tuple[Ints, Array]:
+    """Which profiles (m,), of some at increasing table angles (n,) rad, meet a flank, and at which roll lengths (mm).
 
     ``met`` (k,) rad: table angle at which it is met at ``rolls`` (k,) mm; NaN: never.
     """
-    if not angle.size or not np.isfinite(met).all():
-        return np.zeros(0)
-    upward = slice(None, None, 1 if met[-1] >= met[0] else -1)
-    low, high = float(met.min()), float(met.max())
-    found = []
-    for turn in range(floor((angle[0] - high) / tau), ceil((angle[-1] - low) / tau) + 1):
-        first, last = np.searchsorted(angle, [low + tau * turn, high + tau * turn])
-        found.append(np.interp(angle[first:last] - tau * turn, met[upward], rolls[upward]))
-    return np.concatenate(found)
+    which, roll = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    if angle.size and np.isfinite(met).all():
+        upward = slice(None, None, 1 if met[-1] >= met[0] else -1)
+        low, high = float(met.min()), float(met.max())
+        for turn in range(floor((angle[0] - high) / tau), ceil((angle[-1] - low) / tau) + 1):
+            first, last = np.searchsorted(angle, [low + tau * turn, high + tau * turn])
+            which.append(np.arange(first, last))
+            roll.append(np.interp(angle[first:last] - tau * turn, met[upward], rolls[upward]))
+    return np.concatenate(which), np.concatenate(roll)
 
 
 def _beside(seen: Mask) -> Mask:

@@ -41,6 +41,8 @@ class Readings:
     flat: Ints
     deviation: Array
     cell: Ints
+    lone: Mask | None = None
+    """(n,): those that nothing bears out (``statistics.lone_readings``); None: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +115,7 @@ def patches_of(grid: Grid, readings: Readings, reach: float) -> Patches:
         return Patches(np.full(shape, np.nan), np.zeros(shape, np.intp), 0.0, np.zeros(shape), np.full(shape, -1))
     off = deviation - medians(cell, deviation, size, 2 * reach)[0][cell]
     scatter = max(robust_sd(off[:: max(1, off.size // SCATTER_READINGS)]), LEAST_SCATTER)
-    kept = np.flatnonzero(np.abs(off) <= TRUSTED * scatter)
+    kept = np.flatnonzero((np.abs(off) <= TRUSTED * scatter) | _borne_out(readings, off, TRUSTED * scatter, size))
     count = np.bincount(cell[kept], minlength=size)
     least = max(float(LEAST_READINGS), LEAST_SHARE * float(np.median(count[count > 0])))
     total = np.bincount(cell[kept], deviation[kept], minlength=size)
@@ -124,6 +126,17 @@ def patches_of(grid: Grid, readings: Readings, reach: float) -> Patches:
     pick[cell[kept]] = kept
     pick[~np.isfinite(mean)] = -1
     return Patches(mean.reshape(shape), count.reshape(shape), scatter, noise.reshape(shape), pick.reshape(shape))
+
+
+def _borne_out(readings: Readings, off: Array, far: float, cells: int) -> Mask:
+    """Readings (n,) that lie ``far`` (mm) off their patch's median and are material all the same: many of the patch do
+    that others bear out.
+    """
+    if readings.lone is None:
+        return np.zeros(off.size, dtype=bool)
+    material = ~readings.lone & (np.abs(off) > far)
+    number, total = (np.bincount(readings.cell[on], minlength=cells) for on in (material, np.s_[:]))
+    return np.asarray(material & (number >= np.maximum(MANY, SHARE * total))[readings.cell])
 
 
 def _noise(cell: Ints, off: Array, count: Ints) -> Array:

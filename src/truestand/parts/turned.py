@@ -6,12 +6,12 @@ circumference, the run-out that a section's own offset makes does not.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, pi, tau
+from math import hypot, pi, sqrt, tau
 
 import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
-from truestand.core.arrays import Array, Mask
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration, Contribution
 from truestand.core.inspection import (
     EDITION,
@@ -30,6 +30,7 @@ from truestand.core.surface import Surface, table_angle
 from truestand.form.upr import UprFilter, filtered_evenly
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import Grid, Patches, Readings, patches_of
+from truestand.statistics.lone_readings import lone_readings
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
 from truestand.uncertainty.influence import moves
@@ -43,15 +44,17 @@ REACH = 1.0
 """mm: a surface farther than this from its drawing is another one's, or an outlier."""
 MARGIN = 0.3
 """mm from a section's ends: chamfers, fillets, burrs."""
-CELLS_PER_WAVE = 20
-"""At the filter's cut-off: their width takes 0.4 % of its amplitude."""
+CELLS_PER_WAVE, FINE_CELLS_PER_WAVE = 20, 6
+"""At the filter's cut-off: their width takes 0.4 % of its amplitude, or 5 % where they are low instead."""
 LEAST_ANGLES = 36
 CIRCLE_HEIGHT = 1.0
 """mm of height that one circle is read from."""
-READINGS_PER_CELL = 12
+READINGS_PER_CELL, READINGS_PER_FINE_CELL = 12, 4
 """On average, where there are so many."""
+PLAINLY = 3.0
+"""Standard deviations by which lower cells must read more to count."""
 FINE_HEIGHT, SPACINGS = 0.25, 2.0
-"""mm of height, and points of a profile at least, by which it is told what was seen."""
+"""mm of height, and points of a profile at least, by which it is told what was seen, and what higher cells flatten."""
 BLOCK = 256
 """Profiles worked on at once."""
 FORM = (
@@ -60,6 +63,7 @@ FORM = (
     ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
     ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
 )
+WITHIN = "shape within a cell"
 SIZE = "ISO 14405-1 GG (least squares)"
 
 
@@ -254,9 +258,9 @@ def inspect_turned(surface: Surface, part: Turned) -> Inspection:
     found: list[Characteristic] = []
     drawn, remarks = [], [Message("datum", f"datum: {datum.remark}")]
     for section in part.sections:
-        grid, readings, share = _readings(surface, inspected, section)
-        deviation.ravel()[readings.flat] = readings.deviation
-        lines, shown, remark = _section(inspected, section, grid, readings, share)
+        seen = _seen(surface, inspected, section)
+        deviation.ravel()[seen.flat] = seen.deviation
+        lines, shown, remark = _section(inspected, section, seen)
         found += lines
         drawn += shown
         remarks += remark
@@ -282,10 +286,56 @@ def _settings(part: Turned, datum: Datum) -> dict[str, str]:
     }
 
 
-def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tuple[Grid, Readings, float]:
-    """The section's grid, its readings (r - R) within the drawing's reach, about the datum axis, and the share of its
-    surface that they show.
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Readings (n,) of a section: where they stand in the scan, r - R (mm), polar angle (rad) and height (mm) about the
+    datum axis; and the heights (mm) between which the section is read.
     """
+
+    flat: Ints
+    deviation: Array
+    angle: Array
+    height: Array
+    lone: Mask
+    """Those that nothing bears out."""
+    low: float
+    high: float
+
+    def readings(self, grid: Grid) -> Readings:
+        """The readings in the cells of a grid."""
+        return Readings(self.flat, self.deviation, grid.cells(self.angle, self.height), self.lone)
+
+    @property
+    def share(self) -> float:
+        """Of the section's surface that the readings show, whatever the height of the cells that form is read from."""
+        length = self.high - self.low
+        spacing = float(np.median(np.abs(np.diff(self.height)))) if self.height.size > 1 else length
+        heights = max(int(length / max(FINE_HEIGHT, SPACINGS * spacing)), 1)
+        cells = Grid(self.low, self.high, heights, LEAST_ANGLES).cells(self.angle, self.height)
+        return float((np.bincount(cells, minlength=heights * LEAST_ANGLES) > 0).mean())
+
+
+@dataclass(frozen=True, slots=True)
+class _Figures:
+    """A section's statistics, read from cells of one height."""
+
+    grid: Grid
+    readings: Readings
+    patches: Patches
+    rings: Rings
+    used: Array
+    """(H, A) mm: the map that they are read from."""
+    reading: Reading
+    value: Array
+    """(5,) mm, without the noise's share of ranges."""
+    noise: Array
+    """(5,) mm: their standard deviation."""
+    floor: Array
+    """(5,) mm: what the noise alone would read."""
+
+
+def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
+    """The section's readings within the drawing's reach."""
     margin = min(MARGIN, 0.15 * (section.top - section.bottom))
     low, high = section.bottom + margin, section.top - margin
     pose, width = inspected.datum.pose, surface.x.shape[1]
@@ -299,44 +349,28 @@ def _readings(surface: Surface, inspected: _Inspected, section: Section) -> tupl
         on = np.flatnonzero((np.abs(off) < REACH) & (points[:, 2] > low) & (points[:, 2] < high))
         flats.append(near[on] + first * width)
         places.append(points[on])
-    x, y, z = np.concatenate(places).T
-    grid = _grid(inspected, low, high, z.size)
-    off, angle = np.hypot(x, y) - section.diameter / 2, np.arctan2(y, x)
-    return grid, Readings(np.concatenate(flats), off, grid.cells(angle, z)), _share_seen(angle, z, low, high)
+    (x, y, z), flat = np.concatenate(places).T, np.concatenate(flats)
+    off = np.hypot(x, y) - section.diameter / 2
+    lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, inspected.angle)
+    return _Seen(flat, off, np.arctan2(y, x), z, lone, low, high)
 
 
-def _share_seen(angle: Array, height: Array, low: float, high: float) -> float:
-    """Share of a section between two heights (mm) that readings (n,) in the order of the scan show, whatever the height
-    of the cells that form is read from.
-    """
-    spacing = float(np.median(np.abs(np.diff(height)))) if height.size > 1 else high - low
-    heights = max(int((high - low) / max(FINE_HEIGHT, SPACINGS * spacing)), 1)
-    fine = Grid(low, high, heights, LEAST_ANGLES)
-    return float((np.bincount(fine.cells(angle, height), minlength=heights * LEAST_ANGLES) > 0).mean())
-
-
-def _grid(inspected: _Inspected, low: float, high: float, readings: int) -> Grid:
-    """Cells as fine as the filter needs, as far as the readings fill them."""
+def _grid(inspected: _Inspected, seen: _Seen, height: float, per_wave: int, readings_per_cell: int) -> Grid:
+    """Cells as narrow as the filter needs, and as high as ``height`` mm, or higher where readings are few."""
     a_turn = inspected.scan.profiles / max(inspected.scan.revolutions, 1.0)
-    angles = int(np.clip(min(CELLS_PER_WAVE * inspected.part.upr, a_turn / 2), LEAST_ANGLES, None))
-    heights = int(np.clip(min((high - low) / CIRCLE_HEIGHT, readings / (READINGS_PER_CELL * angles)), 1, None))
-    return Grid(low, high, heights, angles)
+    angles = int(np.clip(min(per_wave * inspected.part.upr, a_turn / 2), LEAST_ANGLES, None))
+    filled = seen.height.size / (readings_per_cell * angles)
+    heights = int(np.clip(min((seen.high - seen.low) / height, filled), 1, None))
+    return Grid(seen.low, seen.high, heights, angles)
 
 
-def _section(
-    inspected: _Inspected, section: Section, grid: Grid, readings: Readings, share: float
-) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
-    """One section's characteristics, what is drawn of it and what is to be said; ``share``: of it that was seen."""
+def _figures(section: Section, grid: Grid, seen: _Seen, cutoff: float) -> _Figures | None:
+    """A section's statistics from the cells of a grid; None where no height holds a circle."""
+    readings = seen.readings(grid)
     patches = patches_of(grid, readings, REACH)
-    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
-    coverage = min(rings.coverage, share)
-    if not rings.used.any() or coverage < PARTIAL:
-        missing = [_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section)]
-        remark = (
-            f"section {section.name!r}: {coverage:.0%} seen of a surface of {section.diameter:g} mm from "
-            f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
-        )
-        return missing, [], [Message("section_not_seen", remark)]
+    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, cutoff)
+    if not rings.used.any():
+        return None
     used = np.where(patches.seen & rings.used[:, None], patches.mean, np.nan)
     reading = read_rings(rings, used)
 
@@ -344,20 +378,59 @@ def _section(
         return read_rings(rings, maps).statistics
 
     clear = cleared(read, used, patches.noise)
-    clear = replace(clear, value=np.append(reading.statistics[0], clear.value[1:]))  # a mean has no bias
-    whole = status_of(coverage)
-    closed = whole if bool(rings.closed.all()) else "partial"
+    value = np.append(reading.statistics[0], clear.value[1:])  # a mean has no bias
     noise = clear.u * _rougher(patches, rings, used)
-    U = _budgets(inspected, section, rings, _moved(inspected, readings, patches, rings, used), reading, noise)
+    floor = from_noise(read, used, patches.noise)
+    return _Figures(grid, readings, patches, rings, used, reading, value, noise, floor)
+
+
+def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figures, Array]:
+    """The figures, and by how much (5,) mm cells may flatten what they read.
+
+    Where lower cells read plainly more than their noise explains, they count. What they flatten in turn is a sixth of
+    the second difference along the height, as of a parabola whose peak lies between two cells, and half of it where it
+    is as large as the figure: of a dent no longer than two cells are high.
+    """
+    if fine is None or fine.grid.heights == coarse.grid.heights:
+        return coarse, np.zeros(len(STATISTICS))
+    more = np.maximum(fine.reading.statistics - np.hypot(coarse.value, fine.floor), 0.0)
+    more[0] = 0.0  # a mean has no extremes
+    plain = more > np.maximum(PLAINLY * np.hypot(fine.noise, coarse.noise), fine.floor)
+    bend = float(np.nanmax(np.abs(np.diff(fine.reading.form, 2, axis=0)), initial=0.0))
+    left = bend * (1 / 6 + np.minimum(bend / np.maximum(fine.value, 1e-9), 1.0) / 3)
+    value, noise = (np.where(plain, *pair) for pair in ((fine.value, coarse.value), (fine.noise, coarse.noise)))
+    return replace(coarse, value=value, noise=noise), np.where(plain, left, more)
+
+
+def _section(
+    inspected: _Inspected, section: Section, seen: _Seen
+) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
+    """One section's characteristics, what is drawn of it and what is to be said."""
+    cutoff, share = float(inspected.part.upr), seen.share
+    coarse = _figures(section, _grid(inspected, seen, CIRCLE_HEIGHT, CELLS_PER_WAVE, READINGS_PER_CELL), seen, cutoff)
+    coverage = 0.0 if coarse is None else min(coarse.rings.coverage, share)
+    if coarse is None or coverage < PARTIAL:
+        missing = [_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section)]
+        remark = (
+            f"section {section.name!r}: {coverage:.0%} seen of a surface of {section.diameter:g} mm from "
+            f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
+        )
+        return missing, [], [Message("section_not_seen", remark)]
+    low_cells = _grid(inspected, seen, FINE_HEIGHT, FINE_CELLS_PER_WAVE, READINGS_PER_FINE_CELL)
+    found, within = _with_shape_within(coarse, _figures(section, low_cells, seen, cutoff))
+    whole = status_of(coverage)
+    closed = whole if bool(found.rings.closed.all()) else "partial"
+    U = _budgets(inspected, section, found, within)
     lines = [
-        _characteristic(section, how, float(clear.value[i]), U[i], coverage, closed if i else whole)
+        _characteristic(section, how, float(found.value[i]), U[i], coverage, closed if i else whole)
         for i, how in enumerate(_drawn(section))
     ]
+    reading = found.reading
     evidence = SectionEvidence(
-        section.name, rings.radius, grid.angle, grid.height, reading.travel, reading.form, reading.centres,
-        float(from_noise(read, used, patches.noise)[1]),
+        section.name, found.rings.radius, found.grid.angle, found.grid.height, reading.travel, reading.form,
+        reading.centres, float(found.floor[1]),
     )  # fmt: skip
-    said = f"section {section.name!r}: noise {1000 * patches.scatter:.2g} um a reading, roundness floor "
+    said = f"section {section.name!r}: noise {1000 * found.patches.scatter:.2g} um a reading, roundness floor "
     remarks = [Message("section_noise", f"{said}{1000 * evidence.floor:.2g} um (taken off)")]
     if share < MEASURED:
         text = (
@@ -407,12 +480,13 @@ def _rougher(patches: Patches, rings: Rings, used: Array) -> float:
     return max(1.0, float(np.sqrt(np.nanmedian(np.square(step)) / 0.4549 / 2)) / max(usual, 1e-12))
 
 
-def _moved(inspected: _Inspected, readings: Readings, patches: Patches, rings: Rings, used: Array) -> Array | None:
+def _moved(inspected: _Inspected, found: _Figures) -> Array | None:
     """How the statistics change (2, k, 5) with each independent part of the calibration's U; None: not known."""
-    at = np.flatnonzero(patches.pick.ravel() >= 0)
-    flat = readings.flat[patches.pick.ravel()[at]]
+    rings, used, pick = found.rings, found.used, found.patches.pick.ravel()
+    at = np.flatnonzero(pick >= 0)
+    flat = found.readings.flat[pick[at]]
     row, column = np.divmod(flat, inspected.scan.x.shape[1])
-    psi = np.broadcast_to(rings.angle, patches.mean.shape).ravel()[at]
+    psi = np.broadcast_to(rings.angle, used.shape).ravel()[at]
     outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ inspected.datum.pose.rotation
     lifts = moves(
         inspected.calibration,
@@ -431,12 +505,16 @@ def _moved(inspected: _Inspected, readings: Readings, patches: Patches, rings: R
 
 
 def _budgets(
-    inspected: _Inspected, section: Section, rings: Rings, moved: Array | None, reading: Reading, noise: Array
+    inspected: _Inspected, section: Section, found: _Figures, within: Array
 ) -> list[tuple[tuple[Contribution, ...], float] | None]:
-    """Lines and U of each statistic; None where the calibration's own uncertainty is not known."""
+    """Lines and U of each statistic; None where the calibration's own uncertainty is not known.
+
+    ``within`` (5,) mm: by how much cells may flatten what they read.
+    """
+    moved = _moved(inspected, found)
     if moved is None:
         return [None] * len(STATISTICS)
-    calibration = inspected.calibration
+    calibration, rings, reading = inspected.calibration, found.rings, found.reading
     U = budget_lines.spread_of(moved)
     apart = rings.radius - budget_lines.base_radius(calibration)
     middle = (section.bottom + section.top) / 2
@@ -447,7 +525,8 @@ def _budgets(
     for i, name in enumerate(STATISTICS):
         lines = [
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
-            budget_lines.line(budget_lines.NOISE, budget_lines.K * float(noise[i])),
+            budget_lines.line(budget_lines.NOISE, budget_lines.K * float(found.noise[i])),
+            budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(within[i]), "rectangular"),
         ]
         if name == "d":
             lines += [

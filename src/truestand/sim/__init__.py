@@ -4,7 +4,7 @@ A ray caster in the laboratory's frame. It shares no code with the estimator tha
 stands and artefacts are common (checked by import-linter).
 """
 
-from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Scratch, Worn
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
 from truestand.sim.recipe import simulation_from, virtual_part_from
 from truestand.sim.simulate import Simulated, simulate
@@ -38,6 +38,7 @@ __all__ = [
     "Optics",
     "Patch",
     "Running",
+    "Scratch",
     "Simulated",
     "Simulation",
     "Truth",

@@ -54,6 +54,20 @@ class Worn:
 
 
 @dataclass(frozen=True, slots=True)
+class Scratch:
+    """A straight groove between two places of a flank, in any direction: depth cos²(pi d / width), d from its line."""
+
+    tooth: int
+    flank: Flank
+    start: tuple[float, float]
+    """Roll length and height in C."""
+    end: tuple[float, float]
+    width: float
+    depth: float
+    """Positive into the material; negative: a ridge."""
+
+
+@dataclass(frozen=True, slots=True)
 class FlankErrors:
     """Form of all left or all right flanks."""
 
@@ -93,6 +107,7 @@ class GearErrors:
     """Material missing at both ends of the face."""
     dents: tuple[Dent, ...] = ()
     worn: tuple[Worn, ...] = ()
+    scratches: tuple[Scratch, ...] = ()
     chips: tuple[Chip, ...] = ()
     missing: tuple[int, ...] = ()
     """Numbers of the teeth that are not there."""

@@ -17,7 +17,7 @@ from numpy.random import default_rng
 from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.gear.drawing import Gear
-from truestand.sim.gear_errors import Dent, GearErrors, Worn
+from truestand.sim.gear_errors import Dent, GearErrors, Scratch, Worn
 
 LEFT, RIGHT = 1, -1
 FILLET_MODULES = 0.3
@@ -104,6 +104,17 @@ def _dent_depth(dent: Dent, tooth: Ints, roll: Array, height: Array) -> Array:
     return np.where(inside, dent.depth * (1.0 - np.minimum(away, 1.0)) ** 2, 0.0)
 
 
+def _scratch_depth(scratch: Scratch, tooth: Ints, roll: Array, height: Array) -> Array:
+    """Material missing in a scratch (mm, along the base tangent)."""
+    (roll_0, height_0), (roll_1, height_1) = scratch.start, scratch.end
+    along = roll_1 - roll_0, height_1 - height_0
+    share = ((roll - roll_0) * along[0] + (height - height_0) * along[1]) / max(along[0] ** 2 + along[1] ** 2, 1e-12)
+    share = np.clip(share, 0.0, 1.0)
+    away = np.hypot(roll - roll_0 - share * along[0], height - height_0 - share * along[1]) / scratch.width
+    inside = (away < 0.5) & (tooth == scratch.tooth - 1)
+    return np.where(inside, scratch.depth * np.cos(np.pi * np.minimum(away, 0.5)) ** 2, 0.0)
+
+
 def _plateau(at: Array, ends: tuple[float, float], edge: float) -> Array:
     """1 between the ends, falling smoothly to 0 at them over ``edge`` mm."""
     share = np.clip(np.minimum(at - ends[0], ends[1] - at) / edge, 0.0, 1.0)
@@ -149,6 +160,9 @@ class GearSurface:
         for worn in self.errors.worn:
             if (worn.flank == "left") == (side == LEFT):
                 excess = excess - _worn_depth(worn, tooth, roll, height)
+        for scratch in self.errors.scratches:
+            if (scratch.flank == "left") == (side == LEFT):
+                excess = excess - _scratch_depth(scratch, tooth, roll, height)
         return np.asarray(excess)
 
     def _profile(self, side: int, roll: Array) -> Array:

@@ -10,7 +10,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat
 from truestand.files.checking import Recipe, checked
 from truestand.gear.drawing import Gear
 from truestand.parts.drawings import Cad, Turned
-from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Worn
+from truestand.sim.gear_errors import Chip, Dent, FlankErrors, GearErrors, Scratch, Worn
 from truestand.sim.parts import VirtualCad, VirtualGear, VirtualPart, VirtualTurned
 from truestand.sim.simulation import (
     Acquisition,
@@ -170,6 +170,20 @@ class WornRecipe(Recipe):
     edge_mm: PositiveFloat = 0.1
 
 
+class ScratchRecipe(Recipe):
+    """``[[simulation.scratch]]``: a straight groove between two places of a flank, in any direction."""
+
+    tooth: Tooth
+    flank: Literal["left", "right"]
+    from_roll_length_mm: NonNegativeFloat
+    from_mm: float
+    to_roll_length_mm: NonNegativeFloat
+    to_mm: float
+    width_mm: PositiveFloat
+    depth_um: float
+    """Positive into the material."""
+
+
 class ChipRecipe(Recipe):
     """``[[simulation.chip]]``: a tip broken off."""
 
@@ -202,6 +216,7 @@ class GearErrorsRecipe(Recipe):
     helix_crowning_um: float = 0.0
     dent: tuple[DentRecipe, ...] = ()
     worn: tuple[WornRecipe, ...] = ()
+    scratch: tuple[ScratchRecipe, ...] = ()
     chip: tuple[ChipRecipe, ...] = ()
     missing: tuple[Tooth, ...] = ()
 
@@ -346,6 +361,17 @@ def _gear_errors(r: GearErrorsRecipe) -> GearErrors:
                 w.edge_mm,
             )
             for w in r.worn
+        ),
+        scratches=tuple(
+            Scratch(
+                s.tooth,
+                s.flank,
+                (s.from_roll_length_mm, s.from_mm),
+                (s.to_roll_length_mm, s.to_mm),
+                s.width_mm,
+                s.depth_um / UM,
+            )
+            for s in r.scratch
         ),
         chips=tuple(Chip(c.tooth, c.from_mm, c.to_mm, c.depth_mm) for c in r.chip),
         missing=r.missing,

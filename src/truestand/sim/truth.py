@@ -267,6 +267,19 @@ def _defects(part: VirtualGear, s: StandingGear) -> dict[str, Any]:
             }
             for w in e.worn
         ],
+        "scratches": [
+            {
+                "tooth": s.number(scratch.tooth),
+                "flank": scratch.flank,
+                "from_roll_length_mm": scratch.start[0],
+                "from_mm": scratch.start[1],
+                "to_roll_length_mm": scratch.end[0],
+                "to_mm": scratch.end[1],
+                "width_mm": scratch.width,
+                "depth_um": UM * scratch.depth,
+            }
+            for scratch in e.scratches
+        ],
         "chips": [
             {"tooth": s.number(c.tooth), "from_mm": c.bottom, "to_mm": c.top, "depth_mm": c.depth} for c in e.chips
         ],

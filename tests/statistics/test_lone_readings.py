@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from truestand.gear.lone_readings import lone_readings
+from truestand.statistics.lone_readings import lone_readings
 
 PER_TURN, POINTS, NOISE = 200, 40, 0.002
 

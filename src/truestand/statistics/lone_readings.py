@@ -1,12 +1,12 @@
-"""Readings of flanks that stand alone: what one profile saw and neither its neighbours nor another turn bear out.
+"""Readings of a part that stand alone: what one profile saw and neither its neighbours nor another turn bear out.
 
-On a part, outliers are single readings, never regions: a groove departs from the ideal flank as far as an outlier does,
-but its readings bear each other out. A reading counts when readings beside it in profile and time are like it (or more
-of them go along with it: a small dent has no two readings alike), or as one of two or three in a row that depart from
-the flank together where outliers are too rare for that, and, where another turn shows its place, when it repeats there.
+On a part, outliers are single readings, never regions: a groove departs from the ideal surface as far as an outlier
+does, but its readings bear each other out. A reading counts when readings beside it in profile and time are like it (or
+more of them go along with it: a small dent has no two readings alike), or as one of two or three in a row that depart
+from the surface together where outliers are too rare for that, and, where another turn shows its place, when it repeats
+there.
 """
 
-from dataclasses import replace
 from math import pi, sqrt
 
 import numpy as np
@@ -14,21 +14,20 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.robust import medians, robust_sd
-from truestand.gear.flanks import COLUMNS, FlankPoints, Flanks
 
 IN_PROFILE, ACROSS = (-3, -2, -1, 1, 2, 3), (-1, 0, 1)
 """Points by which readings of the same profile are beside one, and of the profiles before and after it,"""
 ROWS = 2
 """of which so many count where a region departs."""
 MOST_SLANT = 2.0
-"""Points a profile by which a groove along a helical flank may run aslant through profiles."""
+"""Points a profile by which a groove may run aslant through profiles."""
 MARGIN = 3 + round(ROWS * MOST_SLANT)
 Image = NDArray[np.float32]
-"""delta (profiles + 2 ROWS, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none on a flank."""
+"""delta (profiles + 2 ROWS, points + 2 MARGIN) mm of a scan's readings, with an empty margin; NaN: none."""
 LEAST_ALIKE, FEW = 2, 6
 """Readings beside one that must be like it; one is enough where fewer than so many were seen."""
 LEAST_ALONG, ALONG = 4, 1 / 3
-"""Or readings beside it that must depart from the flank as it does, to within a share of its own departure."""
+"""Or readings beside it that must depart from the surface as it does, to within a share of its own departure."""
 ALIKE = 4.0
 """Standard deviations of the difference of two readings within which they are alike."""
 SAME_PLACE = 0.25
@@ -37,43 +36,26 @@ LEAST_SPREAD = 5e-4
 """mm: the scatter of readings is not taken for less: sensors count in steps."""
 
 
-def without_lone_readings(flanks: Flanks, points: int, angle: Array) -> Flanks:
-    """The flanks without readings that nothing bears out; ``points`` a profile; ``angle`` (profiles,) rad of the table.
-
-    Those outside the gate bear each other out, too.
-    """
-    outside = flanks.outside_gate
-    every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
-    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle, _slant(flanks, points, angle))
-    on = flanks.delta.size
-    return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
-
-
-def _slant(flanks: Flanks, points: int, angle: Array) -> float:
-    """Points of a profile by which a place of a helical flank moves on from one profile to the next; 0: too many."""
-    twist = flanks.toothing.nominal.twist
-    if not twist or flanks.delta.size < 2:
-        return 0.0
-    by_height = float(np.polyfit(flanks.height, flanks.index % points, 1)[0])
-    slant = -float(np.median(np.diff(angle))) / twist * by_height
-    return slant if abs(slant) <= MOST_SLANT else 0.0
-
-
 def lone_readings(
-    delta: Array, flank: NDArray[np.integer], index: NDArray[np.int64], points: int, angle: Array, slant: float = 0.0
+    delta: Array,
+    surface: NDArray[np.integer],
+    index: NDArray[np.integer],
+    points: int,
+    angle: Array,
+    slant: float = 0.0,
 ) -> Mask:
-    """Which readings (n,) of flanks nothing bears out.
+    """Which readings (n,) of surfaces nothing bears out.
 
-    ``delta`` (n,) mm; ``flank`` (n,) a number for each flank; ``index`` (n,) of the reading in a scan of ``points`` a
-    profile; ``angle`` (profiles,) rad of the table; ``slant``: points of a profile by which a place moves on from one
-    profile to the next.
+    ``delta`` (n,) mm of deviation; ``surface`` (n,) a number for each flank or section; ``index`` (n,) of the reading
+    in a scan of ``points`` a profile; ``angle`` (profiles,) rad of the table; ``slant``: points of a profile by which a
+    place moves on from one profile to the next.
     """
     row, column = np.divmod(index, points)
     image: Image = np.full((angle.size + 2 * ROWS, points + 2 * MARGIN), np.nan, dtype=np.float32)
     image[row + ROWS, column + MARGIN] = delta
     reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
     seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
-    farther = reach + ALONG * np.abs(delta - _median_of(flank, delta))
+    farther = reach + ALONG * np.abs(delta - _median_of(surface, delta))
     beside = [(0, c) for c in IN_PROFILE]
     beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
     in_row = {}
@@ -90,7 +72,7 @@ def lone_readings(
     shown, repeated = np.zeros((2, delta.size), dtype=bool)
     for place in _places_in_other_turns(angle):
         low, high = _bracket(image, place[row], column)
-        drift = _drift(delta - (low + high) / 2, flank, angle[row])
+        drift = _drift(delta - (low + high) / 2, surface, angle[row])
         with np.errstate(invalid="ignore"):
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
         shown |= np.isfinite(low)
@@ -134,10 +116,10 @@ def _bracket(image: Image, place: Array, column: NDArray[np.int64]) -> tuple[Arr
     return low, high
 
 
-def _drift(apart: Array, flank: NDArray[np.integer], angle: Array) -> Array:
-    """By how much (n,) a flank stands elsewhere on the other turn: the median of what lies ``apart`` there, mm."""
+def _drift(apart: Array, surface: NDArray[np.integer], angle: Array) -> Array:
+    """By how much (n,) a surface stands elsewhere on the other turn: the median of what lies ``apart`` there, mm."""
     turn = ((angle - angle.min()) / (2 * pi)).astype(np.int64)
-    return _median_of(flank.astype(np.int64) * (int(turn.max(initial=0)) + 1) + turn, apart)
+    return _median_of(surface.astype(np.int64) * (int(turn.max(initial=0)) + 1) + turn, apart)
 
 
 def _median_of(key: NDArray[np.integer], values: Array) -> Array:
