@@ -13,7 +13,7 @@ the cells, extremes aside.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import log, pi, sqrt
+from math import inf, log, pi, sqrt
 
 import numpy as np
 
@@ -34,6 +34,9 @@ LEAST_WIDE = 5
 """Cells that it needs."""
 SAME = 3.5
 """Standard deviations within which the parabola and the nearest cells say the same."""
+MOST_STEPS, MOST_CELLS = 4.0, 4.0
+"""Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
+height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
 SLOPE_OF_HALF = 3.0
 """Slope deviation of a line one half of which stands elsewhere by 1, over the mean of what its points are off."""
 LEAST_COLUMNS = 0.5
@@ -121,11 +124,13 @@ def traces_of(grid: Grid, noise: CellNoise, step: float) -> Traces:
 
     circle = reading(nominal.measuring_roll)
     share = np.abs(circle.weights)
-    at = np.where(circle.seen, (share * height).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300), np.nan)
+    widest = MOST_STEPS * float(step_on_flank(nominal, nominal.measuring_roll, step)) + grid.size[0]
+    near = circle.seen & (_gap(rolls - nominal.measuring_roll) <= widest)
+    at = np.where(near, (share * height).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300), np.nan)
     band = np.asarray(np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
     profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
-    helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]))
+    helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]), MOST_CELLS * grid.size[1])
     return Traces(nominal, band, rolls, at, circle, reading(nominal.ball_roll), profile, helix)
 
 
@@ -347,6 +352,12 @@ def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float],
     return Reading(np.nan_to_num(weights), seen, np.where(bends, below, 0.0), np.where(bends, above, 0.0))
 
 
+def _gap(x: Array) -> Array:
+    """How far (...) mm those of some ``x`` (..., n) that are nearest to 0 on either side are apart; NaN: not seen."""
+    behind, before = np.where(x > 0, x, np.inf).min(axis=-1), np.where(x <= 0, x, -np.inf).max(axis=-1)
+    return np.asarray(behind - before)
+
+
 def _between(x: Array, values: Array, half_cell: float) -> tuple[Array, Array, Array]:
     """Weights (..., n) of straight lines between those nearest to 0 on either side; NaN where a side has none.
 
@@ -396,10 +407,11 @@ def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[A
     return np.asarray(solver[..., 0, :]), off
 
 
-def _interpolation(at: Array, places: Array, beyond: Array) -> Interpolation:
+def _interpolation(at: Array, places: Array, beyond: Array, widest: float = inf) -> Interpolation:
     """Straight lines between values of each flank at ``at`` (flanks, n) mm, NaN: not seen, read at ``places``.
 
-    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther nothing is seen.
+    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther nothing is seen, nor
+    between two that are more than ``widest`` mm apart.
     """
     shape = at.shape[0], places.size
     first, last, share = np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=np.intp), np.zeros(shape)
@@ -415,4 +427,5 @@ def _interpolation(at: Array, places: Array, beyond: Array) -> Interpolation:
         below = np.minimum(place.astype(np.intp), max(x.size - 2, 0))
         first[flank], last[flank] = seen[below], seen[np.minimum(below + 1, x.size - 1)]
         share[flank] = place - below
+        known[flank] &= (at[flank, last[flank]] - at[flank, first[flank]] <= widest) | ~inside[flank]
     return Interpolation(first, last, share, known, inside)
