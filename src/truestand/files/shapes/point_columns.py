@@ -1,5 +1,6 @@
 """Which columns of a table are coordinates, and in which units: by their names, or as the caller says."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,16 @@ AXES = ["x", "y", "z"]
 ANGLES, RADII = ("angle", "theta", "phi"), ("radius", "r", "rho")
 """Names of polar columns."""
 RAD_PER_UNIT = {"rad": 1.0, "deg": np.pi / 180}
+_BESIDE_UNITS = {
+    *("all", "the", "length", "lengths", "coordinate", "coordinates", "points", "values", "unit", "units", "einheit"),
+    *("einheiten", "is", "are", "in", "x", "y", "z", "xyz", *RAD_PER_UNIT, "degrees", "columns"),
+}
+"""Words of a line that tells a unit and nothing else."""
+_NAMES_UNIT = re.compile(
+    r"(?<![a-z])(um|nm|cm|dm|km|ft|feet|foot|inch|inches|zoll|mils?|microns?|micro(metre|meter)s?|centi(metre|meter)s?"
+    r"|(metre|meter)s?)(?![a-z])|[\[(/](m|in)\b|\b(units?|einheit(en)?)\s*[:=;]"
+)
+"""What may be the unit of the numbers below, and is not mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +40,12 @@ class Choice:
     """Whether points of a plane will do: x and y, or polar by their names."""
     file: str = ""
 
-    def points(self, names: Sequence[str], columns: "Sequence[NDArray[Any]] | NDArray[Any]") -> Array:
+    def points(
+        self, names: Sequence[str], columns: "Sequence[NDArray[Any]] | NDArray[Any]", heading: Sequence[str] = ()
+    ) -> Array:
         """Points (n, 3) mm of columns (n,) by their names; 0 for what points of a plane don't have.
+
+        ``heading``: comments and titles in lower case, which may tell a unit.
 
         Raises:
             UnreadableFile: a column that is missing or twice there, a unit that is not known or contradicts ``unit``,
@@ -43,7 +58,8 @@ class Choice:
             raise BadRecipe(f"found --columns {','.join(self.wanted or [])}, need {need}")
         chosen = [names[i] for i in at]
         polar = len(at) == 2 and _split(chosen[0], RAD_PER_UNIT)[0] in ANGLES
-        factors = [self._angle_factor(chosen[0]), *self._factors(chosen[1:])] if polar else self._factors(chosen)
+        factors = [self._angle_factor(chosen[0])] if polar else []
+        factors += self._factors(chosen[polar:], heading)
         with np.errstate(over="ignore", invalid="ignore"):  # a signalling NaN is a NaN, and no warning
             values = [np.multiply(columns[i], f, dtype=np.float64) for i, f in zip(at, factors, strict=True)]
             if polar:
@@ -86,7 +102,7 @@ class Choice:
             raise UnreadableFile(f"{self.file}: found the column {name!r}, need its unit: {name}_deg or {name}_rad")
         return RAD_PER_UNIT[unit]
 
-    def _factors(self, chosen: Sequence[str]) -> list[float]:
+    def _factors(self, chosen: Sequence[str], heading: Sequence[str]) -> list[float]:
         """From each column to mm."""
         units = [_split(name, MM_PER_UNIT)[1] for name in chosen]
         if self.unit is None and None in units and any("_" in name for name in chosen):
@@ -94,12 +110,37 @@ class Choice:
                 f"{self.file}: found the columns {listed(chosen)}, need a unit (_mm, _um, _m) on each; name it or pass "
                 "--unit"
             )
-        if self.unit is not None and not {self.unit, None}.issuperset(units):
+        unit = self.unit or self._told_unit(heading, needed=None in units)
+        if unit is not None and not {unit, None}.issuperset(units):
+            found, instead = (f"--unit {unit}", "leave --unit out") if self.unit else (f"{unit!r} above", "pass --unit")
             raise UnreadableFile(
-                f"{self.file}: found --unit {self.unit} and the columns {listed(chosen)}, need the same; leave --unit "
-                "out"
+                f"{self.file}: found {found} and the columns {listed(chosen)}, need the same; {instead}"
             )
-        return [MM_PER_UNIT[named or self.unit or "mm"] for named in units]
+        return [MM_PER_UNIT[named or unit or "mm"] for named in units]
+
+    def _told_unit(self, heading: Sequence[str], needed: bool) -> str | None:
+        """The unit that a heading tells; None: it tells none.
+
+        Raises:
+            UnreadableFile: it is ``needed``, and the heading names one that may be another thing's.
+        """
+        told = {unit for line in heading for unit in units_told(line)}
+        if len(told) == 1:
+            return told.pop()
+        unclear = [line for line in heading if _NAMES_UNIT.search(line) or units_told(line)]
+        if unclear and needed:
+            raise UnreadableFile(
+                f"{self.file}: found {unclear[0].strip()[:60]!r} above the numbers, need the coordinates' unit; pass "
+                "--unit mm, um or m"
+            )
+        return None
+
+
+def units_told(line: str) -> set[str]:
+    """The units in a line (lower case) that tells nothing else, as ``units: um`` and ``xyz_um`` do."""
+    words = set(re.findall(r"[^\W\d_]+", line))
+    units = words & MM_PER_UNIT.keys()
+    return units if words <= units | _BESIDE_UNITS and not re.search(r"\d", line) else set()
 
 
 def numbered(count: int) -> list[str]:
