@@ -153,7 +153,7 @@ BAD = {
 @pytest.mark.parametrize("name", GOOD)
 def test_points_read_as_written(tmp_path, name):
     (tmp_path / "p").write_bytes(GOOD[name])
-    assert read_points(tmp_path / "p").tolist() == TWO
+    assert read_points(tmp_path / "p").points.tolist() == TWO
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -182,7 +182,7 @@ def test_a_damaged_or_ambiguous_file_is_refused(tmp_path, name):
 )
 def test_columns_and_unit_are_those_given(tmp_path, data, columns, unit):
     (tmp_path / "p").write_bytes(data)
-    assert read_points(tmp_path / "p", columns, unit).tolist() == TWO
+    assert read_points(tmp_path / "p", columns, unit).points.tolist() == TWO
 
 
 @pytest.mark.parametrize(
@@ -207,6 +207,47 @@ def test_columns_and_unit_that_do_not_fit_are_refused(tmp_path, data, columns, u
         read_points(tmp_path / "p", columns, unit)
 
 
+@pytest.mark.parametrize("planar", [False, True])
+def test_an_array_of_coordinates_side_by_side_is_read_as_its_columns(tmp_path, planar):
+    """(3, n) was read as three points of x y z, and n - 3 columns beside."""
+    points = np.random.default_rng(0).normal(size=(3 - planar, 72))
+    (tmp_path / "p.npy").write_bytes(npy(points))
+    assert np.array_equal(read_points(tmp_path / "p.npy", planar=planar).points[:, : 3 - planar], points.T)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 4), (3, 16), (4, 72), (1, 72), (20, 40)])
+def test_an_array_that_may_lie_either_way_is_refused(tmp_path, shape):
+    (tmp_path / "p.npy").write_bytes(npy(np.random.default_rng(0).normal(size=shape)))
+    with pytest.raises(UnreadableFile, match=r"shape .* save it as \(points, 3\)"):
+        read_points(tmp_path / "p.npy")
+
+
+def test_columns_without_names_beside_the_first_three_are_remarked_on(tmp_path):
+    (tmp_path / "p").write_bytes(GOOD["more columns"])
+    assert [r.code for r in read_points(tmp_path / "p").remarks] == ["columns_without_names"]
+    assert read_points(tmp_path / "p", "1,2,3").remarks == ()
+    for file in ("spaces", "a cloud of ours as text", "numpy array"):
+        (tmp_path / "p").write_bytes(GOOD[file])
+        assert read_points(tmp_path / "p").remarks == ()
+
+
+@pytest.mark.parametrize(
+    "first", [np.arange(6) * 0.1, np.arange(6) + 0.5 * np.sin(np.arange(6)), np.repeat([0, 1], 3), np.zeros(6)]
+)
+def test_a_time_or_number_before_x_y_z_without_names_is_no_coordinate(tmp_path, first):
+    points = np.random.default_rng(0).normal(size=(6, 3))
+    np.savetxt(tmp_path / "p", np.column_stack([first, points]), fmt="%.18g")
+    with pytest.raises(UnreadableFile, match=r"rising like .* pass --columns 2,3,4"):
+        read_points(tmp_path / "p")
+    assert np.array_equal(read_points(tmp_path / "p", "2,3,4").points, points)
+
+
+def test_a_table_of_many_columns_without_names_is_refused(tmp_path):
+    np.savetxt(tmp_path / "p", np.random.default_rng(0).normal(size=(40, 40)))
+    with pytest.raises(UnreadableFile, match="found 40 numbers a point, need x y z"):
+        read_points(tmp_path / "p")
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match="check the path"):
         read_points(tmp_path / "none")
@@ -214,7 +255,7 @@ def test_a_missing_file_is_refused(tmp_path):
 
 def test_not_seen_stays_not_seen(tmp_path):
     (tmp_path / "p").write_bytes(b"nan nan nan\n1 2 3\n")
-    assert np.isnan(read_points(tmp_path / "p")[0]).all()
+    assert np.isnan(read_points(tmp_path / "p").points[0]).all()
 
 
 @settings(deadline=None, max_examples=300)
@@ -240,7 +281,7 @@ def test_only_fields_of_one_number_a_point_are_columns(tmp_path):
     for name, column in zip("xyz", np.transpose(TWO), strict=True):
         points[name] = column
     (tmp_path / "p.npy").write_bytes(npy(points))
-    assert read_points(tmp_path / "p.npy").tolist() == TWO
+    assert read_points(tmp_path / "p.npy").points.tolist() == TWO
     (tmp_path / "p.npy").write_bytes(npy(np.zeros(2, [("x", "f8"), ("X", "f8"), ("y", "f8"), ("z", "f8")])))
     with pytest.raises(UnreadableFile, match="2 columns 'x'"):
         read_points(tmp_path / "p.npy")

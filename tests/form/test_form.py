@@ -42,7 +42,7 @@ def balanced(jacobian, size, seed):
 @pytest.mark.parametrize("file", sorted(DATA.glob("nist_circles/*.ds")), ids=lambda f: f.stem)
 def test_nist_circles(file):
     reference = np.array(file.with_suffix(".fit").read_text().split(), dtype=float)
-    found = evaluate(read_points(file), "circle")
+    found = evaluate(read_points(file).points, "circle")
     assert np.abs(found.point - reference[:3]).max() < MM
     assert np.linalg.norm(np.cross(found.direction, reference[3:6])) < RAD
     assert abs(2 * found.radius - reference[6]) < MM

@@ -10,12 +10,17 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe, UnreadableFile
+from truestand.core.message import Message
 from truestand.files.text import MM_PER_UNIT
 
 AXES = ["x", "y", "z"]
 ANGLES, RADII = ("angle", "theta", "phi"), ("radius", "r", "rho")
 """Names of polar columns."""
 RAD_PER_UNIT = {"rad": 1.0, "deg": np.pi / 180}
+MOST_COLUMNS = 16
+"""Without names: of more, x, y and z can't be the first three; they are points side by side."""
+LEAST_COUNTED = 6
+"""Numbers that rise all along: by chance those of one file in 720 do."""
 _BESIDE_UNITS = {
     *("all", "the", "length", "lengths", "coordinate", "coordinates", "points", "values", "unit", "units", "einheit"),
     *("einheiten", "is", "are", "in", "x", "y", "z", "xyz", *RAD_PER_UNIT, "degrees", "columns"),
@@ -26,6 +31,15 @@ _NAMES_UNIT = re.compile(
     r"|(metre|meter)s?)(?![a-z])|[\[(/](m|in)\b|\b(units?|einheit(en)?)\s*[:=;]"
 )
 """What may be the unit of the numbers below, and is not mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointFile:
+    """Points of a file, and what was taken for granted about them."""
+
+    points: Array
+    """(n, 3) mm; NaN: not seen."""
+    remarks: tuple[Message, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +56,19 @@ class Choice:
 
     def points(
         self, names: Sequence[str], columns: "Sequence[NDArray[Any]] | NDArray[Any]", heading: Sequence[str] = ()
-    ) -> Array:
-        """Points (n, 3) mm of columns (n,) by their names; 0 for what points of a plane don't have.
+    ) -> PointFile:
+        """The points of columns (n,) by their names; 0 for what points of a plane don't have.
 
         ``heading``: comments and titles in lower case, which may tell a unit.
 
         Raises:
-            UnreadableFile: a column that is missing or twice there, a unit that is not known or contradicts ``unit``,
-                numbers too large.
+            UnreadableFile: a column that is missing or twice there, or may be another without names; a unit that is
+                not known or contradicts ``unit``; numbers too large.
             BadRecipe: not as many columns as a point has.
         """
+        unnamed = self.wanted is None and list(names) == numbered(len(names))
+        if unnamed:
+            self._refuse_unplaced(columns)
         at = [self._index(names, one) for one in self.wanted or self._usual(names)]
         if len(set(at)) != len(at) or not (2 if self.planar else 3) <= len(at) <= 3:
             need = "two or three, of x, y and z, such as 2,3" if self.planar else "three, of x, y and z, such as 2,3,4"
@@ -71,7 +88,18 @@ class Choice:
             raise UnreadableFile(
                 f"{self.file}: found a number too large in point {infinite[0] + 1}; need finite numbers"
             )
-        return points
+        return PointFile(points, _first_three_taken(len(names)) if unnamed and len(names) > 3 else ())
+
+    def _refuse_unplaced(self, columns: "Sequence[NDArray[Any]] | NDArray[Any]") -> None:
+        """Refuse columns without names whose first ones need not be x, y and z."""
+        count, need = len(columns), "x y and perhaps z" if self.planar else "x y z"
+        if not (2 if self.planar else 3) <= count <= MOST_COLUMNS:
+            raise UnreadableFile(f"{self.file}: found {count} numbers a point, need {need}; export a point a line")
+        if count > 3 and _counts(columns[0]):
+            raise UnreadableFile(
+                f"{self.file}: found {count} columns without names, the first rising like a number or a time, "
+                "need x y z; pass --columns 2,3,4, or --columns 1,2,3 if it is x"
+            )
 
     def _usual(self, names: Sequence[str]) -> list[str]:
         """The columns that hold the points where nobody says which: by their names, else the first."""
@@ -134,6 +162,18 @@ class Choice:
                 "--unit mm, um or m"
             )
         return None
+
+
+def _first_three_taken(count: int) -> tuple[Message, ...]:
+    text = f"the first 3 of {count} columns without names were taken for x, y and z; --columns says which they are"
+    return (Message("columns_without_names", text),)
+
+
+def _counts(column: "NDArray[Any]") -> bool:
+    """Whether numbers (n,) rise all along, or are whole and never fall, as numbers of points and times do."""
+    column = column[np.isfinite(column)].astype(np.float64)
+    steps, whole = np.diff(column), bool((column == np.rint(column)).all())
+    return len(column) >= LEAST_COUNTED and bool((steps >= 0).all() if whole else (steps > 0).all())
 
 
 def units_told(line: str) -> set[str]:

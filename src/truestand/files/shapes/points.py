@@ -7,12 +7,21 @@ refused, because another column reads as a coordinate too, and a factor of a tho
 import re
 from pathlib import Path
 
-from truestand.core.arrays import Array
 from truestand.core.errors import UnreadableFile
 from truestand.files.kinds import refuse_other_kind
 from truestand.files.number_text import read_table, refuse_cut_table
 from truestand.files.shapes.ply import is_ply, ply_vertices
-from truestand.files.shapes.point_columns import ANGLES, AXES, RADII, Choice, listed, numbered, stems, units_told
+from truestand.files.shapes.point_columns import (
+    ANGLES,
+    AXES,
+    RADII,
+    Choice,
+    PointFile,
+    listed,
+    numbered,
+    stems,
+    units_told,
+)
 from truestand.files.shapes.point_tables import point_table
 from truestand.files.text import (
     BYTE_ORDER_MARK,
@@ -36,8 +45,10 @@ HEAD_BYTES = 65_536
 _COUNT = re.compile(rb"[0-9]{1,18}")
 
 
-def read_points(path: Path | str, columns: str | None = None, unit: str | None = None, planar: bool = False) -> Array:
-    """The points of a file, (n, 3) mm; further columns or properties are left aside.
+def read_points(
+    path: Path | str, columns: str | None = None, unit: str | None = None, planar: bool = False
+) -> PointFile:
+    """The points of a file in mm; further columns or properties are left aside.
 
     ``columns`` says which are x, y and z, by names or by numbers from 1: ``"east,north,up"``, ``"2,3,4"``. ``unit``
     (mm, um, m) is that of columns whose names give none; without it a comment may tell it, else they are in mm.
@@ -45,8 +56,8 @@ def read_points(path: Path | str, columns: str | None = None, unit: str | None =
     ``radius``.
 
     Raises:
-        UnreadableFile: missing, empty, cut off, no numbers, or ambiguous; with the line where there is one. Names that
-            don't place x, y and z, or units that are not known or contradict ``unit``.
+        UnreadableFile: missing, empty, cut off, no numbers, or ambiguous; with the line where there is one. Columns
+            that can't be placed by their names or without, or units that are not known or contradict ``unit``.
         BadRecipe: ``columns`` are not three, or two of a plane.
     """
     wanted = None if columns is None else _names(columns.encode())
@@ -63,7 +74,7 @@ def read_points(path: Path | str, columns: str | None = None, unit: str | None =
     return _text_points(data, asked)
 
 
-def _text_points(data: bytes, asked: Choice) -> Array:
+def _text_points(data: bytes, asked: Choice) -> PointFile:
     name = asked.file
     refuse_nul(data, name)
     data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -89,8 +100,6 @@ def _text_points(data: bytes, asked: Choice) -> Array:
         raise UnreadableFile(f"{name}: holds no points; need x y z a line, in mm")
     dialect = dialect_of(b"\n".join(body[:50]), name)
     values = read_table(body, dialect, name, first + 1)
-    if values.shape[1] < (2 if asked.planar else 3):
-        raise UnreadableFile(f"{name}: found {values.shape[1]} numbers a line, need x y z; add the missing coordinate")
     if not data.endswith(b"\n"):
         refuse_cut_table(body, dialect.separator, name, first + len(body))
     named_by = _header(heading, values.shape[1])
