@@ -248,6 +248,20 @@ def test_a_table_of_many_columns_without_names_is_refused(tmp_path):
         read_points(tmp_path / "p")
 
 
+@pytest.mark.parametrize("last", [20, 90, 359])
+def test_degrees_that_are_named_radians_are_refused(tmp_path, last):
+    np.savetxt(tmp_path / "p", np.column_stack([np.linspace(0, last, 360), np.full(360, 5)]), header="angle_rad radius")
+    with pytest.raises(UnreadableFile, match=r"turns in the column 'angle_rad', need 3 .* angle_deg"):
+        read_points(tmp_path / "p", planar=True)
+
+
+def test_a_trace_of_some_turns_is_read(tmp_path):
+    for name, end in (("angle_rad", 2.9 * 2 * np.pi), ("theta_deg", 20 * 360)):
+        angle = np.linspace(0, end, 720)
+        np.savetxt(tmp_path / "p", np.column_stack([angle, np.full(720, 5)]), header=f"{name} radius")
+        assert np.allclose(np.linalg.norm(read_points(tmp_path / "p", planar=True).points, axis=1), 5)
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match="check the path"):
         read_points(tmp_path / "none")

@@ -21,6 +21,8 @@ MOST_COLUMNS = 16
 """Without names: of more, x, y and z can't be the first three; they are points side by side."""
 LEAST_COUNTED = 6
 """Numbers that rise all along: by chance those of one file in 720 do."""
+MOST_TURNS = 3
+"""Of a roundness trace. An arc of 19 degrees that is named as radians would have more."""
 _BESIDE_UNITS = {
     *("all", "the", "length", "lengths", "coordinate", "coordinates", "points", "values", "unit", "units", "einheit"),
     *("einheiten", "is", "are", "in", "x", "y", "z", "xyz", *RAD_PER_UNIT, "degrees", "columns"),
@@ -81,6 +83,7 @@ class Choice:
             values = [np.multiply(columns[i], f, dtype=np.float64) for i, f in zip(at, factors, strict=True)]
             if polar:
                 angle, radius = values
+                self._refuse_many_turns(chosen[0], angle)
                 values = [radius * np.cos(angle), radius * np.sin(angle)]
         points = np.column_stack(values if len(values) == 3 else [*values, np.zeros(len(values[0]))])
         infinite = np.flatnonzero(np.isinf(points).any(axis=1))
@@ -123,6 +126,17 @@ class Choice:
                 "pass --columns and --unit"
             )
         return found[0]
+
+    def _refuse_many_turns(self, name: str, angle: Array) -> None:
+        """Refuse angles (n,) rad of more turns than a trace has, if they are named so: they are degrees."""
+        seen = angle[np.isfinite(angle)]
+        turns = float(np.ptp(seen)) / (2 * np.pi) if seen.size else 0.0
+        stem, unit = _split(name, RAD_PER_UNIT)
+        if unit == "rad" and turns > MOST_TURNS:
+            raise UnreadableFile(
+                f"{self.file}: found {turns:.3g} turns in the column {name!r}, need {MOST_TURNS} at most; name it "
+                f"{stem}_deg if it counts degrees"
+            )
 
     def _angle_factor(self, name: str) -> float:
         unit = _split(name, RAD_PER_UNIT)[1]
