@@ -21,6 +21,8 @@ MOST_COLUMNS = 16
 """Without names: of more, x, y and z can't be the first three; they are points side by side."""
 LEAST_COUNTED = 6
 """Numbers that rise all along: by chance those of one file in 720 do."""
+MOST_MM = 1e9
+"""From the origin, where a double still tells 0.0002 um apart: beyond lie marks of points that were not seen."""
 MOST_TURNS = 3
 """Of a roundness trace. An arc of 19 degrees that is named as radians would have more."""
 _BESIDE_UNITS = {
@@ -86,10 +88,12 @@ class Choice:
                 self._refuse_many_turns(chosen[0], angle)
                 values = [radius * np.cos(angle), radius * np.sin(angle)]
         points = np.column_stack(values if len(values) == 3 else [*values, np.zeros(len(values[0]))])
-        infinite = np.flatnonzero(np.isinf(points).any(axis=1))
-        if infinite.size:
+        largest = np.fmax.reduce(np.abs(points), axis=1)
+        absurd = np.flatnonzero(largest > MOST_MM)
+        if absurd.size:
             raise UnreadableFile(
-                f"{self.file}: found a number too large in point {infinite[0] + 1}; need finite numbers"
+                f"{self.file}: found {largest[absurd[0]]:.3g} mm in point {absurd[0] + 1} ({absurd.size} such points), "
+                f"need {MOST_MM:g} at most; write nan for what was not seen, or check the unit"
             )
         return PointFile(points, _first_three_taken(len(names)) if unnamed and len(names) > 3 else ())
 

@@ -39,6 +39,8 @@ _BRACKETS = re.compile(rb" ?(?:[\[(] ?(\w+) ?[\])]|/ ?(\w+))")
 """A unit as in ``x [um]``, ``x (um)`` and ``x/um``."""
 _MICRO = re.compile(rb"\xc2\xb5|\xce\xbc|\xb5")
 """The micro sign and the Greek letter in UTF-8, the micro sign in Latin-1."""
+_WITH_UNIT = re.compile(rb"[-+]?[0-9.]*[0-9](mm|um|m|nm|cm|in|inch|deg|rad|[\x80-\xff]+m)", re.IGNORECASE)
+"""A number that a unit follows, which is no number to read, and no name either."""
 _TABLE_COMMENT = re.compile(rb"^(?:comment|obj_info|#)[ \t]*([^\r\n]*)", re.MULTILINE)
 _TABLE_BODY = re.compile(rb"^(?:end_header|DATA )", re.MULTILINE)
 HEAD_BYTES = 65_536
@@ -90,8 +92,11 @@ def _text_points(data: bytes, asked: Choice) -> PointFile:
     body = rows[first:]
     while body and not body[-1].strip():
         body.pop()
-    if not body:
+    if not data.strip():
         raise UnreadableFile(f"{name}: the file is empty; need points, x y z a line, in mm")
+    if not body:
+        words = next(line for line in heading if line.strip())[:60].decode("utf-8", "replace")
+        raise UnreadableFile(f"{name}: found {words!r} and no line of numbers; need points, x y z a line, in mm")
     if _COUNT.fullmatch(body[0].strip()):
         (promised, *body), first = body, first + 1
         if len(body) != int(promised):
@@ -163,5 +168,6 @@ def _is_heading(row: bytes) -> bool:
     if not row or _is_comment(row):
         return True
     fields = [field for field in re.split(rb"[\s;,]+", row) if field]
-    mostly_numbers = 2 * sum(number_in(field) is not None for field in fields) > len(fields)
+    numbers = sum(number_in(field) is not None or _WITH_UNIT.fullmatch(field) is not None for field in fields)
+    mostly_numbers = 2 * numbers > len(fields)
     return _WORDS.search(row) is not None and not mostly_numbers
