@@ -362,6 +362,59 @@ def test_the_uncertainty_covers_the_truth_of_a_round_part(reference):
     assert inside >= 181
 
 
+def noisy(feature, rng, n, noise=0.005):
+    """A perfect feature of radius 10 mm with ``noise`` square to it."""
+    t, h, e = rng.uniform(0, 2 * np.pi, n), rng.uniform(-10, 10, n), rng.normal(0, noise, (2, n))
+    match feature:
+        case "profile":
+            return np.column_stack([h, e[0], 0 * h])
+        case "line":
+            return np.column_stack([h, *e])
+        case "plane":
+            return np.column_stack([h, 10 * np.cos(t), e[0]])
+        case "sphere":
+            u = rng.normal(size=(n, 3))
+            return u * ((10 + e[0]) / np.linalg.norm(u, axis=1))[:, None]
+    r = 10 + e[0]
+    return np.column_stack([r * np.cos(t), r * np.sin(t), 0 * h if feature == "circle" else h])
+
+
+@pytest.mark.parametrize(
+    ("feature", "reference"),
+    tried(
+        [("circle", "LSC"), ("cylinder", "MZC"), ("circle", "MIC"), ("line", "LSC"), ("profile", "MZC")],
+        ("cylinder", "MIC"), ("cylinder", "MCC"), ("sphere", "MZC"), ("sphere", "MCC"), ("plane", "MZC"),
+    ),
+)  # fmt: skip
+def test_what_noise_alone_widens_stands_in_the_uncertainty(feature, reference):
+    """10 perfect features read the noise as their form, and its half from an inscribed radius: 10 +- 3.5 um for 0."""
+    for seed in range(10):
+        points = noisy(feature, np.random.default_rng(seed), 300)
+        found = evaluate(points, "line" if feature == "profile" else feature, reference)
+        assert found.form <= found.U["form"] <= 1.001 * found.form
+        if found.radius is not None:
+            assert abs(found.radius - 10) <= found.U["radius"]
+
+
+def test_form_beyond_the_noise_has_the_uncertainty_of_its_noise():
+    """Three lobes of 0.1 mm read 0.2 mm and some noise: U holds that, and not the form."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 2 * np.pi, 5000, endpoint=False)
+    r = 10 + 0.1 * np.cos(3 * t) + rng.normal(0, 0.001, t.size)
+    for reference in ("LSC", "MZC"):
+        found = evaluate(np.column_stack([r * np.cos(t), r * np.sin(t), 0 * t]), "circle", reference)
+        assert 0.2 < found.form < 0.21
+        assert found.form - 0.2 <= found.U["form"] < 0.012
+
+
+@pytest.mark.parametrize("feature", ["profile", "line"])
+def test_the_noise_of_a_line_is_that_of_its_points(feature):
+    """Of a profile it was taken for 1.4 times less, of a line in space for 1.5 times."""
+    found = evaluate(noisy(feature, np.random.default_rng(0), 4000), "line")
+    assert found.noise == pytest.approx(0.005, rel=0.05)
+    assert found.noise_floor == pytest.approx(found.form, rel=0.1)
+
+
 @pytest.mark.parametrize("feature", ["line", "plane", "circle", "cylinder", "sphere", "cone"])
 def test_what_leaves_a_feature_open_is_refused(feature):
     with pytest.raises(NotEnoughData):

@@ -6,7 +6,7 @@ twice its eccentricity.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, log, sqrt
 from statistics import NormalDist
 from typing import Literal
 
@@ -93,7 +93,7 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
     seen = np.isfinite(points).all(axis=1)
     points = points[seen]
     fitted = associate(points, feature)
-    noise = PointNoise(point_noise(points, fitted), float(len(points)))
+    noise = PointNoise(point_noise(points, fitted), float(len(points)), fitted.spatial)
     if low_pass is not None:
         points = _filtered(points, fitted, low_pass)
         fitted, noise = associate(points, feature), noise.through(low_pass)
@@ -115,12 +115,24 @@ class PointNoise:
 
     sd: float
     count: float
+    spatial: bool = False
+    """Whether points depart all round, as from a line in space: then the form is twice the largest distance."""
 
     @property
     def floor(self) -> float:
         """Expected range of that many normal readings (Blom 1958), mm: form that noise alone makes."""
         n = self.count
-        return 0.0 if n < 2 else 2.0 * self.sd * NormalDist().inv_cdf((n - 0.375) / (n + 0.25))
+        if n < 2:
+            return 0.0
+        share = (n - 0.375) / (n + 0.25)
+        return 2.0 * self.sd * (sqrt(-2.0 * log(1.0 - share)) if self.spatial else NormalDist().inv_cdf(share))
+
+    def expanded_form(self, form: float, U: float) -> float:
+        """U (mm) of a ``form`` whose extremes are known to ``U``: noise only ever widens it, by the floor at most.
+
+        A doubt to one side is added whole (GUM F.2.4.5); no form is less than none.
+        """
+        return max(U, min(form, self.floor + U))
 
     def through(self, low_pass: UprFilter) -> "PointNoise":
         """The noise after the UPR filter: the energy that passes, in twice as many waves as pass."""
@@ -140,23 +152,30 @@ def point_noise(points: Array, fitted: FittedFeature) -> float:
     if n < 4:
         return 0.0
     among = np.arange(n) if n <= NEIGHBOURS_AMONG else np.linspace(0, n - 1, NEIGHBOURS_AMONG).astype(np.intp)
-    on_feature = points[among] - fitted.deviation[among, None] * _normals(points[among], fitted)
+    on_feature = (points - fitted.deviation[:, None] * _normals(points, fitted))[among]
     asked = np.unique(np.linspace(0, among.size - 1, NOISE_POINTS).astype(np.intp))
     _, near = cKDTree(on_feature).query(on_feature[asked], k=2)
     other = np.where(near[:, 0] == asked, near[:, 1], near[:, 0])
-    step = fitted.deviation[among[asked]] - fitted.deviation[among[other]]
+    if fitted.spatial:
+        away = points[among] - on_feature
+        squares = np.square(away[asked] - away[other]).sum(axis=1) / 2  # of two components
+    else:
+        squares = np.square(fitted.deviation[among[asked]] - fitted.deviation[among[other]])
     known = fitted.scatter[np.isfinite(fitted.scatter)]
-    return min(float(np.sqrt(np.mean(step**2) / 2)), float(known.max(initial=0.0)) if known.size else np.inf)
+    return min(float(np.sqrt(np.mean(squares) / 2)), float(known.max(initial=0.0)) if known.size else np.inf)
 
 
 def _normals(points: Array, fitted: FittedFeature) -> Array:
-    """Unit normals (n, 3) of the feature towards the points."""
+    """Unit normals (n, 3) of the feature at its points, towards positive deviations."""
     if fitted.feature == "plane" and fitted.direction is not None:
         return np.broadcast_to(fitted.direction, points.shape)
     away = points - fitted.point
     if fitted.direction is not None:
         away = away - np.outer(away @ fitted.direction, fitted.direction)
-    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None])
+    length = np.maximum(np.linalg.norm(away, axis=1), 1e-300)
+    if fitted.feature == "line":  # in a plane it has two sides
+        length = np.where(fitted.deviation < 0, -length, length)
+    return np.asarray(away / length[:, None])
 
 
 def _filtered(points: Array, fitted: FittedFeature, low_pass: UprFilter) -> Array:
@@ -197,11 +216,10 @@ def _largest(covariance: Array) -> float:
 
 
 def _by_least_squares(fitted: FittedFeature, noise: PointNoise, covariance: Array | None) -> Form:
-    spatial = fitted.feature == "line" and fitted.deviation.min() >= 0
-    width = 2 * float(fitted.deviation.max()) if spatial else float(np.ptp(fitted.deviation))
+    width = 2 * float(fitted.deviation.max()) if fitted.spatial else float(np.ptp(fitted.deviation))
     U = _expanded(fitted, covariance)
     if U:
-        U["form"] = K * sqrt(2.0) * noise.sd
+        U["form"] = noise.expanded_form(width, K * (2.0 if fitted.spatial else sqrt(2.0)) * noise.sd)
     return Form(
         fitted.feature, "LSC", fitted.point, fitted.direction, fitted.radius, fitted.half_angle, fitted.rms, width,
         fitted.deviation.size, None, noise.sd, min(noise.floor, width), U, fitted.deviation,
@@ -209,8 +227,14 @@ def _by_least_squares(fitted: FittedFeature, noise: PointNoise, covariance: Arra
 
 
 def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least: dict[str, float]) -> Form:
-    """The form by a zone, its U from the noise of the contacts and of the ``least`` squares, which form moves, too."""
+    """The form by a zone, its U from the noise of the contacts and of the ``least`` squares, which form moves, too.
+
+    The farthest and nearest of many points are so by their noise, which widens the zone, and half of it either radius.
+    """
     U = {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
+    U["form"] = noise.expanded_form(found.width, U["form"])
+    if reference in ("MIC", "MCC"):
+        U["radius"] += min(noise.floor, found.width) / 2
     return Form(
         found.feature, reference, found.point, found.direction, found.radius, found.half_angle,
         float(np.sqrt(np.mean(found.deviation**2))), found.width, found.deviation.size, None, noise.sd,
