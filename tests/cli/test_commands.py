@@ -432,9 +432,9 @@ def test_form_of_points_and_of_a_calibrated_scan(bench, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--feature", "plane", "--reference", "MIC"], "a plane has LSC and MZC"),
+        (["--feature", "plane", "--reference", "MIC"], "for a plane, need LSC or MZC"),
         (["--feature", "circle", "--filter-kind", "sharp"], "no --filter-upr"),
-        (["--feature", "cylinder", "--filter-upr", "50"], "circular profiles"),
+        (["--feature", "cylinder", "--filter-upr", "50"], "circular profile"),
         (["--feature", "circle", "--height-mm", "3"], "--calibration"),
         (["--feature", "circle"], "on one line"),
     ],

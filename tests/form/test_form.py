@@ -448,9 +448,9 @@ def test_a_cut_off_that_no_profile_has_is_refused():
 
 def test_references_and_filters_are_for_round_features():
     points = np.random.default_rng(0).normal(size=(20, 3))
-    with pytest.raises(BadRecipe, match="a plane has LSC and MZC"):
+    with pytest.raises(BadRecipe, match="for a plane, need LSC or MZC"):
         evaluate(points, "plane", "MIC")
-    with pytest.raises(BadRecipe, match="circular profiles"):
+    with pytest.raises(BadRecipe, match="circular profile"):
         evaluate(points, "cylinder", "LSC", UprFilter(50.0))
     with pytest.raises(BadRecipe, match="need a positive one"):
         UprFilter(0.0)
@@ -524,6 +524,56 @@ def test_points_that_leave_a_feature_open_are_doubted():
     arc = np.column_stack([r * np.cos(t), r * np.sin(t), 0 * t])
     assert any("leave the circle open" in r for r in evaluate(arc, "circle").reasons)
     assert evaluate(rough_circle(200, 0), "circle").reasons == ()
+
+
+def rings(height, noise, n=144):
+    """Two rings of 5 mm radius, ``height`` mm apart."""
+    t = 2 * np.pi * np.arange(n) / n
+    e = np.random.default_rng(0).normal(0, noise, (2, n))
+    z = np.where(np.arange(n) < n // 2, height / 2, -height / 2) + e[1]
+    return np.column_stack([(5 + e[0]) * np.cos(2 * t), (5 + e[0]) * np.sin(2 * t), z])
+
+
+@pytest.mark.parametrize("reference", ["LSC", "MZC"])
+@pytest.mark.parametrize(("height", "noise"), [(2.0, 0.0), (0.04, 0.0), (0.6, 0.005), (2.0, 0.1)])
+def test_points_that_lie_in_no_plane_are_doubted_as_a_circle(height, noise, reference):
+    """Two rings of a cylinder were *valid* with a perfect roundness."""
+    assert [r.code for r in evaluate(rings(height, noise), "circle", reference).reasons] == ["out_of_plane"]
+
+
+def test_noise_over_a_circle_s_plane_is_no_doubt():
+    """Of as much as in it, of five times as much, of few points, through a filter, and of a section a little thick."""
+    for seed in range(50):
+        e = np.random.default_rng(seed).normal(0, 0.002, (2, 5))
+        t = 2 * np.pi * np.arange(5) / 5
+        few = np.column_stack([(5 + e[0]) * np.cos(t), (5 + e[0]) * np.sin(t), e[1]])
+        assert evaluate(few, "circle").reasons == ()
+    assert evaluate(rings(0.0, 0.005), "circle", "LSC", UprFilter(5.0)).reasons == ()
+    assert evaluate(rings(0.0, 0.005) * [1, 1, 5], "circle").reasons == ()
+    assert evaluate(rings(0.015, 0.0), "circle").reasons == ()
+
+
+@pytest.mark.parametrize("reference", ["LSC", "MZC"])
+def test_points_given_twice_count_once(reference):
+    """Their noise read 0, and U of the radius 1.4 times too little."""
+    once = rough_circle(72, 0)
+    expected = evaluate(once, "circle", reference)
+    for twice in (np.vstack([once, once]), np.repeat(once, 2, axis=0), np.vstack([once, once * (1 + 2e-16)])):
+        found = evaluate(twice, "circle", reference)
+        assert [r.code for r in found.remarks] == ["points_repeated"]
+        assert (found.n, found.deviation.size) == (72, 144)
+        assert pytest.approx(expected.U) == found.U
+        assert found.form == pytest.approx(expected.form, abs=1e-12)
+    assert np.array_equal(found.deviation[:72], found.deviation[72:])
+    assert expected.remarks == ()
+
+
+def test_contacts_count_among_all_points():
+    points = np.vstack([np.full((2, 3), np.nan), rough_circle(40, 0)])
+    found = evaluate(np.insert(points, 5, points[4], axis=0), "circle", "MZC")
+    away = found.deviation[found.certificate.contacts]
+    assert np.abs(away) == pytest.approx(found.form / 2, abs=1e-12)
+    assert np.array_equal(away > 0, found.certificate.outside)
 
 
 def test_deviations_keep_to_the_points():

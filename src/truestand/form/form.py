@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
@@ -39,6 +39,14 @@ MOST_FORM = 0.1
 """Share of a feature's size: with more form, the points are of something else."""
 MOST_LEVERAGE = 1.0
 """Of lobes on a feature's centre, above which it is said."""
+PLANE_NOISE = 10.0
+"""By how much more noise points may have over a circle's plane than in it: not all instruments are alike in all
+directions, and a plane that is turned within such heights makes the circle narrower by less than its noise."""
+FLAT = 1e-3
+"""Heights over its plane as a share of a circle's size, rms, that don't matter: turned as much, it is 2e-6 narrower."""
+SURE = 0.999
+SAME_PLACE = 1e-12
+"""Of the largest coordinate: as a double rounds what was worked out twice, from angles a turn apart."""
 OPEN = 0.1
 """U of the position as a share of the size, or of the direction in rad, from which the points leave a feature open."""
 
@@ -59,7 +67,7 @@ class Form:
     form: float
     """Width of the zone: roundness, cylindricity, straightness, flatness; of sphere and cone the deviations' range."""
     n: int
-    """Points that were seen."""
+    """Points that were seen, each place once."""
     low_pass: UprFilter | None
     noise: float
     """Standard deviation of one point at most: from differences of nearest neighbours, form between them included."""
@@ -87,12 +95,16 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
         NotEnoughData: too few points, an open profile for a filter, points that don't hold the feature.
     """
     if reference not in REFERENCES[feature]:
-        raise BadRecipe(f"found --reference {reference}, a {feature} has {' and '.join(REFERENCES[feature])}")
+        raise BadRecipe(
+            f"found --reference {reference} for a {feature}, need {' or '.join(REFERENCES[feature])} (inscribed and "
+            "circumscribed are circle, cylinder and sphere); pass one of these"
+        )
     if low_pass is not None and feature != "circle":
-        raise BadRecipe(f"the UPR filter is for closed circular profiles, got a {feature}; leave the filter out")
+        raise BadRecipe(f"found a UPR filter for a {feature}, need a closed circular profile; leave the filter out")
     seen = np.isfinite(points).all(axis=1)
-    points = points[seen]
-    fitted = associate(points, feature)
+    first, same = _each_once(points[seen])
+    points, repeated = points[seen][first], int(same.size - first.size)
+    fitted = as_measured = associate(points, feature)
     noise = PointNoise(point_noise(points, fitted), float(len(points)), fitted.spatial)
     if low_pass is not None:
         points = _filtered(points, fitted, low_pass)
@@ -103,10 +115,34 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
     else:
         found = _by_zone(zoned(points, fitted, reference), reference, noise, _expanded(fitted, covariance))
     deviation = np.full(seen.size, np.nan)
-    deviation[seen] = found.deviation
+    deviation[seen] = found.deviation[same]
+    certificate = _of_all(found.certificate, np.flatnonzero(seen)[first])
     return replace(
-        found, deviation=deviation, low_pass=low_pass, reasons=_reasons(found, points), remarks=_remarks(points, fitted)
-    )
+        found, deviation=deviation, low_pass=low_pass, certificate=certificate,
+        reasons=_reasons(found, points, as_measured), remarks=_remarks(points, fitted, repeated),
+    )  # fmt: skip
+
+
+def _each_once(points: Array) -> tuple[Ints, Ints]:
+    """Where points (n, 3) mm stand for the first time, (k,), and which of these each of them is, (n,).
+
+    A point given again is no second reading: it would halve the noise, and be its own nearest neighbour.
+    """
+    if not len(points):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    place = np.rint(points / max(SAME_PLACE * float(np.abs(points).max()), 1e-300))
+    order = np.lexsort(place.T)
+    new = np.append(True, (np.diff(place[order], axis=0) != 0).any(axis=1))
+    if new.all():
+        return np.arange(len(points)), np.arange(len(points))
+    same = np.empty(len(points), np.intp)
+    same[order] = np.cumsum(new) - 1
+    return order[new], same
+
+
+def _of_all(zone: Zone | None, place: Ints) -> Zone | None:
+    """The zone whose contacts count among all points, where those that it was made of have their ``place`` (k,)."""
+    return None if zone is None else replace(zone, contacts=place[zone.contacts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,8 +278,8 @@ def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least
     )  # fmt: skip
 
 
-def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
-    """Why a feature is doubtful."""
+def _reasons(found: Form, points: Array, as_measured: FittedFeature) -> tuple[Message, ...]:
+    """Why a feature is doubtful; ``as_measured``: before a filter, which leaves heights over a circle's plane alone."""
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
@@ -256,18 +292,43 @@ def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
             "their columns, and outliers"
         )
         reasons.append(Message("poor_fit", text))
+    if found.feature == "circle" and _out_of_plane(as_measured):
+        text = (
+            f"the points scatter by {as_measured.scatter[2]:.4g} mm (rms) over the circle's plane and by "
+            f"{as_measured.scatter[0]:.4g} mm in it: they are no section; take a thinner one, a cylinder or sphere, or "
+            "--columns of its plane alone"
+        )
+        reasons.append(Message("out_of_plane", text))
     if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
         reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
     return tuple(reasons)
 
 
-def _remarks(points: Array, fitted: FittedFeature) -> tuple[Message, ...]:
-    """What nobody can see in the points of an arc."""
+def _out_of_plane(circle: FittedFeature) -> bool:
+    """Whether points scatter over a circle's plane by more than noise and a section's height do.
+
+    Noise is much the same in all directions, so that their variances have Fisher's distribution.
+    """
+    from scipy.special import fdtri
+
+    in_plane, over = float(circle.scatter[0]), float(circle.scatter[2])
+    size, free = 2.0 * (circle.radius or 0.0), circle.deviation.size - LEAST_POINTS["circle"]
+    if free < 1 or over <= FLAT * size:
+        return False
+    return over > min(PLANE_NOISE * sqrt(fdtri(free, free, SURE)) * in_plane, MOST_FORM * size)
+
+
+def _remarks(points: Array, fitted: FittedFeature, repeated: int) -> tuple[Message, ...]:
+    """What was done with points that were ``repeated``, and what nobody can see in those of an arc."""
+    remarks = []
+    if repeated:
+        text = f"found {repeated} points that were there before, and counted each place once: they are no new readings"
+        remarks.append(Message("points_repeated", text))
     leverage = lobe_leverage(points, fitted)
     if leverage <= MOST_LEVERAGE:
-        return ()
+        return tuple(remarks)
     text = (
         f"only a part of the circumference was measured: a form of {FEW_LOBES[0]} to {FEW_LOBES[-1]} lobes, which that "
         f"part may not show, moves the centre by up to {leverage:.2g} times its amplitude; U holds what shows"
     )
-    return (Message("part_of_circumference", text),)
+    return (*remarks, Message("part_of_circumference", text))
