@@ -568,6 +568,24 @@ def test_points_given_twice_count_once(reference):
     assert expected.remarks == ()
 
 
+@pytest.mark.parametrize("feature", ["circle", "cylinder"])
+def test_half_a_circumference_holds_no_circumscribed_feature(feature):
+    """Its two ends do: the centre was 80 um off at U 0.08, *valid*."""
+    t = np.pi * np.arange(80) / 80
+    r = 4 + np.random.default_rng(0).normal(0, 5e-5, 80)
+    h = 0 * t if feature == "circle" else np.tile([-3.0, -1, 1, 3], 20)
+    found = evaluate(np.column_stack([r * np.cos(t), r * np.sin(t), h]), feature, "MCC")
+    assert "held_on_one_side" in [reason.code for reason in found.reasons]
+    assert evaluate(rough_circle(200, 0), "circle", "MCC").reasons == ()
+
+
+@pytest.mark.parametrize("reference", ["MZC", "MCC", "MIC"])
+def test_the_direction_of_a_circle_has_its_doubt_with_every_reference(reference):
+    points = rough_circle(60, 0) + np.random.default_rng(1).normal(0, 0.01, (60, 1)) * [0, 0, 1]
+    found, least = (evaluate(points, "circle", kind) for kind in (reference, "LSC"))
+    assert found.U["direction"] == least.U["direction"] > 0
+
+
 def test_contacts_count_among_all_points():
     points = np.vstack([np.full((2, 3), np.nan), rough_circle(40, 0)])
     found = evaluate(np.insert(points, 5, points[4], axis=0), "circle", "MZC")

@@ -45,6 +45,10 @@ directions, and a plane that is turned within such heights makes the circle narr
 FLAT = 1e-3
 """Heights over its plane as a share of a circle's size, rms, that don't matter: turned as much, it is 2e-6 narrower."""
 SURE = 0.999
+HELD = 3.0
+"""By how much more form an inscribed or circumscribed feature may read than the least squares: held all round, it moves
+by no more than their form, and that widens its own by twice as much."""
+ROUNDING = 1e-9
 SAME_PLACE = 1e-12
 """Of the largest coordinate: as a double rounds what was worked out twice, from angles a turn apart."""
 OPEN = 0.1
@@ -119,7 +123,7 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
     certificate = _of_all(found.certificate, np.flatnonzero(seen)[first])
     return replace(
         found, deviation=deviation, low_pass=low_pass, certificate=certificate,
-        reasons=_reasons(found, points, as_measured), remarks=_remarks(points, fitted, repeated),
+        reasons=_reasons(found, points, as_measured, fitted), remarks=_remarks(points, fitted, repeated),
     )  # fmt: skip
 
 
@@ -267,7 +271,7 @@ def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least
 
     The farthest and nearest of many points are so by their noise, which widens the zone, and half of it either radius.
     """
-    U = {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
+    U = least | {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
     U["form"] = noise.expanded_form(found.width, U["form"])
     if reference in ("MIC", "MCC"):
         U["radius"] += min(noise.floor, found.width) / 2
@@ -278,8 +282,10 @@ def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least
     )  # fmt: skip
 
 
-def _reasons(found: Form, points: Array, as_measured: FittedFeature) -> tuple[Message, ...]:
-    """Why a feature is doubtful; ``as_measured``: before a filter, which leaves heights over a circle's plane alone."""
+def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: FittedFeature) -> tuple[Message, ...]:
+    """Why a feature is doubtful, beside the least squares through the points ``as_measured`` and those that were
+    ``fitted`` after a filter, which leaves heights over a circle's plane alone.
+    """
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
@@ -301,6 +307,13 @@ def _reasons(found: Form, points: Array, as_measured: FittedFeature) -> tuple[Me
         reasons.append(Message("out_of_plane", text))
     if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
         reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
+    least = float(np.ptp(fitted.deviation))
+    if found.reference in ("MIC", "MCC") and found.form > HELD * least + ROUNDING * size:
+        text = (
+            f"form of {found.form:.4g} mm by {found.reference}, {least:.4g} mm by least squares: the points hold a "
+            f"{found.feature} on one side only; measure all round, or use LSC or MZC"
+        )
+        reasons.append(Message("held_on_one_side", text))
     return tuple(reasons)
 
 

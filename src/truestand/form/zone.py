@@ -129,7 +129,7 @@ class _Problem:
             tried = q + move * unit / self.effect
             if np.abs((tried - self.start) * self.effect).max() > MOST_MOVE * self.size:
                 raise NotEnoughData(
-                    f"found points that don't hold a {self.kind} feature, need some all round; measure more, or pass LSC"
+                    f"found points that don't hold a {self.kind} feature, need them all round; measure more or use LSC"
                 )
             d_new, slopes_new = self.distance(tried, self.working)
             gained = (self.objective(d) - self.objective(d_new)) / unit
