@@ -59,7 +59,8 @@ def form(
         typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1; X,Y of a profile."),
     ] = None,
     unit: Annotated[
-        Literal["mm", "um", "m"] | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
+        Literal["mm", "um", "m"] | None,
+        typer.Option(help="Of columns whose names give none (x_um does); default: as a comment tells, or mm."),
     ] = None,
     filter_upr: Annotated[
         float | None, typer.Option(min=0.001, help="Circle: low-pass filter with its cut-off in waves a turn.")
