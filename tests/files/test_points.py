@@ -146,6 +146,7 @@ BAD = {
     "a unit that may be another thing's": (b"# noise 5 um\n1 2 3\n", "found '# noise 5 um' .* pass --unit"),
     "a long word for a unit": (b"# in micrometres\n1 2 3\n", "pass --unit"),
     "a stated unit that is unknown": (b"# units: inch\n1 2 3\n", "pass --unit"),
+    "a part of a mm": (b"# in 1/1000 mm\n1 2 3\n", "pass --unit"),
     "two units": (b"# units: um\n# units: mm\n1 2 3\n", "pass --unit"),
     "a unit other than the names'": (b"# units: um\nx_mm y_mm z_mm\n1 2 3\n", "'um' above .* pass --unit"),
     "a unit in a comment of a ply": (

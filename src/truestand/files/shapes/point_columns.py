@@ -31,8 +31,8 @@ _BESIDE_UNITS = {
 }
 """Words of a line that tells a unit and nothing else."""
 _NAMES_UNIT = re.compile(
-    r"(?<![a-z])(um|nm|cm|dm|km|ft|feet|foot|inch|inches|zoll|mils?|microns?|micro(metre|meter)s?|centi(metre|meter)s?"
-    r"|(metre|meter)s?)(?![a-z])|[\[(/](m|in)\b|\b(units?|einheit(en)?)\s*[:=;]"
+    r"(?<![a-z])(um|u|nm|pm|cm|dm|km|thou|angstrom|ft|feet|foot|inch|inches|zoll|mils?|microns?|micro(metre|meter)s?|centi(metre|meter)s?"
+    r"|(metre|meter)s?)(?![a-z])|[\[(/](m|in)\b|1\s*/\s*\d+\s*mm|\b(units?|einheit(en)?)\s*[:=;]"
 )
 """What may be the unit of the numbers below, and is not mm."""
 
