@@ -568,6 +568,18 @@ def test_points_given_twice_count_once(reference):
     assert expected.remarks == ()
 
 
+@pytest.mark.parametrize("feature", ["cylinder", "cone"])
+def test_a_ring_tells_no_axis(feature):
+    """Of 60 rings 38 were *valid* cylinders, and 13 of these turned by up to 3 U."""
+    t = 2 * np.pi * np.arange(90) / 90
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        r = 5 + rng.normal(0, 0.001, 90)
+        ring = np.column_stack([r * np.cos(t), r * np.sin(t), rng.normal(0, 0.001, 90)])
+        assert "feature_open" in [reason.code for reason in evaluate(ring, feature).reasons]
+    assert evaluate(noisy("cylinder", rng, 60), "cylinder").reasons == ()
+
+
 @pytest.mark.parametrize("feature", ["circle", "cylinder"])
 def test_half_a_circumference_holds_no_circumscribed_feature(feature):
     """Its two ends do: the centre was 80 um off at U 0.08, *valid*."""

@@ -49,6 +49,8 @@ HELD = 3.0
 """By how much more form an inscribed or circumscribed feature may read than the least squares: held all round, it moves
 by no more than their form, and that widens its own by twice as much."""
 ROUNDING = 1e-9
+ACROSS = 0.9
+"""Cosine between an axis and the normal of a plane that lies across it."""
 SAME_PLACE = 1e-12
 """Of the largest coordinate: as a double rounds what was worked out twice, from angles a turn apart."""
 OPEN = 0.1
@@ -305,7 +307,7 @@ def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: Fit
             "--columns of its plane alone"
         )
         reasons.append(Message("out_of_plane", text))
-    if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
+    if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN or _is_ring(found, points):
         reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
     least = float(np.ptp(fitted.deviation))
     if found.reference in ("MIC", "MCC") and found.form > HELD * least + ROUNDING * size:
@@ -315,6 +317,18 @@ def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: Fit
         )
         reasons.append(Message("held_on_one_side", text))
     return tuple(reasons)
+
+
+def _is_ring(found: Form, points: Array) -> bool:
+    """Whether points (n, 3) mm of a cylinder or cone lie so nearly in a plane across the axis that this is held by what
+    its tilt does to the second order: U, which knows the first alone, is then too small.
+    """
+    if found.feature not in ("cylinder", "cone") or found.radius is None or found.direction is None:
+        return False
+    extent, axes = np.linalg.eigh(np.cov(points.T, bias=True))
+    thickness, normal = sqrt(max(float(extent[0]), 1e-300)), axes[:, 0]
+    tilt = K * found.rms / (thickness * sqrt(found.n / 2))
+    return abs(float(normal @ found.direction)) > ACROSS and found.radius * tilt**2 / 2 > found.U.get("radius", np.inf)
 
 
 def _out_of_plane(circle: FittedFeature) -> bool:
