@@ -84,7 +84,7 @@ def _valid(recording: Any) -> None:
 def _points(path: Path) -> None:
     from truestand.files.shapes.points import read_points
 
-    points = read_points(path)
+    points = read_points(path).points
     assert points.shape[1:] == (3,)
     assert points.dtype == np.float64
     assert not np.isinf(points).any()

@@ -432,9 +432,9 @@ def test_form_of_points_and_of_a_calibrated_scan(bench, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--feature", "plane", "--reference", "MIC"], "a plane has LSC and MZC"),
+        (["--feature", "plane", "--reference", "MIC"], "for a plane, need LSC or MZC"),
         (["--feature", "circle", "--filter-kind", "sharp"], "no --filter-upr"),
-        (["--feature", "cylinder", "--filter-upr", "50"], "circular profiles"),
+        (["--feature", "cylinder", "--filter-upr", "50"], "circular profile"),
         (["--feature", "circle", "--height-mm", "3"], "--calibration"),
         (["--feature", "circle"], "on one line"),
     ],
@@ -519,6 +519,15 @@ def test_form_writes_every_point_with_its_deviation(tmp_path):
     assert lines[5] == ",,,"
     assert lines[6].rpartition(",")[0] == rows[6]
     assert all(abs(float(line.rpartition(",")[2])) < 0.01 for line in lines if line != ",,,")
+
+
+def test_form_remarks_on_columns_without_names(tmp_path):
+    """Which three of them were taken stands in the record, and is said."""
+    np.savetxt(tmp_path / "p.xyz", np.column_stack([CIRCLE_OF_5_MM, np.ones(72)]))
+    done = run("form", tmp_path / "p.xyz", "--feature", "circle", "-o", tmp_path / "form.json")
+    assert done.returncode == 0, done.stderr
+    assert "the first 3 of 4 columns" in done.stderr
+    assert json.loads((tmp_path / "form.json").read_text())["remarks"][0]["code"] == "columns_without_names"
 
 
 def test_a_doubtful_feature_ends_3_and_is_written(tmp_path):

@@ -307,7 +307,7 @@ def test_what_is_only_written_in_another_way_reads_the_same(tmp_path, name):
         assert recording.z.tolist() == [[9.5, 8.5]] * 2
         assert recording.y.tolist() == [0, 1]
     else:
-        assert np.array_equal(read_points(path), [[1.5, np.nan, 3], [4, 5, 6]], equal_nan=True)
+        assert np.array_equal(read_points(path).points, [[1.5, np.nan, 3], [4, 5, 6]], equal_nan=True)
 
 
 def test_the_byte_order_of_a_ply_may_stand_after_its_properties(tmp_path):
@@ -315,7 +315,7 @@ def test_the_byte_order_of_a_ply_may_stand_after_its_properties(tmp_path):
     (tmp_path / "p").write_bytes(
         b"".join([lines[0], *lines[2:-1], lines[1], lines[-1]]) + struct.pack(">fdhfdh", 1.5, 2, 3, 4, 5, 6)
     )
-    assert read_points(tmp_path / "p").tolist() == [[1.5, 2, 3], [4, 5, 6]]
+    assert read_points(tmp_path / "p").points.tolist() == [[1.5, 2, 3], [4, 5, 6]]
 
 
 def test_a_record_with_a_byte_order_mark_is_the_record(tmp_path):
@@ -389,7 +389,7 @@ def test_one_long_number_among_many_takes_no_memory(tmp_path):
     (tmp_path / "p").write_text("1 2 3\n" * 20_000 + "1 2 0." + "0" * 100_000 + "\n")
     tracemalloc.start()
     try:
-        assert read_points(tmp_path / "p")[-1].tolist() == [1, 2, 0]
+        assert read_points(tmp_path / "p").points[-1].tolist() == [1, 2, 0]
         assert tracemalloc.get_traced_memory()[1] < 30e6
     finally:
         tracemalloc.stop()

@@ -41,6 +41,13 @@ GOOD = {
     "micro sign": "x (\u00b5m)\ty (\u03bcm)\tz (um)\n1500\t-2000\t3000\n4000\t5000\t6\n".encode(),
     "micro sign, Latin-1": b"x_\xb5m y_\xb5m z_\xb5m\n1500 -2000 3000\n4000 5000 6\n",
     "metres": b"x_m;y_m;z_m\n0,0015;-0,002;0,003\n0,004;0,005;0,000006\n",
+    "a unit in a comment": b"# units: um\n1500 -2000 3000\n4000 5000 6\n",
+    "a unit in a title": b"xyz_um\n1500 -2000 3000\n4000 5000 6\n",
+    "a unit below the names": b"x;y;z\n[um];[um];[um]\n1500;-2000;3000\n4000;5000;6\n",
+    "a unit in a comment, and another's": b"# noise 5 nm\n# unit = m\nx y z\n.0015 -.002 .003\n.004 5e-3 6e-6\n",
+    "units after a stroke": b"x/um,y / mm,z/m\n1500.0,-2,3e-3\n4000.0,5,6e-6\n",
+    "units after a stroke, in a comment": b"# x/um y/um z/um\n1500 -2000 3000\n4000 5000 6\n",
+    "another unit of what names place": b"# noise 5 um\nx_mm y_mm z_mm\n1.5 -2 3\n4 5 6e-3\n",
     "a title": b"Points of ring 3\n1.5 -2 3\n4 5 6e-3\n",
     "a comment that names an axis": b"# turned about z\n1.5 -2 3\n4 5 6e-3\n",
     "a cloud of ours as text": b"profile,point,x,y,z\n0,0,1.5,-2,3\n0,1,4,5,6e-3\n",
@@ -73,11 +80,16 @@ GOOD |= {
 }
 BAD = {
     "empty": (b"", "empty"),
-    "only names": (b"x y z\n", "empty"),
+    "only names": (b"x y z\n", "found 'x y z' and no line of numbers"),
     "NUL": (b"1 2 3\n\x004 5 6", "NUL"),
     "ragged": (b"1 2 3\n4 5\n", "line 2"),
     "a gap": (b"1 2 3\n\n4 5 6\n", "line 2"),
     "a word": (b"1 2 3\n4 5 many\n", "line 2"),
+    "a unit in a cell": (b"x,y,z\n1.5,2,3\n1.5,35.0mm,3\n", "found '35.0mm' in line 3, column 2"),
+    "units in all cells": (b"35.0mm 1.0mm 2um\n35.1mm 1.1mm 2um\n", "found '35.0mm' in line 1, column 1"),
+    "units in the first line": (b"35.0mm 1.0mm 2um\n35.1 1.1 2\n", "found '35.0mm' in line 1, column 1"),
+    "an empty cell": (b"1.5;2;3\n4;;6\n", "found an empty cell in line 2, column 2"),
+    "a mark of what was not seen": (b"1 2 3\n4 5 -1e38\n1e38 5 6\n", r"found 1e\+38 mm in point 2 \(2 such points\)"),
     "cut off": (b"1 2 3\n4 5 6e\n", "line 2"),
     "too large": (b"1 2 3\n4 5 1e309\n", "line 2"),
     "hexadecimal": (b"1 2 3\n4 5 0x10\n", "line 2"),
@@ -97,6 +109,14 @@ BAD = {
         "this is an Excel workbook, need points",
     ),
     "STEP": (b"ISO-10303-21;\nHEADER;\n", "this is a STEP model"),
+    "OFF": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "this is an OFF mesh"),
+    "OBJ": (b"# by hand\n\nmtllib a.mtl\no part\nv 0 0 0\nv 1 0 0\n", "this is an OBJ model"),
+    "VTK": (b"# vtk DataFile Version 3.0\nring\nASCII\n1 2 3\n", "this is a VTK file"),
+    "DXF": (b"  0\r\nSECTION\r\n  2\r\nHEADER\r\n", "this is a DXF drawing"),
+    "JSON": (b'{"points": [[1, 2, 3]]}', "this is JSON"),
+    "UTF-16": ("x y z\n1 2 3\n".encode("utf-16"), "this is text in UTF-16"),
+    "MATLAB": (b"MATLAB 5.0 MAT-file, Platform: GLNXA64\n1 2 3\n", "this is a MATLAB file"),
+    "many empty lines": (b"\n" * 60_000 + b"w", "in line 60001"),
     "binary": (b"\x89PNG\r\n\x1a\n1234", "this is a picture, need points"),
     "ply of huge count": (
         b"ply\nformat binary_little_endian 1.0\nelement vertex 2147483648\nproperty float x\nend_header\n",
@@ -123,6 +143,17 @@ BAD = {
     "an unknown unit": (b"x_inch,y_inch,z_inch\n1.5,2,3\n", "no column 'x' among 'x_inch"),
     "an unknown unit in brackets": (b"x [in] y [in] z [in]\n1 2 3\n", "no column 'x' among 'x_in,"),
     "a unit for some": (b"x, y, z [um]\n1.5,2,3\n", "on each"),
+    "a unit that may be another thing's": (b"# noise 5 um\n1 2 3\n", "found '# noise 5 um' .* pass --unit"),
+    "a long word for a unit": (b"# in micrometres\n1 2 3\n", "pass --unit"),
+    "a stated unit that is unknown": (b"# units: inch\n1 2 3\n", "pass --unit"),
+    "a part of a mm": (b"# in 1/1000 mm\n1 2 3\n", "pass --unit"),
+    "two units": (b"# units: um\n# units: mm\n1 2 3\n", "pass --unit"),
+    "a unit other than the names'": (b"# units: um\nx_mm y_mm z_mm\n1 2 3\n", "'um' above .* pass --unit"),
+    "a unit in a comment of a ply": (
+        b"ply\nformat ascii 1.0\ncomment step 5 um\nelement vertex 1\nproperty float x\nproperty float y\n"
+        b"property float z\nend_header\n1 2 3\n",
+        "'step 5 um' above the numbers",
+    ),
     "more names": (b"id x y z\n1 2 3\n", "4 column names"),
     "fewer names": (b"x y z\n1 2 3 4\n", "3 column names"),
     "names in a sentence": (b"# x y z in um\n1 2 3\n", "5 column names"),
@@ -136,7 +167,7 @@ BAD = {
 @pytest.mark.parametrize("name", GOOD)
 def test_points_read_as_written(tmp_path, name):
     (tmp_path / "p").write_bytes(GOOD[name])
-    assert read_points(tmp_path / "p").tolist() == TWO
+    assert read_points(tmp_path / "p").points.tolist() == TWO
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -157,13 +188,15 @@ def test_a_damaged_or_ambiguous_file_is_refused(tmp_path, name):
         (b"7 3 -2 1.5\n8 6e-3 5 4\n", "4,3,2", "mm"),
         (b"0.0015 -0.002 0.003\n0.004 0.005 0.000006\n", None, "m"),
         (b"# x y z in um\n1500 -2000 3000\n4000 5000 6\n", "1,2,3", "um"),
+        (b"# noise 5 um\n1.5 -2 3\n4 5 6e-3\n", None, "mm"),
+        (b"# units: um\nx_mm y_mm z_mm\n1.5 -2 3\n4 5 6e-3\n", None, "mm"),
         (GOOD["ascii ply"].replace(b" x", b" A"), "a,y,z", None),
         (GOOD["big-endian ply"], "2,3,4", "mm"),
     ],
 )
 def test_columns_and_unit_are_those_given(tmp_path, data, columns, unit):
     (tmp_path / "p").write_bytes(data)
-    assert read_points(tmp_path / "p", columns, unit).tolist() == TWO
+    assert read_points(tmp_path / "p", columns, unit).points.tolist() == TWO
 
 
 @pytest.mark.parametrize(
@@ -188,6 +221,61 @@ def test_columns_and_unit_that_do_not_fit_are_refused(tmp_path, data, columns, u
         read_points(tmp_path / "p", columns, unit)
 
 
+@pytest.mark.parametrize("planar", [False, True])
+def test_an_array_of_coordinates_side_by_side_is_read_as_its_columns(tmp_path, planar):
+    """(3, n) was read as three points of x y z, and n - 3 columns beside."""
+    points = np.random.default_rng(0).normal(size=(3 - planar, 72))
+    (tmp_path / "p.npy").write_bytes(npy(points))
+    assert np.array_equal(read_points(tmp_path / "p.npy", planar=planar).points[:, : 3 - planar], points.T)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (3, 4), (3, 16), (4, 72), (1, 72), (20, 40)])
+def test_an_array_that_may_lie_either_way_is_refused(tmp_path, shape):
+    (tmp_path / "p.npy").write_bytes(npy(np.random.default_rng(0).normal(size=shape)))
+    with pytest.raises(UnreadableFile, match=r"shape .* save it as \(points, 3\)"):
+        read_points(tmp_path / "p.npy")
+
+
+def test_columns_without_names_beside_the_first_three_are_remarked_on(tmp_path):
+    (tmp_path / "p").write_bytes(GOOD["more columns"])
+    assert [r.code for r in read_points(tmp_path / "p").remarks] == ["columns_without_names"]
+    assert read_points(tmp_path / "p", "1,2,3").remarks == ()
+    for file in ("spaces", "a cloud of ours as text", "numpy array"):
+        (tmp_path / "p").write_bytes(GOOD[file])
+        assert read_points(tmp_path / "p").remarks == ()
+
+
+@pytest.mark.parametrize(
+    "first", [np.arange(6) * 0.1, np.arange(6) + 0.5 * np.sin(np.arange(6)), np.repeat([0, 1], 3), np.zeros(6)]
+)
+def test_a_time_or_number_before_x_y_z_without_names_is_no_coordinate(tmp_path, first):
+    points = np.random.default_rng(0).normal(size=(6, 3))
+    np.savetxt(tmp_path / "p", np.column_stack([first, points]), fmt="%.18g")
+    with pytest.raises(UnreadableFile, match=r"rising like .* pass --columns 2,3,4"):
+        read_points(tmp_path / "p")
+    assert np.array_equal(read_points(tmp_path / "p", "2,3,4").points, points)
+
+
+def test_a_table_of_many_columns_without_names_is_refused(tmp_path):
+    np.savetxt(tmp_path / "p", np.random.default_rng(0).normal(size=(40, 40)))
+    with pytest.raises(UnreadableFile, match="found 40 numbers a point, need x y z"):
+        read_points(tmp_path / "p")
+
+
+@pytest.mark.parametrize("last", [20, 90, 359])
+def test_degrees_that_are_named_radians_are_refused(tmp_path, last):
+    np.savetxt(tmp_path / "p", np.column_stack([np.linspace(0, last, 360), np.full(360, 5)]), header="angle_rad radius")
+    with pytest.raises(UnreadableFile, match=r"turns in the column 'angle_rad', need 3 .* angle_deg"):
+        read_points(tmp_path / "p", planar=True)
+
+
+def test_a_trace_of_some_turns_is_read(tmp_path):
+    for name, end in (("angle_rad", 2.9 * 2 * np.pi), ("theta_deg", 20 * 360)):
+        angle = np.linspace(0, end, 720)
+        np.savetxt(tmp_path / "p", np.column_stack([angle, np.full(720, 5)]), header=f"{name} radius")
+        assert np.allclose(np.linalg.norm(read_points(tmp_path / "p", planar=True).points, axis=1), 5)
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(UnreadableFile, match="check the path"):
         read_points(tmp_path / "none")
@@ -195,7 +283,7 @@ def test_a_missing_file_is_refused(tmp_path):
 
 def test_not_seen_stays_not_seen(tmp_path):
     (tmp_path / "p").write_bytes(b"nan nan nan\n1 2 3\n")
-    assert np.isnan(read_points(tmp_path / "p")[0]).all()
+    assert np.isnan(read_points(tmp_path / "p").points[0]).all()
 
 
 @settings(deadline=None, max_examples=300)
@@ -221,7 +309,7 @@ def test_only_fields_of_one_number_a_point_are_columns(tmp_path):
     for name, column in zip("xyz", np.transpose(TWO), strict=True):
         points[name] = column
     (tmp_path / "p.npy").write_bytes(npy(points))
-    assert read_points(tmp_path / "p.npy").tolist() == TWO
+    assert read_points(tmp_path / "p.npy").points.tolist() == TWO
     (tmp_path / "p.npy").write_bytes(npy(np.zeros(2, [("x", "f8"), ("X", "f8"), ("y", "f8"), ("z", "f8")])))
     with pytest.raises(UnreadableFile, match="2 columns 'x'"):
         read_points(tmp_path / "p.npy")

@@ -42,7 +42,7 @@ def balanced(jacobian, size, seed):
 @pytest.mark.parametrize("file", sorted(DATA.glob("nist_circles/*.ds")), ids=lambda f: f.stem)
 def test_nist_circles(file):
     reference = np.array(file.with_suffix(".fit").read_text().split(), dtype=float)
-    found = evaluate(read_points(file), "circle")
+    found = evaluate(read_points(file).points, "circle")
     assert np.abs(found.point - reference[:3]).max() < MM
     assert np.linalg.norm(np.cross(found.direction, reference[3:6])) < RAD
     assert abs(2 * found.radius - reference[6]) < MM
@@ -362,6 +362,59 @@ def test_the_uncertainty_covers_the_truth_of_a_round_part(reference):
     assert inside >= 181
 
 
+def noisy(feature, rng, n, noise=0.005):
+    """A perfect feature of radius 10 mm with ``noise`` square to it."""
+    t, h, e = rng.uniform(0, 2 * np.pi, n), rng.uniform(-10, 10, n), rng.normal(0, noise, (2, n))
+    match feature:
+        case "profile":
+            return np.column_stack([h, e[0], 0 * h])
+        case "line":
+            return np.column_stack([h, *e])
+        case "plane":
+            return np.column_stack([h, 10 * np.cos(t), e[0]])
+        case "sphere":
+            u = rng.normal(size=(n, 3))
+            return u * ((10 + e[0]) / np.linalg.norm(u, axis=1))[:, None]
+    r = 10 + e[0]
+    return np.column_stack([r * np.cos(t), r * np.sin(t), 0 * h if feature == "circle" else h])
+
+
+@pytest.mark.parametrize(
+    ("feature", "reference"),
+    tried(
+        [("circle", "LSC"), ("cylinder", "MZC"), ("circle", "MIC"), ("line", "LSC"), ("profile", "MZC")],
+        ("cylinder", "MIC"), ("cylinder", "MCC"), ("sphere", "MZC"), ("sphere", "MCC"), ("plane", "MZC"),
+    ),
+)  # fmt: skip
+def test_what_noise_alone_widens_stands_in_the_uncertainty(feature, reference):
+    """10 perfect features read the noise as their form, and its half from an inscribed radius: 10 +- 3.5 um for 0."""
+    for seed in range(10):
+        points = noisy(feature, np.random.default_rng(seed), 300)
+        found = evaluate(points, "line" if feature == "profile" else feature, reference)
+        assert found.form <= found.U["form"] <= 1.001 * found.form
+        if found.radius is not None:
+            assert abs(found.radius - 10) <= found.U["radius"]
+
+
+def test_form_beyond_the_noise_has_the_uncertainty_of_its_noise():
+    """Three lobes of 0.1 mm read 0.2 mm and some noise: U holds that, and not the form."""
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 2 * np.pi, 5000, endpoint=False)
+    r = 10 + 0.1 * np.cos(3 * t) + rng.normal(0, 0.001, t.size)
+    for reference in ("LSC", "MZC"):
+        found = evaluate(np.column_stack([r * np.cos(t), r * np.sin(t), 0 * t]), "circle", reference)
+        assert 0.2 < found.form < 0.21
+        assert found.form - 0.2 <= found.U["form"] < 0.012
+
+
+@pytest.mark.parametrize("feature", ["profile", "line"])
+def test_the_noise_of_a_line_is_that_of_its_points(feature):
+    """Of a profile it was taken for 1.4 times less, of a line in space for 1.5 times."""
+    found = evaluate(noisy(feature, np.random.default_rng(0), 4000), "line")
+    assert found.noise == pytest.approx(0.005, rel=0.05)
+    assert found.noise_floor == pytest.approx(found.form, rel=0.1)
+
+
 @pytest.mark.parametrize("feature", ["line", "plane", "circle", "cylinder", "sphere", "cone"])
 def test_what_leaves_a_feature_open_is_refused(feature):
     with pytest.raises(NotEnoughData):
@@ -395,9 +448,9 @@ def test_a_cut_off_that_no_profile_has_is_refused():
 
 def test_references_and_filters_are_for_round_features():
     points = np.random.default_rng(0).normal(size=(20, 3))
-    with pytest.raises(BadRecipe, match="a plane has LSC and MZC"):
+    with pytest.raises(BadRecipe, match="for a plane, need LSC or MZC"):
         evaluate(points, "plane", "MIC")
-    with pytest.raises(BadRecipe, match="circular profiles"):
+    with pytest.raises(BadRecipe, match="circular profile"):
         evaluate(points, "cylinder", "LSC", UprFilter(50.0))
     with pytest.raises(BadRecipe, match="need a positive one"):
         UprFilter(0.0)
@@ -471,6 +524,86 @@ def test_points_that_leave_a_feature_open_are_doubted():
     arc = np.column_stack([r * np.cos(t), r * np.sin(t), 0 * t])
     assert any("leave the circle open" in r for r in evaluate(arc, "circle").reasons)
     assert evaluate(rough_circle(200, 0), "circle").reasons == ()
+
+
+def rings(height, noise, n=144):
+    """Two rings of 5 mm radius, ``height`` mm apart."""
+    t = 2 * np.pi * np.arange(n) / n
+    e = np.random.default_rng(0).normal(0, noise, (2, n))
+    z = np.where(np.arange(n) < n // 2, height / 2, -height / 2) + e[1]
+    return np.column_stack([(5 + e[0]) * np.cos(2 * t), (5 + e[0]) * np.sin(2 * t), z])
+
+
+@pytest.mark.parametrize("reference", ["LSC", "MZC"])
+@pytest.mark.parametrize(("height", "noise"), [(2.0, 0.0), (0.04, 0.0), (0.6, 0.005), (2.0, 0.1)])
+def test_points_that_lie_in_no_plane_are_doubted_as_a_circle(height, noise, reference):
+    """Two rings of a cylinder were *valid* with a perfect roundness."""
+    assert [r.code for r in evaluate(rings(height, noise), "circle", reference).reasons] == ["out_of_plane"]
+
+
+def test_noise_over_a_circle_s_plane_is_no_doubt():
+    """Of as much as in it, of five times as much, of few points, through a filter, and of a section a little thick."""
+    for seed in range(50):
+        e = np.random.default_rng(seed).normal(0, 0.002, (2, 5))
+        t = 2 * np.pi * np.arange(5) / 5
+        few = np.column_stack([(5 + e[0]) * np.cos(t), (5 + e[0]) * np.sin(t), e[1]])
+        assert evaluate(few, "circle").reasons == ()
+    assert evaluate(rings(0.0, 0.005), "circle", "LSC", UprFilter(5.0)).reasons == ()
+    assert evaluate(rings(0.0, 0.005) * [1, 1, 5], "circle").reasons == ()
+    assert evaluate(rings(0.015, 0.0), "circle").reasons == ()
+
+
+@pytest.mark.parametrize("reference", ["LSC", "MZC"])
+def test_points_given_twice_count_once(reference):
+    """Their noise read 0, and U of the radius 1.4 times too little."""
+    once = rough_circle(72, 0)
+    expected = evaluate(once, "circle", reference)
+    for twice in (np.vstack([once, once]), np.repeat(once, 2, axis=0), np.vstack([once, once * (1 + 2e-16)])):
+        found = evaluate(twice, "circle", reference)
+        assert [r.code for r in found.remarks] == ["points_repeated"]
+        assert (found.n, found.deviation.size) == (72, 144)
+        assert pytest.approx(expected.U) == found.U
+        assert found.form == pytest.approx(expected.form, abs=1e-12)
+    assert np.array_equal(found.deviation[:72], found.deviation[72:])
+    assert expected.remarks == ()
+
+
+@pytest.mark.parametrize("feature", ["cylinder", "cone"])
+def test_a_ring_tells_no_axis(feature):
+    """Of 60 rings 38 were *valid* cylinders, and 13 of these turned by up to 3 U."""
+    t = 2 * np.pi * np.arange(90) / 90
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        r = 5 + rng.normal(0, 0.001, 90)
+        ring = np.column_stack([r * np.cos(t), r * np.sin(t), rng.normal(0, 0.001, 90)])
+        assert "feature_open" in [reason.code for reason in evaluate(ring, feature).reasons]
+    assert evaluate(noisy("cylinder", rng, 60), "cylinder").reasons == ()
+
+
+@pytest.mark.parametrize("feature", ["circle", "cylinder"])
+def test_half_a_circumference_holds_no_circumscribed_feature(feature):
+    """Its two ends do: the centre was 80 um off at U 0.08, *valid*."""
+    t = np.pi * np.arange(80) / 80
+    r = 4 + np.random.default_rng(0).normal(0, 5e-5, 80)
+    h = 0 * t if feature == "circle" else np.tile([-3.0, -1, 1, 3], 20)
+    found = evaluate(np.column_stack([r * np.cos(t), r * np.sin(t), h]), feature, "MCC")
+    assert "held_on_one_side" in [reason.code for reason in found.reasons]
+    assert evaluate(rough_circle(200, 0), "circle", "MCC").reasons == ()
+
+
+@pytest.mark.parametrize("reference", ["MZC", "MCC", "MIC"])
+def test_the_direction_of_a_circle_has_its_doubt_with_every_reference(reference):
+    points = rough_circle(60, 0) + np.random.default_rng(1).normal(0, 0.01, (60, 1)) * [0, 0, 1]
+    found, least = (evaluate(points, "circle", kind) for kind in (reference, "LSC"))
+    assert found.U["direction"] == least.U["direction"] > 0
+
+
+def test_contacts_count_among_all_points():
+    points = np.vstack([np.full((2, 3), np.nan), rough_circle(40, 0)])
+    found = evaluate(np.insert(points, 5, points[4], axis=0), "circle", "MZC")
+    away = found.deviation[found.certificate.contacts]
+    assert np.abs(away) == pytest.approx(found.form / 2, abs=1e-12)
+    assert np.array_equal(away > 0, found.certificate.outside)
 
 
 def test_deviations_keep_to_the_points():

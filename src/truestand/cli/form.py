@@ -1,6 +1,7 @@
 """``truestand form``: associate a feature with points, and say how far they depart from it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import degrees
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +16,7 @@ from truestand.core.arrays import Array
 from truestand.core.artefact import Cylinder
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
+from truestand.core.message import Message
 from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_json_atomic, write_text_atomic
@@ -57,7 +59,8 @@ def form(
         typer.Option(metavar="X,Y,Z", help="Which columns are x, y and z, by name or number from 1; X,Y of a profile."),
     ] = None,
     unit: Annotated[
-        Literal["mm", "um", "m"] | None, typer.Option(help="Of columns whose names give none (x_um does); default: mm.")
+        Literal["mm", "um", "m"] | None,
+        typer.Option(help="Of columns whose names give none (x_um does); default: as a comment tells, or mm."),
     ] = None,
     filter_upr: Annotated[
         float | None, typer.Option(min=0.001, help="Circle: low-pass filter with its cut-off in waves a turn.")
@@ -97,15 +100,18 @@ def form(
     _refuse_mixed(of_scans, (columns, unit), calibration is not None)
     low_pass = _low_pass(filter_upr, filter_kind)
     travel, transferred = None, None
+    remarks: tuple[Message, ...] = ()
     with progress(f"Reading {points.name}", quiet):
         if calibration is None:
-            cloud = read_points(points, columns, unit, planar=feature in PLANAR)
+            file = read_points(points, columns, unit, planar=feature in PLANAR)
+            cloud, remarks = file.points, file.remarks
         else:
             transferred = _transferred(points, calibration, stand, feature, start_angle_deg)
             cloud = _section(transferred, feature, surface, height_mm)
             travel = run_out(cloud)
     with progress("Associating", quiet):
         result = evaluate(cloud, feature, reference, low_pass)
+        result = replace(result, remarks=(*remarks, *result.remarks))
     doubts = () if transferred is None else transferred.calibration.reasons
     record = form_record(result, now(), sha256_of(points), travel, doubts)
     if output is not None:

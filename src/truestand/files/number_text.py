@@ -19,8 +19,8 @@ from truestand.core.errors import UnreadableFile
 from truestand.files.text import (
     ENOUGH_FIELDS,
     LARGEST,
+    NO_NUMBER,
     Dialect,
-    check_text,
     normalized,
     refuse_cut_number,
     refuse_too_large,
@@ -201,12 +201,12 @@ def read_table(rows: list[bytes], dialect: Dialect, name: str, first_line: int) 
     """Lines of equally many numbers, none left out, as (n, columns).
 
     Raises:
-        UnreadableFile: words, too large numbers, or rows of different lengths, with the line.
+        UnreadableFile: words, too large numbers, or rows of different lengths, with the line and of a word the column.
     """
-    text = b"\n".join(rows)
-    check_text(b"\n" * (first_line - 1) + text, name)
-    text = normalized(text, dialect, name, first_line)
+    text = normalized(b"\n".join(rows), dialect, name, first_line)
     plain = [row.rstrip(b", ") for row in text.split(b"\n")]
+    if NO_NUMBER.search(text):
+        refuse_words(plain, name, first_line)
     wide = plain[0].count(b",")
     for i, row in enumerate(plain):
         if row.count(b",") != wide or not row:

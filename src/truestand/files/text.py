@@ -18,7 +18,8 @@ LARGEST = 1e300
 """Of a number in text: in another unit, or taken from one of the other sign, it stays a finite float64."""
 MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "m": 1e3}
 """By the unit of length at the end of a column's name."""
-_NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
+NO_NUMBER = re.compile(rb"[^0-9eE+\-.,;\t \r\nnNaAiIfF\"]")
+"""A character that no number has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ def check_text(data: bytes, name: str) -> None:
     """
     if not data.strip():
         raise UnreadableFile(f"{name}: the file is empty; need a scan")
-    wrong = re.search(rb"\0", data) or _NO_NUMBER.search(data)
+    wrong = re.search(rb"\0", data) or NO_NUMBER.search(data)
     if wrong:
         raise UnreadableFile(
             f"{name}: found {wrong[0]!r} in line {line_number(data, wrong.start())}, need numbers; see docs/formats.md"
@@ -134,14 +135,15 @@ def refuse_words(rows: list[bytes], name: str, first_line: int) -> None:
     """Refuse the first field of comma-separated rows that is no number.
 
     Raises:
-        UnreadableFile: with the line.
+        UnreadableFile: with its line, and its column where there are several.
     """
     for i, row in enumerate(rows):
-        for field in row.split(b",") if row.strip() else ():
+        for j, field in enumerate(row.split(b",") if row.strip() else ()):
             if number_in(field) is None:
-                shown = field[:20].decode("latin-1")
+                shown = repr(field.strip()[:20].decode("utf-8", "replace")) if field.strip() else "an empty cell"
+                column = f", column {j + 1}" if b"," in row else ""
                 raise UnreadableFile(
-                    f"{name}: found {shown!r} in line {first_line + i}, need numbers; see docs/formats.md"
+                    f"{name}: found {shown} in line {first_line + i}{column}, need numbers alone; see docs/formats.md"
                 )
 
 

@@ -46,6 +46,8 @@ class FittedFeature:
     """(3, 3) rows: the axes in which the parameters count, the feature's direction last."""
     half_angle: float | None = None
     """rad, of a cone: positive where its radius grows along ``direction``; ``radius`` is that at ``point``."""
+    spatial: bool = False
+    """Whether it is a line whose points lie in no plane, and depart from it all round."""
     slopes: Array | None = None
     """(n, m) of a round feature: how the deviations follow the parameters."""
 
@@ -87,8 +89,9 @@ def _line(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     distance = centred @ np.cross(axes[2], direction) if flat else np.hypot(local[:, 0], local[:, 1])
     design = np.column_stack([np.ones(len(centred)), local[:, 2]])
     covariance = np.kron(inverse_normal(design), np.eye(2)).astype(np.float64)  # x, y, slope x, slope y
-    rms, scatter = float(np.sqrt(np.mean(local[:, 0] ** 2 + local[:, 1] ** 2))), _scatter(4, local[:, :2], 4)
-    return FittedFeature("line", centroid, direction, None, distance, rms, covariance, scatter, frame)
+    rms = float(np.sqrt(np.mean(local[:, 0] ** 2 + local[:, 1] ** 2)))
+    scatter = _scatter(4, distance, 2) if flat else _scatter(4, local[:, :2], 4)
+    return FittedFeature("line", centroid, direction, None, distance, rms, covariance, scatter, frame, spatial=not flat)
 
 
 def _plane(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
@@ -125,7 +128,7 @@ def _circle(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     in_plane, over = _scatter(1, r[:n], 3), _scatter(1, r[n:], 3)
     scatter = np.concatenate([in_plane, in_plane, over, over, over, in_plane])
     return FittedFeature(
-        "circle", point, upright(turned[2]), float(q[5]), r[:n], rms, inverse_normal(J), scatter, turned, None, J[:n]
+        "circle", point, upright(turned[2]), float(q[5]), r[:n], rms, inverse_normal(J), scatter, turned, slopes=J[:n]
     )
 
 
@@ -141,7 +144,7 @@ def _revolved(feature: Feature, kind: Revolved) -> Callable[[Array, Array, Array
         point = on_axis + direction * float((centroid - on_axis) @ direction)
         return FittedFeature(
             feature, point, direction, float(q[4]), r, _rms(r), inverse_normal(found.slopes), _scatter(m, r, m),
-            turned, None if m == 5 else float(q[5]), found.slopes,
+            turned, None if m == 5 else float(q[5]), slopes=found.slopes,
         )  # fmt: skip
 
     return fit
@@ -160,7 +163,7 @@ def _sphere(centred: Array, centroid: Array, axes: Array) -> FittedFeature:
     q, r, J = least_squares(residuals, np.append(solution[:3], radius), np.full(4, radius))
     scatter = _scatter(4, r, 4)
     return FittedFeature(
-        "sphere", centroid + q[:3], None, float(q[3]), r, _rms(r), inverse_normal(J), scatter, np.eye(3), None, J
+        "sphere", centroid + q[:3], None, float(q[3]), r, _rms(r), inverse_normal(J), scatter, np.eye(3), slopes=J
     )
 
 

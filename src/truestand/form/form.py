@@ -6,13 +6,13 @@ twice its eccentricity.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, log, sqrt
 from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.assumptions import K
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
@@ -39,6 +39,20 @@ MOST_FORM = 0.1
 """Share of a feature's size: with more form, the points are of something else."""
 MOST_LEVERAGE = 1.0
 """Of lobes on a feature's centre, above which it is said."""
+PLANE_NOISE = 10.0
+"""By how much more noise points may have over a circle's plane than in it: not all instruments are alike in all
+directions, and a plane that is turned within such heights makes the circle narrower by less than its noise."""
+FLAT = 1e-3
+"""Heights over its plane as a share of a circle's size, rms, that don't matter: turned as much, it is 2e-6 narrower."""
+SURE = 0.999
+HELD = 3.0
+"""By how much more form an inscribed or circumscribed feature may read than the least squares: held all round, it moves
+by no more than their form, and that widens its own by twice as much."""
+ROUNDING = 1e-9
+ACROSS = 0.9
+"""Cosine between an axis and the normal of a plane that lies across it."""
+SAME_PLACE = 1e-12
+"""Of the largest coordinate: as a double rounds what was worked out twice, from angles a turn apart."""
 OPEN = 0.1
 """U of the position as a share of the size, or of the direction in rad, from which the points leave a feature open."""
 
@@ -59,7 +73,7 @@ class Form:
     form: float
     """Width of the zone: roundness, cylindricity, straightness, flatness; of sphere and cone the deviations' range."""
     n: int
-    """Points that were seen."""
+    """Points that were seen, each place once."""
     low_pass: UprFilter | None
     noise: float
     """Standard deviation of one point at most: from differences of nearest neighbours, form between them included."""
@@ -87,13 +101,17 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
         NotEnoughData: too few points, an open profile for a filter, points that don't hold the feature.
     """
     if reference not in REFERENCES[feature]:
-        raise BadRecipe(f"found --reference {reference}, a {feature} has {' and '.join(REFERENCES[feature])}")
+        raise BadRecipe(
+            f"found --reference {reference} for a {feature}, need {' or '.join(REFERENCES[feature])} (inscribed and "
+            "circumscribed are circle, cylinder and sphere); pass one of these"
+        )
     if low_pass is not None and feature != "circle":
-        raise BadRecipe(f"the UPR filter is for closed circular profiles, got a {feature}; leave the filter out")
+        raise BadRecipe(f"found a UPR filter for a {feature}, need a closed circular profile; leave the filter out")
     seen = np.isfinite(points).all(axis=1)
-    points = points[seen]
-    fitted = associate(points, feature)
-    noise = PointNoise(point_noise(points, fitted), float(len(points)))
+    first, same = _each_once(points[seen])
+    points, repeated = points[seen][first], int(same.size - first.size)
+    fitted = as_measured = associate(points, feature)
+    noise = PointNoise(point_noise(points, fitted), float(len(points)), fitted.spatial)
     if low_pass is not None:
         points = _filtered(points, fitted, low_pass)
         fitted, noise = associate(points, feature), noise.through(low_pass)
@@ -103,10 +121,34 @@ def evaluate(points: Array, feature: Feature, reference: Reference = "LSC", low_
     else:
         found = _by_zone(zoned(points, fitted, reference), reference, noise, _expanded(fitted, covariance))
     deviation = np.full(seen.size, np.nan)
-    deviation[seen] = found.deviation
+    deviation[seen] = found.deviation[same]
+    certificate = _of_all(found.certificate, np.flatnonzero(seen)[first])
     return replace(
-        found, deviation=deviation, low_pass=low_pass, reasons=_reasons(found, points), remarks=_remarks(points, fitted)
-    )
+        found, deviation=deviation, low_pass=low_pass, certificate=certificate,
+        reasons=_reasons(found, points, as_measured, fitted), remarks=_remarks(points, fitted, repeated),
+    )  # fmt: skip
+
+
+def _each_once(points: Array) -> tuple[Ints, Ints]:
+    """Where points (n, 3) mm stand for the first time, (k,), and which of these each of them is, (n,).
+
+    A point given again is no second reading: it would halve the noise, and be its own nearest neighbour.
+    """
+    if not len(points):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    place = np.rint(points / max(SAME_PLACE * float(np.abs(points).max()), 1e-300))
+    order = np.lexsort(place.T)
+    new = np.append(True, (np.diff(place[order], axis=0) != 0).any(axis=1))
+    if new.all():
+        return np.arange(len(points)), np.arange(len(points))
+    same = np.empty(len(points), np.intp)
+    same[order] = np.cumsum(new) - 1
+    return order[new], same
+
+
+def _of_all(zone: Zone | None, place: Ints) -> Zone | None:
+    """The zone whose contacts count among all points, where those that it was made of have their ``place`` (k,)."""
+    return None if zone is None else replace(zone, contacts=place[zone.contacts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +157,24 @@ class PointNoise:
 
     sd: float
     count: float
+    spatial: bool = False
+    """Whether points depart all round, as from a line in space: then the form is twice the largest distance."""
 
     @property
     def floor(self) -> float:
         """Expected range of that many normal readings (Blom 1958), mm: form that noise alone makes."""
         n = self.count
-        return 0.0 if n < 2 else 2.0 * self.sd * NormalDist().inv_cdf((n - 0.375) / (n + 0.25))
+        if n < 2:
+            return 0.0
+        share = (n - 0.375) / (n + 0.25)
+        return 2.0 * self.sd * (sqrt(-2.0 * log(1.0 - share)) if self.spatial else NormalDist().inv_cdf(share))
+
+    def expanded_form(self, form: float, U: float) -> float:
+        """U (mm) of a ``form`` whose extremes are known to ``U``: noise only ever widens it, by the floor at most.
+
+        A doubt to one side is added whole (GUM F.2.4.5); no form is less than none.
+        """
+        return max(U, min(form, self.floor + U))
 
     def through(self, low_pass: UprFilter) -> "PointNoise":
         """The noise after the UPR filter: the energy that passes, in twice as many waves as pass."""
@@ -140,23 +194,30 @@ def point_noise(points: Array, fitted: FittedFeature) -> float:
     if n < 4:
         return 0.0
     among = np.arange(n) if n <= NEIGHBOURS_AMONG else np.linspace(0, n - 1, NEIGHBOURS_AMONG).astype(np.intp)
-    on_feature = points[among] - fitted.deviation[among, None] * _normals(points[among], fitted)
+    on_feature = (points - fitted.deviation[:, None] * _normals(points, fitted))[among]
     asked = np.unique(np.linspace(0, among.size - 1, NOISE_POINTS).astype(np.intp))
     _, near = cKDTree(on_feature).query(on_feature[asked], k=2)
     other = np.where(near[:, 0] == asked, near[:, 1], near[:, 0])
-    step = fitted.deviation[among[asked]] - fitted.deviation[among[other]]
+    if fitted.spatial:
+        away = points[among] - on_feature
+        squares = np.square(away[asked] - away[other]).sum(axis=1) / 2  # of two components
+    else:
+        squares = np.square(fitted.deviation[among[asked]] - fitted.deviation[among[other]])
     known = fitted.scatter[np.isfinite(fitted.scatter)]
-    return min(float(np.sqrt(np.mean(step**2) / 2)), float(known.max(initial=0.0)) if known.size else np.inf)
+    return min(float(np.sqrt(np.mean(squares) / 2)), float(known.max(initial=0.0)) if known.size else np.inf)
 
 
 def _normals(points: Array, fitted: FittedFeature) -> Array:
-    """Unit normals (n, 3) of the feature towards the points."""
+    """Unit normals (n, 3) of the feature at its points, towards positive deviations."""
     if fitted.feature == "plane" and fitted.direction is not None:
         return np.broadcast_to(fitted.direction, points.shape)
     away = points - fitted.point
     if fitted.direction is not None:
         away = away - np.outer(away @ fitted.direction, fitted.direction)
-    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1), 1e-300)[:, None])
+    length = np.maximum(np.linalg.norm(away, axis=1), 1e-300)
+    if fitted.feature == "line":  # in a plane it has two sides
+        length = np.where(fitted.deviation < 0, -length, length)
+    return np.asarray(away / length[:, None])
 
 
 def _filtered(points: Array, fitted: FittedFeature, low_pass: UprFilter) -> Array:
@@ -197,11 +258,10 @@ def _largest(covariance: Array) -> float:
 
 
 def _by_least_squares(fitted: FittedFeature, noise: PointNoise, covariance: Array | None) -> Form:
-    spatial = fitted.feature == "line" and fitted.deviation.min() >= 0
-    width = 2 * float(fitted.deviation.max()) if spatial else float(np.ptp(fitted.deviation))
+    width = 2 * float(fitted.deviation.max()) if fitted.spatial else float(np.ptp(fitted.deviation))
     U = _expanded(fitted, covariance)
     if U:
-        U["form"] = K * sqrt(2.0) * noise.sd
+        U["form"] = noise.expanded_form(width, K * (2.0 if fitted.spatial else sqrt(2.0)) * noise.sd)
     return Form(
         fitted.feature, "LSC", fitted.point, fitted.direction, fitted.radius, fitted.half_angle, fitted.rms, width,
         fitted.deviation.size, None, noise.sd, min(noise.floor, width), U, fitted.deviation,
@@ -209,8 +269,14 @@ def _by_least_squares(fitted: FittedFeature, noise: PointNoise, covariance: Arra
 
 
 def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least: dict[str, float]) -> Form:
-    """The form by a zone, its U from the noise of the contacts and of the ``least`` squares, which form moves, too."""
-    U = {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
+    """The form by a zone, its U from the noise of the contacts and of the ``least`` squares, which form moves, too.
+
+    The farthest and nearest of many points are so by their noise, which widens the zone, and half of it either radius.
+    """
+    U = least | {key: hypot(value, least.get(key, 0.0)) for key, value in found.expanded(noise.sd).items()}
+    U["form"] = noise.expanded_form(found.width, U["form"])
+    if reference in ("MIC", "MCC"):
+        U["radius"] += min(noise.floor, found.width) / 2
     return Form(
         found.feature, reference, found.point, found.direction, found.radius, found.half_angle,
         float(np.sqrt(np.mean(found.deviation**2))), found.width, found.deviation.size, None, noise.sd,
@@ -218,8 +284,10 @@ def _by_zone(found: ZonedFeature, reference: Reference, noise: PointNoise, least
     )  # fmt: skip
 
 
-def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
-    """Why a feature is doubtful."""
+def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: FittedFeature) -> tuple[Message, ...]:
+    """Why a feature is doubtful, beside the least squares through the points ``as_measured`` and those that were
+    ``fitted`` after a filter, which leaves heights over a circle's plane alone.
+    """
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     size = extent if found.radius is None else min(extent, 2 * found.radius)
     reasons = []
@@ -232,18 +300,62 @@ def _reasons(found: Form, points: Array) -> tuple[Message, ...]:
             "their columns, and outliers"
         )
         reasons.append(Message("poor_fit", text))
-    if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN:
+    if found.feature == "circle" and _out_of_plane(as_measured):
+        text = (
+            f"the points scatter by {as_measured.scatter[2]:.4g} mm (rms) over the circle's plane and by "
+            f"{as_measured.scatter[0]:.4g} mm in it: they are no section; take a thinner one, a cylinder or sphere, or "
+            "--columns of its plane alone"
+        )
+        reasons.append(Message("out_of_plane", text))
+    if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN or _is_ring(found, points):
         reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
+    least = float(np.ptp(fitted.deviation))
+    if found.reference in ("MIC", "MCC") and found.form > HELD * least + ROUNDING * size:
+        text = (
+            f"form of {found.form:.4g} mm by {found.reference}, {least:.4g} mm by least squares: the points hold a "
+            f"{found.feature} on one side only; measure all round, or use LSC or MZC"
+        )
+        reasons.append(Message("held_on_one_side", text))
     return tuple(reasons)
 
 
-def _remarks(points: Array, fitted: FittedFeature) -> tuple[Message, ...]:
-    """What nobody can see in the points of an arc."""
+def _is_ring(found: Form, points: Array) -> bool:
+    """Whether points (n, 3) mm of a cylinder or cone lie so nearly in a plane across the axis that this is held by what
+    its tilt does to the second order: U, which knows the first alone, is then too small.
+    """
+    if found.feature not in ("cylinder", "cone") or found.radius is None or found.direction is None:
+        return False
+    extent, axes = np.linalg.eigh(np.cov(points.T, bias=True))
+    thickness, normal = sqrt(max(float(extent[0]), 1e-300)), axes[:, 0]
+    tilt = K * found.rms / (thickness * sqrt(found.n / 2))
+    return abs(float(normal @ found.direction)) > ACROSS and found.radius * tilt**2 / 2 > found.U.get("radius", np.inf)
+
+
+def _out_of_plane(circle: FittedFeature) -> bool:
+    """Whether points scatter over a circle's plane by more than noise and a section's height do.
+
+    Noise is much the same in all directions, so that their variances have Fisher's distribution.
+    """
+    from scipy.special import fdtri
+
+    in_plane, over = float(circle.scatter[0]), float(circle.scatter[2])
+    size, free = 2.0 * (circle.radius or 0.0), circle.deviation.size - LEAST_POINTS["circle"]
+    if free < 1 or over <= FLAT * size:
+        return False
+    return over > min(PLANE_NOISE * sqrt(fdtri(free, free, SURE)) * in_plane, MOST_FORM * size)
+
+
+def _remarks(points: Array, fitted: FittedFeature, repeated: int) -> tuple[Message, ...]:
+    """What was done with points that were ``repeated``, and what nobody can see in those of an arc."""
+    remarks = []
+    if repeated:
+        text = f"found {repeated} points that were there before, and counted each place once: they are no new readings"
+        remarks.append(Message("points_repeated", text))
     leverage = lobe_leverage(points, fitted)
     if leverage <= MOST_LEVERAGE:
-        return ()
+        return tuple(remarks)
     text = (
         f"only a part of the circumference was measured: a form of {FEW_LOBES[0]} to {FEW_LOBES[-1]} lobes, which that "
         f"part may not show, moves the centre by up to {leverage:.2g} times its amplitude; U holds what shows"
     )
-    return (Message("part_of_circumference", text),)
+    return (*remarks, Message("part_of_circumference", text))

@@ -128,7 +128,9 @@ class _Problem:
             move, predicted, _ = _linear_program((d - self.middle) / unit, slopes / self.effect, self.kind, trust)
             tried = q + move * unit / self.effect
             if np.abs((tried - self.start) * self.effect).max() > MOST_MOVE * self.size:
-                raise NotEnoughData(f"the points don't hold a {self.kind} feature; measure more of it, all round")
+                raise NotEnoughData(
+                    f"found points that don't hold a {self.kind} feature, need them all round; measure more or use LSC"
+                )
             d_new, slopes_new = self.distance(tried, self.working)
             gained = (self.objective(d) - self.objective(d_new)) / unit
             if gained > 0:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truestand.core.errors import UnreadableFile
 from truestand.files.number_text import read_table, refuse_cut_table
 from truestand.files.shapes.meshes import is_stl, stl_vertices
+from truestand.files.shapes.point_columns import MOST_COLUMNS, numbered
 from truestand.files.text import Dialect
 
 PointTable = dict[str, NDArray[Any]]
@@ -55,7 +56,15 @@ def _npy(data: bytes, name: str) -> PointTable:
         raise UnreadableFile(
             f"{name}: found an array of {table.dtype} with shape {table.shape}, need numbers (points, 3)"
         )
-    return {str(i + 1): column for i, column in enumerate(table.T)}
+    points, columns = table.shape
+    if points in (2, 3) and columns > MOST_COLUMNS:  # x, y and z are its rows
+        table = table.T
+    elif 3 <= points <= columns or points < 3 < columns:
+        raise UnreadableFile(
+            f"{name}: found an array of shape {table.shape}, whose points may be its rows or its columns, need fewer "
+            "columns than rows; save it as (points, 3)"
+        )
+    return dict(zip(numbered(table.shape[1]), table.T, strict=True))
 
 
 def _pcd(data: bytes, name: str) -> PointTable:
