@@ -37,6 +37,8 @@ MOST_BEARING_DIFFERENCE_MM = 0.005
 """Beyond U: a bearing that also tilts may show so much otherwise on another step."""
 MOST_MOVED_MM = 0.01
 """By which the sensor may have moved from one scan to the next."""
+LEAST_MOVED_MM = 0.002
+"""Beyond four standard deviations, by which the scans' laser planes may differ."""
 SHARED_PRIORS = (MOUNTING, COAXIALITY)
 """What is known beforehand of the unknowns that all scans share."""
 CLAMPED = f"clamping angles{ASSUMED}"
@@ -347,7 +349,7 @@ def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
     u = np.sqrt(np.einsum("ij,njk,ik->ni", design, np.array(noise), design).max())
     return Check.at_most_um(
         "laser_plane_differs", "laser plane differs between the scans, um", float(np.ptp(planes, axis=0).max()),
-        MOST_MOVED_MM + 2 * K * float(u),
+        LEAST_MOVED_MM + 2 * K * float(u),
         "a clamping angle is not as stated (counter-clockwise from above?), or the sensor moved sideways or tilted "
         "between the scans: check --clamped-at-deg, scan all positions anew",
     )  # fmt: skip
