@@ -38,8 +38,9 @@ class VirtualGear:
         for name, listed in (("pitch_left_um", e.pitch_left), ("pitch_right_um", e.pitch_right)):
             if listed and len(listed) != teeth:
                 raise BadRecipe(f"[simulation] {name}: found {len(listed)} values, need {teeth}, one a tooth")
-        worn = (w.tooth for w in (*e.worn, *e.scratches) if w.tooth is not None)
-        for number in (*e.missing, *worn, *(d.tooth for d in e.dents), *(c.tooth for c in e.chips)):
+        worn = (w.tooth for w in e.worn if w.tooth is not None)
+        dented = (*(d.tooth for d in e.dents), *(s.tooth for s in e.scratches))
+        for number in (*e.missing, *worn, *dented, *(c.tooth for c in e.chips)):
             if not 1 <= number <= teeth:
                 raise BadRecipe(f"[simulation] found tooth {number}, need one of 1..{teeth}")
 
