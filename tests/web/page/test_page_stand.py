@@ -148,3 +148,19 @@ def test_a_laser_that_may_be_on_is_shown_first_and_large(state, tab):
             assert shown.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
             assert shown.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
             expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")
+
+
+def test_a_job_is_refused_while_a_laser_may_be_on_and_the_banner_stays(state, store, tab):
+    lock = StandLock(state.settings.stand)
+    lock.latch_fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
+    lock.close()
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/#/calibrate")
+        banner = tab.locator(".strip.hazard")
+        expect(banner).to_contain_text(LIT)
+        banner.evaluate("(e) => new MutationObserver(() => (window.touched = true)).observe(e, {attributes: true})")
+        tab.get_by_role("button", name="Start").click()
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("the stand is in fault since")
+        expect(banner).to_contain_text(LIT)
+        assert not tab.evaluate("window.touched"), "the banner was taken down meanwhile"
+        assert state.runner.current() is None

@@ -104,7 +104,7 @@ class StatusPublisher:
         snapshot = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
         fault = old.state.get("fault")
         if stored:
-            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state, busy)
+            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state)
         snapshot = replace(snapshot, state=_state(snapshot, busy, fault))
         async with self._changed:
             if snapshot != self.newest:
@@ -119,16 +119,16 @@ def _state(snapshot: Snapshot, busy: bool, fault: str | None) -> Json:
         "step": job.get("step") if busy else None,
         "done": job.get("done", 0.0),
         "message": job.get("message", ""),
-        "fault": None if busy else fault,
+        "fault": fault,
         "calibrated": calibration.get("state") == "valid",
         "calibration_status": calibration.get("state", "none"),
         "calibrated_until": calibration.get("valid_until"),
     }
 
 
-def _with_stored(old: Snapshot, state: AppState, busy: bool) -> tuple[Snapshot, str | None]:
+def _with_stored(old: Snapshot, state: AppState) -> tuple[Snapshot, str | None]:
     """The snapshot with what the store holds, and the latched fault; what can't be read becomes the reason."""
-    fault = None if busy else latched_fault(state.settings.stand) or None
+    fault = latched_fault(state.settings.stand) or None
     try:
         calibration = calibration_state(state, datetime.now(UTC))
         results = state.results.entries(limit=1)

@@ -21,13 +21,12 @@ routes = Routes()
 @routes.add("GET", "/api/home", OPERATOR, "The stand at a glance", response_model=Home)
 def home(state: StateDep) -> dict[str, Any]:
     """All of it in one answer."""
-    busy = state.runner.busy
     return {
         "calibration": calibration_state(state, datetime.now(UTC)),
         "last": state.results.entries(limit=LAST_RESULTS),
         "job": state.runner.current(),
-        "fault": None if busy else latched_fault(state.settings.stand) or None,
-        "not_stopped": [] if busy else not_stopped(state.settings.stand),
+        "fault": latched_fault(state.settings.stand) or None,
+        "not_stopped": not_stopped(state.settings.stand),
         "parts": parts(state),
     }
 
