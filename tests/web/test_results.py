@@ -11,13 +11,13 @@ import pytest
 
 from patience import NOT_FOR_EVER
 from truestand.core.errors import UnreadableFile
+from truestand.files.records.record import is_past
 from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.interfaces.lines import lines_of
 from truestand.web.result_index import ResultIndex
 from truestand.web.routes import results
-from truestand.web.routes.stand import is_past
 from truestand.web.security import REPORT_CSP
 
 EVIL = "<img src=x onerror=alert(1)>"
@@ -242,9 +242,9 @@ def test_a_store_is_read_again_only_after_a_new_entry(store):
     kept = ResultIndex(store.folder)
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
-    before = kept._entries
+    before = kept._results
     kept.entries()
-    assert kept._entries is before
+    assert kept._results is before
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [2, 1]
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from truestand.store.standing import Standing
 from truestand.web.authentication import Role
 
 JobKind = Literal["calibrate", "inspect", "verify"]
@@ -120,6 +121,10 @@ class Entry(BaseModel):
     verdict: str | None
     status: str | None
     corrected_by: int | None
+    standing: Standing
+    """What it is worth today: ``in_doubt`` for its ``doubts``, ``corrected`` or ``withdrawn`` by a later entry."""
+    doubts: list[str]
+    """What became of the calibration that it rests on, where that speaks against it."""
     has: AvailableFiles
 
 

@@ -1,7 +1,8 @@
 """The results store as the page sees it: read only, and read again only where something came to it."""
 
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from truestand.files.records.inspection_record import Limits, limits_of
 from truestand.report.quantities import QUANTITIES
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry as Stored
-from truestand.store import Store
+from truestand.store import Results, Store
 from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
 
@@ -26,7 +27,7 @@ class ResultIndex:
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._lock = folder, threading.Lock()
-        self._entries: list[Stored] = []
+        self._results = Results((), lambda sha256: {})
         self._head = (0, "")
         self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
 
@@ -45,17 +46,17 @@ class ResultIndex:
         known = self._updated()
         numbers = (
             number
-            for number, result in sorted(known.results.items(), reverse=True)
+            for number, result in sorted(known.entries.items(), reverse=True)
             if (before is None or number < before)
             and known.kind(number) in kinds
             and (not parts or result.part in parts)
         )
-        return [known.as_entry(number) for number in islice(numbers, limit)]
+        return [_entry(known, number) for number in islice(numbers, limit)]
 
     def entry(self, number: int) -> Entry | None:
         """One result."""
         known = self._updated()
-        return known.as_entry(number) if number in known.results else None
+        return _entry(known, number) if number in known.entries else None
 
     def calibration(self) -> Entry | None:
         """The calibration in force: the newest valid one that was not withdrawn, as last corrected.
@@ -63,49 +64,38 @@ class ResultIndex:
         An untrusted one is in force only where none is valid.
         """
         known = self._updated()
-        found = known.in_force()
-        return None if found is None else known.as_entry(found.number)
+        found = _in_force(known)
+        return None if found is None else _entry(known, found.number)
 
     def not_in_force(self) -> Entry | None:
         """The newest calibration, where it is untrusted and an older one stays in force."""
         known = self._updated()
-        newest, found = next(known.standing("calibration"), None), known.in_force()
-        return None if newest is found or newest is None else known.as_entry(newest.number)
+        newest, found = next(known.not_withdrawn("calibration"), None), _in_force(known)
+        return None if newest is found or newest is None else _entry(known, newest.number)
 
     def verification(self) -> Entry | None:
-        """The verification that counts for that calibration; None: it was not verified.
-
-        The newest, but one that is undecided takes back no *does not hold*.
-        """
+        """The verification that counts for that calibration; None: it was not verified."""
         known = self._updated()
-        calibration = known.in_force()
-        if calibration is None:
-            return None
-        records = {e.record for e in known.with_origins(calibration.number)}
-        found = [
-            v for v in known.standing("verification")
-            if known.with_origins(v.number)[-1].evidence.get("calibration") in records
-        ]  # fmt: skip
-        decided = [v for v in found if v.status != "undecided"][:1]
-        counting = [v for v in decided if v.status == "does_not_hold"] or found
-        return known.as_entry(counting[0].number) if counting else None
+        calibration = _in_force(known)
+        found = None if calibration is None else known.verification(calibration.number)
+        return None if found is None else _entry(known, found.number)
 
     def record(self, number: int) -> Mapping[str, Any]:
         """Its calibration.json, inspection.json or verification.json, checked against its hash; empty: withdrawn."""
-        stored = self._updated().results[number]
+        stored = self._updated().entries[number]
         if stored.record is None:
             return {}
         return Store(self._folder).record(stored)
 
     def file(self, number: int, role: str) -> Path | None:
         """Where a file of a result lies, by its role (record, report, cloud); None: it has none."""
-        stored = self._updated().results.get(number)
+        stored = self._updated().entries.get(number)
         path = None if stored is None else Store(self._folder).evidence(stored).get(role)
         return path if path is not None and path.exists() else None
 
     def trends(self, kind: str, parts: Collection[str]) -> list[Quantity]:
         """Of calibrations, or of the inspections of a part; computed again only where something came to the store."""
-        if not self._updated().results:
+        if not self._updated().entries:
             return []
         key = (self._head, kind, tuple(sorted(parts)))
         found = self._trends.get(key)
@@ -115,70 +105,44 @@ class ResultIndex:
             self._trends = {k: v for k, v in self._trends.items() if k[0] == self._head} | {key: found}
         return found
 
-    def _updated(self) -> "_Results":
-        """All entries, brought up to date."""
+    def _updated(self) -> Results:
+        """All results, brought up to date."""
         with self._lock:
             if (self._folder / "store.db").exists():
                 store = Store.open(self._folder)
                 head = store.head()
                 if head != self._head:
-                    self._entries, self._head = store.entries(), head
-            return _Results(self._entries)
+                    self._results, self._head = store.standing(), head
+            return self._results
 
 
-class _Results:
-    """Results with their corrections."""
+def _in_force(known: Results) -> Stored | None:
+    """The newest valid calibration that was not withdrawn; the newest of all where none is valid."""
+    standing = list(known.not_withdrawn("calibration"))
+    return next((c for c in standing if c.status == "valid"), standing[0] if standing else None)
 
-    def __init__(self, entries: list[Stored]) -> None:
-        self.results = {e.number: e for e in entries if e.kind in (*KINDS, "correction")}
-        self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
 
-    def with_origins(self, number: int) -> list[Stored]:
-        """A result and what it corrects, the original last."""
-        found = [self.results[number]]
-        while found[-1].kind == "correction" and found[-1].about in self.results:
-            found.append(self.results[found[-1].about])
-        return found
-
-    def kind(self, number: int) -> str:
-        """A correction is of the kind that it corrects."""
-        return self.with_origins(number)[-1].kind
-
-    def standing(self, kind: str) -> Iterator[Stored]:
-        """Results of a kind that were not withdrawn, as last corrected; the newest original first."""
-        for number in sorted((n for n, e in self.results.items() if e.kind == kind), reverse=True):
-            last = number
-            while last in self.corrected:
-                last = self.corrected[last]
-            if self.results[last].record is not None:
-                yield self.results[last]
-
-    def in_force(self) -> Stored | None:
-        """The newest valid calibration that stands; the newest of all where none is valid."""
-        standing = list(self.standing("calibration"))
-        return next((c for c in standing if c.status == "valid"), standing[0] if standing else None)
-
-    def as_entry(self, number: int) -> Entry:
-        """As clients see it."""
-        entry, kind = self.results[number], self.kind(number)
-        word = entry.status if entry.record is not None else WITHDRAWN
-        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
-        return Entry(
-            number=number,
-            kind=kind,
-            time=entry.time,
-            operator=entry.operator,
-            order=entry.order,
-            serial=entry.serial,
-            part=entry.part,
-            title=entry.part or entry.text or kind,
-            verdict=None if kind == "calibration" else word,
-            status=word if kind == "calibration" else None,
-            corrected_by=self.corrected.get(number),
-            has=AvailableFiles(
-                report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified
-            ),
-        )
+def _entry(known: Results, number: int) -> Entry:
+    """As clients see it."""
+    entry, kind, now = known.entries[number], known.kind(number), datetime.now(UTC)
+    word = entry.status if entry.record is not None else WITHDRAWN
+    certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
+    return Entry(
+        number=number,
+        kind=kind,
+        time=entry.time,
+        operator=entry.operator,
+        order=entry.order,
+        serial=entry.serial,
+        part=entry.part,
+        title=entry.part or entry.text or kind,
+        verdict=None if kind == "calibration" else word,
+        status=word if kind == "calibration" else None,
+        corrected_by=known.corrected_by.get(number),
+        standing=known.standing(number, now),
+        doubts=[str(doubt) for doubt in known.doubts(number, now)],
+        has=AvailableFiles(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified),
+    )
 
 
 def calibration_trends(store: Store) -> list[Quantity]:

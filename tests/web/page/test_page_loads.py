@@ -202,7 +202,7 @@ def test_an_engineer_withdraws_a_calibration_and_the_one_before_counts(open_tab,
     tab.locator(".stamp .word", has_text="withdrawn").wait_for()
     assert tab.get_by_role("tab").count() == 0
     tab.goto(stand.url + f"#/results/{untrusted}")
-    tab.get_by_text("This result was corrected by").wait_for()
+    tab.get_by_text("This result was withdrawn by").wait_for()
     assert not tab.get_by_role("button", name="Withdraw").count()
     tab.goto(stand.url + "#/")
     tab.get_by_role("heading", name="Calibrated").wait_for()

@@ -150,10 +150,18 @@ def _result(state: AppState, entry: Entry) -> Json:
     record = state.results.record(entry.number)
     path = state.results.file(entry.number, "record")
     return entry.model_dump(mode="json", exclude={"has"}) | {
-        "reasons": texts_of(record),
-        "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
+        "reasons": [*entry.doubts, *texts_of(record)],
+        "evaluation": _evaluation(entry),
         "record_sha256": None if path is None else path.name,  # its hash, as of all evidence
     }
+
+
+def _evaluation(entry: Entry) -> int:
+    """A part that conforms by a calibration that is in doubt is not known to be in tolerance."""
+    if entry.standing in ("corrected", "withdrawn"):
+        return 0
+    verdict = "undecided" if entry.standing == "in_doubt" and entry.verdict == "conforms" else entry.verdict
+    return EVALUATIONS.get(verdict or "", 0)
 
 
 def _without_profiles(live: Json) -> Json:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.files.records.record import texts_of
+from truestand.files.records.record import is_past, texts_of
 from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.app_state import AppState, StateDep
 from truestand.web.models import CalibrationState, Device, Home, Reset
@@ -77,17 +77,6 @@ def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str
     if is_past(record.get("valid_until"), now):
         return "expired"
     return "undecided" if verdict == "undecided" else "valid"
-
-
-def is_past(until: str | None, now: datetime) -> bool:
-    """Whether an ISO date is over; a day without a time counts to its end, and what is no date is over."""
-    if not until:
-        return False
-    try:
-        end = datetime.fromisoformat(until if "T" in until else f"{until}T23:59:59")
-    except ValueError:
-        return True
-    return now > (end if end.tzinfo else end.replace(tzinfo=UTC))
 
 
 def _require_idle(state: AppState) -> None:

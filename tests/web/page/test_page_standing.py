@@ -1,0 +1,91 @@
+"""What the page says of results and calibrations whose worth has changed, in a real browser on the real server."""
+
+import json
+
+import pytest
+
+from small_records import calibration, inspection
+from truestand.store import Store
+from web_lab import Client, served
+
+expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
+
+
+@pytest.fixture
+def tab(chromium):
+    context = chromium.new_context(viewport={"width": 1280, "height": 800})
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def store(state):
+    """With a calibration and a part that conforms by it."""
+    found = Store.open(state.settings.store, create=True)
+    found.add("calibration", calibration())
+    found.add("inspection", CONFORMING, rests_on(found, 1))
+    return found
+
+
+CONFORMING = inspection(verdict="conforms") | {"reasons": [], "characteristics": [], "scan": None}
+
+
+def rests_on(store, number):
+    return {"calibration": store.evidence(store.entry(number))["record"]}
+
+
+def verify(store, verdict, number=1):
+    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": [f"it {verdict}"]}
+    return store.add("verification", record, rests_on(store, number))
+
+
+TAKEN_BACK = [
+    (lambda store: store.correct(1, None, reason="the shaft was dirty"),
+     "rests on calibration #1, which is withdrawn by #3 (the shaft was dirty); inspect again"),
+    (lambda store: verify(store, "does_not_hold"), "since then calibration #1 did not hold: verification #3 of"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("happens", "said"), TAKEN_BACK, ids=["withdrawn", "verified since"])
+def test_a_result_in_doubt_is_green_nowhere_and_says_why(state, store, tab, happens, said):
+    happens(store)
+    with served(state) as port:
+        for path in ("#/", "#/results"):
+            tab.goto(f"http://127.0.0.1:{port}/{path}")
+            row = tab.locator(".row", has_text="gear")
+            expect(row.locator(".verdict")).to_have_text("conforms, in doubt")
+            expect(row.locator(".doubt")).to_contain_text(said)
+            expect(row.locator(".mark.open")).to_be_visible()
+        tab.goto(f"http://127.0.0.1:{port}/#/results/2")
+        expect(tab.locator(".stamp.open .word")).to_have_text("conforms, in doubt")
+        expect(tab.locator(".decisive li").first).to_contain_text(said)
+        assert tab.locator("main .good").count() == 0
+
+
+def test_a_job_whose_calibration_did_not_hold_does_not_end_green(state, store, tab):
+    verify(store, "does_not_hold")
+    worker = state.settings.stand.with_name("worker")
+    worker.mkdir()
+    resting = CONFORMING | {"calibration": {"sha256": store.entry(1).record}}
+    (worker / "inspect.json").write_text(json.dumps(resting))
+    with served(state) as port:
+        client = Client(port)
+        client.session()
+        client.post("/api/jobs", {"kind": "inspect", "part": "gear"})
+        tab.goto(f"http://127.0.0.1:{port}/#/job")
+        expect(tab.locator(".stamp.open h1")).to_have_text("conforms, in doubt")
+        expect(tab.locator(".decisive")).to_contain_text("rests on calibration #1, which did not hold before")
+
+
+def test_withdrawn_and_corrected_results_lose_their_tick(state, store, tab):
+    store.add("inspection", CONFORMING)
+    store.correct(2, CONFORMING | {"verdict": "undecided"}, reason="wrong drawing")
+    store.correct(3, None, reason="another part was clamped")
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/#/results")
+        expect(tab.locator(".row .verdict")).to_have_text(["withdrawn", "undecided", "withdrawn", "corrected", "valid"])
+        expect(tab.locator(".row .verdict.good")).to_have_count(1)
+        tab.goto(f"http://127.0.0.1:{port}/#/results/3")
+        expect(tab.locator(".stamp.none .word")).to_have_text("withdrawn")
+        expect(tab.locator(".stamp .under")).to_contain_text("it said: conforms")
+        expect(tab.locator(".notice")).to_contain_text("withdrawn by #5")
