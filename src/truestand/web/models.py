@@ -143,7 +143,9 @@ class CalibrationState(BaseModel):
     verified: str | None = None
     """When that was."""
     not_in_force: int | None = None
-    """Number of a newer calibration, which is untrusted and not used."""
+    """Number of the newest calibration, where it is not used."""
+    not_in_force_reason: str | None = None
+    """Why: not trusted, of another stand, of a method that can inspect nothing."""
 
 
 class Home(BaseModel):

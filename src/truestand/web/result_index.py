@@ -14,6 +14,7 @@ from truestand.store import Entry as Stored
 from truestand.store import Results, Store
 from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
+from truestand.web.usable import unusable_reason
 
 KINDS = ("calibration", "verification", "inspection")
 WITHDRAWN = "withdrawn"
@@ -25,8 +26,9 @@ MAX_INSPECTIONS = 300
 class ResultIndex:
     """The results of a folder's store, be it there yet or not, each with its record and files."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._lock = folder, threading.Lock()
+    def __init__(self, folder: Path, stand: Path) -> None:
+        self._folder, self._stand, self._lock = folder, stand, threading.Lock()
+        self._made_with: dict[str | None, Mapping[str, Any]] = {}
         self._results = Results((), lambda sha256: {})
         self._head = (0, "")
         self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
@@ -51,34 +53,36 @@ class ResultIndex:
             and known.kind(number) in kinds
             and (not parts or result.part in parts)
         )
-        return [_entry(known, number) for number in islice(numbers, limit)]
+        return [self._entry(known, number) for number in islice(numbers, limit)]
 
     def entry(self, number: int) -> Entry | None:
         """One result."""
         known = self._updated()
-        return _entry(known, number) if number in known.entries else None
+        return self._entry(known, number) if number in known.entries else None
 
     def calibration(self) -> Entry | None:
-        """The calibration in force: the newest valid one that was not withdrawn, as last corrected.
+        """The calibration in force: the newest valid one that was not withdrawn and is usable here, as last corrected.
 
         An untrusted one is in force only where none is valid.
         """
         known = self._updated()
-        found = _in_force(known)
-        return None if found is None else _entry(known, found.number)
+        found = self._in_force(known)
+        return None if found is None else self._entry(known, found.number)
 
-    def not_in_force(self) -> Entry | None:
-        """The newest calibration, where it is untrusted and an older one stays in force."""
+    def not_in_force(self) -> tuple[int, str] | None:
+        """The newest calibration and why it is not used, where another one is in force, or none."""
         known = self._updated()
-        newest, found = next(known.not_withdrawn("calibration"), None), _in_force(known)
-        return None if newest is found or newest is None else _entry(known, newest.number)
+        newest, found = next(known.not_withdrawn("calibration"), None), self._in_force(known)
+        if newest is None or newest is found:
+            return None
+        return newest.number, self._unusable_reason(newest) or "it is not trusted"
 
     def verification(self) -> Entry | None:
         """The verification that counts for that calibration; None: it was not verified."""
         known = self._updated()
-        calibration = _in_force(known)
+        calibration = self._in_force(known)
         found = None if calibration is None else known.verification(calibration.number)
-        return None if found is None else _entry(known, found.number)
+        return None if found is None else self._entry(known, found.number)
 
     def record(self, number: int) -> Mapping[str, Any]:
         """Its calibration.json, inspection.json or verification.json, checked against its hash; empty: withdrawn."""
@@ -115,34 +119,49 @@ class ResultIndex:
                     self._results, self._head = store.standing(), head
             return self._results
 
+    def _entry(self, known: Results, number: int) -> Entry:
+        """As clients see it."""
+        entry, kind, now = known.entries[number], known.kind(number), datetime.now(UTC)
+        word = entry.status if entry.record is not None else WITHDRAWN
+        standing, doubts = known.standing(number, now), [str(doubt) for doubt in known.doubts(number, now)]
+        if kind == "calibration" and standing == "stands" and (reason := self._unusable_reason(entry)):
+            doubts = [f"not used on this stand: {reason}"]
+        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
+        return Entry(
+            number=number,
+            kind=kind,
+            time=entry.time,
+            operator=entry.operator,
+            order=entry.order,
+            serial=entry.serial,
+            part=entry.part,
+            title=entry.part or entry.text or kind,
+            verdict=None if kind == "calibration" else word,
+            status=word if kind == "calibration" else None,
+            corrected_by=known.corrected_by.get(number),
+            standing="in_doubt" if standing == "stands" and doubts else standing,
+            doubts=doubts,
+            has=AvailableFiles(
+                report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified
+            ),
+        )
 
-def _in_force(known: Results) -> Stored | None:
-    """The newest valid calibration that was not withdrawn; the newest of all where none is valid."""
-    standing = list(known.not_withdrawn("calibration"))
-    return next((c for c in standing if c.status == "valid"), standing[0] if standing else None)
+    def _in_force(self, known: Results) -> Stored | None:
+        """The newest valid calibration that is usable here; the newest usable one where none is valid."""
+        newest = None
+        for calibration in known.not_withdrawn("calibration"):
+            if self._unusable_reason(calibration) is None:
+                if calibration.status == "valid":
+                    return calibration
+                newest = newest or calibration
+        return newest
 
-
-def _entry(known: Results, number: int) -> Entry:
-    """As clients see it."""
-    entry, kind, now = known.entries[number], known.kind(number), datetime.now(UTC)
-    word = entry.status if entry.record is not None else WITHDRAWN
-    certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
-    return Entry(
-        number=number,
-        kind=kind,
-        time=entry.time,
-        operator=entry.operator,
-        order=entry.order,
-        serial=entry.serial,
-        part=entry.part,
-        title=entry.part or entry.text or kind,
-        verdict=None if kind == "calibration" else word,
-        status=word if kind == "calibration" else None,
-        corrected_by=known.corrected_by.get(number),
-        standing=known.standing(number, now),
-        doubts=[str(doubt) for doubt in known.doubts(number, now)],
-        has=AvailableFiles(report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified),
-    )
+    def _unusable_reason(self, calibration: Stored) -> str | None:
+        """Why nothing can be inspected with it on this stand; of its record, which never changes, little is kept."""
+        if calibration.record not in self._made_with:
+            record = Store(self._folder).record(calibration)
+            self._made_with[calibration.record] = {key: record.get(key) for key in ("method", "sensor", "stand")}
+        return unusable_reason(self._made_with[calibration.record], self._stand)
 
 
 def calibration_trends(store: Store) -> list[Quantity]:

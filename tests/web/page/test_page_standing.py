@@ -77,6 +77,19 @@ def test_a_job_whose_calibration_did_not_hold_does_not_end_green(state, store, t
         expect(tab.locator(".decisive")).to_contain_text("rests on calibration #1, which did not hold before")
 
 
+def test_home_says_why_a_calibration_is_not_used(state, store, tab):
+    store.add("calibration", calibration() | {"method": "paper"})
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.good .word")).to_have_text("Calibrated")
+        why = "Calibration #3 is not used: it is of the published method, which can inspect nothing."
+        expect(tab.locator(".stamp")).to_contain_text(why)
+        store.correct(1, None, reason="the shaft was dirty")
+        tab.reload()
+        expect(tab.locator(".stamp.bad .word")).to_have_text("Not calibrated")
+        expect(tab.locator(".stamp")).to_contain_text(why)
+
+
 def test_withdrawn_and_corrected_results_lose_their_tick(state, store, tab):
     store.add("inspection", CONFORMING)
     store.correct(2, CONFORMING | {"verdict": "undecided"}, reason="wrong drawing")

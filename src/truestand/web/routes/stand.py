@@ -51,16 +51,15 @@ async def reset(state: StateDep) -> Reset:
 def calibration_state(state: AppState, now: datetime) -> CalibrationState:
     """What the calibration in force is worth at a time, by its record and its verification."""
     entry = state.results.calibration()
+    not_in_force, reason = state.results.not_in_force() or (None, None)
+    fields: dict[str, Any] = {"not_in_force": not_in_force, "not_in_force_reason": reason}
     if entry is None:
-        return CalibrationState(state="none")
+        return CalibrationState(state="none", **fields)
     record = state.results.record(entry.number)
     until, verification = record.get("valid_until"), state.results.verification()
-    newer = state.results.not_in_force()
     verdict = None if verification is None else verification.verdict
     worst = _worst(record, verdict, now)
-    fields: dict[str, Any] = {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
-    if newer is not None:
-        fields["not_in_force"] = newer.number
+    fields |= {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
     if verification is not None:
         fields |= {"verification": verification.number, "verified": verification.time}
         if worst == verdict:
