@@ -131,8 +131,8 @@ class Entry(BaseModel):
 class CalibrationState(BaseModel):
     """What the stand's calibration in force is worth."""
 
-    state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "none"]
-    """``does_not_hold`` and ``undecided`` are what a verification of it found."""
+    state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "changed", "none"]
+    """``does_not_hold`` and ``undecided`` are what a verification of it found; ``changed``: see ``changes``."""
     number: int | None = None
     time: str | None = None
     valid_until: str | None = None
@@ -142,6 +142,8 @@ class CalibrationState(BaseModel):
     """Number of the verification that counts."""
     verified: str | None = None
     """When that was."""
+    changes: list[str] = []
+    """In what stand.toml and shaft.toml differ today from what it was made with."""
     not_in_force: int | None = None
     """Number of the newest calibration, where it is not used."""
     not_in_force_reason: str | None = None

@@ -5,8 +5,9 @@ import json
 import pytest
 
 from small_records import calibration, inspection
+from truestand.files.recipes.recipes import read_shaft, read_stand, shaft_recipe, stand_recipe
 from truestand.store import Store
-from web_lab import Client, served
+from web_lab import Client, change, served
 
 expect = pytest.importorskip("playwright.sync_api", reason="playwright is not installed").expect
 
@@ -88,6 +89,27 @@ def test_home_says_why_a_calibration_is_not_used(state, store, tab):
         tab.reload()
         expect(tab.locator(".stamp.bad .word")).to_have_text("Not calibrated")
         expect(tab.locator(".stamp")).to_contain_text(why)
+
+
+def test_home_and_inspect_name_what_changed_in_the_recipes(state, store, tab):
+    stand, shaft = state.settings.stand, state.settings.artefact
+    made = {"stand": stand_recipe(read_stand(stand)), "artefact": shaft_recipe(read_shaft(shaft))}
+    store.add("calibration", calibration() | made)
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/")
+        expect(tab.locator(".stamp.good .word")).to_have_text("Calibrated")
+        change(stand, {"points = 640": "points = 320 # fewer", "[devices.acquire]": "# a comment\n[devices.acquire]"})
+        change(shaft, {"diameter_mm = 25.0": "diameter_mm = 25.5"})
+        tab.reload()
+        expect(tab.locator(".stamp.open .word")).to_have_text("Recipe changed since the calibration")
+        expect(tab.locator(".task.primary")).to_have_text("Calibrate")
+        tab.goto(f"http://127.0.0.1:{port}/#/inspect")
+        for text in (
+            "stand.toml: sensor front points is 320, was 640",
+            "shaft.toml: cylinder base diameter_mm is 25.5, was 25",
+        ):
+            expect(tab.locator(".notice.open")).to_contain_text(text)
+        expect(tab.locator(".notice p")).to_have_count(3)
 
 
 def test_withdrawn_and_corrected_results_lose_their_tick(state, store, tab):

@@ -11,6 +11,7 @@ from truestand.web.models import CalibrationState, Device, Home, Reset
 from truestand.web.problem import Problem
 from truestand.web.routes.recipes import parts
 from truestand.web.routing import OPERATOR, Routes
+from truestand.web.usable import differences
 
 LAST_RESULTS = 8
 DEVICES_TIMEOUT_S = 60.0
@@ -58,8 +59,9 @@ def calibration_state(state: AppState, now: datetime) -> CalibrationState:
     record = state.results.record(entry.number)
     until, verification = record.get("valid_until"), state.results.verification()
     verdict = None if verification is None else verification.verdict
-    worst = _worst(record, verdict, now)
-    fields |= {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
+    changes = differences(record, state.settings.stand, state.settings.artefact)
+    worst = _worst(record, verdict, bool(changes), now)
+    fields |= {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until, "changes": changes}
     if verification is not None:
         fields |= {"verification": verification.number, "verified": verification.time}
         if worst == verdict:
@@ -67,7 +69,7 @@ def calibration_state(state: AppState, now: datetime) -> CalibrationState:
     return CalibrationState(**fields, reasons=texts_of(record))
 
 
-def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str:
+def _worst(record: Mapping[str, Any], verdict: str | None, changed: bool, now: datetime) -> str:
     """The worst that can be said of a calibration with this record and the ``verdict`` of its verification."""
     if record.get("status") != "valid":
         return "untrusted"
@@ -75,7 +77,7 @@ def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str
         return "does_not_hold"
     if is_past(record.get("valid_until"), now):
         return "expired"
-    return "undecided" if verdict == "undecided" else "valid"
+    return "undecided" if verdict == "undecided" else "changed" if changed else "valid"
 
 
 def _require_idle(state: AppState) -> None:

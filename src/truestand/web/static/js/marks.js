@@ -51,7 +51,7 @@ export function icon(name) {
 const TONES = {
   conforms: "good", valid: "good", holds: "good", answers: "good", done: "good", kept: "good",
   does_not_conform: "bad", untrusted: "bad", does_not_hold: "bad", silent: "bad", broken: "bad", failed: "bad", none: "bad",
-  undecided: "open", expired: "open", unknown: "open", ended: "bad", aborted: "none", withdrawn: "none", corrected: "none", running: "busy",
+  undecided: "open", expired: "open", changed: "open", unknown: "open", ended: "bad", aborted: "none", withdrawn: "none", corrected: "none", running: "busy",
 };
 
 /** Tone and word of a verdict, a calibration's status or a job's state. */

@@ -39,11 +39,11 @@ function choice(part) {
 
 /** Nothing can be decided on a stand that is not calibrated: shown before the work. */
 function warning() {
-  const { state, verified, reasons } = store.home.calibration;
+  const { state, verified, reasons, changes } = store.home.calibration;
   if (state === "valid") return null;
   const { tone } = judged(state);
   return h("div", { class: `notice ${tone}`, role: "alert" }, mark(tone),
-    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), (reasons ?? []).map((reason) => h("p", {}, reason))),
+    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), [...reasons, ...changes].map((reason) => h("p", {}, reason))),
     link(t("home.calibrate"), "/calibrate", { kind: "primary go", sign: "calibrate" }));
 }
 
