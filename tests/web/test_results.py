@@ -489,8 +489,10 @@ def test_a_result_is_withdrawn_for_a_reason_and_kept(client, store):
     assert client.get("/api/results/2").json["entry"]["corrected_by"] == 3
     entry = store.entry(3)
     assert (entry.about, entry.record, entry.text, entry.operator) == (2, None, "the shaft was dirty", "olga")
-    assert "corrected by 3" in client.post("/api/results/2/withdraw", {"reason": "again"}).problem
-    assert "withdrawn already" in client.post("/api/results/3/withdraw", {"reason": "again"}).problem
+    again = client.post("/api/results/2/withdraw", {"reason": "again"})
+    assert again.status == 409 and "entry 2 is withdrawn already, by entry 3" in again.problem
+    again = client.post("/api/results/3/withdraw", {"reason": "again"})
+    assert again.status == 409 and "entry 3 withdraws entry 2: a withdrawal can't be withdrawn" in again.problem
     assert client.post("/api/results/9/withdraw", {"reason": "again"}).status == 404
 
 

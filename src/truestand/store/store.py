@@ -139,13 +139,15 @@ class Store:
         """Put another record, or none (the result is withdrawn), in the place of an entry, which stays.
 
         Raises:
-            BadStore: no such entry, or one that is no result; no reason.
+            BadStore: no such entry, or one that is no result; no reason; a withdrawal of what is withdrawn.
         """
         corrected = self.entry(number)
         if corrected.kind == "note" or not reason.strip():
             raise BadStore(
                 f"found {'a note' if reason.strip() else 'no reason'}; a correction corrects a result, for a reason"
             )
+        if record is None:
+            self._refuse_second_withdrawal(corrected)
         return self._append(
             "correction", record, evidence or {}, about=number, operator=operator, text=reason, time=time
         )
@@ -260,6 +262,16 @@ class Store:
         ``advance`` is called with the files done and their number.
         """
         return audit(self.folder, noted, self.timeout, advance)
+
+    def _refuse_second_withdrawal(self, entry: Entry) -> None:
+        if entry.record is None:
+            raise BadStore(
+                f"entry {entry.number} withdraws entry {entry.about}: a withdrawal can't be withdrawn; "
+                f"measure again, or give entry {entry.about} a record (truestand store correct)"
+            )
+        last = self.standing().last(entry.number)
+        if last.record is None:
+            raise BadStore(f"entry {entry.number} is withdrawn already, by entry {last.number}; nothing is left to do")
 
     def _read_record(self, sha256: str) -> Record:
         record: Record = json.loads(evidence.read_evidence(self.folder, sha256))

@@ -120,6 +120,7 @@ class Entry(BaseModel):
     title: str
     verdict: str | None
     status: str | None
+    corrects: int | None
     corrected_by: int | None
     standing: Standing
     """What it is worth today: ``in_doubt`` for its ``doubts``, ``corrected`` or ``withdrawn`` by a later entry."""

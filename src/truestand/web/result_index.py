@@ -138,6 +138,7 @@ class ResultIndex:
             title=entry.part or entry.text or kind,
             verdict=None if kind == "calibration" else word,
             status=word if kind == "calibration" else None,
+            corrects=entry.about,
             corrected_by=known.corrected_by.get(number),
             standing="in_doubt" if standing == "stands" and doubts else standing,
             doubts=doubts,

@@ -52,10 +52,8 @@ def result(number: int, state: StateDep) -> Result:
 def withdraw(number: int, body: WithdrawBody, state: StateDep, principal: PrincipalDep) -> Entry:
     """The entry that says so; the result itself is kept as it was. A withdrawn calibration is not in force any more."""
     entry = _entry(state, number)
-    if entry.corrected_by is not None:
+    if entry.standing == "corrected":
         raise Problem(409, f"found result {number} corrected by {entry.corrected_by}; withdraw that one")
-    if not state.results.record(number):
-        raise Problem(409, f"result {number} is withdrawn already")
     store = Store.open(state.settings.store)
     made = store.correct(number, None, reason=body.reason, operator=principal.user or body.operator)
     return _entry(state, made.number)

@@ -61,7 +61,7 @@ export async function show(page, { number, tab = "values" }, signal) {
 
 function facts(entry) {
   const parts = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order }),
-    entry.corrected_by && t("result.was", { verdict: judged(entry.verdict ?? entry.status).word })];
+    entry.corrects && t((entry.verdict ?? entry.status) === "withdrawn" ? "result.withdraws" : "result.corrects", { number: entry.corrects }), entry.corrected_by && t("result.was", { verdict: judged(entry.verdict ?? entry.status).word })];
   return parts.filter(Boolean).join(" · ");
 }
 
