@@ -34,7 +34,7 @@ def followed(client, job, until=lambda event: False):
             event = json.loads(socket.recv(timeout=WITHIN))
             if event["type"] == "live":
                 live.append(event["live"])
-            elif event["job"]["id"] == job["id"]:
+            elif event["type"] == "job" and event["job"]["id"] == job["id"]:
                 job = event["job"]
             if job["state"] != "running" or until(event):
                 return job, live

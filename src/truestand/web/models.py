@@ -161,6 +161,8 @@ class Home(BaseModel):
     not_stopped: list[str]
     """What the fault left on or moving: *Laser may be ON* and the like, in plain words."""
     parts: list[Part]
+    version: str
+    """Another one whenever anything here but the job has changed, or the store; the live channel says so."""
 
 
 class Result(BaseModel):

@@ -60,6 +60,11 @@ class ResultIndex:
         known = self._updated()
         return self._entry(known, number) if number in known.entries else None
 
+    def head(self) -> tuple[int, str]:
+        """Number and hash of the store's last entry; (0, "") where there is none."""
+        self._updated()
+        return self._head
+
     def calibration(self) -> Entry | None:
         """The calibration in force: the newest valid one that was not withdrawn and is usable here, as last corrected.
 

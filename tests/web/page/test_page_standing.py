@@ -1,11 +1,14 @@
 """What the page says of results and calibrations whose worth has changed, in a real browser on the real server."""
 
 import json
+from contextlib import ExitStack
 
 import pytest
 
+from command import run
 from small_records import calibration, inspection
 from truestand.files.recipes.recipes import read_shaft, read_stand, shaft_recipe, stand_recipe
+from truestand.station.stand_lock import StandLock
 from truestand.store import Store
 from web_lab import Client, change, served
 
@@ -112,6 +115,48 @@ def test_home_and_inspect_name_what_changed_in_the_recipes(state, store, tab):
         expect(tab.locator(".notice p")).to_have_count(3)
 
 
+def truestand(state, *arguments):
+    """The command line at work in the same store."""
+    done = run(*arguments, "--store", state.settings.store)
+    assert done.returncode == 0, done.stderr
+
+
+def test_open_pages_follow_what_other_programs_do(state, store, chromium):
+    with served(state) as port, ExitStack() as tabs:
+        shown = {}
+        for path in ("#/", "#/inspect", "#/results", "#/results/2"):
+            context = chromium.new_context(viewport={"width": 1280, "height": 800})
+            tabs.callback(context.close)
+            shown[path] = context.new_page()
+            shown[path].goto(f"http://127.0.0.1:{port}/{path}")
+            shown[path].locator("main .page").wait_for()
+        expect(shown["#/"].locator(".stamp.good")).to_be_visible()
+        expect(shown["#/inspect"].locator(".warning")).to_be_hidden()
+        verify(store, "does_not_hold")
+        expect(shown["#/"].locator(".stamp.bad .word")).to_have_text("Calibration does not hold")
+        expect(shown["#/"].locator(".row", has_text="gear").locator(".verdict")).to_have_text("conforms, in doubt")
+        expect(shown["#/inspect"].locator(".warning")).to_contain_text("The calibration does not hold")
+        expect(shown["#/results"].locator(".row")).to_have_count(3)
+        expect(shown["#/results/2"].locator(".stamp.open .word")).to_have_text("conforms, in doubt")
+        truestand(state, "store", "correct", 3, "--reason", "the shaft was dirty")
+        expect(shown["#/"].locator(".stamp.good .word")).to_have_text("Calibrated")
+        expect(shown["#/inspect"].locator(".warning")).to_be_hidden()
+        expect(shown["#/results/2"].locator(".stamp.good .word")).to_have_text("conforms")
+        truestand(state, "store", "correct", 1, "--reason", "another shaft")
+        expect(shown["#/"].locator(".stamp.bad .word")).to_have_text("Not calibrated")
+        expect(shown["#/inspect"].locator(".warning")).to_contain_text("The stand is not calibrated")
+
+
+def test_an_open_page_shows_a_fault_that_another_program_latched(state, store, tab):
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/#/results")
+        expect(tab.locator(".row")).to_have_count(2)
+        lock = StandLock(state.settings.stand)
+        lock.latch_fault("2026-11-21T10:00:00Z", "the table stopped by itself", {})
+        lock.close()
+        expect(tab.locator(".strip.bad")).to_contain_text("the table stopped by itself")
+
+
 def test_withdrawn_and_corrected_results_lose_their_tick(state, store, tab):
     store.add("inspection", CONFORMING)
     store.correct(2, CONFORMING | {"verdict": "undecided"}, reason="wrong drawing")
@@ -124,3 +169,6 @@ def test_withdrawn_and_corrected_results_lose_their_tick(state, store, tab):
         expect(tab.locator(".stamp.none .word")).to_have_text("withdrawn")
         expect(tab.locator(".stamp .under")).to_contain_text("it said: conforms")
         expect(tab.locator(".notice")).to_contain_text("withdrawn by #5")
+        tab.get_by_role("link", name="Show the correction").click()
+        expect(tab.locator(".stamp .under")).to_contain_text("withdraws #3")
+        expect(tab.get_by_role("button", name="Withdraw")).to_have_count(0)

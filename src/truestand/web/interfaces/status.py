@@ -91,7 +91,7 @@ class StatusPublisher:
                     messages = await listener.next()
             events = [json.loads(message) for message in messages]
             now = asyncio.get_running_loop().time()
-            stored = any(event["type"] == "job" for event in events) or now - read_at >= POLL_INTERVAL_S
+            stored = any(event["type"] in ("job", "home") for event in events) or now - read_at >= POLL_INTERVAL_S
             if stored:
                 read_at = now
             await self._update(events, stored)

@@ -25,6 +25,7 @@ export async function show(page, _, signal) {
   let drawn = null;
   await draw();
   store.on("job", draw, signal);
+  store.onChange(() => store.running || ended(page, true, signal), signal);
 
   function draw() {
     const key = `${store.job.id} ${store.job.state}`;

@@ -5,7 +5,7 @@ import { add, h, put } from "../dom.js";
 import { when } from "../format.js";
 import { judged, standing } from "../marks.js";
 import { alertBox, askWhy, busy, button, heading, link, stamp, titled } from "../parts.js";
-import { to } from "../router.js";
+import { go, to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
 import { decisive } from "../lines.js";
@@ -17,6 +17,7 @@ export async function show(page, { number, tab = "values" }, signal) {
   const panel = h("div", { class: "panel", role: "tabpanel", id: "panel", tabindex: "0" });
   const bar = h("div", { class: "tabs", role: "tablist", "aria-label": t("result.views"), on: { keydown: step } });
   let inside = null;
+  store.onChange(look, signal);
   page.classList.add(entry.standing);
   add(page, heading(titled(entry)), corrected(entry),
     stamp(standing(entry), [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"));
@@ -24,6 +25,12 @@ export async function show(page, { number, tab = "values" }, signal) {
   add(page, decisive(entry, record), h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry), withdrawal(entry, page))), panel);
   signal.addEventListener("abort", () => inside?.abort());
   open(tabs.includes(tab) ? tab : "values");
+
+  /** What the result is worth may have changed; its record never does. */
+  async function look() {
+    const now = await get(`api/results/${number}`, signal).catch(() => null);
+    if (now && JSON.stringify(now.entry) !== JSON.stringify(entry)) go();
+  }
 
   function open(name, focus = false) {
     history.replaceState(null, "", `#/results/${number}${name === "values" ? "" : `/${name}`}`);
