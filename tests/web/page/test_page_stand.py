@@ -130,6 +130,23 @@ def test_a_running_job_is_shown_again_after_a_lost_connection(state, tab):
         tab.get_by_role("button", name="Stop").wait_for()
 
 
+@pytest.mark.parametrize(
+    ("begin", "link", "shown"), [("#/", "Results", "Results"), ("#/results", "Home", "Not calibrated")]
+)
+def test_a_page_that_did_not_load_comes_by_itself_when_the_server_is_back(tmp_path, tab, begin, link, shown):
+    with server(tmp_path) as (process, port):
+        tab.goto(f"http://127.0.0.1:{port}/{begin}")
+        tab.locator("main .page").wait_for()
+        process.kill()
+        expect(tab.locator(".strip.open")).to_be_visible(timeout=20_000)
+        tab.locator("nav").get_by_role("link", name=link, exact=True).click()
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("The stand does not answer")
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("found no answer from the stand")
+    with server(tmp_path, port):
+        expect(tab.get_by_role("heading", name=shown)).to_be_visible(timeout=20_000)
+        expect(tab.locator("main").get_by_role("alert")).to_have_count(0)
+
+
 LIT = "Laser may be ON: sensor front"
 
 

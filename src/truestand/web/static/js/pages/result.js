@@ -5,6 +5,7 @@ import { add, h, put } from "../dom.js";
 import { when } from "../format.js";
 import { judged, standing } from "../marks.js";
 import { alertBox, askWhy, busy, button, heading, link, stamp, titled } from "../parts.js";
+import { load, whenBack } from "../modules.js";
 import { go, to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
@@ -47,12 +48,13 @@ export async function show(page, { number, tab = "values" }, signal) {
     put(panel, busy());
     try {
       if (name === "values" || name === "evidence") put(panel, details(name, entry, record));
-      if (name === "charts") await (await import("../result-charts.js")).resultCharts(panel, entry, record, mine);
-      if (name === "cloud") await (await import("../cloud.js")).cloud(panel, `api/results/${number}/cloud?points=200000`, mine);
+      if (name === "charts") await (await load("result-charts.js")).resultCharts(panel, entry, record, mine);
+      if (name === "cloud") await (await load("cloud.js")).cloud(panel, `api/results/${number}/cloud?points=200000`, mine);
     } catch (wrong) {
       if (mine.aborted || wrong.name === "AbortError") return;
       if (!("status" in wrong)) console.error(wrong);
       put(panel, alertBox(wrong.message));
+      whenBack(wrong, () => open(name), mine);
     }
   }
 
