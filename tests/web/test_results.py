@@ -377,6 +377,10 @@ def test_a_calibration_is_served_as_a_certificate(client, store):
     refused = client.get("/api/results/2/certificate.xml")
     assert refused.status == 409 and "few" in refused.problem
     assert client.get("/api/results/3/certificate.xml").status == 404
+    store.correct(1, None, reason="the shaft was dirty")
+    assert not client.get("/api/results/1").json["entry"]["has"]["certificate"]
+    refused = client.get("/api/results/1/certificate.xml")
+    assert refused.status == 409 and "found calibration 1 withdrawn" in refused.problem
 
 
 def test_the_company_is_that_of_the_reports(client, tmp_path):

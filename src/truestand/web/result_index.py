@@ -131,7 +131,7 @@ class ResultIndex:
         standing, doubts = known.standing(number, now), [str(doubt) for doubt in known.doubts(number, now)]
         if kind == "calibration" and standing == "stands" and (reason := self._unusable_reason(entry)):
             doubts = [f"not used on this stand: {reason}"]
-        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
+        certified = kind == "calibration" and entry.status == "valid" and standing in ("stands", "in_doubt")
         return Entry(
             number=number,
             kind=kind,

@@ -190,7 +190,7 @@ def test_an_engineer_withdraws_a_calibration_and_the_one_before_counts(open_tab,
         "status": "untrusted", "reasons": ["found dirt"]}).number  # fmt: skip
     tab = open_tab("#/")
     tab.get_by_text("is not used: it is not trusted").wait_for()
-    tab.get_by_role("link", name=f"Calibration #{untrusted}", exact=True).click()
+    tab.get_by_role("link", name=f"Calibration #{untrusted} is not used").click()
     tab.get_by_role("button", name="Withdraw").click()
     dialog = tab.get_by_role("dialog")
     dialog.get_by_role("button", name="Withdraw").click()

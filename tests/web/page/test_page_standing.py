@@ -104,7 +104,7 @@ def test_home_and_inspect_name_what_changed_in_the_recipes(state, store, tab):
         change(stand, {"points = 640": "points = 320 # fewer", "[devices.acquire]": "# a comment\n[devices.acquire]"})
         change(shaft, {"diameter_mm = 25.0": "diameter_mm = 25.5"})
         tab.reload()
-        expect(tab.locator(".stamp.open .word")).to_have_text("Recipe changed since the calibration")
+        expect(tab.locator(".stamp.open .word")).to_have_text("Recipe changed")
         expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect")
         for text in (

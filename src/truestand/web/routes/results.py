@@ -95,6 +95,10 @@ async def certificate(number: int, state: StateDep) -> Response:
     path = await run_in_threadpool(state.results.file, number, "record")
     if entry.kind != "calibration" or path is None:
         raise Problem(404, f"found no calibration under number {number}, a certificate needs one; choose one")
+    if entry.standing in ("corrected", "withdrawn"):
+        raise Problem(
+            409, f"found calibration {number} {entry.standing}, a certificate needs one that stands; choose one"
+        )
     laboratory = state.settings.stand.with_name(LABORATORY)
     text = await state.run_task("certificate", str(path), str(laboratory))
     return Response(str(text), media_type="application/xml", headers=_disposition(entry, "xml"))

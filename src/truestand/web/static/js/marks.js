@@ -62,6 +62,6 @@ export function judged(word) {
 /** The same of a result as it stands today: one that was taken back, or is in doubt for its calibration, isn't green. */
 export function standing(entry) {
   const said = judged(entry.verdict ?? entry.status);
-  if (entry.standing === "in_doubt") return { tone: said.tone === "good" ? "open" : said.tone, word: t("verdict.in_doubt", { verdict: said.word }) };
-  return entry.standing === "stands" ? said : judged(entry.standing);
+  if (entry.standing === "in_doubt" && said.tone === "good") return { tone: "open", word: t("verdict.in_doubt", { verdict: said.word }) };
+  return ["corrected", "withdrawn"].includes(entry.standing) ? judged(entry.standing) : said;
 }

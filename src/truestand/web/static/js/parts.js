@@ -71,10 +71,10 @@ function row(entry) {
   const facts = [entry.kind === "inspection" ? entry.serial : t("word.by", { name: entry.operator || "–" }), when(entry.time)];
   return h("a", { class: `row ${entry.corrected_by ? "corrected" : ""}`, href: `#/results/${entry.number}` },
     mark(tone),
-    h("span", { class: "what" }, h("span", { class: "name" }, titled(entry)), h("span", { class: "facts" }, facts.filter(Boolean).join(" · ")),
-      entry.doubts.length > 0 && h("span", { class: "doubt" }, entry.doubts[0])),
+    h("span", { class: "what" }, h("span", { class: "name" }, titled(entry)), h("span", { class: "facts" }, facts.filter(Boolean).join(" · "))),
     entry.corrected_by && h("span", { class: "tag" }, t("result.by", { number: entry.corrected_by })),
-    h("span", { class: `verdict ${tone}` }, word), h("span", { class: "no" }, `#${entry.number}`));
+    h("span", { class: `verdict ${tone}` }, word), h("span", { class: "no" }, `#${entry.number}`),
+    entry.doubts.length > 0 && h("span", { class: "doubt" }, entry.doubts[0]));
 }
 
 /** Where one is in a guided job. */

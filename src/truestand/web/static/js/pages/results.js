@@ -36,16 +36,20 @@ export async function show(page, _, signal) {
   }
 
   async function load() {
-    const before = entries.at(-1)?.number;
+    const shown = entries;
+    const before = shown.at(-1)?.number;
     const found = await ask(MANY, before && { before });
-    draw(entries.concat(found), found.length === MANY);
+    if (entries === shown) draw(shown.concat(found), found.length === MANY); // else something newer was drawn meanwhile
   }
 
   /** The same ones as they are now, and those that came. */
   async function refresh() {
-    const limit = Math.min(Math.max(MANY, entries.length), MOST);
+    const shown = entries;
+    const limit = Math.min(Math.max(MANY, shown.length), MOST);
     const found = await ask(limit).catch(() => null); // the frame says that the stand does not answer
-    if (found) draw(found, found.length === limit);
+    if (!found) return;
+    if (entries === shown) draw(found, found.length === limit);
+    else await refresh();
   }
 
   function ask(limit, from = {}) {
