@@ -167,6 +167,9 @@ async function ended(page, first, signal) {
   const job = store.job;
   const result = job.number && (await get(`api/results/${job.number}`, signal).catch(() => null));
   if (signal.aborted || store.job.id !== job.id) return; // the next job may have begun
+  const key = JSON.stringify([job.id, result?.entry]);
+  if (page.dataset.ended === key) return;
+  page.dataset.ended = key;
   const over = [title(job), result?.entry.serial].filter(Boolean).join(" · ");
   put(page, guide(job, 1), stamp(outcome(job, result), over, job.message),
     result && h("div", { class: "why" }, decisive(result.entry, result.record)), h("div", { class: "actions large" }, onward(job)));
