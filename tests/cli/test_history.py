@@ -131,6 +131,13 @@ def test_store_corrects_notes_backs_up_and_lists(shop, tmp_path):
     assert run("store", "correct", 1, "--reason", "sensor was loose", *with_store).returncode == 0
     phi = json.loads(run("history", "--store", copy, "--quantity", "phi_deg", "--json").stdout)["quantities"]
     assert [r["entry"] for r in phi[0]["readings"]] == [2]
+    said = "rests on calibration #1, which is withdrawn by #7 (sensor was loose); inspect again"
+    (inspected,) = json.loads(run("history", "--store", copy, "--json").stdout)["inspections"]
+    assert [d["code"] for d in inspected["doubts"]] == ["calibration_withdrawn"]
+    assert run("history", "--store", copy, "--report", tmp_path / "h.html").returncode == 0
+    assert f'<td class="bad">does not conform (corrected), in doubt: {said}</td>' in (tmp_path / "h.html").read_text()
+    listed = run("store", "list", "--store", copy).stdout.splitlines()
+    assert "valid  corrected by entry 7" in listed[0] and f"in doubt: {said}" in listed[4] and "in doubt" in listed[2]
     assert run("audit", "--store", copy, "-q").returncode == 0
     assert run("store", "correct", 99, "--reason", "x", *with_store).returncode == 2
 

@@ -70,6 +70,16 @@ def test_a_correction_stands_in_the_place_of_the_original_which_stays(store):
     assert store.audit().sound
 
 
+def test_a_withdrawal_can_not_be_withdrawn(store):
+    store.add("inspection", INSPECTION)
+    withdrawal = store.correct(1, None, reason="another part was clamped")
+    with pytest.raises(BadStore, match="entry 2 withdraws entry 1: a withdrawal can't be withdrawn"):
+        store.correct(withdrawal.number, None, reason="by mistake")
+    with pytest.raises(BadStore, match="entry 1 is withdrawn already, by entry 2"):
+        store.correct(1, None, reason="again")
+    assert len(store.entries()) == 2
+
+
 def test_corrections_need_a_result_and_a_reason(store):
     store.note("the lamp was changed")
     store.add("inspection", INSPECTION)

@@ -88,6 +88,18 @@ def test_the_last_result_with_every_line(state):
     talk(state, look)
 
 
+def test_a_part_that_conforms_by_a_calibration_in_doubt_is_not_in_tolerance(state):
+    resting = {"calibration": {"sha256": state.results.file(keep(state, "calibration", calibration()), "record").name}}
+    keep(state, "verification", verification() | {"verdict": "does_not_hold"} | resting)
+    keep(state, "inspection", inspection(verdict="conforms") | resting)
+
+    async def look(client):
+        verdict, evaluation, reasons = await client.reads("LastResult", "Verdict", "ResultEvaluation", "Reasons")
+        assert (verdict, evaluation) == ("conforms", 3) and "did not hold before: verification #2" in reasons[0]
+
+    talk(state, look)
+
+
 def test_a_value_not_measured_is_null_of_its_type_and_never_nan(state):
     keep(state, "inspection", inspection())
 

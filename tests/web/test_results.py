@@ -11,14 +11,16 @@ import pytest
 
 from patience import NOT_FOR_EVER
 from truestand.core.errors import UnreadableFile
+from truestand.files.recipes.recipes import read_stand, stand_recipe
+from truestand.files.records.record import is_past
 from truestand.files.shapes.clouds import open_cloud, write_cloud
 from truestand.store import Store
 from truestand.web.clouds import choose, thin_out
 from truestand.web.interfaces.lines import lines_of
 from truestand.web.result_index import ResultIndex
 from truestand.web.routes import results
-from truestand.web.routes.stand import is_past
 from truestand.web.security import REPORT_CSP
+from web_lab import change as change_file
 
 EVIL = "<img src=x onerror=alert(1)>"
 
@@ -238,19 +240,19 @@ def test_the_cloud_cache_removes_the_least_recently_used(client, state, store, t
     assert sorted(int(p.stem.split("-")[1]) for p in state.settings.cache_folder.iterdir()) == [3000, 4000]
 
 
-def test_a_store_is_read_again_only_after_a_new_entry(store):
-    kept = ResultIndex(store.folder)
+def test_a_store_is_read_again_only_after_a_new_entry(state, store):
+    kept = ResultIndex(store.folder, state.settings.stand)
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
-    before = kept._entries
+    before = kept._results
     kept.entries()
-    assert kept._entries is before
+    assert kept._results is before
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
     assert [e.number for e in kept.entries()] == [2, 1]
 
 
-def test_a_result_stored_after_the_clock_was_set_back_is_listed(store):
-    kept = ResultIndex(store.folder)
+def test_a_result_stored_after_the_clock_was_set_back_is_listed(state, store):
+    kept = ResultIndex(store.folder, state.settings.stand)
     store.add("calibration", calibration(), time="2026-01-02T00:00:00Z")
     assert [e.number for e in kept.entries()] == [1]
     store.add("calibration", calibration(), time="2026-01-01T00:00:00Z")
@@ -258,8 +260,8 @@ def test_a_result_stored_after_the_clock_was_set_back_is_listed(store):
     assert kept.calibration().number == 2
 
 
-def test_another_store_in_the_same_folder_is_read_anew(store, tmp_path):
-    kept = ResultIndex(store.folder)
+def test_another_store_in_the_same_folder_is_read_anew(state, store, tmp_path):
+    kept = ResultIndex(store.folder, state.settings.stand)
     store.add("calibration", calibration())
     assert len(kept.entries()) == 1
     store.folder.rename(tmp_path / "before")
@@ -375,6 +377,10 @@ def test_a_calibration_is_served_as_a_certificate(client, store):
     refused = client.get("/api/results/2/certificate.xml")
     assert refused.status == 409 and "few" in refused.problem
     assert client.get("/api/results/3/certificate.xml").status == 404
+    store.correct(1, None, reason="the shaft was dirty")
+    assert not client.get("/api/results/1").json["entry"]["has"]["certificate"]
+    refused = client.get("/api/results/1/certificate.xml")
+    assert refused.status == 409 and "found calibration 1 withdrawn" in refused.problem
 
 
 def test_the_company_is_that_of_the_reports(client, tmp_path):
@@ -444,6 +450,38 @@ def test_an_untrusted_calibration_replaces_no_good_one(client, store):
     assert calibration_now() == ("untrusted", 3, None)
 
 
+def made_with(state, **changes):
+    """What a calibration with this stand's recipes records, with other values of the sensor or the table."""
+    stand = stand_recipe(read_stand(state.settings.stand))
+    for key, value in changes.items():
+        (stand["table"] if key in stand["table"] else stand["sensor"][0])[key] = value
+    return {"sensor": {"name": stand["sensor"][0]["name"]}, "stand": stand}
+
+
+@pytest.mark.parametrize(("change", "why"), [
+    ({"name": "rear"}, "of sensor 'rear', stand.toml has 'front'"), ({"serial": "S 2"}, "serial number S 2"),
+    ({"direction": "cw"}, "turns cw, that of stand.toml ccw"), ({"mirrored": True}, "its sensor was mirrored"),
+])  # fmt: skip
+def test_a_calibration_of_another_stand_is_not_used(client, state, store, change, why):
+    change_file(state.settings.stand, {'name = "front"': 'name = "front"\nserial = "S 1"'})
+    store.add("calibration", calibration() | made_with(state))
+    store.add("calibration", calibration() | made_with(state, **change))
+    found = client.get("/api/home").json["calibration"]
+    assert (found["state"], found["number"], found["not_in_force"]) == ("valid", 1, 2)
+    assert why in found["not_in_force_reason"]
+    assert [e["standing"] for e in client.get("/api/results").json] == ["in_doubt", "stands"]
+    store.correct(1, None, reason="dirty shaft")
+    found = client.get("/api/home").json["calibration"]
+    assert (found["state"], found["number"], found["not_in_force"]) == ("none", None, 2)
+    assert client.post("/api/jobs", {"kind": "inspect", "part": "gear"}).status == 409
+
+
+def test_a_calibration_by_the_published_method_is_not_used(client, store):
+    store.add("calibration", calibration() | {"method": "paper"})
+    found = client.get("/api/home").json["calibration"]
+    assert found["state"] == "none" and "published method" in found["not_in_force_reason"]
+
+
 def test_a_result_is_withdrawn_for_a_reason_and_kept(client, store):
     for _ in range(2):
         store.add("calibration", calibration())
@@ -455,15 +493,17 @@ def test_a_result_is_withdrawn_for_a_reason_and_kept(client, store):
     assert client.get("/api/results/2").json["entry"]["corrected_by"] == 3
     entry = store.entry(3)
     assert (entry.about, entry.record, entry.text, entry.operator) == (2, None, "the shaft was dirty", "olga")
-    assert "corrected by 3" in client.post("/api/results/2/withdraw", {"reason": "again"}).problem
-    assert "withdrawn already" in client.post("/api/results/3/withdraw", {"reason": "again"}).problem
+    again = client.post("/api/results/2/withdraw", {"reason": "again"})
+    assert again.status == 409 and "entry 2 is withdrawn already, by entry 3" in again.problem
+    again = client.post("/api/results/3/withdraw", {"reason": "again"})
+    assert again.status == 409 and "entry 3 withdraws entry 2: a withdrawal can't be withdrawn" in again.problem
     assert client.post("/api/results/9/withdraw", {"reason": "again"}).status == 404
 
 
 def test_a_new_index_finds_the_verification(state, store):
     store.add("calibration", calibration())
     verification(store, "does_not_hold")
-    assert ResultIndex(state.settings.store).verification().verdict == "does_not_hold"
+    assert ResultIndex(state.settings.store, state.settings.stand).verification().verdict == "does_not_hold"
 
 
 @pytest.mark.parametrize(("record", "expected"), [(calibration("untrusted"), "untrusted"),

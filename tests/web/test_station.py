@@ -34,7 +34,7 @@ def followed(client, job, until=lambda event: False):
             event = json.loads(socket.recv(timeout=WITHIN))
             if event["type"] == "live":
                 live.append(event["live"])
-            elif event["job"]["id"] == job["id"]:
+            elif event["type"] == "job" and event["job"]["id"] == job["id"]:
                 job = event["job"]
             if job["state"] != "running" or until(event):
                 return job, live
@@ -91,7 +91,8 @@ def test_a_fault_is_latched_shown_and_reset(at_stand):
     fault = client.get("/api/home").json["fault"]
     assert "front" in fault
     assert client.get("/api/home").json["not_stopped"] == ["Laser may be ON: sensor front"]
-    refused, _ = followed(client, client.post("/api/jobs", {"kind": "calibrate"}).json)
-    assert refused["state"] == "failed" and "in fault" in refused["message"]
+    refused = client.post("/api/jobs", {"kind": "calibrate"})
+    assert refused.status == 409 and refused.problem == fault
+    assert client.get("/api/jobs/current").json["id"] == job["id"]
     assert client.post("/api/reset", timeout=60).json["fault"] == fault
     assert client.get("/api/home").json["fault"] is None

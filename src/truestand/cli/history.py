@@ -12,6 +12,7 @@ from truestand.cli.terminal import print_json, print_table
 from truestand.core.errors import BadRecipe
 from truestand.files.atomic import write_text_atomic
 from truestand.files.recipes.recipes import read_company
+from truestand.files.records.record import messages_record
 from truestand.files.records.study import read_study
 from truestand.report.history import InspectionRow, QuantityHistory, history_report, study_report
 from truestand.report.terminal import inspections_table, readings_table, series_table, study_table
@@ -94,7 +95,9 @@ def _course(s: Series) -> QuantityHistory:
 
 def _line(i: Result) -> InspectionRow:
     e = i.entry
-    return InspectionRow(e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected)
+    return InspectionRow(
+        e.number, e.time, e.part or "", e.serial or "", e.operator or "", i.verdict, i.corrected, i.doubts
+    )
 
 
 def _record(store: Store, quantities: list[Series], parts: list[Result]) -> dict[str, Any]:
@@ -119,7 +122,8 @@ def _record(store: Store, quantities: list[Series], parts: list[Result]) -> dict
         "inspections": [
             {"entry": i.entry.number, "time": i.entry.time, "part": i.entry.part,
              "serial": i.entry.serial, "order": i.entry.order,
-             "operator": i.entry.operator, "verdict": i.verdict, "corrected": i.corrected}
+             "operator": i.entry.operator, "verdict": i.verdict, "corrected": i.corrected,
+             "doubts": messages_record(i.doubts)}
             for i in parts
         ],
     }  # fmt: skip

@@ -1,6 +1,7 @@
 """``truestand store`` and ``audit``, and how other commands add their results to a store."""
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +11,7 @@ from truestand.cli.options import FAILS, JsonOption, OperatorOption, QuietOption
 from truestand.cli.terminal import hint, print_json, progress
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_store_folder
-from truestand.files.records.record import read_json
+from truestand.files.records.record import messages_record, read_json
 from truestand.store import Store
 
 
@@ -66,15 +67,21 @@ def list_entries(
 
     Example: truestand store list --store results
     """
-    entries = open_store(store).entries(last=last)
+    opened = open_store(store)
+    entries, known, now = opened.entries(last=last), opened.standing(), datetime.now(UTC)
+    doubts = {e.number: known.doubts(e.number, now) if e.number in known.entries else () for e in entries}
     if as_json:
         print_json([{"number": e.number, "kind": e.kind, "time": e.time, "part": e.part, "serial": e.serial,
                      "order": e.order, "operator": e.operator, "status": e.status, "about": e.about, "text": e.text,
-                     "record": e.record, "evidence": dict(e.evidence), "hash": e.hash} for e in entries])  # fmt: skip
+                     "record": e.record, "evidence": dict(e.evidence), "hash": e.hash,
+                     "corrected_by": known.corrected_by.get(e.number),
+                     "doubts": messages_record(doubts[e.number])} for e in entries])  # fmt: skip
         return
     for e in entries:
         about = "" if e.about is None else f"of entry {e.about}"
-        words = (e.part, e.serial, (e.status or "").replace("_", " "), e.operator, about, e.text)
+        by = f"corrected by entry {known.corrected_by[e.number]}" if e.number in known.corrected_by else ""
+        doubt = f"in doubt: {'; '.join(doubts[e.number])}" if doubts[e.number] else ""
+        words = (e.part, e.serial, (e.status or "").replace("_", " "), by, doubt, e.operator, about, e.text)
         typer.echo(f"{e.number:6}  {e.time}  {e.kind:13}" + "  ".join(w for w in words if w))
 
 

@@ -41,6 +41,15 @@ class InspectionRow:
     operator: str
     verdict: str
     corrected: bool
+    doubts: tuple[str, ...] = ()
+    """What became of its calibration, where that speaks against it."""
+
+    @property
+    def words(self) -> str:
+        """The verdict with what speaks against it."""
+        corrected = " (corrected)" if self.corrected else ""
+        doubts = f", in doubt: {'; '.join(self.doubts)}" if self.doubts else ""
+        return f"{self.verdict.replace('_', ' ')}{corrected}{doubts}"
 
 
 def history_report(
@@ -102,14 +111,19 @@ def _inspections(inspected: Sequence[InspectionRow]) -> str:
         return ""
     rows = "".join(
         f"<tr><td>{escape(i.part)}</td><td>{escape(i.serial)}</td><td>{i.number}</td><td>{escape(i.time)}</td>"
-        f'<td>{escape(i.operator)}</td><td class="v {escape(i.verdict)}">{escape(i.verdict.replace("_", " "))}'
-        f"{' (corrected)' if i.corrected else ''}</td></tr>"
+        f'<td>{escape(i.operator)}</td><td class="{escape(_verdict_class(i))}">{escape(i.words)}</td></tr>'
         for i in inspected
     )
     return (
         "<h2>Inspections</h2><table><tr><th>part</th><th>serial number</th><th>entry</th><th>time</th><th>operator</th>"
         f"<th>verdict</th></tr>{rows}</table>"
     )
+
+
+def _verdict_class(i: InspectionRow) -> str:
+    if i.doubts:
+        return "bad" if i.verdict == "does_not_conform" else "open"
+    return f"v {i.verdict}"
 
 
 def _study(name: str, s: GageStudy) -> str:

@@ -126,8 +126,7 @@ def inspections_table(inspections: Sequence[InspectionRow]) -> Table:
     """Inspections by part."""
     table = _table("Inspections", ("part", "serial"), ("entry",), ("time", "operator", "verdict"))
     for i in inspections:
-        verdict = i.verdict.replace("_", " ") + (" (corrected)" if i.corrected else "")
-        table.add_row(i.part, i.serial, str(i.number), i.time, i.operator, verdict)
+        table.add_row(i.part, i.serial, str(i.number), i.time, i.operator, i.words)
     return table
 
 

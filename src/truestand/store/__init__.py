@@ -2,6 +2,7 @@
 
 from truestand.store.audit import Finding, Report
 from truestand.store.entry import Entry
+from truestand.store.standing import Results
 from truestand.store.store import Result, Store
 
-__all__ = ["Entry", "Finding", "Report", "Result", "Store"]
+__all__ = ["Entry", "Finding", "Report", "Result", "Results", "Store"]

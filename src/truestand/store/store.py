@@ -4,11 +4,13 @@ import json
 import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from truestand.core.errors import BadStore
+from truestand.core.message import Message
 from truestand.files.atomic import record_text, replacing
 from truestand.files.records.record import SOFTWARE, Record, now
 from truestand.store import database, evidence, ledger, lock
@@ -16,6 +18,7 @@ from truestand.store.anchor import Anchor, read_anchor, write_anchor
 from truestand.store.audit import Advance, Report, audit
 from truestand.store.entry import RESULTS, Entry, entry_of, genesis, identity_of
 from truestand.store.lock import is_read_only, locked
+from truestand.store.standing import Results
 
 WRITER_TIMEOUT_S = 60.0
 """Wait for another writer."""
@@ -69,6 +72,8 @@ class Result:
     """As it was stored."""
     last: Entry
     """Its last correction, or the entry itself."""
+    doubts: tuple[Message, ...] = ()
+    """What became of the calibration that it rests on, where that speaks against it."""
 
     @property
     def withdrawn(self) -> bool:
@@ -78,7 +83,7 @@ class Result:
     @property
     def corrected(self) -> bool:
         """Whether another entry stands in its place."""
-        return self.last is not self.entry
+        return self.last.number != self.entry.number
 
     @property
     def verdict(self) -> str:
@@ -134,13 +139,15 @@ class Store:
         """Put another record, or none (the result is withdrawn), in the place of an entry, which stays.
 
         Raises:
-            BadStore: no such entry, or one that is no result; no reason.
+            BadStore: no such entry, or one that is no result; no reason; a withdrawal of what is withdrawn.
         """
         corrected = self.entry(number)
         if corrected.kind == "note" or not reason.strip():
             raise BadStore(
                 f"found {'a note' if reason.strip() else 'no reason'}; a correction corrects a result, for a reason"
             )
+        if record is None:
+            self._refuse_second_withdrawal(corrected)
         return self._append(
             "correction", record, evidence or {}, about=number, operator=operator, text=reason, time=time
         )
@@ -189,14 +196,17 @@ class Store:
         Raises:
             BadStore: no store, or one that is damaged.
         """
-        corrections = {correction.about: correction for correction in self.entries("correction")}
-        results = []
-        for entry in self.entries(kind, since):
-            last = entry
-            while last.number in corrections:
-                last = corrections[last.number]
-            results.append(Result(entry, last))
-        return results
+        known, now = self.standing(), datetime.now(UTC)
+        originals = self.entries(kind, since)
+        return [Result(e, known.last(e.number), known.doubts(known.last(e.number).number, now)) for e in originals]
+
+    def standing(self) -> Results:
+        """All results, and what each is worth today.
+
+        Raises:
+            BadStore: no store, or one that is damaged.
+        """
+        return Results(self.entries(), self._read_record)
 
     def record(self, entry: Entry) -> Record:
         """The record of an entry, as it was stored.
@@ -206,8 +216,7 @@ class Store:
         """
         if entry.record is None:
             raise BadStore(f"entry {entry.number} ({entry.kind}) has no record")
-        record: Record = json.loads(evidence.read_evidence(self.folder, entry.record))
-        return record
+        return self._read_record(entry.record)
 
     def evidence(self, entry: Entry) -> dict[str, Path]:
         """The files that an entry rests on, by role, and its record."""
@@ -253,6 +262,20 @@ class Store:
         ``advance`` is called with the files done and their number.
         """
         return audit(self.folder, noted, self.timeout, advance)
+
+    def _refuse_second_withdrawal(self, entry: Entry) -> None:
+        if entry.record is None:
+            raise BadStore(
+                f"entry {entry.number} withdraws entry {entry.about}: a withdrawal can't be withdrawn; "
+                f"measure again, or give entry {entry.about} a record (truestand store correct)"
+            )
+        last = self.standing().last(entry.number)
+        if last.record is None:
+            raise BadStore(f"entry {entry.number} is withdrawn already, by entry {last.number}; nothing is left to do")
+
+    def _read_record(self, sha256: str) -> Record:
+        record: Record = json.loads(evidence.read_evidence(self.folder, sha256))
+        return record
 
     def _append(
         self, kind: str, record: Mapping[str, Any] | None, files: Mapping[str, Path], *,

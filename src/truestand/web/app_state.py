@@ -71,7 +71,11 @@ def make_state(settings: Settings, worker: Sequence[str] = WORKER) -> AppState:
     """The state of a stand's page; ``worker``: the command that runs a job."""
     hub = Hub()
     return AppState(
-        settings, ResultIndex(settings.store), hub, JobRunner(hub, worker), Authenticator(users_path(settings.store))
+        settings,
+        ResultIndex(settings.store, settings.stand),
+        hub,
+        JobRunner(hub, worker),
+        Authenticator(users_path(settings.store)),
     )
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from truestand.store.standing import Standing
 from truestand.web.authentication import Role
 
 JobKind = Literal["calibrate", "inspect", "verify"]
@@ -119,15 +120,20 @@ class Entry(BaseModel):
     title: str
     verdict: str | None
     status: str | None
+    corrects: int | None
     corrected_by: int | None
+    standing: Standing
+    """What it is worth today: ``in_doubt`` for its ``doubts``, ``corrected`` or ``withdrawn`` by a later entry."""
+    doubts: list[str]
+    """What became of the calibration that it rests on, where that speaks against it."""
     has: AvailableFiles
 
 
 class CalibrationState(BaseModel):
     """What the stand's calibration in force is worth."""
 
-    state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "none"]
-    """``does_not_hold`` and ``undecided`` are what a verification of it found."""
+    state: Literal["valid", "untrusted", "does_not_hold", "expired", "undecided", "changed", "none"]
+    """``does_not_hold`` and ``undecided`` are what a verification of it found; ``changed``: see ``changes``."""
     number: int | None = None
     time: str | None = None
     valid_until: str | None = None
@@ -137,8 +143,12 @@ class CalibrationState(BaseModel):
     """Number of the verification that counts."""
     verified: str | None = None
     """When that was."""
+    changes: list[str] = []
+    """In what stand.toml and shaft.toml differ today from what it was made with."""
     not_in_force: int | None = None
-    """Number of a newer calibration, which is untrusted and not used."""
+    """Number of the newest calibration, where it is not used."""
+    not_in_force_reason: str | None = None
+    """Why: not trusted, of another stand, of a method that can inspect nothing."""
 
 
 class Home(BaseModel):
@@ -151,6 +161,8 @@ class Home(BaseModel):
     not_stopped: list[str]
     """What the fault left on or moving: *Laser may be ON* and the like, in plain words."""
     parts: list[Part]
+    version: str
+    """Another one whenever anything here but the job has changed, or the store; the live channel says so."""
 
 
 class Result(BaseModel):

@@ -1,7 +1,8 @@
 """The results store as the page sees it: read only, and read again only where something came to it."""
 
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,10 @@ from truestand.files.records.inspection_record import Limits, limits_of
 from truestand.report.quantities import QUANTITIES
 from truestand.statistics.control import ControlChart, control_chart
 from truestand.store import Entry as Stored
-from truestand.store import Store
+from truestand.store import Results, Store
 from truestand.store.history import inspections, series, whole_part_lines
 from truestand.web.models import AvailableFiles, Entry, Point, Quantity, TrendFinding
+from truestand.web.usable import unusable_reason
 
 KINDS = ("calibration", "verification", "inspection")
 WITHDRAWN = "withdrawn"
@@ -24,9 +26,10 @@ MAX_INSPECTIONS = 300
 class ResultIndex:
     """The results of a folder's store, be it there yet or not, each with its record and files."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._lock = folder, threading.Lock()
-        self._entries: list[Stored] = []
+    def __init__(self, folder: Path, stand: Path) -> None:
+        self._folder, self._stand, self._lock = folder, stand, threading.Lock()
+        self._made_with: dict[str | None, Mapping[str, Any]] = {}
+        self._results = Results((), lambda sha256: {})
         self._head = (0, "")
         self._trends: dict[tuple[tuple[int, str], str, tuple[str, ...]], list[Quantity]] = {}
 
@@ -45,67 +48,63 @@ class ResultIndex:
         known = self._updated()
         numbers = (
             number
-            for number, result in sorted(known.results.items(), reverse=True)
+            for number, result in sorted(known.entries.items(), reverse=True)
             if (before is None or number < before)
             and known.kind(number) in kinds
             and (not parts or result.part in parts)
         )
-        return [known.as_entry(number) for number in islice(numbers, limit)]
+        return [self._entry(known, number) for number in islice(numbers, limit)]
 
     def entry(self, number: int) -> Entry | None:
         """One result."""
         known = self._updated()
-        return known.as_entry(number) if number in known.results else None
+        return self._entry(known, number) if number in known.entries else None
+
+    def head(self) -> tuple[int, str]:
+        """Number and hash of the store's last entry; (0, "") where there is none."""
+        self._updated()
+        return self._head
 
     def calibration(self) -> Entry | None:
-        """The calibration in force: the newest valid one that was not withdrawn, as last corrected.
+        """The calibration in force: the newest valid one that was not withdrawn and is usable here, as last corrected.
 
         An untrusted one is in force only where none is valid.
         """
         known = self._updated()
-        found = known.in_force()
-        return None if found is None else known.as_entry(found.number)
+        found = self._in_force(known)
+        return None if found is None else self._entry(known, found.number)
 
-    def not_in_force(self) -> Entry | None:
-        """The newest calibration, where it is untrusted and an older one stays in force."""
+    def not_in_force(self) -> tuple[int, str] | None:
+        """The newest calibration and why it is not used, where another one is in force, or none."""
         known = self._updated()
-        newest, found = next(known.standing("calibration"), None), known.in_force()
-        return None if newest is found or newest is None else known.as_entry(newest.number)
+        newest, found = next(known.not_withdrawn("calibration"), None), self._in_force(known)
+        if newest is None or newest is found:
+            return None
+        return newest.number, self._unusable_reason(newest) or "it is not trusted"
 
     def verification(self) -> Entry | None:
-        """The verification that counts for that calibration; None: it was not verified.
-
-        The newest, but one that is undecided takes back no *does not hold*.
-        """
+        """The verification that counts for that calibration; None: it was not verified."""
         known = self._updated()
-        calibration = known.in_force()
-        if calibration is None:
-            return None
-        records = {e.record for e in known.with_origins(calibration.number)}
-        found = [
-            v for v in known.standing("verification")
-            if known.with_origins(v.number)[-1].evidence.get("calibration") in records
-        ]  # fmt: skip
-        decided = [v for v in found if v.status != "undecided"][:1]
-        counting = [v for v in decided if v.status == "does_not_hold"] or found
-        return known.as_entry(counting[0].number) if counting else None
+        calibration = self._in_force(known)
+        found = None if calibration is None else known.verification(calibration.number)
+        return None if found is None else self._entry(known, found.number)
 
     def record(self, number: int) -> Mapping[str, Any]:
         """Its calibration.json, inspection.json or verification.json, checked against its hash; empty: withdrawn."""
-        stored = self._updated().results[number]
+        stored = self._updated().entries[number]
         if stored.record is None:
             return {}
         return Store(self._folder).record(stored)
 
     def file(self, number: int, role: str) -> Path | None:
         """Where a file of a result lies, by its role (record, report, cloud); None: it has none."""
-        stored = self._updated().results.get(number)
+        stored = self._updated().entries.get(number)
         path = None if stored is None else Store(self._folder).evidence(stored).get(role)
         return path if path is not None and path.exists() else None
 
     def trends(self, kind: str, parts: Collection[str]) -> list[Quantity]:
         """Of calibrations, or of the inspections of a part; computed again only where something came to the store."""
-        if not self._updated().results:
+        if not self._updated().entries:
             return []
         key = (self._head, kind, tuple(sorted(parts)))
         found = self._trends.get(key)
@@ -115,54 +114,24 @@ class ResultIndex:
             self._trends = {k: v for k, v in self._trends.items() if k[0] == self._head} | {key: found}
         return found
 
-    def _updated(self) -> "_Results":
-        """All entries, brought up to date."""
+    def _updated(self) -> Results:
+        """All results, brought up to date."""
         with self._lock:
             if (self._folder / "store.db").exists():
                 store = Store.open(self._folder)
                 head = store.head()
                 if head != self._head:
-                    self._entries, self._head = store.entries(), head
-            return _Results(self._entries)
+                    self._results, self._head = store.standing(), head
+            return self._results
 
-
-class _Results:
-    """Results with their corrections."""
-
-    def __init__(self, entries: list[Stored]) -> None:
-        self.results = {e.number: e for e in entries if e.kind in (*KINDS, "correction")}
-        self.corrected = {e.about: e.number for e in entries if e.kind == "correction" and e.about is not None}
-
-    def with_origins(self, number: int) -> list[Stored]:
-        """A result and what it corrects, the original last."""
-        found = [self.results[number]]
-        while found[-1].kind == "correction" and found[-1].about in self.results:
-            found.append(self.results[found[-1].about])
-        return found
-
-    def kind(self, number: int) -> str:
-        """A correction is of the kind that it corrects."""
-        return self.with_origins(number)[-1].kind
-
-    def standing(self, kind: str) -> Iterator[Stored]:
-        """Results of a kind that were not withdrawn, as last corrected; the newest original first."""
-        for number in sorted((n for n, e in self.results.items() if e.kind == kind), reverse=True):
-            last = number
-            while last in self.corrected:
-                last = self.corrected[last]
-            if self.results[last].record is not None:
-                yield self.results[last]
-
-    def in_force(self) -> Stored | None:
-        """The newest valid calibration that stands; the newest of all where none is valid."""
-        standing = list(self.standing("calibration"))
-        return next((c for c in standing if c.status == "valid"), standing[0] if standing else None)
-
-    def as_entry(self, number: int) -> Entry:
+    def _entry(self, known: Results, number: int) -> Entry:
         """As clients see it."""
-        entry, kind = self.results[number], self.kind(number)
+        entry, kind, now = known.entries[number], known.kind(number), datetime.now(UTC)
         word = entry.status if entry.record is not None else WITHDRAWN
-        certified = kind == "calibration" and entry.status == "valid" and entry.record is not None
+        standing, doubts = known.standing(number, now), [str(doubt) for doubt in known.doubts(number, now)]
+        if kind == "calibration" and standing == "stands" and (reason := self._unusable_reason(entry)):
+            doubts = [f"not used on this stand: {reason}"]
+        certified = kind == "calibration" and entry.status == "valid" and standing in ("stands", "in_doubt")
         return Entry(
             number=number,
             kind=kind,
@@ -174,11 +143,31 @@ class _Results:
             title=entry.part or entry.text or kind,
             verdict=None if kind == "calibration" else word,
             status=word if kind == "calibration" else None,
-            corrected_by=self.corrected.get(number),
+            corrects=entry.about,
+            corrected_by=known.corrected_by.get(number),
+            standing="in_doubt" if standing == "stands" and doubts else standing,
+            doubts=doubts,
             has=AvailableFiles(
                 report="report" in entry.evidence, cloud="cloud" in entry.evidence, certificate=certified
             ),
         )
+
+    def _in_force(self, known: Results) -> Stored | None:
+        """The newest valid calibration that is usable here; the newest usable one where none is valid."""
+        newest = None
+        for calibration in known.not_withdrawn("calibration"):
+            if self._unusable_reason(calibration) is None:
+                if calibration.status == "valid":
+                    return calibration
+                newest = newest or calibration
+        return newest
+
+    def _unusable_reason(self, calibration: Stored) -> str | None:
+        """Why nothing can be inspected with it on this stand; of its record, which never changes, little is kept."""
+        if calibration.record not in self._made_with:
+            record = Store(self._folder).record(calibration)
+            self._made_with[calibration.record] = {key: record.get(key) for key in ("method", "sensor", "stand")}
+        return unusable_reason(self._made_with[calibration.record], self._stand)
 
 
 def calibration_trends(store: Store) -> list[Quantity]:

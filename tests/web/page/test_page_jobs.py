@@ -60,7 +60,7 @@ def test_fields_of_the_part_reach_the_worker(open_tab, stand):
         tab.locator(f"#i-{name}").fill(text)
     tab.get_by_role("button", name="Next").click()
     tab.get_by_role("button", name="Start").click()
-    tab.get_by_role("button", name="Stop").wait_for()
+    tab.locator(".sensor").wait_for()
     request = json.loads((stand.job_folder / "request.json").read_text(encoding="utf-8"))
     assert {key: request[key] for key in ("operator", "order", "serial")} == {
         "operator": "Olga", "order": "O-2", "serial": "long"}  # fmt: skip

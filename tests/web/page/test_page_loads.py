@@ -189,8 +189,8 @@ def test_an_engineer_withdraws_a_calibration_and_the_one_before_counts(open_tab,
     untrusted = stand.store.add("calibration", stored_results.read(stand.made, "calibration") | {
         "status": "untrusted", "reasons": ["found dirt"]}).number  # fmt: skip
     tab = open_tab("#/")
-    tab.get_by_text("A newer calibration is not trusted and not used").wait_for()
-    tab.get_by_role("link", name=f"#{untrusted}", exact=True).click()
+    tab.get_by_text("is not used: it is not trusted").wait_for()
+    tab.get_by_role("link", name=f"Calibration #{untrusted} is not used").click()
     tab.get_by_role("button", name="Withdraw").click()
     dialog = tab.get_by_role("dialog")
     dialog.get_by_role("button", name="Withdraw").click()
@@ -202,11 +202,11 @@ def test_an_engineer_withdraws_a_calibration_and_the_one_before_counts(open_tab,
     tab.locator(".stamp .word", has_text="withdrawn").wait_for()
     assert tab.get_by_role("tab").count() == 0
     tab.goto(stand.url + f"#/results/{untrusted}")
-    tab.get_by_text("This result was corrected by").wait_for()
+    tab.get_by_text("This result was withdrawn by").wait_for()
     assert not tab.get_by_role("button", name="Withdraw").count()
     tab.goto(stand.url + "#/")
     tab.get_by_role("heading", name="Calibrated").wait_for()
-    assert not tab.get_by_text("A newer calibration").count()
+    assert not tab.get_by_text("is not used").count()
 
 
 def test_devices_page_shows_which_device_does_not_answer(open_tab, stand):

@@ -40,7 +40,7 @@ def test_text_keys_are_unique():
 
 def test_every_word_of_the_server_has_a_text():
     for prefix, words in {
-        "calibration": ("valid", "untrusted", "does_not_hold", "expired", "undecided", "none"),
+        "calibration": ("valid", "untrusted", "does_not_hold", "expired", "undecided", "changed", "none"),
         "home": (), "part": ("gear", "turned", "cad"),
         "kind": ("inspection", "calibration", "verification"), "role": ("operator", "engineer"),
         "verdict": ("conforms", "does_not_conform", "undecided", "valid", "untrusted", "holds", "does_not_hold"),

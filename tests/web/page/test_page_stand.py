@@ -130,6 +130,23 @@ def test_a_running_job_is_shown_again_after_a_lost_connection(state, tab):
         tab.get_by_role("button", name="Stop").wait_for()
 
 
+@pytest.mark.parametrize(
+    ("begin", "link", "shown"), [("#/", "Results", "Results"), ("#/results", "Home", "Not calibrated")]
+)
+def test_a_page_that_did_not_load_comes_by_itself_when_the_server_is_back(tmp_path, tab, begin, link, shown):
+    with server(tmp_path) as (process, port):
+        tab.goto(f"http://127.0.0.1:{port}/{begin}")
+        tab.locator("main .page").wait_for()
+        process.kill()
+        expect(tab.locator(".strip.open")).to_be_visible(timeout=20_000)
+        tab.locator("nav").get_by_role("link", name=link, exact=True).click()
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("The stand does not answer")
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("found no answer from the stand")
+    with server(tmp_path, port):
+        expect(tab.get_by_role("heading", name=shown)).to_be_visible(timeout=20_000)
+        expect(tab.locator("main").get_by_role("alert")).to_have_count(0)
+
+
 LIT = "Laser may be ON: sensor front"
 
 
@@ -148,3 +165,19 @@ def test_a_laser_that_may_be_on_is_shown_first_and_large(state, tab):
             assert shown.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
             assert shown.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
             expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")
+
+
+def test_a_job_is_refused_while_a_laser_may_be_on_and_the_banner_stays(state, store, tab):
+    lock = StandLock(state.settings.stand)
+    lock.latch_fault("2026-11-21T10:00:00Z", "the table stopped by itself", {LIT: "nobody answers"})
+    lock.close()
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/#/calibrate")
+        banner = tab.locator(".strip.hazard")
+        expect(banner).to_contain_text(LIT)
+        banner.evaluate("(e) => new MutationObserver(() => (window.touched = true)).observe(e, {attributes: true})")
+        tab.get_by_role("button", name="Start").click()
+        expect(tab.locator("main").get_by_role("alert")).to_contain_text("the stand is in fault since")
+        expect(banner).to_contain_text(LIT)
+        assert not tab.evaluate("window.touched"), "the banner was taken down meanwhile"
+        assert state.runner.current() is None

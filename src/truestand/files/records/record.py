@@ -30,6 +30,17 @@ def now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
+def is_past(until: str | None, now: datetime) -> bool:
+    """Whether an ISO date is over; a day without a time counts to its end, and what is no date is over."""
+    if not until:
+        return False
+    try:
+        end = datetime.fromisoformat(until if "T" in until else f"{until}T23:59:59")
+    except ValueError:
+        return True
+    return now > (end if end.tzinfo else end.replace(tzinfo=UTC))
+
+
 def read_json(path: Path) -> Record:
     """A JSON object from a file.
 

@@ -91,7 +91,7 @@ class StatusPublisher:
                     messages = await listener.next()
             events = [json.loads(message) for message in messages]
             now = asyncio.get_running_loop().time()
-            stored = any(event["type"] == "job" for event in events) or now - read_at >= POLL_INTERVAL_S
+            stored = any(event["type"] in ("job", "home") for event in events) or now - read_at >= POLL_INTERVAL_S
             if stored:
                 read_at = now
             await self._update(events, stored)
@@ -104,7 +104,7 @@ class StatusPublisher:
         snapshot = replace(old, job=job, live=None if not busy else lives[-1] if lives else old.live)
         fault = old.state.get("fault")
         if stored:
-            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state, busy)
+            snapshot, fault = await asyncio.to_thread(_with_stored, snapshot, self.state)
         snapshot = replace(snapshot, state=_state(snapshot, busy, fault))
         async with self._changed:
             if snapshot != self.newest:
@@ -119,16 +119,16 @@ def _state(snapshot: Snapshot, busy: bool, fault: str | None) -> Json:
         "step": job.get("step") if busy else None,
         "done": job.get("done", 0.0),
         "message": job.get("message", ""),
-        "fault": None if busy else fault,
+        "fault": fault,
         "calibrated": calibration.get("state") == "valid",
         "calibration_status": calibration.get("state", "none"),
         "calibrated_until": calibration.get("valid_until"),
     }
 
 
-def _with_stored(old: Snapshot, state: AppState, busy: bool) -> tuple[Snapshot, str | None]:
+def _with_stored(old: Snapshot, state: AppState) -> tuple[Snapshot, str | None]:
     """The snapshot with what the store holds, and the latched fault; what can't be read becomes the reason."""
-    fault = None if busy else latched_fault(state.settings.stand) or None
+    fault = latched_fault(state.settings.stand) or None
     try:
         calibration = calibration_state(state, datetime.now(UTC))
         results = state.results.entries(limit=1)
@@ -150,10 +150,18 @@ def _result(state: AppState, entry: Entry) -> Json:
     record = state.results.record(entry.number)
     path = state.results.file(entry.number, "record")
     return entry.model_dump(mode="json", exclude={"has"}) | {
-        "reasons": texts_of(record),
-        "evaluation": EVALUATIONS.get(entry.verdict or "", 0),
+        "reasons": [*entry.doubts, *texts_of(record)],
+        "evaluation": _evaluation(entry),
         "record_sha256": None if path is None else path.name,  # its hash, as of all evidence
     }
+
+
+def _evaluation(entry: Entry) -> int:
+    """A part that conforms by a calibration that is in doubt is not known to be in tolerance."""
+    if entry.standing in ("corrected", "withdrawn"):
+        return 0
+    verdict = "undecided" if entry.standing == "in_doubt" and entry.verdict == "conforms" else entry.verdict
+    return EVALUATIONS.get(verdict or "", 0)
 
 
 def _without_profiles(live: Json) -> Json:

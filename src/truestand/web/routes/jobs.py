@@ -15,6 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from truestand.files.recipes.recipes import read_toml
 from truestand.station.jobs import STEPS
+from truestand.station.stand_lock import latched_fault
 from truestand.web.app_state import AppState, PrincipalDep, StateDep, app_state
 from truestand.web.authentication import Principal
 from truestand.web.hub import Listener
@@ -37,7 +38,7 @@ routes = Routes()
 
 @routes.add("POST", "/api/jobs", STARTING, "Calibrate, inspect or verify", (404, 409), response_model=Job)
 async def start(body: JobBody, state: StateDep, principal: PrincipalDep) -> dict[str, Any]:
-    """One at a time: 409 where one runs."""
+    """One at a time: 409 where one runs, and as long as a fault is latched."""
     for text in (body.operator, body.order, body.serial):
         if not _PLAIN_TEXT.fullmatch(text or ""):
             raise Problem(422, "found control characters in a name, need plain text; type it again")
@@ -86,6 +87,9 @@ routes.append(GuardedWebSocketRoute("/api/live", live, policy=OPERATOR))
 
 
 def _start(body: JobBody, state: AppState, principal: Principal) -> dict[str, Any]:
+    fault = latched_fault(state.settings.stand)
+    if fault:  # the worker would refuse too, but a job that runs for a moment hides what is still on
+        raise Problem(409, fault)
     if body.kind == "inspect" and not body.part:
         raise Problem(422, "found no part, an inspection needs one; choose it from the list of parts")
     part = state.folder.part(body.part) if body.part else None

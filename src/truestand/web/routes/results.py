@@ -52,10 +52,8 @@ def result(number: int, state: StateDep) -> Result:
 def withdraw(number: int, body: WithdrawBody, state: StateDep, principal: PrincipalDep) -> Entry:
     """The entry that says so; the result itself is kept as it was. A withdrawn calibration is not in force any more."""
     entry = _entry(state, number)
-    if entry.corrected_by is not None:
+    if entry.standing == "corrected":
         raise Problem(409, f"found result {number} corrected by {entry.corrected_by}; withdraw that one")
-    if not state.results.record(number):
-        raise Problem(409, f"result {number} is withdrawn already")
     store = Store.open(state.settings.store)
     made = store.correct(number, None, reason=body.reason, operator=principal.user or body.operator)
     return _entry(state, made.number)
@@ -97,6 +95,10 @@ async def certificate(number: int, state: StateDep) -> Response:
     path = await run_in_threadpool(state.results.file, number, "record")
     if entry.kind != "calibration" or path is None:
         raise Problem(404, f"found no calibration under number {number}, a certificate needs one; choose one")
+    if entry.standing in ("corrected", "withdrawn"):
+        raise Problem(
+            409, f"found calibration {number} {entry.standing}, a certificate needs one that stands; choose one"
+        )
     laboratory = state.settings.stand.with_name(LABORATORY)
     text = await state.run_task("certificate", str(path), str(laboratory))
     return Response(str(text), media_type="application/xml", headers=_disposition(entry, "xml"))

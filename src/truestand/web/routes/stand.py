@@ -1,16 +1,18 @@
 """The stand at a glance: whether it is calibrated, what came last, what can be done; its devices and their fault."""
 
+import hashlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
-from truestand.files.records.record import texts_of
+from truestand.files.records.record import is_past, texts_of
 from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.app_state import AppState, StateDep
 from truestand.web.models import CalibrationState, Device, Home, Reset
 from truestand.web.problem import Problem
 from truestand.web.routes.recipes import parts
 from truestand.web.routing import OPERATOR, Routes
+from truestand.web.usable import differences
 
 LAST_RESULTS = 8
 DEVICES_TIMEOUT_S = 60.0
@@ -21,15 +23,15 @@ routes = Routes()
 @routes.add("GET", "/api/home", OPERATOR, "The stand at a glance", response_model=Home)
 def home(state: StateDep) -> dict[str, Any]:
     """All of it in one answer."""
-    busy = state.runner.busy
-    return {
+    lasting = {
         "calibration": calibration_state(state, datetime.now(UTC)),
         "last": state.results.entries(limit=LAST_RESULTS),
-        "job": state.runner.current(),
-        "fault": None if busy else latched_fault(state.settings.stand) or None,
-        "not_stopped": [] if busy else not_stopped(state.settings.stand),
+        "fault": latched_fault(state.settings.stand) or None,
+        "not_stopped": not_stopped(state.settings.stand),
         "parts": parts(state),
     }
+    version = hashlib.sha256(repr((lasting, state.results.head())).encode()).hexdigest()[:16]
+    return lasting | {"job": state.runner.current(), "version": version}
 
 
 @routes.add("GET", "/api/devices", OPERATOR, "Ask table and sensors", (409, 422), response_model=list[Device])
@@ -52,16 +54,16 @@ async def reset(state: StateDep) -> Reset:
 def calibration_state(state: AppState, now: datetime) -> CalibrationState:
     """What the calibration in force is worth at a time, by its record and its verification."""
     entry = state.results.calibration()
+    not_in_force, reason = state.results.not_in_force() or (None, None)
+    fields: dict[str, Any] = {"not_in_force": not_in_force, "not_in_force_reason": reason}
     if entry is None:
-        return CalibrationState(state="none")
+        return CalibrationState(state="none", **fields)
     record = state.results.record(entry.number)
     until, verification = record.get("valid_until"), state.results.verification()
-    newer = state.results.not_in_force()
     verdict = None if verification is None else verification.verdict
-    worst = _worst(record, verdict, now)
-    fields: dict[str, Any] = {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until}
-    if newer is not None:
-        fields["not_in_force"] = newer.number
+    changes = differences(record, state.settings.stand, state.settings.artefact)
+    worst = _worst(record, verdict, bool(changes), now)
+    fields |= {"state": worst, "number": entry.number, "time": entry.time, "valid_until": until, "changes": changes}
     if verification is not None:
         fields |= {"verification": verification.number, "verified": verification.time}
         if worst == verdict:
@@ -69,7 +71,7 @@ def calibration_state(state: AppState, now: datetime) -> CalibrationState:
     return CalibrationState(**fields, reasons=texts_of(record))
 
 
-def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str:
+def _worst(record: Mapping[str, Any], verdict: str | None, changed: bool, now: datetime) -> str:
     """The worst that can be said of a calibration with this record and the ``verdict`` of its verification."""
     if record.get("status") != "valid":
         return "untrusted"
@@ -77,18 +79,7 @@ def _worst(record: Mapping[str, Any], verdict: str | None, now: datetime) -> str
         return "does_not_hold"
     if is_past(record.get("valid_until"), now):
         return "expired"
-    return "undecided" if verdict == "undecided" else "valid"
-
-
-def is_past(until: str | None, now: datetime) -> bool:
-    """Whether an ISO date is over; a day without a time counts to its end, and what is no date is over."""
-    if not until:
-        return False
-    try:
-        end = datetime.fromisoformat(until if "T" in until else f"{until}T23:59:59")
-    except ValueError:
-        return True
-    return now > (end if end.tzinfo else end.replace(tzinfo=UTC))
+    return "undecided" if verdict == "undecided" else "changed" if changed else "valid"
 
 
 def _require_idle(state: AppState) -> None:

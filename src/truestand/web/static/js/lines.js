@@ -80,9 +80,9 @@ export function whole(record) {
   return mainLines(record).filter((c) => c.tooth === null || c.tooth === undefined);
 }
 
-/** The lines that carry a verdict, named; what can't be measured first. */
-export function decisive(record) {
-  const items = [];
+/** Doubts about the calibration first; then the lines that carry a verdict, named; what can't be measured first. */
+export function decisive(entry, record) {
+  const items = entry.doubts.map((doubt) => h("li", { class: "open" }, mark("open"), h("span", {}, doubt)));
   const lines = whole(record);
   const unseen = lines.filter((c) => c.status === "not_measurable");
   if (unseen.length) items.push(h("li", { class: "open" }, mark("open"), h("span", {}, h("strong", {}, t("result.unseen")), ": ", list(unseen.map((c) => c.name)))));

@@ -61,6 +61,7 @@ function reached(yes) {
 function heard(event) {
   heardAt = Date.now();
   if (event.type === "job") take(event.job);
+  if (event.type === "home" && store.home && store.home.version !== event.version) loadHome().catch(() => {});
   if (event.type !== "live") return;
   store.live = { ...event.live, step: store.job?.step };
   store.notify("live");

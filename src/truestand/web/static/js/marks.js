@@ -51,10 +51,17 @@ export function icon(name) {
 const TONES = {
   conforms: "good", valid: "good", holds: "good", answers: "good", done: "good", kept: "good",
   does_not_conform: "bad", untrusted: "bad", does_not_hold: "bad", silent: "bad", broken: "bad", failed: "bad", none: "bad",
-  undecided: "open", expired: "open", unknown: "open", ended: "bad", aborted: "none", withdrawn: "none", running: "busy",
+  undecided: "open", expired: "open", changed: "open", unknown: "open", ended: "bad", aborted: "none", withdrawn: "none", corrected: "none", running: "busy",
 };
 
 /** Tone and word of a verdict, a calibration's status or a job's state. */
 export function judged(word) {
   return { tone: TONES[word] ?? "none", word: TONES[word] ? t(`verdict.${word}`) : (word ?? t("verdict.nothing")) };
+}
+
+/** The same of a result as it stands today: one that was taken back, or is in doubt for its calibration, isn't green. */
+export function standing(entry) {
+  const said = judged(entry.verdict ?? entry.status);
+  if (entry.standing === "in_doubt" && said.tone === "good") return { tone: "open", word: t("verdict.in_doubt", { verdict: said.word }) };
+  return ["corrected", "withdrawn"].includes(entry.standing) ? judged(entry.standing) : said;
 }

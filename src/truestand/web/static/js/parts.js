@@ -2,7 +2,7 @@
 
 import { h } from "./dom.js";
 import { when } from "./format.js";
-import { icon, judged, mark } from "./marks.js";
+import { icon, judged, mark, standing } from "./marks.js";
 import { t } from "./texts.js";
 
 export function heading(text, ...beside) {
@@ -30,10 +30,9 @@ export function verdict(word, kind = "") {
 }
 
 /** The huge one, to be read from two metres. */
-export function stamp(word, over, under, level = "h1") {
-  const { tone, word: text } = judged(word);
+export function stamp({ tone, word }, over, under, level = "h1") {
   return h("section", { class: `stamp ${tone}` }, mark(tone, "huge"),
-    h("div", {}, over && h("p", { class: "over" }, over), h(level, { class: "word" }, text), under && h("p", { class: "under" }, under)));
+    h("div", {}, over && h("p", { class: "over" }, over), h(level, { class: "word" }, word), under && h("p", { class: "under" }, under)));
 }
 
 /** What the server, or the way to it, did not like; with a way to try again. */
@@ -68,13 +67,14 @@ export function rows(entries) {
 }
 
 function row(entry) {
-  const { tone, word } = judged(entry.verdict ?? entry.status);
+  const { tone, word } = standing(entry);
   const facts = [entry.kind === "inspection" ? entry.serial : t("word.by", { name: entry.operator || "–" }), when(entry.time)];
   return h("a", { class: `row ${entry.corrected_by ? "corrected" : ""}`, href: `#/results/${entry.number}` },
     mark(tone),
     h("span", { class: "what" }, h("span", { class: "name" }, titled(entry)), h("span", { class: "facts" }, facts.filter(Boolean).join(" · "))),
-    entry.corrected_by && h("span", { class: "tag" }, t("result.corrected", { number: entry.corrected_by })),
-    h("span", { class: `verdict ${tone}` }, word), h("span", { class: "no" }, `#${entry.number}`));
+    entry.corrected_by && h("span", { class: "tag" }, t("result.by", { number: entry.corrected_by })),
+    h("span", { class: `verdict ${tone}` }, word), h("span", { class: "no" }, `#${entry.number}`),
+    entry.doubts.length > 0 && h("span", { class: "doubt" }, entry.doubts[0]));
 }
 
 /** Where one is in a guided job. */

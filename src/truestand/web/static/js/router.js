@@ -1,6 +1,7 @@
 // Pages by hash: #/results/12/cloud. Each page is a module, loaded when first wanted.
 
 import { h, put } from "./dom.js";
+import { load, retry, whenBack } from "./modules.js";
 import { store } from "./store.js";
 import { busy, trouble } from "./parts.js";
 
@@ -58,7 +59,7 @@ export async function go() {
   const [name, values] = match(path);
   const slow = setTimeout(() => put(place, busy()), 250);
   try {
-    const page = await import(`./pages/${name}.js`);
+    const page = await load(`pages/${name}.js`);
     const built = h("div", { class: `page ${name}` });
     await page.show(built, values, controller.signal);
     if (controller.signal.aborted) return undefined;
@@ -68,7 +69,8 @@ export async function go() {
   } catch (wrong) {
     if (controller.signal.aborted || wrong.name === "AbortError") return undefined;
     clearTimeout(slow);
-    put(place, h("div", { class: "page" }, trouble(wrong, go)));
+    put(place, h("div", { class: "page" }, trouble(wrong, retry(wrong, go))));
+    whenBack(wrong, go, controller.signal);
   } finally {
     clearTimeout(slow);
   }

@@ -21,6 +21,16 @@ export const store = {
     signal?.addEventListener("abort", () => acts.delete(act), { once: true });
   },
 
+  /** Call `act` whenever the stand, its store or its recipes have changed, by whatever program. */
+  onChange(act, signal) {
+    let known = this.home?.version;
+    this.on("home", () => {
+      if (this.home.version === known) return;
+      known = this.home.version;
+      act();
+    }, signal);
+  },
+
   notify(name) {
     for (const act of [...(listeners.get(name) ?? [])]) act();
   },

@@ -21,7 +21,7 @@ export async function show(page, { part, step }, signal) {
   const parts = await get("api/parts", signal);
   const chosen = parts.find((p) => p.name === part);
   if (!chosen) return to("/inspect", true);
-  return step === "mount" ? mount(page, chosen) : identify(page, chosen);
+  return step === "mount" ? mount(page, chosen, signal) : identify(page, chosen);
 }
 
 async function choose(page, signal) {
@@ -29,7 +29,7 @@ async function choose(page, signal) {
   const list = parts.length
     ? h("ul", { class: "choices" }, parts.map((p) => h("li", {}, choice(p))))
     : empty(t("inspect.no_parts"), store.engineer && link(t("inspect.write_recipe"), "/recipes", { kind: "primary" }));
-  add(page, stepper(names(), 0), heading(t("inspect.choose")), warning(), list);
+  add(page, stepper(names(), 0), heading(t("inspect.choose")), warning(signal), list);
 }
 
 function choice(part) {
@@ -37,13 +37,25 @@ function choice(part) {
     h("span", { class: "name" }, part.title || part.name), h("span", { class: "facts" }, `${t(`part.${part.kind}`)} · ${part.file}`));
 }
 
-/** Nothing can be decided on a stand that is not calibrated: shown before the work. */
-function warning() {
-  const { state, verified, reasons } = store.home.calibration;
+/** Nothing can be decided on a stand that is not calibrated: shown before the work, and as soon as it is so. */
+function warning(signal) {
+  const place = h("div", { class: "warning" });
+  const draw = () => {
+    const shown = notice();
+    place.hidden = !shown;
+    put(place, shown);
+  };
+  draw();
+  store.onChange(draw, signal);
+  return place;
+}
+
+function notice() {
+  const { state, verified, reasons, changes } = store.home.calibration;
   if (state === "valid") return null;
   const { tone } = judged(state);
   return h("div", { class: `notice ${tone}`, role: "alert" }, mark(tone),
-    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), (reasons ?? []).map((reason) => h("p", {}, reason))),
+    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), [...reasons, ...changes].map((reason) => h("p", {}, reason))),
     link(t("home.calibrate"), "/calibrate", { kind: "primary go", sign: "calibrate" }));
 }
 
@@ -63,16 +75,22 @@ function identify(page, part) {
   }
 }
 
-function mount(page, part) {
+function mount(page, part, signal) {
   if (entered.part !== part.name) return to(`/inspect/${encodeURIComponent(part.name)}`, true);
   const wrong = h("div", {});
-  const ready = store.home.calibration.state === "valid";
-  add(page, stepper(names(), 2), heading(t("inspect.mount")), warning(),
+  const go = button(t("inspect.start"), start, { sign: "play" });
+  ready();
+  store.onChange(ready, signal);
+  add(page, stepper(names(), 2), heading(t("inspect.mount")), warning(signal),
     h("section", { class: "card" }, h("dl", { class: "facts-list" }, fact(t("inspect.part"), part.title || part.name),
       fact(t("inspect.serial"), entered.serial), fact(t("inspect.order"), entered.order), fact(t("inspect.operator"), entered.operator)),
     h("ol", { class: "todo" }, ["mount.part", "mount.clean", "mount.clear"].map((key) => h("li", {}, t(key)))), wrong,
     h("div", { class: "actions" }, link(t("action.back"), `/inspect/${encodeURIComponent(part.name)}`, { sign: "back" }),
-      button(t("inspect.start"), start, { kind: ready ? "primary go" : "", sign: "play" }))));
+      go)));
+
+  function ready() {
+    for (const kind of ["primary", "go"]) go.classList.toggle(kind, store.home.calibration.state === "valid");
+  }
 
   function start(event) {
     return begin({ kind: "inspect", part: part.name, serial: entered.serial, order: entered.order, operator: entered.operator }, event.currentTarget, wrong);

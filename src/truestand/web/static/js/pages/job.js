@@ -4,7 +4,7 @@ import { get, loadHome, send } from "../api.js";
 import { add, h, put, s } from "../dom.js";
 import { number, percent } from "../format.js";
 import { say } from "../frame.js";
-import { mark } from "../marks.js";
+import { judged, mark, standing } from "../marks.js";
 import { alertBox, button, empty, heading, link, stamp, stepper } from "../parts.js";
 import { profileView } from "../profile.js";
 import { store } from "../store.js";
@@ -23,8 +23,9 @@ export async function show(page, _, signal) {
     return;
   }
   let drawn = null;
-  draw();
+  await draw();
   store.on("job", draw, signal);
+  store.onChange(() => store.running || ended(page, true, signal), signal);
 
   function draw() {
     const key = `${store.job.id} ${store.job.state}`;
@@ -32,7 +33,7 @@ export async function show(page, _, signal) {
     const first = drawn === null;
     drawn = key;
     if (store.job.state === "running") return put(page, working(signal));
-    ended(page, first, signal);
+    return ended(page, first, signal);
   }
 }
 
@@ -51,7 +52,7 @@ function working(signal) {
   const sensors = h("div", { class: "sensors" });
   const table = dial();
   const views = new Map();
-  const unknown = stamp("unknown", null, t("job.unknown"), "h2");
+  const unknown = stamp(judged("unknown"), null, t("job.unknown"), "h2");
   const known = h("div", { class: "working" },
     h("section", { class: "card control", "aria-label": t("job.progress") }, h("div", { class: "gauge" }, share, gauge), steps, message, wrong, stop),
     h("section", { class: "card seen", "aria-label": t("live.title") }, table.element, sensors));
@@ -164,18 +165,24 @@ function sensorView(name) {
 /** The end: huge, what decided it, and where to go from here. */
 async function ended(page, first, signal) {
   const job = store.job;
-  const word = job.state === "done" ? (job.verdict ?? job.status ?? "done") : job.state;
-  const why = h("div", { class: "why" });
-  const shown = stamp(word, title(job), job.message);
-  put(page, guide(job, 1), shown, why, h("div", { class: "actions large" }, onward(job)));
+  const result = job.number && (await get(`api/results/${job.number}`, signal).catch(() => null));
+  if (signal.aborted || store.job.id !== job.id) return; // the next job may have begun
+  const key = JSON.stringify([job.id, result?.entry]);
+  if (page.dataset.ended === key) return;
+  page.dataset.ended = key;
+  const over = [title(job), result?.entry.serial].filter(Boolean).join(" · ");
+  put(page, guide(job, 1), stamp(outcome(job, result), over, job.message),
+    result && h("div", { class: "why" }, decisive(result.entry, result.record)), h("div", { class: "actions large" }, onward(job)));
   say(`${title(job)}: ${page.querySelector(".word").textContent}`);
   if (!first) page.querySelector("h1")?.setAttribute("tabindex", "-1");
   if (!first) page.querySelector("h1")?.focus();
-  if (!job.number) return;
-  const result = await get(`api/results/${job.number}`, signal).catch(() => null);
-  if (!result || signal.aborted || !shown.isConnected) return; // the next job may have begun
-  if (result.entry.serial) shown.querySelector(".over").append(` · ${result.entry.serial}`);
-  put(why, decisive(result.record));
+}
+
+/** What came of a job. A result counts as what it is worth: it may rest on a calibration that is in doubt. */
+function outcome(job, result) {
+  if (result) return standing(result.entry);
+  const said = judged(job.state === "done" ? (job.verdict ?? job.status ?? "done") : job.state);
+  return job.number ? { ...said, tone: "none" } : said;
 }
 
 function onward(job) {

@@ -3,8 +3,10 @@
 import { get, send } from "../api.js";
 import { add, h, put } from "../dom.js";
 import { when } from "../format.js";
+import { judged, standing } from "../marks.js";
 import { alertBox, askWhy, busy, button, heading, link, stamp, titled } from "../parts.js";
-import { to } from "../router.js";
+import { load, whenBack } from "../modules.js";
+import { go, to } from "../router.js";
 import { store } from "../store.js";
 import { t } from "../texts.js";
 import { decisive } from "../lines.js";
@@ -15,14 +17,21 @@ export async function show(page, { number, tab = "values" }, signal) {
   const tabs = ["values", "charts", ...(entry.has?.cloud ? ["cloud"] : []), "evidence"];
   const panel = h("div", { class: "panel", role: "tabpanel", id: "panel", tabindex: "0" });
   const bar = h("div", { class: "tabs", role: "tablist", "aria-label": t("result.views"), on: { keydown: step } });
-  const word = record.verdict ?? record.status ?? entry.verdict ?? entry.status;
   let inside = null;
+  store.onChange(look, signal);
+  page.classList.add(entry.standing);
   add(page, heading(titled(entry)), corrected(entry),
-    stamp(word, [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"));
+    stamp(standing(entry), [t(`kind.${entry.kind}`), entry.serial].filter(Boolean).join(" · "), facts(entry), "p"));
   if (!Object.keys(record).length) return; // it takes another result back
-  add(page, decisive(record), h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry), withdrawal(entry, page))), panel);
+  add(page, decisive(entry, record), h("div", { class: "views" }, bar, h("div", { class: "downloads" }, downloads(entry), withdrawal(entry, page))), panel);
   signal.addEventListener("abort", () => inside?.abort());
   open(tabs.includes(tab) ? tab : "values");
+
+  /** What the result is worth may have changed; its record never does. */
+  async function look() {
+    const now = await get(`api/results/${number}`, signal).catch(() => null);
+    if (now && JSON.stringify(now.entry) !== JSON.stringify(entry)) go();
+  }
 
   function open(name, focus = false) {
     history.replaceState(null, "", `#/results/${number}${name === "values" ? "" : `/${name}`}`);
@@ -39,12 +48,13 @@ export async function show(page, { number, tab = "values" }, signal) {
     put(panel, busy());
     try {
       if (name === "values" || name === "evidence") put(panel, details(name, entry, record));
-      if (name === "charts") await (await import("../result-charts.js")).resultCharts(panel, entry, record, mine);
-      if (name === "cloud") await (await import("../cloud.js")).cloud(panel, `api/results/${number}/cloud?points=200000`, mine);
+      if (name === "charts") await (await load("result-charts.js")).resultCharts(panel, entry, record, mine);
+      if (name === "cloud") await (await load("cloud.js")).cloud(panel, `api/results/${number}/cloud?points=200000`, mine);
     } catch (wrong) {
       if (mine.aborted || wrong.name === "AbortError") return;
       if (!("status" in wrong)) console.error(wrong);
       put(panel, alertBox(wrong.message));
+      whenBack(wrong, () => open(name), mine);
     }
   }
 
@@ -59,13 +69,14 @@ export async function show(page, { number, tab = "values" }, signal) {
 }
 
 function facts(entry) {
-  const parts = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order })];
+  const parts = [`#${entry.number}`, when(entry.time), entry.operator, entry.order && t("word.order", { order: entry.order }),
+    entry.corrects && t((entry.verdict ?? entry.status) === "withdrawn" ? "result.withdraws" : "result.corrects", { number: entry.corrects }), entry.corrected_by && t("result.was", { verdict: judged(entry.verdict ?? entry.status).word })];
   return parts.filter(Boolean).join(" · ");
 }
 
 function corrected(entry) {
   if (!entry.corrected_by) return null;
-  return h("div", { class: "notice open" }, h("p", {}, t("result.corrected.long", { number: entry.corrected_by })), link(t("result.correction"), `/results/${entry.corrected_by}`));
+  return h("div", { class: "notice open" }, h("p", {}, t(`result.${entry.standing}`, { number: entry.corrected_by })), link(t("result.correction"), `/results/${entry.corrected_by}`));
 }
 
 /** A button that takes the result back, for engineers; it stays in the store as it was. */

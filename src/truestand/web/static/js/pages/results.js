@@ -8,6 +8,7 @@ import { store } from "../store.js";
 import { t } from "../texts.js";
 
 const MANY = 30;
+const MOST = 500;
 const KINDS = ["", "inspection", "calibration", "verification"];
 const wanted = { kind: "", part: "" };
 
@@ -20,6 +21,7 @@ export async function show(page, _, signal) {
   let entries = [];
   add(page, heading(t("results.title"), store.engineer && button(t("audit.run"), check, { kind: "quiet" })), audit, filters, list, more);
   filter();
+  store.onChange(refresh, signal);
   await load();
 
   function filter() {
@@ -34,12 +36,31 @@ export async function show(page, _, signal) {
   }
 
   async function load() {
-    const before = entries.at(-1)?.number;
-    const asked = new URLSearchParams({ limit: MANY, ...(wanted.kind && { kind: wanted.kind }), ...(wanted.part && { part: wanted.part }), ...(before && { before }) });
-    const found = await get(`api/results?${asked}`, signal);
-    entries = entries.concat(found);
+    const shown = entries;
+    const before = shown.at(-1)?.number;
+    const found = await ask(MANY, before && { before });
+    if (entries === shown) draw(shown.concat(found), found.length === MANY); // else something newer was drawn meanwhile
+  }
+
+  /** The same ones as they are now, and those that came. */
+  async function refresh() {
+    const shown = entries;
+    const limit = Math.min(Math.max(MANY, shown.length), MOST);
+    const found = await ask(limit).catch(() => null); // the frame says that the stand does not answer
+    if (!found) return;
+    if (entries === shown) draw(found, found.length === limit);
+    else await refresh();
+  }
+
+  function ask(limit, from = {}) {
+    const asked = new URLSearchParams({ limit, ...(wanted.kind && { kind: wanted.kind }), ...(wanted.part && { part: wanted.part }), ...from });
+    return get(`api/results?${asked}`, signal);
+  }
+
+  function draw(found, older) {
+    entries = found;
     put(list, entries.length ? rows(entries) : empty(t(wanted.kind || wanted.part ? "results.none_such" : "results.none")));
-    put(more, found.length === MANY ? button(t("results.more"), load) : "");
+    put(more, older ? button(t("results.more"), load) : "");
   }
 
   async function check(event) {
