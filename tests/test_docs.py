@@ -141,7 +141,7 @@ def test_every_error_of_a_virtual_gear_is_explained():
     page = ROOT / "docs" / "build-your-stand.md"
     text = page.read_text(encoding="utf-8")
     for key in (*GearErrorsRecipe.model_fields, *CadPoseRecipe.model_fields):
-        assert (f"[[simulation.{key}]]" if key in ("dent", "worn", "chip") else f"`{key}`") in text, key
+        assert (f"[[simulation.{key}]]" if key in ("dent", "worn", "scratch", "chip") else f"`{key}`") in text, key
     _, example = code(page, "toml")
     made = virtual_part_from(Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0), tomllib.loads(example)["simulation"])
     assert made.errors.dents[0].depth == 0.04

@@ -53,8 +53,9 @@ READINGS_PER_CELL, READINGS_PER_FINE_CELL = 12, 4
 """On average, where there are so many."""
 PLAINLY = 3.0
 """Standard deviations by which lower cells must read more to count."""
-FINE_HEIGHT, SPACINGS = 0.25, 2.0
-"""mm of height, and points of a profile at least, by which it is told what was seen, and what higher cells flatten."""
+FINE_HEIGHT, SPACINGS, FINE_SPACINGS = 0.25, 2.0, 1.5
+"""mm of height, and points of a profile at least, by which it is told what was seen; and points by which it is told
+what higher cells flatten."""
 BLOCK = 256
 """Profiles worked on at once."""
 FORM = (
@@ -306,11 +307,14 @@ class _Seen:
         return Readings(self.flat, self.deviation, grid.cells(self.angle, self.height), self.lone)
 
     @property
+    def spacing(self) -> float:
+        """mm of height from one point of a profile to the next."""
+        return float(np.median(np.abs(np.diff(self.height)))) if self.height.size > 1 else self.high - self.low
+
+    @property
     def share(self) -> float:
         """Of the section's surface that the readings show, whatever the height of the cells that form is read from."""
-        length = self.high - self.low
-        spacing = float(np.median(np.abs(np.diff(self.height)))) if self.height.size > 1 else length
-        heights = max(int(length / max(FINE_HEIGHT, SPACINGS * spacing)), 1)
+        heights = max(int((self.high - self.low) / max(FINE_HEIGHT, SPACINGS * self.spacing)), 1)
         cells = Grid(self.low, self.high, heights, LEAST_ANGLES).cells(self.angle, self.height)
         return float((np.bincount(cells, minlength=heights * LEAST_ANGLES) > 0).mean())
 
@@ -387,11 +391,11 @@ def _figures(section: Section, grid: Grid, seen: _Seen, cutoff: float) -> _Figur
 def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figures, Array]:
     """The figures, and by how much (5,) mm cells may flatten what they read.
 
-    Where lower cells read plainly more than their noise explains, they count. What they flatten in turn is a sixth of
-    the second difference along the height, as of a parabola whose peak lies between two cells, and half of it where it
-    is as large as the figure: of a dent no longer than two cells are high.
+    Where lower cells, seen all round, read plainly more than their noise explains, they count. What they flatten in
+    turn is a sixth of the second difference along the height, as of a parabola whose peak lies between two cells, and
+    half of it where it is as large as the figure: of a dent no longer than two cells are high.
     """
-    if fine is None or fine.grid.heights == coarse.grid.heights:
+    if fine is None or fine.grid.heights == coarse.grid.heights or not fine.rings.closed.all():
         return coarse, np.zeros(len(STATISTICS))
     more = np.maximum(fine.reading.statistics - np.hypot(coarse.value, fine.floor), 0.0)
     more[0] = 0.0  # a mean has no extremes
@@ -416,7 +420,8 @@ def _section(
             f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
         )
         return missing, [], [Message("section_not_seen", remark)]
-    low_cells = _grid(inspected, seen, FINE_HEIGHT, FINE_CELLS_PER_WAVE, READINGS_PER_FINE_CELL)
+    lowest = max(FINE_HEIGHT, FINE_SPACINGS * seen.spacing)
+    low_cells = _grid(inspected, seen, lowest, FINE_CELLS_PER_WAVE, READINGS_PER_FINE_CELL)
     found, within = _with_shape_within(coarse, _figures(section, low_cells, seen, cutoff))
     whole = status_of(coverage)
     closed = whole if bool(found.rings.closed.all()) else "partial"
