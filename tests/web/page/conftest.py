@@ -37,6 +37,14 @@ def chromium():
         browser.close()
 
 
+@pytest.fixture
+def tab(chromium):
+    """A tab of a server that a test starts itself."""
+    context = chromium.new_context(viewport={"width": 1280, "height": 800})
+    yield context.new_page()
+    context.close()
+
+
 @pytest.fixture(scope="session")
 def measured(tmp_path_factory):
     """What the commands made of virtual scans."""

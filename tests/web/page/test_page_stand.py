@@ -17,13 +17,6 @@ MOVED = "sensor, radially: the sensor has moved or turned in the laser plane: ca
 
 
 @pytest.fixture
-def tab(chromium):
-    context = chromium.new_context(viewport={"width": 1280, "height": 800})
-    yield context.new_page()
-    context.close()
-
-
-@pytest.fixture
 def store(state):
     """With a calibration that is valid."""
     found = Store.open(state.settings.store, create=True)

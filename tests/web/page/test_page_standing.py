@@ -16,13 +16,6 @@ expect = pytest.importorskip("playwright.sync_api", reason="playwright is not in
 
 
 @pytest.fixture
-def tab(chromium):
-    context = chromium.new_context(viewport={"width": 1280, "height": 800})
-    yield context.new_page()
-    context.close()
-
-
-@pytest.fixture
 def store(state):
     """With a calibration and a part that conforms by it."""
     found = Store.open(state.settings.store, create=True)
