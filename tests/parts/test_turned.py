@@ -288,7 +288,7 @@ def test_errors_are_within_u_of_a_found_calibration():
 
 @pytest.mark.parametrize("length", [2.0, 3.0, 5.0])
 def test_a_dent_no_longer_than_the_cells_are_high_is_not_flattened(length):
-    """Few readings make high cells: a dent of some mm along the axis read 158 um where 212 are true."""
+    """Few readings make high cells, in which dents were outliers: 1, 21 and 116 um were read of 192."""
     scan, known = scanned("round")
     surface = apply_calibration(replace(scan, x=scan.x[:, ::3], z=scan.z[:, ::3]), known)
     depth, arc = 0.2, 0.6

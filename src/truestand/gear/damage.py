@@ -137,15 +137,17 @@ def damage_of(
     not_seen = [_not_seen(told, there) for told in rays]
     unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
     missed = np.maximum.reduce([weight for _, weight in not_seen])
-    for sign, departing, others, weight in ((1, below, unseen, np.maximum(below, missed)), (-1, above, above, above)):
-        marked = (departing | others) & grid.in_ranges & there[:, None, None]
+    for sign, departing, marked, weight in (
+        (1, below, below | unseen, np.maximum(below, missed)), (-1, above, above, above),
+    ):  # fmt: skip
+        marked = marked & grid.in_ranges & there[:, None, None]
         bridged = bridge_gaps(marked, grid, step)
         for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
                 on = (region & departing[side, tooth]).reshape(-1)
                 depths = sign * depth[own[on[cell[own] % region.size]]]
-                not_met = float(missed[side, tooth][region].sum()) if sign > 0 else 0.0
+                not_met = float(missed[side, tooth][region].sum())
                 found.append(_damage(grid, (int(side), int(tooth)), region, depths, not_met, sign, step, radial))
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))

@@ -1,8 +1,8 @@
 """Flank points reduced to cells of roll length times height, one grid a tooth and flank: what everything is read from.
 
 A cell's value is the mean of its points, outliers among them are out already (``without_lone_readings``). Its median
-stands beside it for the search for defects. Cells have edges where traces have theirs:
-at the middle of the face +- b / 20.
+stands beside it for the search for defects. Cells have edges where traces have theirs: at the middle of the face
++- b / 20.
 
 Radial rays sample a flank coarsely near its root: one step of the table covers rb dtheta / sin^2 alpha of roll length.
 A cell between two profiles is not hidden, so it counts as seen when its neighbours within one such step are.

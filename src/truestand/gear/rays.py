@@ -54,8 +54,8 @@ def rays_on_flanks(
     heights that stand elsewhere as a whole: in a groove along the profile.
 
     Missed, in the first, are those about which no reading lies along the roll length; in the second, those whose own
-    profile has no reading as near along the height as it usually has. A narrow groove on a flank seen well lies between
-    two readings of the first; on a steep one, readings of a profile are far apart.
+    profile has no reading as near along the height as it usually has. On flanks seen well, readings beside a narrow
+    groove hide it from the first; on steep ones, readings of one profile are too far apart for the second.
     """
     (low, high), shape = grid.nominal.profile_range, grid.delta.shape
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
