@@ -316,6 +316,36 @@ def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     assert len(far) <= 4  # of 192: between two profiles near the root
 
 
+STEEP = replace(helical(15.0), accuracy_class=10)
+
+
+def test_a_crater_that_no_reading_shows_is_not_seen_on_steep_flanks():
+    """Half of the rays get lost there anyway: f_falpha read 7 +- 3 and conformed, true 250."""
+    crater = replace(SOUND, worn=(Worn(5, "right", (6.3, 7.4), (11.7, 16.5), 0.24, 0.2),))
+    found = inspected(crater, STEEP, simulation(4400, upright=True), 320)
+    assert {verdict(found, name, 5, "right") for name in (*PROFILE, "f_Halpha")} == {"undecided"}
+    assert line(found, "f_falpha", 5, "right").U > 0.25
+    assert "conforms" in {verdict(found, "f_falpha", tooth, "right") for tooth in range(1, 25)}
+
+
+def test_a_groove_aslant_is_as_deep_as_it_is_on_the_measuring_circle():
+    """Walls of a groove are no noise: a parabola over it said 39 +- 11, and F_beta conformed at 57."""
+    groove = replace(SOUND, scratches=(Scratch(5, "left", (5.0, 11.0), (13.0, 17.0), 0.83, 0.067),))
+    found, true = inspected(groove, GEAR, simulation(4400), 320), truth(groove)
+    for name in HELIX:
+        c = line(found, name)
+        assert abs(c.value - true[name, "left", 5]) < c.U and c.verdict != "conforms", name
+
+
+@pytest.mark.parametrize("cell", [0.3, 0.8])
+def test_speckle_that_goes_on_is_noise(cell):
+    """It went on for three cells of height, and 8 % of lines were beyond 1.5 U, some beyond 3 U; none may now."""
+    found, true = inspected(SOUND, GEAR, simulation(4400, speckle=0.01, speckle_cell=cell), 320), truth(SOUND)
+    off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in found.characteristics if c.tooth])
+    assert off.max() < 2.5 and (off > 1.5).mean() <= 0.01
+    assert (np.array([c.verdict for c in found.characteristics if c.tooth]) == "conforms").mean() > 0.9
+
+
 def test_a_dent_that_one_profile_crosses_is_no_outlier():
     """Three readings of 49 um deep, 0.8 mm wide, were left out as single ones: 22 um of form read 4.2 +- 1.3."""
     dents = replace(SOUND, dents=tuple(Dent(t, "left", 8.0 + t / 50, 19.83, 0.42, 0.049) for t in range(2, 24, 4)))

@@ -8,55 +8,91 @@ import pytest
 from gears import SPUR
 from truestand.gear.geometry import involute
 from truestand.gear.grid import Grid, centres_of, height_edges
-from truestand.gear.noise import CellNoise, noise_of_cells
+from truestand.gear.noise import CellNoise, Correlation, borne_out, noise_of_cells
 
 UM = 1e-3
+WHITE = Correlation()
 
 
-def grid(noise=0.0, of_row=0.0, of_column=0.0, correlated=0.0, ar1=0.0, damage=0.0, seed=0):
-    """Smooth flanks of 16 readings a cell, with noise of a single reading."""
+def grid(noise=0.0, of_row=0.0, of_column=0.0, correlation=WHITE, damage=0.0, seed=0):
+    """Smooth flanks of 4 readings a cell, with noise of a single reading."""
     nominal = involute(SPUR)
-    edges, rolls = height_edges(nominal, 0.5), centres_of(nominal.control_roll, nominal.tip_roll, 40)
+    edges, rolls = height_edges(nominal, 0.25), centres_of(nominal.control_roll, nominal.tip_roll, 40)
     shape = (2, 24, rolls.size, edges.size - 1)
     heights = (edges[:-1] + edges[1:]) / 2
-    drawn = CellNoise(np.full(shape, noise**2 / 16), correlated, ar1, of_row, of_column)
+    drawn = CellNoise(np.full(shape, noise**2 / 4), np.zeros(shape), correlation, of_row, of_column)
     delta = 0.004 * np.sin(rolls / 3.0)[:, None] - 0.01 * ((heights - 15.0) / 10.0) ** 2
     delta = delta + drawn.draw(np.random.default_rng(seed))
     delta[:, ::4, 10:16, 10:20] -= damage
     roll, height = (np.broadcast_to(a, shape) for a in (rolls[:, None], heights))
-    return Grid(nominal, delta, delta, roll, height, np.full(shape, 16.0), rolls, edges, noise)
+    return Grid(nominal, delta, delta, roll, height, np.full(shape, 4.0), rolls, edges, noise)
+
+
+def of_means(found, axis):
+    """Standard deviation of means of the noise along an axis of the cells."""
+    rng = np.random.default_rng(2)
+    return np.sqrt(np.mean([found.draw(rng).mean(axis=axis).var() for _ in range(4)]))
 
 
 @pytest.mark.parametrize("damage", [0.0, 0.1])
 def test_noise_of_single_readings(damage):
     found = noise_of_cells(grid(noise=4 * UM, damage=damage))
-    assert np.sqrt(np.median(found.variance)) == pytest.approx(1 * UM, rel=0.05)
-    assert found.of_row < 0.15 * UM and found.of_column < 0.15 * UM and found.correlated < 0.1
+    assert np.sqrt(np.median(found.variance)) == pytest.approx(2 * UM, rel=0.05)
+    assert found.of_row < 0.15 * UM and found.of_column < 0.15 * UM
+    assert of_means(found, 2) == pytest.approx(2 * UM / np.sqrt(40), rel=0.25)
 
 
 def test_what_rows_and_columns_share():
+    """What columns share can't be told from noise that goes on all along the roll length: it does the same to means."""
     found = noise_of_cells(grid(noise=4 * UM, of_row=0.8 * UM, of_column=0.5 * UM))
     assert found.of_row == pytest.approx(0.8 * UM, rel=0.15)
-    assert found.of_column == pytest.approx(0.5 * UM, rel=0.15)
+    assert of_means(found, 2) == pytest.approx(np.hypot(0.5, 2 / np.sqrt(40)) * UM, rel=0.2)
 
 
-def test_noise_that_goes_on_along_the_roll_length():
-    found = noise_of_cells(grid(noise=4 * UM, correlated=0.8, ar1=0.8))
-    assert found.correlated == pytest.approx(0.8, abs=0.1)
-    assert found.ar1 == pytest.approx(0.8, abs=0.1)
+@pytest.mark.parametrize(
+    "correlation", [Correlation(0.8, 0.8, 0.0), Correlation(0.5, 0.8, 0.5), Correlation(0.7, 0.3, 0.7)]
+)
+def test_noise_that_goes_on(correlation):
+    """Second differences of neighbours show half of a noise that goes on for three cells, those of farther ones all."""
+    found = noise_of_cells(grid(noise=4 * UM, correlation=correlation))
+    assert np.sqrt(np.median(found.variance)) == pytest.approx(2 * UM, rel=0.05)
+    for name in ("share", "along_roll", "along_height"):
+        assert getattr(found.correlation, name) == pytest.approx(getattr(correlation, name), abs=0.1), name
+
+
+def test_what_a_place_shows_of_its_noise_counts_there():
+    """Where readings scatter half as much again as elsewhere on a flank, the values read there do, too."""
+    rough = grid(noise=4 * UM)
+    more = np.random.default_rng(3).normal(0.0, 2 * UM, rough.delta.shape) * (np.abs(rough.rolls - 8.0) < 1)[:, None]
+    rough = replace(rough, delta=rough.delta + more)
+    near = np.abs(rough.rolls - 8.0) < 1
+
+    def read(cells):
+        return cells[:, :, near].mean(axis=2).reshape(-1, cells.shape[3])
+
+    found = borne_out(noise_of_cells(rough), rough, near, read)
+    spread = np.sqrt(np.median(found.variance, axis=(0, 1, 3)))
+    assert spread[near].mean() == pytest.approx(np.sqrt(8) * UM, rel=0.1)
+    assert spread[~near].mean() == pytest.approx(2 * UM, rel=0.1)
 
 
 def test_readings_on_an_edge_are_less_certain():
-    """Where a flank falls by 100 um from cell to cell, a reading of the cell may be anywhere in between: 29 um."""
-    sharp = replace(grid(noise=4 * UM), count=np.ones((2, 24, 40, height_edges(involute(SPUR), 0.5).size - 1)))
+    """Where a flank falls by 100 um from cell to cell, a reading of the cell may be anywhere in between: 29 um.
+
+    That is no noise: a figure is not lifted by it.
+    """
+    sharp = grid(noise=4 * UM)
+    sharp = replace(sharp, count=np.ones(sharp.delta.shape))
     sharp.delta[..., 20:] -= 0.1
-    spread = np.sqrt(np.median(noise_of_cells(sharp).variance[:, :, 5:-5], axis=(0, 1, 2)))
-    assert spread[20] == pytest.approx(0.1 / np.sqrt(12), rel=0.05)
-    assert spread[15] < 2 * UM
+    found = noise_of_cells(sharp)
+    uneven = np.sqrt(np.median(found.unevenness[:, :, 5:-5], axis=(0, 1, 2)))
+    assert uneven[20] == pytest.approx(0.1 / np.sqrt(12), rel=0.05)
+    assert uneven[15] < 1.5 * UM
+    assert np.sqrt(np.median(found.variance)) < 2.5 * UM
 
 
 def test_nothing_seen_has_no_noise():
     empty = grid()
     empty = replace(empty, delta=np.full(empty.delta.shape, np.nan), count=np.zeros(empty.delta.shape))
     found = noise_of_cells(empty)
-    assert not found.variance.any() and found.of_row == found.of_column == found.correlated == 0.0
+    assert not found.variance.any() and found.of_row == found.of_column == 0.0 and found.correlation == WHITE

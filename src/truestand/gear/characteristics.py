@@ -84,7 +84,7 @@ def without_damage_of(a: Assessment) -> tuple[Characteristic, ...]:
     for name, at in (place for places in _places(a) for place in places):
         value = float(a.without_damage[name][at])
         line = _measured(a, name, at)
-        if line.value is not None and _touching(a, line.name, at) and np.isfinite(value):
+        if line.value is not None and any(d.depth for d in _touching(a, line.name, at)) and np.isfinite(value):
             found.append(replace(line, value=value, limits=None, grade=None, verdict=None, standard=None))
     return tuple(found)
 

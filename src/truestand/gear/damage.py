@@ -20,6 +20,7 @@ from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
 from truestand.gear.rays import Rays
 from truestand.gear.smooth_flanks import SmoothFlanks, residuals
+from truestand.gear.traces import Traces, helix_of, helix_points, profile_points, stretches_inside
 
 Zone = Literal["profile", "helix", "position", "ball", "area"]
 
@@ -53,10 +54,10 @@ LEAST_STEPS = 1.5
 """Steps of the table that it must be wide for its depth to be known to a half."""
 STEPS_BESIDE = 1.0
 """Steps of the table to either side of a circle in which the profiles lie that meet a flank next to it."""
-WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (2, None), (None, 2))
+WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (5, 17), (2, None), (None, 2))
 """Cells of roll length and height in which missed rays are counted together; None: all."""
-TOO_OFTEN = 5.0
-"""Standard deviations by which there are more of them than elsewhere."""
+TOO_OFTEN = 4.25
+"""Standard deviations by which there are more of them than elsewhere: by chance in a tenth of all gears."""
 NEIGHBOURS = (-2, -1, 1, 2)
 """Teeth beside one that say what is usual there."""
 PASSES = 3
@@ -103,7 +104,7 @@ class Damage:
         flank = f"tooth {self.tooth + 1} {FLANKS[self.side]}"
         where = f"{flank}, roll length {a:.1f} to {b:.1f} mm, height {c:.1f} to {d:.1f} mm"
         if self.depth is None:
-            return f"{where}: the flank is not seen where other teeth show it"
+            return f"{where}: no reading shows the flank"
         least = "" if self.resolved and not self.hidden else "at least "
         side = "below" if self.depth > 0 else "above"
         return f"{where}: readings {least}{1000 * abs(self.depth):.0f} um {side} the flank"
@@ -130,7 +131,7 @@ def damage_of(
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
-    far = DEPARTS * grid.scatter
+    far = DEPARTS * max(grid.scatter, robust_sd(depth) if depth.size else 0.0)  # speckle is alike within a cell
     found = []
     below = (far_off & (rest < 0)) | _departing(cell[depth > far], grid)
     above = (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)
@@ -151,6 +152,24 @@ def damage_of(
                 found.append(_damage(grid, (int(side), int(tooth)), region, depths, not_met, sign, step, radial))
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
+
+
+def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, ...]:
+    """Stretches inside profiles and helices that no reading shows: what they hide is not known."""
+    zones, found = zones_of(grid, step), []
+    centres = grid.rolls[:, None], grid.heights[None, :]
+    for axis, zone, seen, at in (
+        (0, zones["profile"], ~traces.between, profile_points(grid.nominal)),
+        (1, zones["helix"], np.isfinite(helix_of(grid.delta, traces)), helix_points(grid.nominal)),
+    ):
+        half = grid.size[axis] / 2
+        for flank, first, last in stretches_inside(seen):
+            region = zone & (centres[axis] > at[first] - half) & (centres[axis] < at[last] + half)
+            rolls = _extent(grid.rolls, grid.size[0], region.any(axis=1))
+            heights = _extent(grid.heights, grid.size[1], region.any(axis=0))
+            side, tooth = divmod(flank, grid.delta.shape[1])
+            found.append(Damage(side, tooth, region, None, None, False, True, rolls, heights))
+    return tuple(found)
 
 
 def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:
@@ -244,7 +263,9 @@ def _with_those_between(missed: Mask, rays: Rays) -> Mask:
 
 
 def _missed_too_often(rays: Rays, there: Mask) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) about which more rays miss the flank than those of other teeth there."""
+    """Cells (2, teeth, roll lengths, heights) of windows in which more rays miss the flank than on other teeth."""
+    from scipy.ndimage import maximum_filter
+
     too_often = np.zeros(rays.expected.shape, dtype=bool)
     for window in WINDOWS:
         expected, missed = _sums(rays.expected, window), _sums(rays.missed, window)
@@ -254,7 +275,9 @@ def _missed_too_often(rays: Rays, there: Mask) -> Mask:
             spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
             more = np.asarray(excess > TOO_OFTEN * max(spread, 1.0))
             sound &= ~more
-        too_often |= more
+        too_often |= maximum_filter(
+            more, [1, 1, *(2 * n if of is None else of for n, of in zip(more.shape[2:], window, strict=True))]
+        )
     return too_often
 
 

@@ -3,6 +3,7 @@
 All of it is linear in the cells once it stands how the flanks are read, extremes aside.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
 
@@ -10,12 +11,14 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
-from truestand.gear.grid import Grid
-from truestand.gear.noise import CellNoise, noise_of_cells
+from truestand.gear.grid import Grid, step_on_flank
+from truestand.gear.noise import CellNoise, borne_out, noise_of_cells
 from truestand.gear.smooth_flanks import SmoothFlanks, areal_positions, shared_shape, smooth_flanks
 from truestand.gear.traces import (
+    WIDE_STEPS,
     Line,
     Traces,
+    circle_points,
     helix_bend,
     helix_of,
     helix_points,
@@ -38,7 +41,8 @@ PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MEANS = (*PER_TOOTH, "C_alpha", "C_beta")
 PITCH = ("f_p", "F_p", "F_pk", "f_u")
 NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
-DRAWS = 64
+DRAWS, FEW_DRAWS, STEEP_DRAWS = 64, 24, 24
+"""Of noise on the cells: for U; for the mean of what it adds; for cells on steep places."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
 MEAN = " mean"
@@ -81,8 +85,13 @@ class Measures:
 
 def evaluator_of(grid: Grid, step: float) -> Evaluator:
     """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
-    noise = noise_of_cells(grid)
-    return Evaluator(grid, noise, smooth_flanks(grid), traces_of(grid, noise, step))
+    cells = noise_of_cells(grid)
+    traces = traces_of(grid, cells, step)
+    near = np.abs(grid.rolls - grid.nominal.measuring_roll) < WIDE_STEPS[0] * step_on_flank(
+        grid.nominal, grid.nominal.measuring_roll, step
+    )
+    noise = borne_out(cells, grid, near, lambda delta: circle_points(delta, traces))
+    return Evaluator(grid, noise, smooth_flanks(grid), traces)
 
 
 def evaluate(delta: Array, evaluator: Evaluator) -> Measures:
@@ -228,35 +237,47 @@ class Bias:
 
     lifted: Figures
     """Square (mm^2) by which noise lifts the square of a figure that is the largest of many values."""
-    U: Figures
-    """Expanded uncertainty (k = 2) of the figure as it is read, noise included."""
+    sd: Figures
+    """Standard deviation of the figure as it is read, from noise."""
 
     def corrected(self, base: Figures) -> Figures:
         """The figures as they are without noise: the largest of many values reads too much even where all are zero."""
         return {n: np.sqrt(np.maximum(v * v - self.lifted[n], 0.0)) if n in self.lifted else v for n, v in base.items()}
 
-    def expanded(self, base: Figures) -> Figures:
-        """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U."""
-        highest = {n: np.maximum(v, np.sqrt(self.lifted.get(n, 0.0))) + self.U[n] for n, v in base.items()}
-        lowest = {n: np.maximum(v - self.U[n], 0.0) for n, v in base.items()}
+    def expanded(self, base: Figures, steep: Figures) -> Figures:
+        """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U.
+
+        ``steep``: standard deviation of the figures from cells that aren't known better than a flank rises in them.
+        """
+        U = {n: 2 * np.hypot(self.sd[n], steep[n]) for n in base}
+        highest = {n: np.maximum(v, np.sqrt(self.lifted.get(n, 0.0))) + U[n] for n, v in base.items()}
+        lowest = {n: np.maximum(v - U[n], 0.0) for n, v in base.items()}
         ends = self.corrected(highest), self.corrected(lowest)
         return {
-            n: np.fmax(*(np.abs(end[n] - c) for end in ends)) if n in self.lifted else self.U[n]
+            n: np.fmax(*(np.abs(end[n] - c) for end in ends)) if n in self.lifted else U[n]
             for n, c in self.corrected(base).items()
         }
 
 
-def bias_of(base: Figures, evaluator: Evaluator) -> Bias:
+def bias_of(base: Figures, evaluator: Evaluator, draws: int) -> Bias:
     """What the noise of the cells does to the figures: it is drawn once more on them, and what that adds to the square
     of a figure is what it has added already (as ``statistics.noise`` does, Cook and Stefanski 1994).
     """
-    rng = np.random.default_rng(1)
-    delta, nominal = np.nan_to_num(evaluator.grid.delta), evaluator.grid.nominal
-    drawn = [figures_of(evaluate(delta + evaluator.noise.draw(rng), evaluator), nominal) for _ in range(DRAWS)]
-    lifted, U = {}, {}
-    for name, value in base.items():
-        stack = np.stack([d[name] for d in drawn])
-        U[name] = 2 * stack.std(axis=0)
-        if name.removesuffix(MEAN) in NEVER_NEGATIVE:
-            lifted[name] = np.maximum(stack.mean(axis=0) ** 2 - value * value, 0.0)
-    return Bias(lifted, U)
+    drawn = _drawn(evaluator, draws, evaluator.noise.draw)
+    grows = [name for name in base if name.removesuffix(MEAN) in NEVER_NEGATIVE]
+    lifted = {name: np.maximum(drawn[name].mean(axis=0) ** 2 - base[name] ** 2, 0.0) for name in grows}
+    return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()})
+
+
+def steepness_of(evaluator: Evaluator) -> Figures:
+    """Standard deviation (mm) of the figures from cells that are not known better than a flank rises in them."""
+    unevenness = np.sqrt(evaluator.noise.unevenness)
+    drawn = _drawn(evaluator, STEEP_DRAWS, lambda rng: unevenness * rng.standard_normal(unevenness.shape))
+    return {name: stack.std(axis=0) for name, stack in drawn.items()}
+
+
+def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array]) -> Figures:
+    """The figures (draws, ...) with noise drawn on the cells."""
+    rng, delta = np.random.default_rng(1), np.nan_to_num(evaluator.grid.delta)
+    drawn = [figures_of(evaluate(delta + noise(rng), evaluator), evaluator.grid.nominal) for _ in range(draws)]
+    return {name: np.stack([figures[name] for figures in drawn]) for name in drawn[0]}

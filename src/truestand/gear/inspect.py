@@ -18,10 +18,12 @@ from truestand.gear.angle import AngleCorrection, correct_angle
 from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines
 from truestand.gear.characteristics import Assessment, characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
-from truestand.gear.damage import Damage, damage_of, with_deep_damage, without_damage, zones_of
+from truestand.gear.damage import Damage, damage_of, unseen_in_traces, with_deep_damage, without_damage, zones_of
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
+    DRAWS,
+    FEW_DRAWS,
     Evaluator,
     Figures,
     Measures,
@@ -31,6 +33,7 @@ from truestand.gear.evaluate import (
     figures_of,
     pitch_extremes,
     sampling_of,
+    steepness_of,
 )
 from truestand.gear.flanks import Flanks, find_flanks, find_toothing, without_lone_readings
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
@@ -86,7 +89,8 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
     damage = damage_of(complete, evaluator.smooth, rays, scan.step, _radial_share(correction.calibration), there)
-    assessment = _assess(correction, evaluator, measures, coverage, damage, there)
+    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, scan.step)
+    assessment = _assess(correction, evaluator, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
@@ -160,16 +164,17 @@ def _assess(
     """The figures, freed of the bias of noise, with every line of their budget."""
     flanks, scan, nominal = correction.flanks, correction.scan, evaluator.grid.nominal
     figures = figures_of(measures, nominal)
-    noise = bias_of(figures, evaluator)
+    noise = bias_of(figures, evaluator, DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
     uneven = correction.before_rms or 0.0
     influences = influences_of(scan, correction.calibration, evaluator.grid, flanks.toothing, uneven)
     return Assessment(
         nominal,
         corrected,
-        _without(damage, evaluator, scan.step) if damage else corrected,
+        _without(damage, evaluator, scan.step) if any(d.depth for d in damage) else corrected,
         _without(on_top, evaluator, scan.step) if on_top else corrected,
-        expanded(influences, evaluator) | {"noise": noise.expanded(figures), BETWEEN_READINGS: sampling_of(evaluator)},
+        expanded(influences, evaluator)
+        | {"noise": noise.expanded(figures, steepness_of(evaluator)), BETWEEN_READINGS: sampling_of(evaluator)},
         influences,
         coverage,
         damage,
@@ -183,7 +188,7 @@ def _without(damage: tuple[Damage, ...], evaluator: Evaluator, step: float) -> F
     """The figures, freed of the bias of noise, as if no reading had fallen on the damage."""
     sound = evaluator_of(without_damage(evaluator.grid, damage), step)
     figures = figures_of(evaluate(sound.grid.delta, sound), sound.grid.nominal)
-    return bias_of(figures, sound).corrected(figures)
+    return bias_of(figures, sound, FEW_DRAWS).corrected(figures)
 
 
 def _deviation(flanks: Flanks, surface: Surface) -> Array:

@@ -1,16 +1,20 @@
 """The noise of cells, told from neighbouring cells: of a cell by itself, and what a row or a column shares.
 
-Second differences along the height show what neighbouring cells don't share (noise of readings, speckle), and how much
-of that goes on along the roll length (speckle of a surface seen at a grazing angle is long); those of whole rows along
-the roll length what a profile shares (jitter of the angle), those of columns along the height what a point of the
-sensor's line shares. The flank's own shape is smooth at that distance; damage is left out by medians.
+Differences along the height show what neighbouring cells don't share: noise of readings, and speckle. How they grow
+with the distance, up to a millimetre, says how far speckle goes on along the height, and whether they are alike from
+one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
+noise of single readings. Speckle can't be told from the roughness of a flank, so that counts as noise, too.
+Differences of whole rows along the roll length show what a profile shares (jitter of the angle), those of columns along
+the height what a point of the sensor's line shares. The flank's own shape is smooth at that distance; damage is left
+out by medians.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.core.robust import MAD_TO_SD, nan_median, robust_sd
 from truestand.gear.grid import Grid
 
@@ -18,12 +22,47 @@ LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
+FARTHEST = 1.0
+"""mm of height over which noise may go on: what is longer is the flank's form."""
 LAGS = 8
 """Cells of roll length up to which the correlation of noise is looked at."""
-AR1_COEFFICIENTS = np.linspace(0.0, 0.95, 20)
-"""That are tried."""
+CORRELATED = np.linspace(0.0, 1.0, 21)
+ALONG_ROLL = np.linspace(0.0, 0.95, 20)
+ALONG_HEIGHT = np.linspace(0.0, 0.8, 17)
+"""Correlated shares and AR(1) coefficients that are tried."""
+TRIALS = 8
+"""Of noise drawn on cells, to compare what it does with what is seen."""
+MOST_MORE = 2.0
+"""Factor by which noise may be more, or less, than its own cells tell."""
 MOST_SD = 3.0
 """Standard deviations to which noise is cut where its correlation is looked at: damage is correlated, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """What the noise of cells shares with that of others: a part of it is first-order autoregressive both ways."""
+
+    share: float = 0.0
+    """0..1 of the variance that is correlated,"""
+    along_roll: float = 0.0
+    """and its correlation, 0..1, with the next cell of the roll length"""
+    along_height: float = 0.0
+    """and of the height."""
+
+    def draw(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """Noise (2, teeth, roll lengths, heights) of standard deviation 1."""
+        alone = rng.standard_normal(shape)
+        if not self.share:
+            return alone
+        roll, height = (_factor(n, a) for n, a in zip(shape[2:], (self.along_roll, self.along_height), strict=True))
+        together = roll @ rng.standard_normal(shape) @ height.T
+        return np.asarray(np.sqrt(1.0 - self.share) * alone + np.sqrt(self.share) * together)
+
+    @property
+    def of_means(self) -> tuple[float, float]:
+        """By how much means along the roll length, and along the height, vary more than those of white noise."""
+        roll, height = (1.0 + 2.0 * self.share * a / (1.0 - a) for a in (self.along_roll, self.along_height))
+        return roll, height
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +71,10 @@ class CellNoise:
 
     variance: Array
     """(2, teeth, roll lengths, heights) mm^2 of each cell by itself; 0 where nothing was seen."""
-    correlated: float
-    """Share 0..1 of that variance which is correlated along the roll length,"""
-    ar1: float
-    """and its correlation, 0..1, from one cell to the next."""
+    unevenness: Array
+    """The same of a reading somewhere in its cell, where a flank is steep: its value is not known better, but no more
+    scattered by it than it is."""
+    correlation: Correlation
     of_row: float
     """Shared by the cells of one flank and roll length."""
     of_column: float
@@ -45,33 +84,96 @@ class CellNoise:
         """Noise (2, teeth, roll lengths, heights) mm as the cells may have it once more."""
         sides, teeth, rolls, heights = self.variance.shape
         rows, columns = rng.standard_normal((sides, teeth, rolls, 1)), rng.standard_normal((sides, teeth, 1, heights))
-        alone = np.sqrt(1.0 - self.correlated) * rng.standard_normal(self.variance.shape)
-        if self.correlated:
-            alone += np.sqrt(self.correlated) * _ar1_noise(rng.standard_normal(self.variance.shape), self.ar1)
-        return np.asarray(np.sqrt(self.variance) * alone + self.of_row * rows + self.of_column * columns)
+        own = np.sqrt(self.variance) * self.correlation.draw(rng, self.variance.shape)
+        return np.asarray(own + self.of_row * rows + self.of_column * columns)
 
 
-def _ar1_noise(white: Array, coefficient: float) -> Array:
-    """White noise (2, teeth, roll lengths, heights) made first-order autoregressive along the roll length; its variance
-    stays 1.
-    """
-    noise = white.copy()
-    for roll in range(1, white.shape[2]):
-        noise[:, :, roll] = coefficient * noise[:, :, roll - 1] + np.sqrt(1 - coefficient**2) * white[:, :, roll]
-    return noise
+def _factor(number: int, coefficient: float) -> Array:
+    """Factor (number, number) that makes white noise first-order autoregressive; its variance stays 1."""
+    steps = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
+    return np.asarray(np.linalg.cholesky(coefficient**steps), dtype=np.float64)
 
 
 def noise_of_cells(grid: Grid) -> CellNoise:
     """The noise of a grid's cells."""
     inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
     count = np.maximum(grid.count, 1.0)
-    rest, shares, _ = _second_differences(inside, 1.0 / count, grid.height, 3)
-    single = rest / np.sqrt(shares)
-    spread = np.maximum(_by_roll(single), LEAST_SPREAD)
-    variance = np.where(grid.count > 0, (spread**2 + _unevenness(inside)) / count, 0.0)
-    correlated, ar1 = _correlation_along_roll(np.clip(single / spread, -MOST_SD, MOST_SD))
-    of_row, of_column = _shared(inside, variance, grid.roll, 2), _shared(inside, variance, grid.height, 3)
-    return CellNoise(variance, correlated, ar1, of_row, of_column)
+    farthest = _farthest(grid)
+    single = [_singles(inside, count, grid.height, lag) for lag in range(1, farthest + 1)]
+    spread = np.maximum(_by_roll(single[-1]), LEAST_SPREAD)
+    correlation = _correlation([np.clip(s / spread, -MOST_SD, MOST_SD) for s in single])
+    variance = spread**2 / _seen_of_variance(correlation, farthest) / count
+    return CellNoise(
+        np.where(grid.count > 0, variance, 0.0),
+        np.where(grid.count > 0, _unevenness(inside) / count, 0.0),
+        correlation,
+        *(_shared(inside, variance * more, at, along)
+          for more, at, along in zip(correlation.of_means[::-1], (grid.roll, grid.height), (2, 3), strict=True)),
+    )  # fmt: skip
+
+
+def _farthest(grid: Grid) -> int:
+    """Cells of height over which noise may go on."""
+    return max(1, round(FARTHEST / grid.size[1]))
+
+
+def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], Array]) -> CellNoise:
+    """The noise with its cells ``near`` (roll lengths,) a place scaled to what ``read`` shows there.
+
+    ``read`` makes values along the height (2 teeth, heights), NaN: not seen, from cells (2, teeth, roll lengths,
+    heights): how noise goes on along the roll length differs from place to place, and the range of a helix follows it.
+    """
+    rng, lag = np.random.default_rng(1), _farthest(grid)
+
+    def scatter(cells: Array) -> Array:
+        values = read(cells)
+        bends = (values[:, lag:-lag] - (values[:, 2 * lag :] + values[:, : -2 * lag]) / 2).reshape(2, -1)
+        return np.array([robust_sd(b[np.isfinite(b)]) for b in bends])
+
+    drawn = np.sqrt(np.mean([np.square(scatter(noise.draw(rng))) for _ in range(TRIALS)], axis=0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        more = np.nan_to_num(scatter(np.nan_to_num(grid.delta)) / drawn, nan=1.0, posinf=1.0)
+    factor = np.where(near, np.clip(more, 1 / MOST_MORE, MOST_MORE)[:, None], 1.0)
+    return replace(noise, variance=noise.variance * np.square(factor)[:, None, :, None])
+
+
+def _singles(cells: Array, count: Array, height: Array, lag: int) -> Array:
+    """Second differences (2, teeth, roll lengths, n) of cells ``lag`` apart along the height, as of single readings."""
+    rest, shares, _ = _second_differences(cells, 1.0 / count, height, 3, lag)
+    return np.asarray(rest / np.sqrt(shares))
+
+
+def _seen_of_variance(correlation: Correlation, lag: int) -> float:
+    """Share of the variance that second differences of cells ``lag`` apart along the height show."""
+    return float(_shown(correlation.share, correlation.along_height, lag)) / 1.5
+
+
+def _shown(share: Array | float, along_height: Array | float, lag: int) -> Array | float:
+    near = np.asarray(along_height) ** lag
+    return 1.5 - share * (2.0 * near - 0.5 * near**2)
+
+
+def _correlation(ratios: list[Array]) -> Correlation:
+    """The correlation of noise, from second differences of cells 1, 2, ... apart along the height.
+
+    ``ratios``: (2, teeth, roll lengths, n) each, over the standard deviation of the last; NaN where not seen. Least
+    squares of how they grow with the distance, and of how alike the last are from one roll length to the next.
+    """
+    share, roll, height = (a.reshape(-1) for a in np.meshgrid(CORRELATED, ALONG_ROLL, ALONG_HEIGHT, indexing="ij"))
+    last, whole = ratios[-1], _shown(share, height, len(ratios))
+    misfit = np.zeros(share.size)
+    for lag, ratio in enumerate(ratios[:-1], 1):
+        known = ratio[np.isfinite(ratio)]
+        if known.size >= LEAST_DIFFERENCES:
+            misfit += np.square(_shown(share, height, lag) / whole - robust_sd(known) ** 2)
+    for lag in range(1, min(LAGS, last.shape[2] - 1) + 1):
+        product = last[:, :, lag:] * last[:, :, :-lag]
+        known = product[np.isfinite(product)]
+        if known.size >= LEAST_DIFFERENCES:
+            alike = share * roll**lag * _shown(1.0, height, len(ratios)) / whole
+            misfit += np.square(alike - float(known.mean()))
+    best = int(np.argmin(misfit))
+    return Correlation(float(share[best]), float(roll[best]), float(height[best]))
 
 
 def _unevenness(cells: Array) -> Array:
@@ -96,26 +198,6 @@ def _by_roll(single: Array) -> Array:
     return np.where(number >= LEAST_DIFFERENCES, spread, overall)[:, None, :, None]
 
 
-def _correlation_along_roll(ratio: Array) -> tuple[float, float]:
-    """How noise is correlated along the roll length: ``correlated`` and ``ar1`` of ``CellNoise``.
-
-    ``ratio`` (2, teeth, roll lengths, n): noise of cells over its standard deviation; NaN where not seen.
-    """
-    lags, alike = [], []
-    for lag in range(1, min(LAGS, ratio.shape[2] - 1) + 1):
-        product = ratio[:, :, lag:] * ratio[:, :, :-lag]
-        known = product[np.isfinite(product)]
-        if known.size >= LEAST_DIFFERENCES:
-            lags.append(lag)
-            alike.append(float(known.mean()))
-    if not lags:
-        return 0.0, 0.0
-    powers, found = AR1_COEFFICIENTS[:, None] ** np.array(lags), np.array(alike)
-    shares = np.clip((powers @ found) / np.maximum((powers**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    best = int(np.argmin(((shares[:, None] * powers - found) ** 2).sum(axis=1)))
-    return float(shares[best]), float(AR1_COEFFICIENTS[best])
-
-
 def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
     """Standard deviation (mm) that the cells of a row (``along`` the roll length, 2) or a column (3) have in common."""
     across = 5 - along
@@ -134,13 +216,17 @@ def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
     return float(np.sqrt(max(square, 0.0)))
 
 
-def _second_differences(values: Array, variance: Array, at: Array, axis: int) -> tuple[Array, Array, Array]:
-    """What values (2, teeth, m, n) differ by from the straight line between those before and after them at ``at``.
+def _second_differences(
+    values: Array, variance: Array, at: Array, axis: int, lag: int = 1
+) -> tuple[Array, Array, Array]:
+    """What values (2, teeth, m, n) differ by from the straight line between those ``lag`` before and after them ``at``
+    their places.
 
     The differences, their variance, and the sum of their squared weights; NaN where one of the three was not seen.
     """
+    parts = [slice(k, k - 2 * lag or None) for k in (0, lag, 2 * lag)]
     (v0, v1, v2), (s0, s1, s2), (x0, x1, x2) = (
-        [np.moveaxis(a, axis, -1)[..., slice(k, k - 2 or None)] for k in range(3)] for a in (values, variance, at)
+        [np.moveaxis(a, axis, -1)[..., part] for part in parts] for a in (values, variance, at)
     )
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (x1 - x0) / (x2 - x0)

@@ -13,6 +13,7 @@ the cells, extremes aside.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf, log, pi, sqrt
 
 import numpy as np
@@ -37,6 +38,9 @@ SAME = 3.5
 MOST_STEPS, MOST_CELLS = 4.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
+MOST_APART = 1.6
+"""Steps of the table, two cells at least, that readings at the middle of the face may be apart along a profile: an
+eccentric gear is met 1.4 steps apart near its root; farther, all columns lost some."""
 SLOPE_OF_HALF = 3.0
 """Slope deviation of a line one half of which stands elsewhere by 1, over the mean of what its points are off."""
 LEAST_COLUMNS = 0.5
@@ -106,6 +110,8 @@ class Traces:
     """Where the ball touches."""
     profile: tuple[Interpolation, ...]
     """Of each column of the band: the trace from its cells."""
+    between: Mask
+    """(flanks, POINTS): places of a profile between readings that lie too far apart."""
     helix: Interpolation
     """The trace from the points on the circle."""
 
@@ -131,7 +137,33 @@ def traces_of(grid: Grid, noise: CellNoise, step: float) -> Traces:
     half_step = step_on_flank(nominal, rolls, step) / 2
     profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
     helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]), MOST_CELLS * grid.size[1])
-    return Traces(nominal, band, rolls, at, circle, reading(nominal.ball_roll), profile, helix)
+    between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
+    return Traces(nominal, band, rolls, at, circle, reading(nominal.ball_roll), profile, between, helix)
+
+
+def _too_far_apart(rolls: Array, nominal: Involute, step: float, cell: float) -> Mask:
+    """Places (flanks, POINTS) of profiles between readings at ``rolls`` (flanks, n) mm, NaN: none, of all columns
+    together, that lie farther apart than one step of the table explains.
+    """
+    places, far = profile_points(nominal), np.zeros((rolls.shape[0], POINTS), dtype=bool)
+    for flank, at in enumerate(rolls):
+        at = np.sort(at[np.isfinite(at)])
+        if at.size > 1:
+            most = np.maximum(MOST_APART * step_on_flank(nominal, (at[1:] + at[:-1]) / 2, step), 2 * cell)
+            gap = np.diff(at) > most
+            behind = np.searchsorted(at, places)
+            inside = (behind > 0) & (behind < at.size)
+            far[flank, inside] = gap[behind[inside] - 1]
+    return far
+
+
+def stretches_inside(seen: Mask) -> list[tuple[int, int, int]]:
+    """Stretches of traces (flanks, POINTS), not ``seen``, between points that were: flank, first and last point."""
+    found = []
+    for flank, points in enumerate(seen):
+        on = np.flatnonzero(points)
+        found += [(flank, int(a) + 1, int(b) - 1) for a, b in pairwise(on) if b - a > 1]
+    return found
 
 
 def profile_points(nominal: Involute) -> Array:
@@ -154,6 +186,11 @@ def profile_of(delta: Array, traces: Traces) -> Array:
 def helix_of(delta: Array, traces: Traces) -> Array:
     """Helix traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
     return traces.helix(traces.circle(delta))
+
+
+def circle_points(delta: Array, traces: Traces) -> Array:
+    """Points of the helix (flanks, heights) mm, one a column of cells (2, teeth, roll lengths, heights); NaN: none."""
+    return np.where(np.isfinite(traces.heights), traces.circle(delta), np.nan)
 
 
 def position_of(delta: Array, reading: Reading, traces: Traces) -> Array:
