@@ -271,3 +271,11 @@ def test_a_comparison_with_a_model_shows_limits_and_visibility():
     assert any("10.1" in r and "conforms" in r for r in told(text))
     assert "61 %" in text
     assert "patches" in text
+
+
+def test_it_says_what_makes_u_of_the_main_characteristics():
+    table = page().partition("What makes U, and how to make it smaller")[2].partition("</table>")[0]
+    assert "incidence on the flanks<small>assumed: ± 20 µm</small>" in table
+    assert "<code>incidence_U_um</code>" in table
+    shares = [float(found) for found in re.findall(r"(\d+)\N{NO-BREAK SPACE}%", table)]
+    assert shares and all(share <= 100 for share in shares)
