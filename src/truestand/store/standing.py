@@ -27,6 +27,7 @@ class Results:
         self.corrected_by = {e.about: e.number for e in self.entries.values() if e.about is not None}
         self._read = read
         self._stated: dict[str, tuple[str | None, str | None]] = {}
+        self._withdrawals = self._withdrawals_by_record()
         self._calibrations: dict[str, list[int]] = {}
         for number, entry in self.entries.items():
             if entry.record is not None and self.kind(number) == "calibration":
@@ -44,10 +45,19 @@ class Results:
         return self.with_origins(number)[-1].kind
 
     def last(self, number: int) -> Entry:
-        """The last correction of a result, or the result itself."""
+        """The last correction of a result, or the result itself; of a record that was withdrawn, its withdrawal.
+
+        A withdrawal stands for the same bytes wherever they are kept, and kept again.
+        """
         while number in self.corrected_by:
             number = self.corrected_by[number]
-        return self.entries[number]
+        entry = self.entries[number]
+        return self._withdrawals.get(entry.record or "", entry)
+
+    def replaced_by(self, number: int) -> int | None:
+        """The entry that corrects or withdraws a result; None: it counts."""
+        last = self.last(number).number
+        return self.corrected_by.get(number) or (None if last == number else last)
 
     def standing(self, number: int, now: datetime) -> Standing:
         """What a result is worth at a time."""
@@ -77,7 +87,7 @@ class Results:
 
     def doubts(self, number: int, now: datetime) -> tuple[Message, ...]:
         """What speaks against a result that was neither corrected nor withdrawn; nothing where it stands."""
-        if number in self.corrected_by or self.entries[number].record is None:
+        if self.replaced_by(number) is not None or self.entries[number].record is None:
             return ()
         kind = self.kind(number)
         try:
@@ -103,10 +113,11 @@ class Results:
         if sha256 is None:
             return
         known = self._calibrations.get(sha256, [])
-        # one record may have been kept twice, for instance again after a withdrawal
-        calibration = next((n for n in reversed(known) if n not in self.corrected_by), known[-1] if known else None)
+        # one record may have been kept twice, for instance in the place of its own withdrawal
+        counting = [n for n in known if self.replaced_by(n) is None]
+        calibration = next(reversed(counting or known), None)
         name = f"calibration {sha256[:12]}" if calibration is None else f"calibration #{calibration}"
-        if calibration in self.corrected_by:
+        if calibration is not None and not counting:
             yield self._taken_back(calibration, name)
         if kind != "inspection":
             return
@@ -136,6 +147,18 @@ class Results:
         if decided and decided[-1].status == "does_not_hold":  # one that holds vouches for all that was measured before
             text = f"since then {name} did not hold: {_of(decided[-1])}; calibrate and inspect again"
             yield Message("calibration_does_not_hold", text)
+
+    def _withdrawals_by_record(self) -> dict[str, Entry]:
+        """By the hash of a record the entry that withdrew it, but of one that somebody kept again for a reason."""
+        found: dict[str, Entry] = {}
+        for number, entry in sorted(self.entries.items()):
+            if entry.kind != "correction":
+                continue
+            if entry.record is None:
+                found |= {e.record: entry for e in self.with_origins(number) if e.record is not None}
+            else:
+                found.pop(entry.record, None)
+        return found
 
     def _verifications(self, calibration: int) -> list[tuple[int, Entry]]:
         """Those of a calibration, with the number of the original, the newest first."""
