@@ -96,6 +96,15 @@ def test_a_result_is_in_doubt_after_its_calibration_was_corrected(store):
     assert store.standing().standing(1, NOW) == "corrected"
 
 
+def test_a_result_is_in_doubt_whose_recipes_had_changed_since_its_calibration(store):
+    change = {"code": "recipe_changed", "text": "changed since the calibration: stand.toml: points is 320, was 640"}
+    other = {"code": "datum", "text": "datum: the shaft's base"}
+    record = inspection(verdict="conforms") | {"remarks": [other, change]}
+    number = store.add("inspection", record, rests_on(store, calibrate(store)), time=LATE).number
+    assert codes(store, number) == ["recipe_changed"]
+    assert list(store.standing().doubts(number, NOW)) == [change["text"]]
+
+
 def test_a_result_of_an_expired_calibration_is_in_doubt(store):
     number = inspect(store, calibrate(store, valid_until="2026-11-10"))
     assert codes(store, number) == ["calibration_expired"]

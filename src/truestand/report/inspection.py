@@ -6,6 +6,7 @@ from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
+from truestand.core.message import RECIPE_CHANGED
 from truestand.files.recipes.recipes import Company
 from truestand.gear.inspect import GearEvidence
 from truestand.parts.cad import CadEvidence
@@ -62,16 +63,24 @@ def inspection_report(
 
 
 def _head(inspection: Inspection, calibration: Calibration | None, company: Company | None) -> str:
+    return (
+        head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
+        + _stamp(inspection)
+        + f"{tables.unmeasured(inspection)}{tables.decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
+    )
+
+
+def _stamp(inspection: Inspection) -> str:
+    """The verdict; *conforms* is amber where recipes had changed since the calibration, as on the operator page."""
     verdict = inspection.verdict
     mark, word = VERDICTS[verdict]
     meant = "nothing may be decided on this calibration" if inspection.reasons else MEANINGS[verdict]
     if verdict not in {c.verdict for c in inspection.characteristics} and any(d.verdict for d in inspection.defects):
         meant = "a tooth is broken" if verdict == "does_not_conform" else "a tooth may be broken"
-    return (
-        head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
-        + stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
-        + f"{tables.unmeasured(inspection)}{tables.decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
-    )
+    if verdict == "conforms" and any(remark.code == RECIPE_CHANGED for remark in inspection.remarks):
+        open_mark, meant = VERDICTS["undecided"][0], "recipes had changed since the calibration: see the remarks"
+        return stamp("undecided", open_mark, f"{word.capitalize()}, in doubt", meant)
+    return stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
 
 
 def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]:

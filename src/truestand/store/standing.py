@@ -5,13 +5,14 @@ results made with it is worked out here, whenever they are shown.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import Any, Literal
 
 from truestand.core.errors import BadStore
-from truestand.core.message import Message
-from truestand.files.records.record import is_past
+from truestand.core.message import RECIPE_CHANGED, Message
+from truestand.files.records.record import is_past, read_messages
 from truestand.store.entry import RESULTS, Entry
 
 Standing = Literal["stands", "in_doubt", "corrected", "withdrawn"]
@@ -26,7 +27,7 @@ class Results:
         self.entries = {e.number: e for e in entries if e.kind in (*RESULTS, "correction")}
         self.corrected_by = {e.about: e.number for e in self.entries.values() if e.about is not None}
         self._read = read
-        self._stated: dict[str, tuple[str | None, str | None]] = {}
+        self._stated: dict[str, _Statement] = {}
         self._withdrawals = self._withdrawals_by_record()
         self._calibrations: dict[str, list[int]] = {}
         for number, entry in self.entries.items():
@@ -109,6 +110,8 @@ class Results:
 
     def _dependent_doubts(self, number: int, kind: str) -> Iterator[Message]:
         """Of an inspection or a verification, whose calibration the store may know or not."""
+        if kind == "inspection":
+            yield from self._statement(self.entries[number].record or "").changes
         sha256 = self._calibration_sha256(number)
         if sha256 is None:
             return
@@ -178,17 +181,35 @@ class Results:
     def _calibration_sha256(self, number: int) -> str | None:
         """Of the record of the calibration that a result rests on."""
         entry = self.entries[number]
-        return entry.evidence.get("calibration") or self._statement(entry.record or "")[0]
+        return entry.evidence.get("calibration") or self._statement(entry.record or "").calibration
 
     def _valid_until(self, sha256: str) -> str | None:
-        return self._statement(sha256)[1]
+        return self._statement(sha256).valid_until
 
-    def _statement(self, sha256: str) -> tuple[str | None, str | None]:
-        """What a record states: the hash of its calibration, and until when it is valid. A record never changes."""
+    def _statement(self, sha256: str) -> "_Statement":
+        """What a record states. A record never changes."""
         if sha256 not in self._stated:
-            record = self._read(sha256)
-            self._stated[sha256] = (record.get("calibration") or {}).get("sha256"), record.get("valid_until")
+            self._stated[sha256] = _Statement.of(self._read(sha256))
         return self._stated[sha256]
+
+
+@dataclass(frozen=True, slots=True)
+class _Statement:
+    """What a record says of what it rests on."""
+
+    calibration: str | None
+    """Its hash."""
+    valid_until: str | None
+    changes: tuple[Message, ...]
+    """In what recipes differed at the inspection from the calibration: told then, not by the recipes of today."""
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "_Statement":
+        remarks = read_messages(record.get("remarks") or ())
+        return cls(
+            (record.get("calibration") or {}).get("sha256"), record.get("valid_until"),
+            tuple(remark for remark in remarks if remark.code == RECIPE_CHANGED),
+        )  # fmt: skip
 
 
 def _moment(time: str) -> datetime:
