@@ -110,6 +110,8 @@ def test_what_the_calibration_brings_is_told_as_what_made_it_there():
 def test_nothing_asks_for_a_second_clamping_where_there_was_one():
     twice = replace(stated(coaxiality=None), positions=object())
     assert causes(twice)["coaxiality of the steps"].better.endswith("in shaft.toml")
+    known = causes(replace(stated(), positions=object()))["coaxiality of the steps"]
+    assert (known.known, known.better) == ("stated", "")
 
 
 def test_an_encoder_is_advised_only_where_there_is_none():

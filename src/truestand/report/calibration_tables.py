@@ -4,6 +4,7 @@ from html import escape
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
+from truestand.report.inspection_tables import table
 from truestand.report.notation import number, places, two_digits, with_u
 from truestand.report.quantities import Quantity
 
@@ -46,7 +47,7 @@ def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
         row = "".join(f'<td class="n">{text}</td>' for text in cells)
         body += f"<tr><td>{q.name} ({q.unit})<small>{q.meaning}</small></td>{row}</tr>"
     head = "<th>quantity</th>" + "".join(f'<th class="n">{title}</th>' for title in titles)
-    return f'<table class="quantities"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    return table(f"<tr>{head}</tr>", body, "quantities")
 
 
 def harmonics(calibration: Calibration) -> str:
@@ -88,7 +89,7 @@ def budget(calibration: Calibration, rows: list[Quantity]) -> str:
             f'<tbody class="group"><tr><th colspan="4">{name}</th><th class="n">{two_digits(uncertainty.U)}</th>'
             f"<th>{trials}</th></tr>{lines}</tbody>"
         )
-    return f'<table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table>'
+    return f'<div class="wide"><table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table></div>'
 
 
 def positions(found: Positions) -> str:

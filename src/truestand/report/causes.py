@@ -6,6 +6,7 @@ from html import escape
 from math import degrees
 
 from truestand.core.assumptions import Assumption
+from truestand.report.inspection_tables import table
 from truestand.report.notation import NONE
 from truestand.uncertainty.causes import Cause
 
@@ -24,17 +25,16 @@ def most_of_u(causes: Iterable[Cause]) -> str:
     """
     rows = "".join(
         f"<tr><th>{escape(c.name)}<small>{_known(c)}</small></th><td>{_shares(c)}</td>"
-        f"<td>{_text(c.better or NO_WAY)}</td></tr>"
+        f"<td>{_text(c.better) or (NO_WAY if c.known == 'assumed' else NONE)}</td></tr>"
         for c in causes
     )
-    return (
+    intro = (
         "<h2>What makes U, and how to make it smaller</h2><p>The inputs that make most of <i>U</i>, by their share of "
-        "<i>U</i>². Half of an input that makes 100 % halves <i>U</i>; half of one that makes 50 % takes a fifth off."
-        '</p><table class="inputs"><thead><tr><th>input</th><th>share of <i>U</i>²</th><th>what makes it smaller</th>'
-        f"</tr></thead><tbody>{rows}</tbody></table>"
-        if rows
-        else ""
+        "<i>U</i>². Half of an input that makes 100 % halves <i>U</i>; half of one that makes 50 % takes a fifth "
+        "off.</p>"
     )
+    head = "<tr><th>input</th><th>share of <i>U</i>²</th><th>what makes it smaller</th></tr>"
+    return intro + table(head, rows, "inputs") if rows else ""
 
 
 def assumed(assumptions: Iterable[Assumption]) -> str:
@@ -44,13 +44,9 @@ def assumed(assumptions: Iterable[Assumption]) -> str:
         f"<td>{_text(a.key) or NONE}</td></tr>"
         for a in assumptions
     )
-    return (
-        "<h2>What was assumed</h2><p>Nobody stated these numbers (± <i>U</i>, k = 2).</p>"
-        '<table class="inputs"><thead><tr><th>input</th><th class="n">taken as</th><th>because</th>'
-        f"<th>what states it</th></tr></thead><tbody>{rows}</tbody></table>"
-        if rows
-        else ""
-    )
+    intro = "<h2>What was assumed</h2><p>Nobody stated these numbers (± <i>U</i>, k = 2).</p>"
+    head = '<tr><th>input</th><th class="n">taken as</th><th>because</th><th>what states it</th></tr>'
+    return intro + table(head, rows, "inputs") if rows else ""
 
 
 def cause_line(causes: Sequence[Cause]) -> str:

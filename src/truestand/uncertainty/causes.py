@@ -120,8 +120,8 @@ def _seen_worse(name: str, calibration: Calibration) -> bool:
 
 
 def _statable(name: str, inputs: Iterable[Assumption], calibration: Calibration) -> bool:
-    """Whether the line's size comes from a recipe; several clampings measure the steps' axes."""
-    by_clampings = name.startswith("coaxiality") and calibration.positions is not None
+    """Whether the line's size comes from a recipe; several clampings measure a datum's axis."""
+    by_clampings = name.startswith("coaxiality of the datum") and calibration.positions is not None
     return any(a.key for a in inputs) and not by_clampings and not _seen_worse(name, calibration)
 
 
