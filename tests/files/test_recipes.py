@@ -5,6 +5,8 @@ from math import radians
 import pytest
 
 from truestand.core.errors import BadRecipe
+from truestand.core.stand import Sensor, Stand, Table
+from truestand.files.recipes.changes import differences
 from truestand.files.recipes.parts import part_of
 from truestand.files.recipes.recipes import (
     read_shaft,
@@ -198,3 +200,14 @@ def test_limits_of_a_gear_as_drawings_state_them():
 def test_a_mistake_in_the_limits_of_a_gear_is_named(changes, words):
     with pytest.raises(BadRecipe, match=words):
         part_of({**GEAR, **changes}, "gear.toml")
+
+
+def test_a_sensor_that_a_calibration_is_not_of_changes_nothing(tmp_path):
+    stand = Stand(Table(0.3), (Sensor("front", points=640),))
+    record = {"stand": stand_recipe(stand)}
+    path = tmp_path / "stand.toml"
+    text = '[table]\nspeed_rad_per_s = 0.3\n[[sensor]]\nname = "front"\npoints = {}\n[[sensor]]\nname = "rear"\n'
+    path.write_text(text.format(640))
+    assert differences(record, path, None) == []
+    path.write_text(text.format(320))
+    assert differences(record, path, None) == ["stand.toml: sensor front points is 320, was 640"]

@@ -122,5 +122,29 @@ def test_a_calibration_without_form_or_checks_still_has_a_report():
 @pytest.mark.parametrize("method", ["stand", "paper"])
 def test_the_terminal_table_has_a_row_a_quantity(method):
     calibration, paper, _ = made("from above", method)
-    table = summary_table(calibration, paper, truth_of("from above"))
+    shown = summary_table(calibration, paper, truth_of("from above"))
+    table = shown if method == "paper" else shown.renderables[0]
     assert table.row_count >= 5
+
+
+def test_the_terminal_tells_what_makes_most_of_u_in_one_line():
+    _, line = summary_table(made("from above")[0]).renderables
+    assert re.fullmatch(
+        r"U² of Angle φ is \d+% linearity of the sensor \((stated|assumed|as the scan .*)\): .+", line.plain
+    )
+
+
+def test_it_says_what_makes_u_and_how_to_make_it_smaller():
+    sensor = replace(made("from above")[0].stand.sensor, linearity_U=None)
+    page = text("from above", stand=replace(made("from above")[0].stand, sensors=(sensor,)))
+    table = page.partition("What makes U, and how to make it smaller")[2].partition("</table>")[0]
+    assert "linearity of the sensor" in table and "coaxiality of the steps" in table
+    assert re.search(r"Laser plane, offset \d+\N{NO-BREAK SPACE}%", table)
+    assert "<code>--clamped-at-deg 0,180</code>" in table
+
+
+def test_units_read_as_people_write_them():
+    page = text("from above")
+    assumed = page.partition("What was assumed")[2].partition("</table>")[0]
+    assert "± 0.5 µm" in assumed and "11.5 ppm/K" in assumed and "± 41.3″" in assumed
+    assert not re.search(r"\bum\b|\de[-+]\d", page.partition("<h2>What makes U")[2].partition("<h2>Checks")[0])

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from solids import Wheel, calibration, extruded, noisy, scanned
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import Characteristic, Defect, Inspection
+from truestand.core.message import RECIPE_CHANGED, Message
 from truestand.core.surface import apply_calibration
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
@@ -271,3 +272,19 @@ def test_a_comparison_with_a_model_shows_limits_and_visibility():
     assert any("10.1" in r and "conforms" in r for r in told(text))
     assert "61 %" in text
     assert "patches" in text
+
+
+def test_it_says_what_makes_u_of_the_main_characteristics():
+    table = page().partition("What makes U, and how to make it smaller")[2].partition("</table>")[0]
+    assert "incidence on the flanks<small>assumed: ± 20 µm</small>" in table
+    assert "<code>incidence_U_um</code>" in table
+    shares = [float(found) for found in re.findall(r"(\d+)\N{NO-BREAK SPACE}%", table)]
+    assert shares and all(share <= 100 for share in shares)
+
+
+def test_a_part_that_conforms_by_changed_recipes_is_not_shown_green():
+    change = Message(RECIPE_CHANGED, "changed since the calibration: stand.toml: points is 320, was 640")
+    conforms = replace(tables(), reasons=(), defects=(), characteristics=())
+    assert '<section class="stamp conforms">' in inspection_report(conforms)
+    page = inspection_report(replace(conforms, remarks=(change,)))
+    assert '<section class="stamp undecided">' in page and "Conforms, in doubt" in page and change in page

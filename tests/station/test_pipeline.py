@@ -1,6 +1,7 @@
 """Jobs: the page's worker and the commands make the same records and keep the same files."""
 
 import shutil
+from datetime import UTC, datetime
 
 import pytest
 import trimesh
@@ -49,20 +50,49 @@ ROLES = {
 }
 
 
-@pytest.mark.parametrize("kind", ROLES)
-def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, monkeypatch, kind):
-    def copied(job, observer, path):
+def copied(scan):
+    """In the place of a scan with the stand."""
+
+    def take(job, observer, path):
         path.parent.mkdir()
-        shutil.copy(shop / "k1.h5", path)
+        shutil.copy(scan, path)
         return read_scan(path)
 
-    monkeypatch.setattr(jobs, "_scan", copied)
+    return take
+
+
+def test_an_inspection_keeps_what_had_changed_in_the_recipes_since_its_calibration(shop, tmp_path, monkeypatch):
+    monkeypatch.setattr(jobs, "_scan", copied(shop / "k1.h5"))
+    monkeypatch.setattr(drawing, "svg", lambda fig: "")
+    for name, old, new in (("stand", "linearity_U_um = 20.0", "linearity_U_um = 30.0"),
+                           ("shaft", "diameter_mm = 25.0", "diameter_mm = 25.5")):  # fmt: skip
+        (tmp_path / f"{name}.toml").write_text((shop / f"{name}.toml").read_text().replace(old, new))
+    job = Job("inspect", tmp_path / "stand.toml", tmp_path / "job", tmp_path / "shaft.toml", shop / "part.toml",
+              shop / "calibration.json")  # fmt: skip
+    outcome = jobs.run_job(job, Observer())
+    changes = [r["text"] for r in outcome.record["remarks"] if r["code"] == "recipe_changed"]
+    assert changes == [
+        "changed since the calibration: stand.toml: sensor front linearity_U_um is 30, was 20",
+        "changed since the calibration: shaft.toml: cylinder base diameter_mm is 25.5, was 25",
+    ]
+    store = Store.open(tmp_path / "results", create=True)
+    number = store.add(outcome.kind, outcome.record, outcome.evidence).number
+    for name in ("stand", "shaft"):  # as it was is what counts
+        shutil.copy(shop / f"{name}.toml", tmp_path / f"{name}.toml")
+    assert store.standing().standing(number, datetime.now(UTC)) == "in_doubt"
+    assert list(store.standing().doubts(number, datetime.now(UTC))) == changes
+
+
+@pytest.mark.parametrize("kind", ROLES)
+def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(jobs, "_scan", copied(shop / "k1.h5"))
     monkeypatch.setattr(drawing, "svg", lambda fig: "")  # half the time of a report
     paths = {name: shop / f"{name}.toml" for name in ("stand", "artefact", "part")} | {"artefact": shop / "shaft.toml"}
     job = Job(kind, folder=tmp_path / "job", calibration=shop / "calibration.json", **paths)
     steps = []
     outcome = jobs.run_job(job, Observer(lambda name, state: steps.append((name, state))))
-    assert set(outcome.evidence) == ROLES[kind] and all(path.is_file() for path in outcome.evidence.values())
+    known = ROLES[kind] | {"artefact"}  # the page keeps the shaft's recipe of an inspection, too
+    assert set(outcome.evidence) == known and all(path.is_file() for path in outcome.evidence.values())
     assert [name for name, state in steps if state == "done"] == [n for n, _ in jobs.STEPS[kind] if n != "acquire"]
 
     store = ("--store", tmp_path / "results", "--stand", "stand.toml", "-q")

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 import pytest
 
 from small_records import calibration, inspection
+from truestand.core.errors import BadStore
 from truestand.store import Store
 
 NOW = datetime(2026, 11, 21, 12, 0, tzinfo=UTC)
@@ -58,12 +59,34 @@ def test_a_result_is_in_doubt_after_its_calibration_was_withdrawn(store):
     assert store.standing().standing(1, NOW) == "withdrawn" == store.standing().standing(4, NOW)
 
 
-def test_a_calibration_that_is_kept_again_carries_its_results(store):
+def test_a_withdrawal_stands_for_the_same_calibration_kept_again(store):
     number = inspect(store, calibrate(store))
-    store.correct(1, None, reason="by mistake")
+    withdrawal = store.correct(1, None, reason="the shaft was dirty").number
+    again = calibrate(store)
+    assert store.entry(again).record == store.entry(1).record
     assert codes(store, number) == ["calibration_withdrawn"]
-    calibrate(store)
+    known = store.standing()
+    assert known.standing(again, NOW) == "withdrawn" and known.replaced_by(again) == withdrawal
+    assert list(known.not_withdrawn("calibration")) == []
+    assert [result.verdict for result in store.results("calibration")] == ["withdrawn", "withdrawn"]
+    with pytest.raises(BadStore, match=f"withdrawn already, by entry {withdrawal}"):
+        store.correct(again, None, reason="once more")
+
+
+def test_a_withdrawn_calibration_that_is_kept_for_a_reason_carries_its_results(store):
+    number = inspect(store, calibrate(store))
+    store.correct(1, None, reason="the wrong line")
+    store.correct(1, calibration(), reason="it was the right shaft after all")
     assert codes(store, number) == []
+    assert [entry.number for entry in store.standing().not_withdrawn("calibration")] == [4]
+    again = calibrate(store)
+    assert store.standing().standing(again, NOW) == "stands"
+
+
+def test_another_calibration_stands_beside_one_that_was_withdrawn(store):
+    calibrate(store)
+    store.correct(1, None, reason="the shaft was dirty")
+    assert codes(store, inspect(store, calibrate(store, valid_until="2027-11-10"))) == []
 
 
 def test_a_result_is_in_doubt_after_its_calibration_was_corrected(store):
@@ -71,6 +94,15 @@ def test_a_result_is_in_doubt_after_its_calibration_was_corrected(store):
     store.correct(1, calibration("untrusted"), reason="the wrong shaft")
     assert codes(store, number) == ["calibration_corrected"]
     assert store.standing().standing(1, NOW) == "corrected"
+
+
+def test_a_result_is_in_doubt_whose_recipes_had_changed_since_its_calibration(store):
+    change = {"code": "recipe_changed", "text": "changed since the calibration: stand.toml: points is 320, was 640"}
+    other = {"code": "datum", "text": "datum: the shaft's base"}
+    record = inspection(verdict="conforms") | {"remarks": [other, change]}
+    number = store.add("inspection", record, rests_on(store, calibrate(store)), time=LATE).number
+    assert codes(store, number) == ["recipe_changed"]
+    assert list(store.standing().doubts(number, NOW)) == [change["text"]]
 
 
 def test_a_result_of_an_expired_calibration_is_in_doubt(store):

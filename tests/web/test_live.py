@@ -9,7 +9,11 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from patience import NOT_FOR_EVER
+from small_records import calibration
+from truestand.store import Store
+from truestand.web import watch
 from truestand.web.hub import Hub
+from truestand.web.interfaces.status import StatusPublisher
 from truestand.web.routes import jobs
 
 
@@ -97,3 +101,33 @@ def test_publishing_costs_the_same_however_many_listen():
 
     few, many = asyncio.run(cost(1))[0], asyncio.run(cost(100))[0]
     assert many < 3 * few + 0.05
+
+
+def test_one_task_looks_at_the_disk_for_the_page_and_the_interfaces(state, monkeypatch):
+    looks = []
+    monkeypatch.setattr(watch, "home", lambda state: looks.append(1) or {"version": str(len(looks))})
+    monkeypatch.setattr(watch, "POLL_INTERVAL_S", 0.05)
+
+    async def both():
+        async with StatusPublisher(state).running(), watch.watching(state):
+            assert len([t for t in asyncio.all_tasks() if t.get_coro().__name__ == "watch"]) == 1
+            async with asyncio.timeout(NOT_FOR_EVER):
+                while len(looks) < 3:
+                    await asyncio.sleep(0.01)
+        assert not state.is_watched and not state.hub.listeners
+
+    asyncio.run(both())
+
+
+def test_the_interfaces_follow_what_another_program_stores(state):
+    async def see():
+        async with StatusPublisher(state).running() as status:
+            store = Store.open(state.settings.store, create=True)
+            await asyncio.to_thread(store.add, "calibration", calibration())
+            async with asyncio.timeout(NOT_FOR_EVER):
+                async for snapshot in status.changes():
+                    if snapshot.number:
+                        break
+            assert (snapshot.number, snapshot.count) == (1, 1)
+
+    asyncio.run(see())

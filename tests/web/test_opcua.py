@@ -100,6 +100,19 @@ def test_a_part_that_conforms_by_a_calibration_in_doubt_is_not_in_tolerance(stat
     talk(state, look)
 
 
+def test_a_part_that_conforms_by_changed_recipes_is_not_in_tolerance(state):
+    change = {"code": "recipe_changed", "text": "changed since the calibration: stand.toml: points is 320, was 640"}
+    number = keep(state, "inspection", inspection(verdict="conforms") | {"remarks": [change]})
+    entry = state.results.entry(number)
+    assert (entry.verdict, entry.standing, entry.doubts) == ("conforms", "in_doubt", [change["text"]])
+
+    async def look(client):
+        verdict, evaluation, reasons = await client.reads("LastResult", "Verdict", "ResultEvaluation", "Reasons")
+        assert (verdict, evaluation, reasons[0]) == ("conforms", 3, change["text"])
+
+    talk(state, look)
+
+
 def test_a_value_not_measured_is_null_of_its_type_and_never_nan(state):
     keep(state, "inspection", inspection())
 

@@ -392,7 +392,8 @@ def test_the_company_is_that_of_the_reports(client, tmp_path):
 
 def verification(store, verdict, of=1):
     """Keep a verification of a calibration."""
-    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": [f"{verdict} {of}"]}
+    record = {"format": "truestand.verification", "version": 1, "verdict": verdict, "reasons": [f"{verdict} {of}"],
+              "created": f"after entry {store.head()[0]}"}  # fmt: skip
     return store.add("verification", record, {"calibration": store.evidence(store.entry(of))["record"]})
 
 
@@ -483,8 +484,8 @@ def test_a_calibration_by_the_published_method_is_not_used(client, store):
 
 
 def test_a_result_is_withdrawn_for_a_reason_and_kept(client, store):
-    for _ in range(2):
-        store.add("calibration", calibration())
+    for until in ("2999-01-01", "2999-01-02"):
+        store.add("calibration", calibration(until=until))
     assert client.post("/api/results/2/withdraw", {"reason": ""}).status == 422
     made = client.post("/api/results/2/withdraw", {"reason": "the shaft was dirty", "operator": "olga"})
     assert made.status == 200, made.problem

@@ -60,7 +60,7 @@ def demo(
         inspection, gear_truth = _inspect(stand)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
-        print_table(inspection_table(inspection, gear_truth))
+        print_table(inspection_table(inspection, gear_truth, calibration))
         for name in (*STARTERS, *RESULTS):
             typer.echo(out / name)
     if open_report:

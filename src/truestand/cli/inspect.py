@@ -30,6 +30,7 @@ from truestand.core.surface import apply_calibration
 from truestand.core.units import um
 from truestand.files.atomic import write_text_atomic
 from truestand.files.recipes.parts import recipe_of_identified
+from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.record import read_json
 from truestand.files.shapes.clouds import check_suffix, write_cloud
 from truestand.gear.match import IdentifiedGear, is_standard, toothed_heights
@@ -82,7 +83,7 @@ def inspect(
     if as_json:
         print_json(outcome.record)
     elif not quiet:
-        print_table(inspection_table(inspection, known))
+        print_table(inspection_table(inspection, known, read_calibration(calibration)))
         typer.echo("\n".join(str(path) for path in outputs.paths))
     for remark in inspection.remarks:
         hint(str(remark), quiet)

@@ -69,17 +69,19 @@ def list_entries(
     """
     opened = open_store(store)
     entries, known, now = opened.entries(last=last), opened.standing(), datetime.now(UTC)
-    doubts = {e.number: known.doubts(e.number, now) if e.number in known.entries else () for e in entries}
+    results = {e.number for e in entries} & known.entries.keys()
+    doubts = {e.number: known.doubts(e.number, now) if e.number in results else () for e in entries}
+    replaced_by = {e.number: known.replaced_by(e.number) if e.number in results else None for e in entries}
     if as_json:
         print_json([{"number": e.number, "kind": e.kind, "time": e.time, "part": e.part, "serial": e.serial,
                      "order": e.order, "operator": e.operator, "status": e.status, "about": e.about, "text": e.text,
                      "record": e.record, "evidence": dict(e.evidence), "hash": e.hash,
-                     "corrected_by": known.corrected_by.get(e.number),
+                     "corrected_by": replaced_by[e.number],
                      "doubts": messages_record(doubts[e.number])} for e in entries])  # fmt: skip
         return
     for e in entries:
         about = "" if e.about is None else f"of entry {e.about}"
-        by = f"corrected by entry {known.corrected_by[e.number]}" if e.number in known.corrected_by else ""
+        by = f"corrected by entry {replaced_by[e.number]}" if replaced_by[e.number] else ""
         doubt = f"in doubt: {'; '.join(doubts[e.number])}" if doubts[e.number] else ""
         words = (e.part, e.serial, (e.status or "").replace("_", " "), by, doubt, e.operator, about, e.text)
         typer.echo(f"{e.number:6}  {e.time}  {e.kind:13}" + "  ".join(w for w in words if w))

@@ -29,3 +29,5 @@ UNTIED = Message(
     "home the table or record its angle",
 )
 """Why a calibration is not trusted whose table angle counts from anywhere."""
+RECIPE_CHANGED = "recipe_changed"
+"""Code of what stand.toml or shaft.toml said otherwise at an inspection than at its calibration."""

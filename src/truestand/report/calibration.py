@@ -10,10 +10,12 @@ from truestand.core.units import um
 from truestand.files.recipes.recipes import Company
 from truestand.report import calibration_figures as figures
 from truestand.report import calibration_tables as tables
+from truestand.report.causes import assumed, most_of_u
 from truestand.report.notation import number
-from truestand.report.page import K_NOTE, assumed, framed, head, not_measured, page, stamp
-from truestand.report.quantities import Quantity, quantities
+from truestand.report.page import K_NOTE, framed, head, not_measured, page, stamp
+from truestand.report.quantities import Quantity, main_budgets, quantities
 from truestand.uncertainty.assumed import assumptions_of
+from truestand.uncertainty.causes import causes_of
 
 STATUS = {
     "valid": ("\N{CHECK MARK}", "Valid", "it may carry a verdict"),
@@ -53,6 +55,7 @@ def calibration_report(
         _maps(evidence),
         _residuals(calibration, evidence) if exact else "",
         _form(calibration),
+        most_of_u(causes_of(calibration, main_budgets(calibration))),
         _budget(calibration, rows),
         assumed(assumptions_of(calibration, ())),
         "<h2>Checks</h2><p>Questions that this scan answers about itself.</p>" + tables.checks(calibration)

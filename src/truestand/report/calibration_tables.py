@@ -4,12 +4,15 @@ from html import escape
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
-from truestand.report.notation import number, places, with_u
+from truestand.report.inspection_tables import table
+from truestand.report.notation import number, places, two_digits, with_u
 from truestand.report.quantities import Quantity
 
 MOST_HARMONICS = 12
 LEAST_AMPLITUDE_MM = 5e-5
 """Smaller harmonics stand in the record."""
+NOTHING = 1e-4
+"""Of a check's value: far below any limit."""
 
 
 def tiles(rows: list[Quantity], calibration: Calibration) -> str:
@@ -44,7 +47,7 @@ def comparison(rows: list[Quantity], with_truth: bool, with_exact: bool) -> str:
         row = "".join(f'<td class="n">{text}</td>' for text in cells)
         body += f"<tr><td>{q.name} ({q.unit})<small>{q.meaning}</small></td>{row}</tr>"
     head = "<th>quantity</th>" + "".join(f'<th class="n">{title}</th>' for title in titles)
-    return f'<table class="quantities"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    return table(f"<tr>{head}</tr>", body, "quantities")
 
 
 def harmonics(calibration: Calibration) -> str:
@@ -69,28 +72,24 @@ def budget(calibration: Calibration, rows: list[Quantity]) -> str:
     parts = []
     names = {q.key: f"{q.name} ({q.unit})" for q in rows}
     head = (
-        '<th>input</th><th class="n">its u</th><th>distribution</th><th class="n">sensitivity</th><th class="n">U</th>'
-        "<th></th>"
+        '<th>input</th><th class="n">its u</th><th>distribution</th><th class="n">sensitivity</th>'
+        '<th class="n"><i>U</i></th><th></th>'
     )
     for key, uncertainty in calibration.uncertainty.items():
         lines = "".join(
-            f'<tr><td>{escape(c.name)}</td><td class="n">{_short(c.value)}</td><td>{escape(c.distribution)}</td>'
-            f'<td class="n">{_short(c.sensitivity)}</td><td class="n">{c.U:.2g}</td>'
+            f'<tr><td>{escape(c.name)}</td><td class="n">{two_digits(c.value)}</td><td>{escape(c.distribution)}</td>'
+            f'<td class="n">{two_digits(c.sensitivity)}</td><td class="n">{two_digits(c.U)}</td>'
             f'<td><span class="bar" style="width:{8 * c.U / max(uncertainty.U, 1e-12):.2f}rem"></span></td></tr>'
             for c in uncertainty.contributions
             if c.U >= 0.01 * uncertainty.U
         )
         name = names.get(key, "Radial position of the sensor (mm)")
-        trials = "" if uncertainty.monte_carlo is None else f", Monte Carlo {uncertainty.monte_carlo:.2g}"
+        trials = "" if uncertainty.monte_carlo is None else f"Monte Carlo {two_digits(uncertainty.monte_carlo)}"
         parts.append(
-            f'<tbody class="group"><tr><th colspan="4">{name}</th><th class="n">{uncertainty.U:.2g}</th>'
-            f"<th>U, k = {uncertainty.k:g}{trials}</th></tr>{lines}</tbody>"
+            f'<tbody class="group"><tr><th colspan="4">{name}</th><th class="n">{two_digits(uncertainty.U)}</th>'
+            f"<th>{trials}</th></tr>{lines}</tbody>"
         )
-    return f'<table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table>'
-
-
-def _short(value: float | None) -> str:
-    return "" if value is None else f"{value:.2g}"
+    return f'<div class="wide"><table class="long"><thead><tr>{head}</tr></thead>{"".join(parts)}</table></div>'
 
 
 def positions(found: Positions) -> str:
@@ -122,8 +121,13 @@ def checks(calibration: Calibration) -> str:
         mark = '<span class="ok">✓ ok</span>' if c.ok else '<span class="bad">▲ look</span>'
         advice = "" if c.ok else f"<small>{escape(c.advice)}</small>"
         body += (
-            f'<tr><td>{mark}</td><td>{escape(c.name)}{advice}</td><td class="n">{c.value:.3g}</td>'
+            f'<tr><td>{mark}</td><td>{escape(c.name)}{advice}</td><td class="n">{_found(c.value)}</td>'
             f'<td class="n">{c.limit:.3g}</td></tr>'
         )
     head = '<th></th><th>check</th><th class="n">found</th><th class="n">limit</th>'
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _found(value: float) -> str:
+    """Three digits, as a power of ten only where it is large; what rounds to nothing is 0."""
+    return f"{0.0 if abs(value) < NOTHING else value:.3g}".replace("-", "\N{MINUS SIGN}")

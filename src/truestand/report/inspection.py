@@ -6,17 +6,20 @@ from typing import Any
 
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Inspection, Verdict
+from truestand.core.message import RECIPE_CHANGED
 from truestand.files.recipes.recipes import Company
 from truestand.gear.inspect import GearEvidence
 from truestand.parts.cad import CadEvidence
 from truestand.parts.turned import TurnedEvidence
 from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
+from truestand.report.causes import assumed, most_of_u
 from truestand.report.gear_page import gear_facts, gear_parts
-from truestand.report.notation import VERDICTS, limit_text, number
-from truestand.report.page import K_NOTE, assumed, framed, head, page, stamp
+from truestand.report.notation import VERDICTS, limit_text, line_name, number
+from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
 from truestand.uncertainty.assumed import assumptions_of
+from truestand.uncertainty.causes import causes_of
 
 TITLES = {"gear": "Gear inspection", "turned": "Inspection of a turned part", "cad": "Comparison with the CAD model"}
 MEANINGS: dict[Verdict, str] = {
@@ -52,24 +55,32 @@ def inspection_report(
     values = true_values(inspection, truth) or None
     results = {"gear": gear_parts, "turned": _turned, "cad": _cad}[inspection.kind]
     parts = [
-        _head(inspection, calibration, company), *results(inspection, values), _budget(inspection),
-        _assumed(inspection, calibration), tables.settings(inspection), _glossary(inspection),
+        _head(inspection, calibration, company), *results(inspection, values),
+        *_inputs(inspection, calibration), tables.settings(inspection), _glossary(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
     return page(f"Inspection of {inspection.name}: {VERDICTS[inspection.verdict][1]}", parts, note)
 
 
 def _head(inspection: Inspection, calibration: Calibration | None, company: Company | None) -> str:
+    return (
+        head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
+        + _stamp(inspection)
+        + f"{tables.unmeasured(inspection)}{tables.decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
+    )
+
+
+def _stamp(inspection: Inspection) -> str:
+    """The verdict; *conforms* is amber where recipes had changed since the calibration, as on the operator page."""
     verdict = inspection.verdict
     mark, word = VERDICTS[verdict]
     meant = "nothing may be decided on this calibration" if inspection.reasons else MEANINGS[verdict]
     if verdict not in {c.verdict for c in inspection.characteristics} and any(d.verdict for d in inspection.defects):
         meant = "a tooth is broken" if verdict == "does_not_conform" else "a tooth may be broken"
-    return (
-        head(TITLES[inspection.kind], inspection.name, _facts(inspection, calibration), company)
-        + stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
-        + f"{tables.unmeasured(inspection)}{tables.decisive(inspection)}{K_NOTE}{_remarks(inspection)}"
-    )
+    if verdict == "conforms" and any(remark.code == RECIPE_CHANGED for remark in inspection.remarks):
+        open_mark, meant = VERDICTS["undecided"][0], "recipes had changed since the calibration: see the remarks"
+        return stamp("undecided", open_mark, f"{word.capitalize()}, in doubt", meant)
+    return stamp(verdict, mark, word.capitalize(), meant, inspection.reasons)
 
 
 def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]:
@@ -85,10 +96,13 @@ def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]
     return facts + ([inspection.software] if inspection.software else [])
 
 
-def _assumed(inspection: Inspection, calibration: Calibration | None) -> str:
+def _inputs(inspection: Inspection, calibration: Calibration | None) -> list[str]:
+    """What makes U, the budgets in full, and what was assumed."""
     if calibration is None:
-        return ""
-    return assumed(assumptions_of(calibration, (c.budget for c in inspection.characteristics)))
+        return [_budget(inspection)]
+    causes = causes_of(calibration, {line_name(c): c.budget for c in tables.main_lines(inspection)})
+    budgets = (c.budget for c in inspection.characteristics)
+    return [most_of_u(causes), _budget(inspection), assumed(assumptions_of(calibration, budgets))]
 
 
 def _remarks(inspection: Inspection) -> str:
@@ -151,29 +165,9 @@ def _cad(inspection: Inspection, values: dict[Key, float] | None) -> list[str]:
     ]
 
 
-MAIN_CHARACTERISTICS = (
-    "f_p",
-    "F_p",
-    "F_r",
-    "F_alpha",
-    "f_Halpha",
-    "F_beta",
-    "f_Hbeta",
-    "s",
-    "M_d",
-    "d",
-    "roundness",
-    "runout",
-)
-
-
 def _budget(inspection: Inspection) -> str:
-    """Of each main characteristic the line with the largest U."""
-    largest = []
-    lines = [c for c in tables.whole_part_lines(inspection) if c.U is not None and c.budget]
-    for name in MAIN_CHARACTERISTICS if inspection.kind != "cad" else dict.fromkeys(c.name for c in lines):
-        same = [c for c in lines if c.name == name]
-        largest += [max(same, key=lambda c: c.U or 0.0)] if same else []
+    """Of the main lines."""
+    largest = tables.main_lines(inspection)
     if not largest:
         return ""
     return (

@@ -12,11 +12,11 @@ from truestand.report.notation import (
     line_name,
     meaning,
     number,
-    places,
     seen_text,
     shown,
     symbol,
     tolerance_share_text,
+    two_digits,
     u_text,
     unit,
     value_text,
@@ -30,6 +30,10 @@ LEAST_SHARE = 0.02
 """Of U: smaller lines of a budget stand in the record."""
 MOST_LISTED = 8
 """Lines that the head lists one by one."""
+MAIN_CHARACTERISTICS = (
+    "f_p", "F_p", "F_r", "F_alpha", "f_Halpha", "F_beta", "f_Hbeta", "s", "M_d", "d", "roundness", "runout",
+)  # fmt: skip
+"""Whose U a reader asks for first; of a comparison with CAD, all."""
 
 
 def table(head: str, body: str, kind: str = "") -> str:
@@ -91,6 +95,14 @@ def whole_part_lines(inspection: Inspection) -> list[Characteristic]:
     return [c for c in inspection.characteristics if c.tooth is None]
 
 
+def main_lines(inspection: Inspection) -> list[Characteristic]:
+    """Of each main characteristic the line with the largest U."""
+    lines = [c for c in whole_part_lines(inspection) if c.U is not None and c.budget]
+    names = MAIN_CHARACTERISTICS if inspection.kind != "cad" else dict.fromkeys(c.name for c in lines)
+    same = ([c for c in lines if c.name == name] for name in names)
+    return [max(found, key=lambda c: c.U or 0.0) for found in same if found]
+
+
 def decisive(inspection: Inspection) -> str:
     """Which lines carry the verdict, as a list: what fails, what is undecided, what can't be shown."""
     items = []
@@ -149,17 +161,13 @@ def budgets(lines: Iterable[Characteristic]) -> str:
 def _budget(c: Characteristic) -> str:
     U = c.U or 0.0
     rows = "".join(
-        f'<tr><td>{escape(b.name)}</td><td class="n">{_two_digits(shown(c, b.U))}</td>'
+        f'<tr><td>{escape(b.name)}</td><td class="n">{two_digits(shown(c, b.U))}</td>'
         f'<td class="bars"><span class="bar" style="width:{6 * b.U / max(U, 1e-15):.2f}rem"></span></td></tr>'
         for b in c.budget
         if b.U >= LEAST_SHARE * U
     )
-    total = f'<tr><th>{line_name(c)}</th><th class="n">{_two_digits(shown(c, U))}</th><th>{unit(c)}</th></tr>'
+    total = f'<tr><th>{line_name(c)}</th><th class="n">{two_digits(shown(c, U))}</th><th>{unit(c)}</th></tr>'
     return f'<table class="budget"><thead>{total}</thead><tbody>{rows}</tbody></table>'
-
-
-def _two_digits(value: float) -> str:
-    return number(value, places(value))
 
 
 def settings(inspection: Inspection) -> str:

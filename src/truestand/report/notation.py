@@ -77,6 +77,13 @@ def number(value: float | None, decimals: int = 3) -> str:
     return text.replace("-", "\N{MINUS SIGN}") if float(f"{value:.{decimals}f}") else text.replace("-", "")
 
 
+def two_digits(value: float | None) -> str:
+    """Two digits at least; of less than a hundred-thousandth as a power of ten. Empty where there is none."""
+    if value is None:
+        return ""
+    return f"{value:.1e}" if 0 < abs(value) < 1e-5 else number(value, places(abs(value)))
+
+
 def with_u(value: float | None, U: float | None) -> str:
     """``value ± U``, both to the uncertainty's second digit."""
     if value is None:

@@ -3,10 +3,8 @@
 from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
-from math import degrees
 
 from truestand._version import __version__
-from truestand.core.assumptions import Assumption
 from truestand.files.recipes.recipes import Company
 
 K_NOTE = '<p class="k">± <i>U</i>: expanded uncertainty, <i>k</i> = 2.</p>'
@@ -52,26 +50,6 @@ def not_measured(title: str, items: Iterable[str]) -> str:
     """What could not be measured: the first thing a reader should know. The items are HTML; empty where none."""
     listed = "".join(f"<li>{item}</li>" for item in items)
     return f'<div class="unseen"><h3>{title}</h3><ul>{listed}</ul></div>' if listed else ""
-
-
-def assumed(assumptions: Iterable[Assumption]) -> str:
-    """What nobody stated and the result rests on, with its heading; empty where all was stated."""
-    rows = "".join(
-        f'<tr><th>{escape(a.name)}</th><td class="n">{_value_text(a)}</td><td>{escape(a.source)}</td></tr>'
-        for a in assumptions
-    )
-    return (
-        "<h2>What was assumed</h2><p>Nobody stated these numbers (± U, k = 2). Better ones make every U smaller.</p>"
-        f'<table class="assumed"><tbody>{rows}</tbody></table>'
-        if rows
-        else ""
-    )
-
-
-def _value_text(a: Assumption) -> str:
-    """The value in um, arc seconds or ppm where mm, rad or a plain share would read badly."""
-    scale, unit = {"mm": (1e3, "um"), "rad": (degrees(3600), "″"), "1": (1e6, "ppm")}.get(a.unit, (1.0, a.unit))
-    return f"{'' if a.constant else '± '}{scale * a.value:.3g} {unit}"
 
 
 def framed(svg: str, caption: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import degrees
 from typing import Any
 
-from truestand.core.calibration import Calibration
+from truestand.core.calibration import Calibration, Contribution
 from truestand.core.units import mrad, um
 
 
@@ -65,6 +65,16 @@ def quantities(
             )
         )
     return rows
+
+
+def main_budgets(calibration: Calibration) -> dict[str, tuple[Contribution, ...]]:
+    """The budgets of a calibration's main quantities by their names, but of directions that the scan did not tell."""
+    known = _values(calibration)
+    return {
+        name: calibration.uncertainty[key].contributions
+        for key, name, *_ in QUANTITIES
+        if key in calibration.uncertainty and known[key] is not None
+    }
 
 
 def _values(c: Calibration) -> dict[str, float | None]:

@@ -4,21 +4,26 @@ from collections.abc import Mapping, Sequence
 from math import hypot
 from typing import Any, Literal
 
+from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
+from truestand.report.causes import cause_line
 from truestand.report.history import InspectionRow, QuantityHistory
+from truestand.report.inspection_tables import main_lines
 from truestand.report.notation import limit_text, number, places, u_text, unit, value_text, with_u
-from truestand.report.quantities import quantities
+from truestand.report.quantities import main_budgets, quantities
 from truestand.report.true_values import true_value, true_values
 from truestand.statistics.gage import GageStudy
+from truestand.uncertainty.causes import Cause, causes_of
 
 
 def summary_table(
     calibration: Calibration, paper: Calibration | None = None, truth: Mapping[str, Any] | None = None
-) -> Table:
+) -> RenderableType:
     """Paper's method, exact model with U (k = 2), truth and error where given."""
     exact, published = calibration.method == "stand", paper is not None or calibration.method == "paper"
     columns = ["paper's method"] if published else []
@@ -37,7 +42,7 @@ def summary_table(
     for c in ([paper or calibration] if published else []) + ([calibration] if exact else []):
         row.append("" if c.residuals is None else f"± {number(um(c.residuals.p90), 1)}")
     table.add_row(*row)
-    return table
+    return _with_cause(table, causes_of(calibration, main_budgets(calibration)))
 
 
 def positions_table(positions: Positions) -> Table:
@@ -56,10 +61,13 @@ def positions_table(positions: Positions) -> Table:
     return table
 
 
-def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = None) -> Table:
+def inspection_table(
+    inspection: Inspection, truth: Mapping[str, Any] | None = None, calibration: Calibration | None = None
+) -> RenderableType:
     """The whole part's characteristics with U, limit, class and verdict; what was not measurable says so.
 
-    Beside them what the published compensation makes of the same scan, and the truth where it is given.
+    Beside them what the published compensation makes of the same scan, and the truth where it is given; below, what
+    makes most of U, where the ``calibration`` is given.
     """
     values = true_values(inspection, truth)
     further = [h for h, shown in (("paper's method", inspection.published), ("truth", values)) if shown]
@@ -81,7 +89,15 @@ def inspection_table(inspection: Inspection, truth: Mapping[str, Any] | None = N
         table.add_row(
             f"{d.kind}, tooth {d.tooth}", d.flank or "", depth, *("" for _ in further), "", "", verdict + place
         )
-    return table
+    if calibration is None:
+        return table
+    budgets = {f"{c.name} {c.flank or c.section or ''}".strip(): c.budget for c in main_lines(inspection)}
+    return _with_cause(table, causes_of(calibration, budgets))
+
+
+def _with_cause(table: Table, causes: Sequence[Cause]) -> RenderableType:
+    """The table, and below it a line on what makes most of U."""
+    return Group(table, Text(cause_line(causes))) if causes else table
 
 
 def _row(c: Characteristic) -> tuple[str, ...]:

@@ -76,7 +76,7 @@ def run_job(job: Job, observer: Observer) -> Outcome[Any]:
         inputs, outputs = Inputs((shaft,), job.stand, job.artefact), Outputs(folder / "calibration.json", report=report)
         return calibrate_job(inputs, outputs, take(shaft), observer.during)
     if job.kind == "inspect":
-        inputs = Inputs((part,), job.stand, calibration=job.calibration, part=job.part)
+        inputs = Inputs((part,), job.stand, job.artefact, job.calibration, job.part)
         outputs = Outputs(folder / "inspection.json", folder / "cloud.ply", report)
         return inspect_job(inputs, outputs, take(part), observer.during, identity=job.identity)
     inputs = Inputs((shaft,), job.stand, job.artefact, job.calibration)

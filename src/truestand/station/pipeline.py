@@ -13,14 +13,16 @@ from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Method, ScanSummary
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Inspection
+from truestand.core.message import RECIPE_CHANGED, Message
 from truestand.core.scan import Scan
 from truestand.core.stand import Stand
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.units import UM_PER_MM
 from truestand.files.atomic import write_json_atomic
+from truestand.files.recipes.changes import differences
 from truestand.files.recipes.recipes import Company, read_company, read_shaft
 from truestand.files.records.calibration_record import calibration_record, read_calibration
-from truestand.files.records.record import now
+from truestand.files.records.record import now, read_json
 from truestand.files.scans.read import sha256_of
 from truestand.files.shapes.clouds import check_suffix, write_cloud
 from truestand.report.pdf import check_report, write_report
@@ -156,12 +158,14 @@ def inspect_job(
     recipe, record_path = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
     part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
     sha256 = sha256_of(record_path)
+    changes = _changes(inputs)
     (scan,) = take(calibration.stand)
     with during("evaluate"):
         transferred = transfer(scan, calibration, start_stated)
         surface, created = apply_calibration(transferred.scan, transferred.calibration), now()
         identity = {**read_identity(recipe), **(identity or {})}
-        inspection = replace(inspect(surface, part), created=created, identity=identity)
+        inspection = inspect(surface, part)
+        inspection = replace(inspection, created=created, identity=identity, remarks=(*changes, *inspection.remarks))
         record = inspection_record(inspection, transferred.calibration, ScanSummary.of(scan), sha256, created)
         _write_record(outputs, record)
     with during("report"):
@@ -199,6 +203,13 @@ def _needed(path: Path | None, name: str) -> Path:
     if path is None:
         raise BadRecipe(f"found no {name}; a job of this kind needs it")
     return path
+
+
+def _changes(inputs: Inputs) -> tuple[Message, ...]:
+    """In what the recipes, as they are now, differ from what the calibration was made with: kept with the result."""
+    record = read_json(_needed(inputs.calibration, "a calibration"))
+    found = differences(record, inputs.stand, inputs.artefact)
+    return tuple(Message(RECIPE_CHANGED, f"changed since the calibration: {change}") for change in found)
 
 
 def _company(inputs: Inputs) -> Company | None:

@@ -5,13 +5,14 @@ results made with it is worked out here, whenever they are shown.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import Any, Literal
 
 from truestand.core.errors import BadStore
-from truestand.core.message import Message
-from truestand.files.records.record import is_past
+from truestand.core.message import RECIPE_CHANGED, Message
+from truestand.files.records.record import is_past, read_messages
 from truestand.store.entry import RESULTS, Entry
 
 Standing = Literal["stands", "in_doubt", "corrected", "withdrawn"]
@@ -26,7 +27,8 @@ class Results:
         self.entries = {e.number: e for e in entries if e.kind in (*RESULTS, "correction")}
         self.corrected_by = {e.about: e.number for e in self.entries.values() if e.about is not None}
         self._read = read
-        self._stated: dict[str, tuple[str | None, str | None]] = {}
+        self._stated: dict[str, _Statement] = {}
+        self._withdrawals = self._withdrawals_by_record()
         self._calibrations: dict[str, list[int]] = {}
         for number, entry in self.entries.items():
             if entry.record is not None and self.kind(number) == "calibration":
@@ -44,10 +46,19 @@ class Results:
         return self.with_origins(number)[-1].kind
 
     def last(self, number: int) -> Entry:
-        """The last correction of a result, or the result itself."""
+        """The last correction of a result, or the result itself; of a record that was withdrawn, its withdrawal.
+
+        A withdrawal stands for the same bytes wherever they are kept, and kept again.
+        """
         while number in self.corrected_by:
             number = self.corrected_by[number]
-        return self.entries[number]
+        entry = self.entries[number]
+        return self._withdrawals.get(entry.record or "", entry)
+
+    def replaced_by(self, number: int) -> int | None:
+        """The entry that corrects or withdraws a result; None: it counts."""
+        last = self.last(number).number
+        return self.corrected_by.get(number) or (None if last == number else last)
 
     def standing(self, number: int, now: datetime) -> Standing:
         """What a result is worth at a time."""
@@ -77,7 +88,7 @@ class Results:
 
     def doubts(self, number: int, now: datetime) -> tuple[Message, ...]:
         """What speaks against a result that was neither corrected nor withdrawn; nothing where it stands."""
-        if number in self.corrected_by or self.entries[number].record is None:
+        if self.replaced_by(number) is not None or self.entries[number].record is None:
             return ()
         kind = self.kind(number)
         try:
@@ -99,14 +110,17 @@ class Results:
 
     def _dependent_doubts(self, number: int, kind: str) -> Iterator[Message]:
         """Of an inspection or a verification, whose calibration the store may know or not."""
+        if kind == "inspection":
+            yield from self._statement(self.entries[number].record or "").changes
         sha256 = self._calibration_sha256(number)
         if sha256 is None:
             return
         known = self._calibrations.get(sha256, [])
-        # one record may have been kept twice, for instance again after a withdrawal
-        calibration = next((n for n in reversed(known) if n not in self.corrected_by), known[-1] if known else None)
+        # one record may have been kept twice, for instance in the place of its own withdrawal
+        counting = [n for n in known if self.replaced_by(n) is None]
+        calibration = next(reversed(counting or known), None)
         name = f"calibration {sha256[:12]}" if calibration is None else f"calibration #{calibration}"
-        if calibration in self.corrected_by:
+        if calibration is not None and not counting:
             yield self._taken_back(calibration, name)
         if kind != "inspection":
             return
@@ -137,6 +151,18 @@ class Results:
             text = f"since then {name} did not hold: {_of(decided[-1])}; calibrate and inspect again"
             yield Message("calibration_does_not_hold", text)
 
+    def _withdrawals_by_record(self) -> dict[str, Entry]:
+        """By the hash of a record the entry that withdrew it, but of one that somebody kept again for a reason."""
+        found: dict[str, Entry] = {}
+        for number, entry in sorted(self.entries.items()):
+            if entry.kind != "correction":
+                continue
+            if entry.record is None:
+                found |= {e.record: entry for e in self.with_origins(number) if e.record is not None}
+            else:
+                found.pop(entry.record, None)
+        return found
+
     def _verifications(self, calibration: int) -> list[tuple[int, Entry]]:
         """Those of a calibration, with the number of the original, the newest first."""
         records = {e.record for e in self.with_origins(calibration)}
@@ -155,17 +181,35 @@ class Results:
     def _calibration_sha256(self, number: int) -> str | None:
         """Of the record of the calibration that a result rests on."""
         entry = self.entries[number]
-        return entry.evidence.get("calibration") or self._statement(entry.record or "")[0]
+        return entry.evidence.get("calibration") or self._statement(entry.record or "").calibration
 
     def _valid_until(self, sha256: str) -> str | None:
-        return self._statement(sha256)[1]
+        return self._statement(sha256).valid_until
 
-    def _statement(self, sha256: str) -> tuple[str | None, str | None]:
-        """What a record states: the hash of its calibration, and until when it is valid. A record never changes."""
+    def _statement(self, sha256: str) -> "_Statement":
+        """What a record states. A record never changes."""
         if sha256 not in self._stated:
-            record = self._read(sha256)
-            self._stated[sha256] = (record.get("calibration") or {}).get("sha256"), record.get("valid_until")
+            self._stated[sha256] = _Statement.of(self._read(sha256))
         return self._stated[sha256]
+
+
+@dataclass(frozen=True, slots=True)
+class _Statement:
+    """What a record says of what it rests on."""
+
+    calibration: str | None
+    """Its hash."""
+    valid_until: str | None
+    changes: tuple[Message, ...]
+    """In what recipes differed at the inspection from the calibration: told then, not by the recipes of today."""
+
+    @classmethod
+    def of(cls, record: Mapping[str, Any]) -> "_Statement":
+        remarks = read_messages(record.get("remarks") or ())
+        return cls(
+            (record.get("calibration") or {}).get("sha256"), record.get("valid_until"),
+            tuple(remark for remark in remarks if remark.code == RECIPE_CHANGED),
+        )  # fmt: skip
 
 
 def _moment(time: str) -> datetime:

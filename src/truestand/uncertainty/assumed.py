@@ -16,11 +16,13 @@ def assumptions_of(calibration: Calibration, budgets: Iterable[tuple[Contributio
 
 
 def _in_the_fit(calibration: Calibration) -> set[str]:
-    """What the fit itself assumes, under the names that its lines would have."""
+    """What the fit itself assumes, as lines of a budget would be named; its own lines don't say so."""
     sensor, artefact = calibration.stand.sensor, calibration.artefact
     names = set()
-    if sensor.plane_offset_U is None or sensor.plane_tilt_U is None:
-        names.add(f"mounting of the laser plane{ASSUMED}")
+    if sensor.plane_offset_U is None:
+        names.add(f"offset of the laser plane{ASSUMED}")
+    if sensor.plane_tilt_U is None:
+        names.add(f"tilt of the laser plane{ASSUMED}")
     if artefact is not None and any(c.coaxiality_U is None for c in artefact.cylinders[1:]):
         names.add(f"coaxiality of the steps{ASSUMED}")
     return names

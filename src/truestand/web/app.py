@@ -1,6 +1,5 @@
 """The application: routes behind their policies, refusals in one shape, the security middleware around it all."""
 
-import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
@@ -19,7 +18,7 @@ from truestand.web.problem import Problem
 from truestand.web.routes import files, jobs, recipes, results, session, stand
 from truestand.web.routing import ANYONE, Routes, require_policies
 from truestand.web.security import AllowedHosts, SecurityMiddleware
-from truestand.web.watch import watch
+from truestand.web.watch import watching
 
 MAX_THREADS = 8
 """At once, for what waits for a disk; each costs memory."""
@@ -70,10 +69,8 @@ def openapi(request: Request) -> dict[str, Any]:
 @asynccontextmanager
 async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     anyio.to_thread.current_default_thread_limiter().total_tokens = MAX_THREADS
-    watching = asyncio.create_task(watch(app.state.shared))
-    yield
-    watching.cancel()
-    await asyncio.gather(watching, return_exceptions=True)
+    async with watching(app.state.shared):
+        yield
 
 
 async def _refused(request: Request, refused: HTTPException) -> JSONResponse:

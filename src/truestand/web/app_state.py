@@ -56,6 +56,8 @@ class AppState:
     """Held while the store is audited."""
     recipe_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Held while a recipe is written, and while a job reads what it starts with: neither comes between the other."""
+    is_watched: bool = False
+    """Whether a task looks at the disk already."""
 
     @property
     def folder(self) -> RecipeFolder:

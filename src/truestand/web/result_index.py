@@ -144,7 +144,7 @@ class ResultIndex:
             verdict=None if kind == "calibration" else word,
             status=word if kind == "calibration" else None,
             corrects=entry.about,
-            corrected_by=known.corrected_by.get(number),
+            corrected_by=known.replaced_by(number),
             standing="in_doubt" if standing == "stands" and doubts else standing,
             doubts=doubts,
             has=AvailableFiles(

@@ -2,12 +2,30 @@
 
 import asyncio
 import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 
 from truestand.core.errors import TruestandError
 from truestand.web.app_state import AppState
 from truestand.web.routes.stand import home
 
 POLL_INTERVAL_S = 2.0
+
+
+@asynccontextmanager
+async def watching(state: AppState) -> AsyncIterator[None]:
+    """While this is open, one task looks at the disk for all who ask, page and interfaces alike."""
+    if state.is_watched:
+        yield
+        return
+    state.is_watched = True
+    task = asyncio.create_task(watch(state))
+    try:
+        yield
+    finally:
+        state.is_watched = False
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 async def watch(state: AppState) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from truestand._version import __version__
-from truestand.core.assumptions import Assumption
+from truestand.core.assumptions import Assumption, better
 from truestand.core.calibration import ScanSummary
 from truestand.core.errors import UnreadableFile
 from truestand.core.message import UNTIED, Message
@@ -76,8 +76,11 @@ def messages_record(messages: Iterable[str]) -> list[Record]:
 
 
 def assumptions_record(assumptions: Iterable[Assumption]) -> list[Record]:
-    """What nobody stated: each with value, unit and source."""
-    return [{"name": a.name, "value": a.value, "unit": a.unit, "source": a.source} for a in assumptions]
+    """What nobody stated: each with value, unit and source, which says how to do better, too."""
+    return [
+        {"name": a.name, "value": a.value, "unit": a.unit, "source": "; ".join(filter(None, (a.source, better((a,)))))}
+        for a in assumptions
+    ]
 
 
 def read_messages(items: Iterable[Any]) -> tuple[Message, ...]:

@@ -1,13 +1,13 @@
 """The stand's status for all interfaces, from the functions that answer the page's routes: so all say the same.
 
-One task polls: the page's hub for jobs and live values, and every few seconds the store and the file of a latched
-fault, for what other programs do. Every interface takes the newest snapshot, never a backlog.
+One task follows the page's hub: jobs, live values, and a word from the watch where store, recipes or the file of a
+latched fault have changed, by whatever program. Every interface takes the newest snapshot, never a backlog.
 """
 
 import asyncio
 import json
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any, Self
@@ -20,9 +20,8 @@ from truestand.web.hub import Listener
 from truestand.web.interfaces.lines import Line, lines_of
 from truestand.web.models import CalibrationState, Entry
 from truestand.web.routes.stand import calibration_state
+from truestand.web.watch import watching
 
-POLL_INTERVAL_S = 2.0
-"""Between two looks at the disk."""
 EVALUATIONS = {"conforms": 1, "does_not_conform": 2, "undecided": 3}
 """ResultEvaluationEnum of OPC 40001-101: in tolerance, out of it, not decidable for its uncertainty; 0: undefined."""
 Json = dict[str, Any]
@@ -51,7 +50,7 @@ class Snapshot:
 
 
 class StatusPublisher:
-    """Polls the stand's status and publishes snapshots of it."""
+    """Follows the stand's status and publishes snapshots of it."""
 
     def __init__(self, state: AppState) -> None:
         self.state = state
@@ -60,17 +59,18 @@ class StatusPublisher:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[Self]:
-        """While this is open, it polls; the first snapshot is there from the beginning."""
+        """While this is open, it follows; the first snapshot is there from the beginning."""
         listener = self.state.hub.listen()
         await self._update([], stored=True)
-        polling = asyncio.create_task(self._poll(listener))
-        try:
-            yield self
-            await self._update([], stored=True)  # how the last job ended
-        finally:
-            polling.cancel()
-            await asyncio.gather(polling, return_exceptions=True)
-            self.state.hub.leave(listener)
+        async with watching(self.state):
+            following = asyncio.create_task(self._follow(listener))
+            try:
+                yield self
+                await self._update([], stored=True)  # how the last job ended
+            finally:
+                following.cancel()
+                await asyncio.gather(following, return_exceptions=True)
+                self.state.hub.leave(listener)
 
     async def changes(self) -> AsyncIterator[Snapshot]:
         """The newest snapshot, and again whenever it has changed."""
@@ -82,19 +82,10 @@ class StatusPublisher:
                 seen, snapshot = self._version, self.newest
             yield snapshot
 
-    async def _poll(self, listener: Listener) -> None:
-        read_at = 0.0
+    async def _follow(self, listener: Listener) -> None:
         while True:
-            messages: list[str] = []
-            with suppress(TimeoutError):
-                async with asyncio.timeout(POLL_INTERVAL_S):
-                    messages = await listener.next()
-            events = [json.loads(message) for message in messages]
-            now = asyncio.get_running_loop().time()
-            stored = any(event["type"] in ("job", "home") for event in events) or now - read_at >= POLL_INTERVAL_S
-            if stored:
-                read_at = now
-            await self._update(events, stored)
+            events = [json.loads(message) for message in await listener.next()]
+            await self._update(events, stored=any(event["type"] in ("job", "home") for event in events))
 
     async def _update(self, events: list[Json], stored: bool) -> None:
         """Publish a snapshot of what is true now; ``stored``: the disk is read again too."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from truestand.files.recipes.changes import differences
 from truestand.files.records.record import is_past, texts_of
 from truestand.station.stand_lock import latched_fault, not_stopped
 from truestand.web.app_state import AppState, StateDep
@@ -12,7 +13,6 @@ from truestand.web.models import CalibrationState, Device, Home, Reset
 from truestand.web.problem import Problem
 from truestand.web.routes.recipes import parts
 from truestand.web.routing import OPERATOR, Routes
-from truestand.web.usable import differences
 
 LAST_RESULTS = 8
 DEVICES_TIMEOUT_S = 60.0
