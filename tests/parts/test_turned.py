@@ -19,6 +19,7 @@ from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, simulate
 from truestand.uncertainty.influence import independent_parts, unknowns_of
 from truth import PLANE, TILTED, Named, shaft
+from variants import tried
 
 NOISE = 0.005
 COVARIANCE = np.diag(np.square([2e-6, 5e-4, 2e-3, 3e-5, 3e-4, 3e-4, 2e-5, 2e-5]))
@@ -113,7 +114,7 @@ def test_a_leaning_section_is_a_cylinder_that_runs_out_the_more_the_farther():
     """The base's axis passes its middle at -30 mm: at -0.8 mm it is 58.4 um aside, at -13.7 mm 32.6."""
     found = inspected("leaning")
     assert line(found, "base", "cylindricity").value < 0.002
-    assert line(found, "base", "runout").value == pytest.approx(2 * 2e-3 * (30 - 1.3), abs=0.002)
+    assert line(found, "base", "runout").value == pytest.approx(2 * 2e-3 * (30 - 0.8), abs=0.001)
     assert line(found, "base", "roundness").value < 0.0015
 
 
@@ -301,3 +302,27 @@ def test_a_dent_no_longer_than_the_cells_are_high_is_not_flattened(length):
     true = np.ptp(filtered_evenly(dent - design @ np.linalg.lstsq(design, dent, rcond=None)[0], UprFilter(50.0)))
     roundness = line(found, "base", "roundness")
     assert abs(roundness.value - true) < roundness.U < 0.5 * true
+
+
+@pytest.mark.parametrize(("step", "shape"), tried([(8, "cone")], (3, "cone"), (3, "crown"), (8, "crown")))
+def test_ends_that_were_not_seen_stand_in_u(step, shape):
+    """0.6 mm of either end are hidden, and cells of a few readings are high: a cone of 85 um read 39 ± 4, a crown 0."""
+    scan, known = scanned("round")
+    surface = apply_calibration(replace(scan, x=scan.x[:, ::step], z=scan.z[:, ::step]), known)
+    low, high = BASE.bottom + 0.3, BASE.top - 0.3
+    along = (2 * surface.height - low - high) / (high - low)
+    scale = 1 + 0.085 * (along / 2 if shape == "cone" else -np.square(along)) / surface.radius
+    with np.errstate(invalid="ignore"):
+        scale = np.where((surface.z > low + 0.6) & (surface.z < high - 0.6), scale, np.nan)
+    shaped = replace(surface, x=surface.x * scale, y=surface.y * scale, z=np.where(scale > 0, surface.z, np.nan))
+    part = Turned((replace(BASE, cylindricity_limit=0.05, total_runout_limit=0.05),))
+    found = inspect_turned(shaped, part)
+    for name in ("cylindricity", "total_runout"):
+        c = line(found, "base", name)
+        assert abs(c.value - 0.085) < c.U < 0.5 * 0.085
+        assert "ends not seen" in budget(c)
+        assert c.verdict != "conforms"
+    level = inspect_turned(replace(surface, z=np.where(scale > 0, surface.z, np.nan)), part)
+    for name in ("cylindricity", "total_runout"):
+        assert line(level, "base", name).verdict == "conforms"
+        assert budget(line(level, "base", name)).get("ends not seen", 0.0) < 3e-4
