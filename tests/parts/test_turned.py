@@ -15,6 +15,7 @@ from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
 from truestand.form.upr import UprFilter, filtered_evenly
 from truestand.parts.drawings import Section, Turned
+from truestand.parts.rings import Rings, read_rings
 from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, simulate
 from truestand.uncertainty.influence import independent_parts, unknowns_of
@@ -36,6 +37,7 @@ SHAPES = {
     "leaning": {"form": (), "misalignments": (Misalignment("base", 0.0, 0.0, 2e-3, 0.0),)},
     "small": {"form": (), "diameter_errors": (("base", -0.010),)},
     "keyway": {"form": (), "keyways": (Keyway("base", 1.0, 6.0, 2.5, -30.0, 0.0),)},
+    "slot": {"form": (), "keyways": (Keyway("base", 2.5, 0.5, 0.3),)},
 }
 
 
@@ -326,3 +328,18 @@ def test_ends_that_were_not_seen_stand_in_u(step, shape):
     for name in ("cylindricity", "total_runout"):
         assert line(level, "base", name).verdict == "conforms"
         assert budget(line(level, "base", name)).get("ends not seen", 0.0) < 3e-4
+
+
+def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
+    """Half a millimetre are six profiles: where its edges run between two of them makes 16 um of 181 (2.7 U)."""
+    found = inspected("slot", Turned((replace(BASE, roundness_limit=0.19),)))
+    circle = np.linspace(-pi, pi, 36_000, endpoint=False)
+    slot = np.where(np.abs(circle) * 12.5 < 0.25, -0.3, 0.0)
+    whole = Rings(12.5, circle, np.zeros(1), np.ones((1, circle.size), dtype=bool), 50.0)
+    _, true, _, runout, _ = read_rings(whole, slot[None]).statistics
+    for name, value in (("roundness", true), ("runout", runout)):
+        c = line(found, "base", name)
+        assert abs(c.value - value) < c.U < 0.2 * value
+    assert line(found, "base", "roundness").verdict == "undecided"
+    for c in inspected("oval").characteristics:
+        assert "edges between profiles" not in budget(c)

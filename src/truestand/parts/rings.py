@@ -141,6 +141,21 @@ def read_trend(rings: Rings, deviation: Array, trend: Trend, low: float, high: f
     return np.asarray(more)
 
 
+def read_edges(rings: Rings, deviation: Array, share: Array, steep: float) -> Array:
+    """By how much (5,) mm a map (H, A) reads more or less where a ``share`` (H, A) of cells at steep edges is as what
+    lies beside them. ``steep`` mm: from one cell to the next.
+    """
+    beside = np.stack([np.roll(deviation, k, axis=-1) for k in (-1, 0, 1)])
+    down, up = deviation - np.fmin.reduce(beside), np.fmax.reduce(beside) - deviation
+    with np.errstate(invalid="ignore"):
+        down, up = (share * np.where(rise > steep, rise, 0.0) for rise in (down, up))
+    if not down.any():
+        return np.zeros(len(STATISTICS))
+    moved = deviation - down, deviation + up
+    apart = read_rings(rings, np.stack(moved)).statistics - read_rings(rings, deviation).statistics
+    return np.asarray(np.abs(apart).max(axis=0))
+
+
 def _widest_gap(seen: Mask) -> float:
     """Cells from one seen to the next around the circle; infinite where there is none."""
     at = np.flatnonzero(seen)
