@@ -288,6 +288,19 @@ def test_dent_smaller_than_a_patch_is_undecided(radius):
     assert high.verdict == "conforms"
 
 
+@pytest.mark.parametrize(("depth", "radius"), tried([(0.1, 0.5)], (0.06, 0.6), (0.04, 0.7), (0.15, 0.6)))
+def test_a_bowl_that_few_readings_meet_may_be_deeper_than_any_of_them(depth, radius):
+    """Ten readings of 5 um of noise meet it: 0 ± 86 was read of 100 and conformed, 14 ± 15 of 40."""
+    mesh, scan, known = bowl(depth, radius)
+    found = inspect_cad(
+        apply_calibration(noisy(scan, 0.005), known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08))
+    )
+    low, high = (next(c for c in found.characteristics if c.name == f"deviation_{end}") for end in ("min", "max"))
+    assert abs(low.value + depth) < low.U
+    assert low.verdict == ("undecided" if depth > 0.08 else "conforms")
+    assert (high.verdict, high.U < 0.02) == ("conforms", True)
+
+
 @pytest.mark.parametrize("lost", tried([False], True), ids=["read behind", "not read"])
 def test_missing_tooth_never_conforms(lost):
     """The rays that should meet it go on to what lies behind, or come back with nothing."""
