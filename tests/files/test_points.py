@@ -51,6 +51,7 @@ GOOD = {
     "a title": b"Points of ring 3\n1.5 -2 3\n4 5 6e-3\n",
     "a comment that names an axis": b"# turned about z\n1.5 -2 3\n4 5 6e-3\n",
     "a cloud of ours as text": b"profile,point,x,y,z\n0,0,1.5,-2,3\n0,1,4,5,6e-3\n",
+    "a word that may be a unit": b"# in my lab\n1.5 -2 3\n4 5 6e-3\n",
     "comment": b"# scanned by Karol\n1.5 -2 3\n4 5 6e-3\n\n",
     "NIST": b"2\n1.5 -2 3\n4 5 6e-3\n",
     "ascii ply": b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float64 x\nproperty double y\nproperty double z\n"
@@ -145,6 +146,7 @@ BAD = {
     "a unit for some": (b"x, y, z [um]\n1.5,2,3\n", "on each"),
     "a unit that may be another thing's": (b"# noise 5 um\n1 2 3\n", "found '# noise 5 um' .* pass --unit"),
     "a long word for a unit": (b"# in micrometres\n1 2 3\n", "pass --unit"),
+    "um without a micro sign": (b"# my\n1 2 3\n", "found .# my. .* pass --unit"),
     "a stated unit that is unknown": (b"# units: inch\n1 2 3\n", "pass --unit"),
     "a part of a mm": (b"# in 1/1000 mm\n1 2 3\n", "pass --unit"),
     "two units": (b"# units: um\n# units: mm\n1 2 3\n", "pass --unit"),

@@ -624,3 +624,31 @@ def test_an_arc_says_what_it_may_not_show():
     stated = float(remark.split("up to ")[1].split()[0])
     assert 1.5 < moved < 1.1 * stated
     assert evaluate(rough_circle(200, 0), "circle").remarks == ()
+
+
+@pytest.mark.parametrize("height", [1e-3, 1e-2, 0.05])
+def test_one_circle_of_a_sphere_holds_no_sphere(height):
+    """A ring of 1 um at 42 degrees, 5 um of noise: the centre was 9 mm off at U 0.07, *valid*."""
+    rng = np.random.default_rng(0)
+    turn, up = rng.uniform(0, 2 * np.pi, 200), 10 * np.sin(0.73) + rng.uniform(-height, height, 200)
+    out = np.sqrt(100 - up**2)
+    ring = np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
+    noisy = ring * (1 + rng.normal(0, 5e-4, 200))[:, None]
+    assert [r.code for r in evaluate(noisy, "sphere").reasons] == ["feature_open"]
+    up = rng.uniform(-5, 5, 200)
+    out = np.sqrt(100 - up**2)
+    band = np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
+    assert evaluate(band * (1 + rng.normal(0, 5e-4, 200))[:, None], "sphere").reasons == ()
+
+
+@pytest.mark.parametrize("shift", [1e-9, 1e-7, 1e-6])
+def test_a_profile_given_twice_with_a_tiny_shift_is_doubted(shift):
+    """Its points are their own neighbours: noise of 3 um read as 0.00006."""
+    rng = np.random.default_rng(0)
+    turn = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    out = 10 + rng.normal(0, 0.003, 200)
+    once = np.column_stack([out * np.cos(turn), out * np.sin(turn), np.zeros(200)])
+    twice = np.vstack([once, once + shift * np.array([1.0, 0.5, 0.0])])
+    assert [r.code for r in evaluate(twice, "circle").reasons] == ["points_nearly_repeated"]
+    again = np.vstack([once, once + rng.normal(0, 0.003, (200, 3)) * [1, 1, 0]])
+    assert evaluate(again, "circle").reasons == ()

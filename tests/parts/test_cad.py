@@ -288,6 +288,19 @@ def test_dent_smaller_than_a_patch_is_undecided(radius):
     assert high.verdict == "conforms"
 
 
+@pytest.mark.parametrize(("depth", "radius"), tried([(0.1, 0.5)], (0.06, 0.6), (0.04, 0.7), (0.15, 0.6)))
+def test_a_bowl_that_few_readings_meet_may_be_deeper_than_any_of_them(depth, radius):
+    """Ten readings of 5 um of noise meet it: 0 ± 86 was read of 100 and conformed, 14 ± 15 of 40."""
+    mesh, scan, known = bowl(depth, radius)
+    found = inspect_cad(
+        apply_calibration(noisy(scan, 0.005), known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08))
+    )
+    low, high = (next(c for c in found.characteristics if c.name == f"deviation_{end}") for end in ("min", "max"))
+    assert abs(low.value + depth) < low.U
+    assert low.verdict == ("undecided" if depth > 0.08 else "conforms")
+    assert (high.verdict, high.U < 0.02) == ("conforms", True)
+
+
 @pytest.mark.parametrize("lost", tried([False], True), ids=["read behind", "not read"])
 def test_missing_tooth_never_conforms(lost):
     """The rays that should meet it go on to what lies behind, or come back with nothing."""
@@ -305,10 +318,28 @@ def test_missing_tooth_never_conforms(lost):
     assert float(told.split("polar angle ")[1].split()[0]) == pytest.approx(45.7, abs=1.5)  # three pitches, turned
 
 
-def test_outliers_and_lost_readings_leave_no_surface_unconfirmed():
+@pytest.mark.parametrize("lost", tried([True], False), ids=["not read", "read behind"])
+def test_a_hole_smaller_than_three_cells_never_conforms(lost):
+    """Drilled into the lower face, 1.8 mm wide, met by forty rays: it conformed."""
+    _, mesh, scan, known = wheel()
+    surface = apply_calibration(scan, known)
+    with np.errstate(invalid="ignore"):
+        hole = (np.hypot(surface.x - 15, surface.y) < 0.9) & (surface.z < 5.0001)
+    beyond = np.where(hole, np.nan if lost else 1.0 + 3.0 / scan.z, 1.0)
+    scan = replace(scan, x=scan.x * beyond, z=scan.z * beyond)
+    found = inspect_cad(
+        apply_calibration(noisy(scan, 0.005), known), Cad(mesh, pose=turned(TURNED), limits=(-0.08, 0.08))
+    )
+    assert {c.verdict for c in found.characteristics if c.limits} == {"undecided"}
+    (told,) = (r for r in found.remarks if "model surface" in r)
+    assert ("no reading confirms it" if lost else "rays went through") in told
+
+
+@pytest.mark.parametrize("share", tried([0.2], 0.1))
+def test_outliers_and_lost_readings_leave_no_surface_unconfirmed(share):
     _, mesh, scan, known = wheel()
     rng = np.random.default_rng(8)
-    wild, lost = rng.random(scan.z.shape) < 0.2, rng.random(scan.z.shape) < 0.1
+    wild, lost = rng.random(scan.z.shape) < 0.2, rng.random(scan.z.shape) < share
     reach = np.where(wild, rng.uniform(70, 120, scan.z.shape) / scan.z, 1.0)
     dirty = replace(scan, x=np.where(lost, np.nan, scan.x * reach), z=np.where(lost, np.nan, scan.z * reach))
     found = inspect_cad(apply_calibration(dirty, known), Cad(mesh, fit="angle", limits=(-0.08, 0.08)))

@@ -44,6 +44,9 @@ PLANE_NOISE = 10.0
 directions, and a plane that is turned within such heights makes the circle narrower by less than its noise."""
 FLAT = 1e-3
 """Heights over its plane as a share of a circle's size, rms, that don't matter: turned as much, it is 2e-6 narrower."""
+RING = 5e-3
+"""Heights over its plane as a share of a ring's radius, rms, that hold no sphere: noise of 30 um on 6 mm makes as much,
+and along a sphere's normal it passes for a sphere that bends the other way."""
 SURE = 0.999
 HELD = 3.0
 """By how much more form an inscribed or circumscribed feature may read than the least squares: held all round, it moves
@@ -53,6 +56,12 @@ ACROSS = 0.9
 """Cosine between an axis and the normal of a plane that lies across it."""
 SAME_PLACE = 1e-12
 """Of the largest coordinate: as a double rounds what was worked out twice, from angles a turn apart."""
+NEARLY = 1e-6
+"""mm: no instrument meets a place again so nearly (a nanometre); a file written twice does."""
+MOST_NEARLY = 0.1
+"""Share of such points from which they, and not the instrument's noise, are what neighbours tell."""
+MOST_ATTENUATED = 0.05
+"""Share by which noise makes a slope over a ring's height too flat; more is too near to the height itself."""
 OPEN = 0.1
 """U of the position as a share of the size, or of the direction in rad, from which the points leave a feature open."""
 
@@ -309,6 +318,12 @@ def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: Fit
         reasons.append(Message("out_of_plane", text))
     if found.U.get("point", 0.0) > OPEN * size or found.U.get("direction", 0.0) > OPEN or _is_ring(found, points):
         reasons.append(Message("feature_open", f"the points leave the {found.feature} open: measure more of it"))
+    if (share := _nearly_repeated(points)) > MOST_NEARLY:
+        text = (
+            f"{share:.0%} of the points lie within {NEARLY:g} mm of another: a profile given twice has no noise of its "
+            "own, and U is too small; give each once"
+        )
+        reasons.append(Message("points_nearly_repeated", text))
     least = float(np.ptp(fitted.deviation))
     if found.reference in ("MIC", "MCC") and found.form > HELD * least + ROUNDING * size:
         text = (
@@ -319,14 +334,27 @@ def _reasons(found: Form, points: Array, as_measured: FittedFeature, fitted: Fit
     return tuple(reasons)
 
 
+def _nearly_repeated(points: Array) -> float:
+    """Share of points (n, 3) mm that lie beside another, ``NEARLY``; some that a rounding parts are missed."""
+    place = np.rint(points / NEARLY)
+    beside = np.abs(np.diff(place[np.lexsort(place.T)], axis=0)).max(axis=1) <= 1
+    return 2 * float(np.count_nonzero(beside)) / len(points)
+
+
 def _is_ring(found: Form, points: Array) -> bool:
-    """Whether points (n, 3) mm of a cylinder or cone lie so nearly in a plane across the axis that this is held by what
-    its tilt does to the second order: U, which knows the first alone, is then too small.
+    """Whether points (n, 3) mm of a round feature lie so nearly in a plane that U, which knows the first order, is
+    too small: a cylinder or cone across the axis is held by what its tilt does to the second, and noise of the heights
+    over the plane draws a sphere's centre towards it.
     """
-    if found.feature not in ("cylinder", "cone") or found.radius is None or found.direction is None:
+    if found.feature not in ("cylinder", "cone", "sphere") or found.radius is None:
         return False
     extent, axes = np.linalg.eigh(np.cov(points.T, bias=True))
     thickness, normal = sqrt(max(float(extent[0]), 1e-300)), axes[:, 0]
+    if found.direction is None:
+        attenuated = (found.rms / thickness) ** 2
+        aside = abs(float(normal @ (found.point - points.mean(axis=0))))
+        flat = thickness <= RING * sqrt(float(extent[1] + extent[2]))
+        return flat or attenuated > MOST_ATTENUATED or attenuated * aside > found.U.get("point", np.inf)
     tilt = K * found.rms / (thickness * sqrt(found.n / 2))
     return abs(float(normal @ found.direction)) > ACROSS and found.radius * tilt**2 / 2 > found.U.get("radius", np.inf)
 

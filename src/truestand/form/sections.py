@@ -13,7 +13,10 @@ from truestand.core.surface import Surface
 
 NEAR_MM = 0.5
 """mm: readings this near to the drawing's radius are the surface's."""
-LEAST_READINGS = 3
+LEAST_READINGS, USUAL_READINGS = 3, 9
+"""A cell's at least; and on average at least, lest cells are filled where profiles happen to meet the section only, and
+the feature leans there: of fewer readings, cells are wider."""
+LEAST_AROUND = 36
 CIRCLE_CELLS, CYLINDER_CELLS = (720, 1), (180, 20)
 """Cells around and along."""
 SECTION = 0.5
@@ -26,12 +29,13 @@ def section(surface: Surface, radius: float, low: float, high: float, cells: tup
     Raises:
         NotEnoughData: fewer than a tenth of the cells hold readings.
     """
-    around, along = cells
     on = (surface.z >= low) & (surface.z < high)
     x, y, z = (part[on] for part in (surface.x, surface.y, surface.z))
     deviation = np.hypot(x, y) - radius
     near = np.abs(deviation) < NEAR_MM
     x, y, z, deviation = x[near], y[near], z[near], deviation[near]
+    around, along = cells
+    around = max(min(around, x.size // (USUAL_READINGS * along)), LEAST_AROUND)
     column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * around).astype(np.intp) % around
     row = np.minimum(((z - low) / (high - low) * along).astype(np.intp), along - 1)
     means, count = trimmed_means(row * around + column, deviation, around * along)

@@ -43,8 +43,6 @@ MOST_PATCHES = 3_000_000
 """Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
 WITHIN = "shape within a patch"
-DEEPER = 1.25
-"""How much deeper a bowl of a patch's size may be than the deepest reading but one says."""
 MOST_REGIONS = 12
 """Regions that the remarks name."""
 INCIDENCE = f"incidence on steep surfaces{ASSUMED}"
@@ -284,7 +282,7 @@ def _beyond_means(patches: Patches, on_model: Readings, value: Array) -> Array:
     """By how much (5,) mm the characteristics may grow where single places lie farther out than the patches' means."""
     low, high = farthest(patches, on_model)
     missed = [0.0, 0.0, high - value[2], value[3] - low, 2 * max(-low, high) - value[4]]
-    return DEEPER * np.maximum(missed, 0.0)
+    return np.maximum(missed, 0.0)
 
 
 def _line(

@@ -28,6 +28,10 @@ FULL = 0.5
 """Of the usual number of a patch's readings: so many that don't agree are no outliers."""
 PASSED_OVER = 1
 """Readings at either end of a patch that may be outliers and are no lowest or highest."""
+DEPARTS = 3.0
+"""Standard deviations of a reading from which it departs."""
+LEAST_DEEPER, MOST_DEEPER = 1.25, 2.5
+"""Factors: of a bowl of a patch's size; of one that is hardly seen."""
 SCATTER_READINGS = 200_000
 """Readings that the scatter is taken from."""
 LEAST_SCATTER = 5e-4
@@ -153,7 +157,7 @@ def farthest(patches: Patches, readings: Readings) -> tuple[float, float]:
     """How low and how high (mm) the surface reaches within patches that lie off the others, reading by reading.
 
     A patch's mean flattens what is smaller than the patch and leaves out its farthest readings; where few agree there
-    is no mean. The readings are those that the patches were made of.
+    is no mean. Between readings it may be deeper still. The readings are those that the patches were made of.
     """
     cell, deviation = readings.cell, readings.deviation
     mean, noise, count = patches.mean.ravel(), patches.noise.ravel(), patches.count.ravel()
@@ -162,16 +166,37 @@ def farthest(patches: Patches, readings: Readings) -> tuple[float, float]:
     with np.errstate(invalid="ignore"):
         off |= np.abs(mean - middle) > OFF_SIGMA * noise
         beyond = deviation - mean[cell]
+    depart = {
+        s: np.bincount(cell[s * (deviation - middle) > DEPARTS * patches.scatter], minlength=mean.size) for s in (-1, 1)
+    }
     for sign in (-1, 1):
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # A small dent scatters the readings of its patch: that is no noise.
+            off |= (sign * (mean - middle) > OFF_SIGMA * patches.scatter / np.sqrt(count)) & (depart[sign] >= MANY)
         off |= _together(np.bincount(cell[sign * beyond > TRUSTED * patches.scatter], minlength=mean.size), patches)
     inside = np.flatnonzero(off[cell])
     if not inside.size:
         return middle, middle
+    level = np.where(np.isnan(mean), middle, mean)
     order = inside[np.lexsort((deviation[inside], cell[inside]))]
     ends = np.flatnonzero(np.diff(cell[order], append=-1))
     starts = np.append(0, ends[:-1] + 1)
     second, last_but_one = np.minimum(starts + PASSED_OVER, ends), np.maximum(ends - PASSED_OVER, starts)
-    return float(deviation[order[second]].min()), float(deviation[order[last_but_one]].max())
+    found = []
+    for sign, at in ((-1, order[second]), (1, order[last_but_one])):
+        beyond = np.maximum(sign * (deviation[at] - level[cell[at]]), 0.0)
+        plain = np.maximum(beyond - DEPARTS * patches.scatter, 0.0)
+        deepest = LEAST_DEEPER * beyond + (_deeper(depart[sign][cell[at]]) - LEAST_DEEPER) * plain
+        found.append(sign * float((sign * level[cell[at]] + deepest).max()))
+    return found[0], found[1]
+
+
+def _deeper(number: Ints) -> Array:
+    """How much deeper (n,) a bowl may be than the deepest but one of a ``number`` (n,) of readings in it.
+
+    So many readings share its area evenly; a bowl (1 - (d / radius)^2)^2 has fallen to its value there.
+    """
+    return np.clip(np.square((number + 1) / np.maximum(number - 1, 1)), LEAST_DEEPER, MOST_DEEPER)
 
 
 def _together(number: Ints, patches: Patches) -> Mask:

@@ -11,6 +11,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import PARTIAL
+from truestand.core.robust import tukey_fit
 from truestand.form.upr import UprFilter, filtered_evenly
 
 STATISTICS = ("d", "roundness", "cylindricity", "runout", "total_runout")
@@ -18,6 +19,12 @@ STEPS = 5
 """Of the fits: each gains the ratio of radius to offset, 10 and more."""
 GAP = 1.5
 """Of half the shortest wave that passes the filter: the largest gap of a closed profile (as in ``form.upr``)."""
+PLACES = 9
+"""Heights at which a trend is looked at, from end to end: a parabola's peak lies within a sixteenth of one."""
+FEW_WAVES = 3
+"""Waves around, whose growth along the height is looked at: centre, oval, three lobes."""
+ROUGH_CELLS = 1e-3
+"""mm: means of cells that lie nearer to the trend are never outliers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +71,89 @@ class Reading:
     """(..., H, A) mm: what an indicator shows that turns about the datum axis."""
     centres: Array
     """(..., H, 2) mm of the circles."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """How a section's shape goes along its height: r - R (mm) as a sum of few waves around times powers of t."""
+
+    low: float
+    high: float
+    """mm: the section's ends, t = -1 and 1."""
+    factors: Array
+    """(P, 2 FEW_WAVES + 1) mm: of 1, cos and sin of each wave, for the powers 0 to P - 1 of t."""
+
+    def along(self, height: Array) -> Array:
+        """(n, 2 FEW_WAVES + 1) mm: factors of the waves at heights (n,) mm."""
+        return np.asarray(self._powers(height) @ self.factors)
+
+    def at(self, angle: Array, height: Array) -> Array:
+        """r - R (n,) mm at polar angles (n,) rad and heights (n,) mm."""
+        return np.asarray(np.einsum("nw,nw->n", self.along(height), _waves(angle)))
+
+    @property
+    def mean(self) -> float:
+        """mm of r - R, from end to end and all round."""
+        k = np.arange(0, len(self.factors), 2)  # odd powers have none
+        return float((self.factors[k, 0] / (k + 1)).sum())
+
+    def _powers(self, height: Array) -> Array:
+        t = (2 * height - self.low - self.high) / (self.high - self.low)
+        return np.asarray(t[:, None] ** np.arange(len(self.factors)))
+
+
+LEVEL = Trend(-1.0, 1.0, np.zeros((1, 2 * FEW_WAVES + 1)))
+"""That goes nowhere."""
+
+
+def _waves(angle: Array) -> Array:
+    """(n, 2 FEW_WAVES + 1): 1, cosines and sines of the few waves at polar angles (n,) rad."""
+    turned = angle[:, None] * np.arange(1, FEW_WAVES + 1)
+    return np.concatenate([np.ones((angle.size, 1)), np.cos(turned), np.sin(turned)], axis=1)
+
+
+def trend_of(low: float, high: float, angle: Array, height: Array, mean: Array) -> Trend:
+    """The trend of cells (H, A) with means of r - R (mm; NaN: not seen): a parabola where their heights can tell."""
+    seen = np.isfinite(mean)
+    powers = min(3, int(np.count_nonzero(seen.mean(axis=1) >= PARTIAL)))
+    flat = Trend(low, high, np.zeros((powers, 2 * FEW_WAVES + 1)))
+    if not powers:
+        return flat
+    row, column = np.nonzero(seen)
+    design = flat._powers(height)[row][:, :, None] * _waves(angle)[column][:, None, :]
+    factors, _ = tukey_fit(design.reshape(row.size, -1), mean[seen], ROUGH_CELLS)
+    return Trend(low, high, factors.reshape(powers, -1))
+
+
+def read_trend(rings: Rings, deviation: Array, trend: Trend, low: float, high: float) -> Array:
+    """What more (5,) mm a map (H, A) reads where it goes on between its heights, and beyond them, as the trend does;
+    ``low`` to ``high`` mm.
+    """
+    used = np.flatnonzero(rings.used)
+    places = np.linspace(low, high, PLACES)
+    nearest = used[np.abs(places[:, None] - rings.height[used]).argmin(axis=1)]
+    further = (trend.along(places) - trend.along(rings.height[nearest])) @ _waves(rings.angle).T
+    seen = np.concatenate([rings.seen, rings.seen[nearest]])
+    longer = Rings(rings.radius, rings.angle, np.append(rings.height, places), seen, rings.cutoff)
+    longer_map = np.concatenate([deviation, deviation[nearest] + further])
+    more = np.maximum(read_rings(longer, longer_map).statistics - read_rings(rings, deviation).statistics, 0.0)
+    more[0] = 2 * (trend.mean - trend.along(rings.height[used])[:, 0].mean())
+    return np.asarray(more)
+
+
+def read_edges(rings: Rings, deviation: Array, share: Array, steep: float) -> Array:
+    """By how much (5,) mm a map (H, A) reads more or less where a ``share`` (H, A) of cells at steep edges is as what
+    lies beside them. ``steep`` mm: from one cell to the next.
+    """
+    beside = np.stack([np.roll(deviation, k, axis=-1) for k in (-1, 0, 1)])
+    down, up = deviation - np.fmin.reduce(beside), np.fmax.reduce(beside) - deviation
+    with np.errstate(invalid="ignore"):
+        down, up = (share * np.where(rise > steep, rise, 0.0) for rise in (down, up))
+    if not down.any():
+        return np.zeros(len(STATISTICS))
+    moved = deviation - down, deviation + up
+    apart = read_rings(rings, np.stack(moved)).statistics - read_rings(rings, deviation).statistics
+    return np.asarray(np.abs(apart).max(axis=0))
 
 
 def _widest_gap(seen: Mask) -> float:

@@ -4,7 +4,7 @@ All are read off one map r - R (heights by angles) about the datum axis, from th
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, sqrt, tau
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
 from truestand.parts.drawings import Section, Turned
-from truestand.parts.patches import Grid, Patches, Readings, patches_of
-from truestand.parts.rings import STATISTICS, Reading, Rings, read_rings
+from truestand.parts.patches import TRUSTED, Grid, Patches, Readings, patches_of
+from truestand.parts.rings import LEVEL, STATISTICS, Reading, Rings, Trend, read_edges, read_rings, read_trend, trend_of
 from truestand.statistics.lone_readings import lone_readings
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
@@ -49,6 +49,10 @@ PLAINLY = 3.0
 FINE_HEIGHT, SPACINGS, FINE_SPACINGS = 0.25, 2.0, 1.5
 """mm of height, and points of a profile at least, by which it is told what was seen; and points by which it is told
 what higher cells flatten."""
+END_SHARE = 1e-3
+"""Of a section's readings: those beyond its ends as seen may be strays."""
+TREND_PASSES = 2
+"""The second from readings that the first has brought to the middle of their cells."""
 BLOCK = 256
 """Profiles worked on at once."""
 FORM = (
@@ -57,7 +61,7 @@ FORM = (
     ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
     ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
 )
-WITHIN = "shape within a cell"
+WITHIN, ENDS, EDGES = "shape within a cell", "ends not seen", "edges between profiles"
 SIZE = "ISO 14405-1 GG (least squares)"
 
 
@@ -99,6 +103,11 @@ class _Inspected:
     """(N,) rad."""
     calibration: Calibration
     datum: Datum
+
+    @property
+    def a_turn(self) -> float:
+        """Profiles of one turn."""
+        return self.scan.profiles / max(self.scan.revolutions, 1.0)
 
 
 def inspect_turned(surface: Surface, part: Turned) -> Inspection:
@@ -159,10 +168,14 @@ class _Seen:
     """Those that nothing bears out."""
     low: float
     high: float
+    trend: Trend
 
     def readings(self, grid: Grid) -> Readings:
-        """The readings in the cells of a grid."""
-        return Readings(self.flat, self.deviation, grid.cells(self.angle, self.height), self.lone)
+        """The readings in the cells of a grid, brought to the middle of their cells' heights along the trend."""
+        cell, trend = grid.cells(self.angle, self.height), self.trend
+        middle = grid.height[cell // grid.angles]
+        level = self.deviation - trend.at(self.angle, self.height) + trend.at(self.angle, middle)
+        return Readings(self.flat, level, cell, self.lone)
 
     @property
     def spacing(self) -> float:
@@ -170,11 +183,22 @@ class _Seen:
         return float(np.median(np.abs(np.diff(self.height)))) if self.height.size > 1 else self.high - self.low
 
     @property
-    def share(self) -> float:
-        """Of the section's surface that the readings show, whatever the height of the cells that form is read from."""
+    def grid(self) -> Grid:
+        """Cells by which it is told what was seen, whatever the height of those that form is read from."""
         heights = max(int((self.high - self.low) / max(FINE_HEIGHT, SPACINGS * self.spacing)), 1)
-        cells = Grid(self.low, self.high, heights, LEAST_ANGLES).cells(self.angle, self.height)
-        return float((np.bincount(cells, minlength=heights * LEAST_ANGLES) > 0).mean())
+        return Grid(self.low, self.high, heights, LEAST_ANGLES)
+
+    @property
+    def share(self) -> float:
+        """Of the section's surface that the readings show."""
+        cells = self.grid.cells(self.angle, self.height)
+        return float((np.bincount(cells, minlength=int(np.prod(self.grid.shape))) > 0).mean())
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """mm of height from which and to which there are readings, but for a few."""
+        low, high = np.quantile(self.height, (END_SHARE, 1 - END_SHARE))
+        return float(low), float(high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +213,13 @@ class _Figures:
     """(H, A) mm: the map that they are read from."""
     reading: Reading
     value: Array
-    """(5,) mm, without the noise's share of ranges."""
+    """(5,) mm, without the noise's share of ranges, as far as the section was seen."""
+    more: Array
+    """(5,) mm of it, which the trend says of what lies between the cells' middles and beyond them."""
+    beyond: Array
+    """(5,) mm: how much more it were if the trend went on where the ends were not seen."""
+    edges: Array
+    """(5,) mm: by how much the statistics change with where steep edges run."""
     noise: Array
     """(5,) mm: their standard deviation."""
     floor: Array
@@ -214,23 +244,26 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
     (x, y, z), flat = np.concatenate(places).T, np.concatenate(flats)
     off = np.hypot(x, y) - section.diameter / 2
     lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, inspected.angle)
-    return _Seen(flat, off, np.arctan2(y, x), z, lone, low, high)
+    seen = _Seen(flat, off, np.arctan2(y, x), z, lone, low, high, LEVEL)
+    for _ in range(TREND_PASSES):
+        mean = patches_of(seen.grid, seen.readings(seen.grid), REACH).mean
+        seen = replace(seen, trend=trend_of(low, high, seen.grid.angle, seen.grid.height, mean))
+    return seen
 
 
 def _grid(inspected: _Inspected, seen: _Seen, height: float, per_wave: int, readings_per_cell: int) -> Grid:
     """Cells as narrow as the filter needs, and as high as ``height`` mm, or higher where readings are few."""
-    a_turn = inspected.scan.profiles / max(inspected.scan.revolutions, 1.0)
-    angles = int(np.clip(min(per_wave * inspected.part.upr, a_turn / 2), LEAST_ANGLES, None))
+    angles = int(np.clip(min(per_wave * inspected.part.upr, inspected.a_turn / 2), LEAST_ANGLES, None))
     filled = seen.height.size / (readings_per_cell * angles)
     heights = int(np.clip(min((seen.high - seen.low) / height, filled), 1, None))
     return Grid(seen.low, seen.high, heights, angles)
 
 
-def _figures(section: Section, grid: Grid, seen: _Seen, cutoff: float) -> _Figures | None:
+def _figures(inspected: _Inspected, section: Section, grid: Grid, seen: _Seen) -> _Figures | None:
     """A section's statistics from the cells of a grid; None where no height holds a circle."""
     readings = seen.readings(grid)
     patches = patches_of(grid, readings, REACH)
-    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, cutoff)
+    rings = Rings(section.diameter / 2, grid.angle, grid.height, patches.seen, float(inspected.part.upr))
     if not rings.used.any():
         return None
     used = np.where(patches.seen & rings.used[:, None], patches.mean, np.nan)
@@ -240,10 +273,24 @@ def _figures(section: Section, grid: Grid, seen: _Seen, cutoff: float) -> _Figur
         return read_rings(rings, maps).statistics
 
     clear = cleared(read, used, patches.noise)
-    value = np.append(reading.statistics[0], clear.value[1:])  # a mean has no bias
+    more, whole = (read_trend(rings, used, seen.trend, *between) for between in (seen.ends, (seen.low, seen.high)))
+    value = np.append(reading.statistics[0], clear.value[1:]) + more  # a mean has no bias
     noise = clear.u * _rougher(patches, rings, used)
     floor = from_noise(read, used, patches.noise)
-    return _Figures(grid, readings, patches, rings, used, reading, value, noise, floor)
+    edges = _read_edges(grid, readings, patches, rings, used, tau / inspected.a_turn)
+    return _Figures(grid, readings, patches, rings, used, reading, value, more, whole - more, edges, noise, floor)
+
+
+def _read_edges(grid: Grid, readings: Readings, patches: Patches, rings: Rings, used: Array, step: float) -> Array:
+    """By how much (5,) mm the statistics of the map ``used`` change with where steep edges run.
+
+    Nobody knows it between two profiles, ``step`` rad apart, and readings that were not trusted may be what lies beyond
+    an edge.
+    """
+    total = np.bincount(readings.cell, minlength=patches.count.size).reshape(patches.count.shape)
+    untrusted = 1.0 - patches.count / np.maximum(total, 1)
+    steep = TRUSTED * sqrt(2.0) * float(np.median(patches.noise[patches.seen]))
+    return read_edges(rings, used, step / 2 * grid.angles / tau + untrusted, steep)
 
 
 def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figures, Array]:
@@ -251,26 +298,30 @@ def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figure
 
     Where lower cells, seen all round, read plainly more than their noise explains, they count. What they flatten in
     turn is a sixth of the second difference along the height, as of a parabola whose peak lies between two cells, and
-    half of it where it is as large as the figure: of a dent no longer than two cells are high.
+    half of it where it is as large as the figure: of a dent no longer than two cells are high. What the trend adds is
+    doubted by a sixth, too, and by half where no lower cells bear it out.
     """
     if fine is None or fine.grid.heights == coarse.grid.heights or not fine.rings.closed.all():
-        return coarse, np.zeros(len(STATISTICS))
-    more = np.maximum(fine.reading.statistics - np.hypot(coarse.value, fine.floor), 0.0)
+        return coarse, np.abs(coarse.more) / 2
+    known = np.hypot(coarse.value, fine.floor) + np.hypot(coarse.edges, fine.edges)
+    more = np.maximum(fine.reading.statistics + fine.more - known, 0.0)
     more[0] = 0.0  # a mean has no extremes
     plain = more > np.maximum(PLAINLY * np.hypot(fine.noise, coarse.noise), fine.floor)
     bend = float(np.nanmax(np.abs(np.diff(fine.reading.form, 2, axis=0)), initial=0.0))
     left = bend * (1 / 6 + np.minimum(bend / np.maximum(fine.value, 1e-9), 1.0) / 3)
-    value, noise = (np.where(plain, *pair) for pair in ((fine.value, coarse.value), (fine.noise, coarse.noise)))
+    pairs = {key: (getattr(fine, key), getattr(coarse, key)) for key in ("value", "more", "beyond", "edges", "noise")}
     drawn = fine if plain.any() else coarse  # the report shows what was read
-    return replace(drawn, value=value, noise=noise), np.where(plain, left, more)
+    read = replace(drawn, **{key: np.where(plain, *pair) for key, pair in pairs.items()})
+    return read, np.where(plain, left, more) + np.abs(read.more) / 6
 
 
 def _section(
     inspected: _Inspected, section: Section, seen: _Seen
 ) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
     """One section's characteristics, what is drawn of it and what is to be said."""
-    cutoff, share = float(inspected.part.upr), seen.share
-    coarse = _figures(section, _grid(inspected, seen, CIRCLE_HEIGHT, CELLS_PER_WAVE, READINGS_PER_CELL), seen, cutoff)
+    share = seen.share
+    high_cells = _grid(inspected, seen, CIRCLE_HEIGHT, CELLS_PER_WAVE, READINGS_PER_CELL)
+    coarse = _figures(inspected, section, high_cells, seen)
     coverage = 0.0 if coarse is None else min(coarse.rings.coverage, share)
     if coarse is None or coverage < PARTIAL:
         missing = [_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section)]
@@ -281,12 +332,13 @@ def _section(
         return missing, [], [Message("section_not_seen", remark)]
     lowest = max(FINE_HEIGHT, FINE_SPACINGS * seen.spacing)
     low_cells = _grid(inspected, seen, lowest, FINE_CELLS_PER_WAVE, READINGS_PER_FINE_CELL)
-    found, within = _with_shape_within(coarse, _figures(section, low_cells, seen, cutoff))
+    found, within = _with_shape_within(coarse, _figures(inspected, section, low_cells, seen))
+    value = found.value + found.beyond / 2  # it may go on level, or as the trend does
     whole = status_of(coverage)
     closed = whole if bool(found.rings.closed.all()) else "partial"
     U = _budgets(inspected, section, found, within)
     lines = [
-        _characteristic(section, how, float(found.value[i]), U[i], coverage, closed if i else whole)
+        _characteristic(section, how, float(value[i]), U[i], coverage, closed if i else whole)
         for i, how in enumerate(_drawn(section))
     ]
     reading = found.reading
@@ -391,6 +443,8 @@ def _budgets(
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
             budget_lines.line(budget_lines.NOISE, budget_lines.K * float(found.noise[i])),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(within[i]), "rectangular"),
+            budget_lines.line(EDGES, 2 / sqrt(3.0) * float(found.edges[i]), "rectangular"),
+            budget_lines.line(ENDS, 2 / sqrt(3.0) * float(found.beyond[i]) / 2, "rectangular"),
         ]
         if name == "d":
             lines += [

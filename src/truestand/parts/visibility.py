@@ -35,6 +35,15 @@ LEAST_RAYS = 4
 """Rays that make a cell unconfirmed."""
 LEAST_CELLS = 3
 """Unconfirmed cells side by side that make a region: single ones lie beside edges."""
+LEAST_BLOCK, MOST_BLOCK = 3, 12
+"""Rays wide and high: a block of so many side by side that nothing confirms is a hole, however small in cells: along an
+edge that lies a bit elsewhere they are no three deep. Larger holes fill cells."""
+BLOCK_FACING = 0.35
+"""Cosine of incidence (70 degrees) from which blocks count: nearer to grazing, rays get lost and pass by in blocks."""
+BLOCK_AROUND = 21
+"""Rays about a block from which it is told how many get lost anyway,"""
+BLOCK_CHANCE = 1e-3
+"""and how likely they make one block of a scan."""
 LEAST_CONFIRMED = 0.05
 """Share of the rays on a cell: where fewer are confirmed, nothing is."""
 STEADY = 2e-3
@@ -107,17 +116,41 @@ def unconfirmed_regions(
     Where each is about the datum axis, and why. ``angle``: table angle (N,) rad.
     """
     rows, columns = _sampled(scan)
-    origins, directions, length, distance = _rays(scan, angle, calibration, rows, columns)
+    origins, directions, length, distance, place = _rays(scan, angle, calibration, rows, columns)
     shaft = _at_shaft(origins, directions, calibration)
     origins, directions = model_from_shaft(origins), directions @ model_from_shaft.rotation.T
     triangle, hit = first_hits(solid, origins, directions)
-    facing = np.einsum("ij,ij->i", solid.normal[triangle], directions) < -LEAST_FACING
+    facing = -np.einsum("ij,ij->i", solid.normal[triangle], directions)
     nearest, farthest = scan.stand.sensor.range or (float(np.nanmin(scan.z)), float(np.nanmax(scan.z)))
     with np.errstate(invalid="ignore"):
         in_range = (hit > nearest * length) & (hit < farthest * length)
-        expected = np.flatnonzero((triangle >= 0) & facing & in_range & (hit < shaft))
+        expected = np.flatnonzero((triangle >= 0) & (facing > LEAST_FACING) & in_range & (hit < shaft))
     points = origins[expected] + hit[expected, None] * directions[expected]
-    return _regions(_grid(solid, expected.size), points, distance[expected] - hit[expected], reach)
+    off = distance[expected] - hit[expected]
+    hole, able = np.zeros(expected.size, dtype=np.bool_), facing[expected] > BLOCK_FACING
+    hole[able] = _in_blocks((rows.size, columns.size), place[expected][able], ~(np.abs(off[able]) <= reach))
+    return _regions(_grid(solid, expected.size), points, off, reach, hole)
+
+
+def _in_blocks(shape: tuple[int, int], place: Ints, bad: Mask) -> Mask:
+    """Which rays (n,), at their ``place`` in the image of a scan, lie in blocks that are all ``bad``, larger than those
+    that single lost readings make about there by chance.
+    """
+    from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+
+    image, cast = np.zeros((2, *shape), dtype=np.float32)
+    image.flat[place[bad]], cast.flat[place] = 1.0, 1.0
+    lost, among = (uniform_filter(a, BLOCK_AROUND, mode="constant") for a in (image, cast))
+    share = np.clip(lost / np.maximum(among, 1e-6), 1e-6, 0.99)
+    needed = np.sqrt(np.log(max(bad.size, 1) / BLOCK_CHANCE) / -np.log(share))
+    found = np.zeros(shape, dtype=np.bool_)
+    for size in range(LEAST_BLOCK, MOST_BLOCK + 1):
+        middles = minimum_filter(image, size, mode="constant")
+        if not middles.any():
+            break
+        within = maximum_filter(middles, size, origin=-1 if size % 2 == 0 else 0, mode="constant") > 0
+        found |= within & (needed <= size)
+    return np.asarray(found.flat[place])
 
 
 def _sampled(scan: Scan) -> tuple[Ints, Ints]:
@@ -130,9 +163,9 @@ def _sampled(scan: Scan) -> tuple[Ints, Ints]:
 
 def _rays(
     scan: Scan, angle: Array, calibration: Calibration, rows: Ints, columns: Ints
-) -> tuple[Array, Array, Array, Array]:
-    """Origins and unit directions (n, 3) in C, path (n,) per mm of range, and distances (n,) mm of the readings, NaN
-    without one.
+) -> tuple[Array, Array, Array, Array, Ints]:
+    """Origins and unit directions (n, 3) in C, path (n,) per mm of range, distances (n,) mm of the readings, NaN
+    without one, and where (n,) each ray stands among these rows and columns.
     """
     x, z = scan.x[np.ix_(rows, columns)], scan.z[np.ix_(rows, columns)]
     seen = np.isfinite(x) & np.isfinite(z)
@@ -149,7 +182,8 @@ def _rays(
     in_table = (slope[cast][:, None] * pose.rotation[:, 0] + pose.rotation[:, 2]) / length[:, None]
     rotor = np.stack([*in_rotor(in_table[:, 0], in_table[:, 1], angle[rows][row]), in_table[:, 2]], axis=1)
     origins = sensor_origins(calibration, angle[rows])[row]
-    return origins, rotor @ calibration.shaft_from_rotor.rotation.T, length, np.where(seen, z, np.nan)[cast] * length
+    directions = rotor @ calibration.shaft_from_rotor.rotation.T
+    return origins, directions, length, np.where(seen, z, np.nan)[cast] * length, np.flatnonzero(cast)
 
 
 def _directions(slope: Array) -> tuple[Array, Mask]:
@@ -187,10 +221,11 @@ def _grid(solid: Solid, rays: int) -> Grid:
     return Grid(low, high, heights, angles, radii, outer)
 
 
-def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[str, ...]:
+def _regions(grid: Grid, points: Array, off: Array, reach: float, hole: Mask) -> tuple[str, ...]:
     """Unconfirmed cells, as they hang together.
 
-    ``points`` (n, 3) mm where rays hit the model, ``off`` (n,) mm by which their readings lie behind; NaN without one.
+    ``points`` (n, 3) mm where rays hit the model, ``off`` (n,) mm by which their readings lie behind, NaN without
+    one; ``hole`` (n,): rays of a block that nothing confirms.
     """
     from scipy.ndimage import label
 
@@ -205,11 +240,12 @@ def _regions(grid: Grid, points: Array, off: Array, reach: float) -> tuple[str, 
     rays, against = number(np.ones(len(off), dtype=np.bool_)), behind + before
     unconfirmed = (against >= LEAST_RAYS) & (against > confirmed)
     unconfirmed |= (rays >= LEAST_RAYS) & (confirmed <= LEAST_CONFIRMED * rays)
-    marked, count = label(unconfirmed, np.ones((3, 3, 3)))
+    holes = number(hole) > 0
+    marked, count = label(unconfirmed | holes, np.ones((3, 3, 3)))
     found = []
     for n in range(1, count + 1):
         at = np.nonzero(marked == n)
-        if at[0].size >= LEAST_CELLS:
+        if at[0].size >= LEAST_CELLS or holes[at].any():
             found.append(_region(grid, at, bool(behind[at].sum() > rays[at].sum() / 2)))
     return tuple(found)
 

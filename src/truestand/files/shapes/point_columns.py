@@ -33,6 +33,7 @@ _BESIDE_UNITS = {
 _NAMES_UNIT = re.compile(
     r"(?<![a-z])(um|u|nm|pm|cm|dm|km|thou|angstrom|ft|feet|foot|inch|inches|zoll|mils?|microns?|micro(metre|meter)s?|centi(metre|meter)s?"
     r"|(metre|meter)s?)(?![a-z])|[\[(/](m|in)\b|1\s*/\s*\d+\s*mm|\b(units?|einheit(en)?)\s*[:=;]"
+    r"|^\W*my\W*$|[\[(/]\s*my\b|\b(all|xyz|in) my\W*$"
 )
 """What may be the unit of the numbers below, and is not mm."""
 
