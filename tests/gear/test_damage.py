@@ -352,6 +352,28 @@ def test_speckle_that_goes_on_is_noise(cell):
     assert (np.array([c.verdict for c in found.characteristics if c.tooth]) == "conforms").mean() > 0.9
 
 
+def test_a_limit_for_defects_decides_within_their_doubt():
+    """Dents of 0.03 and 0.1 mm, limits on either side of them and within U of them; what lies on top is undecided."""
+    dents = replace(
+        SOUND, worn=(Worn(9, "left", (8.0, 10.0), (13.0, 16.0), -0.06, 0.15),),
+        dents=(Dent(2, "left", 10.0, 15.0, 1.5, 0.03), Dent(5, "right", 10.5, 11.0, 1.5, 0.1)),
+    )  # fmt: skip
+    for limit, expected in (
+        (20, {2: "does_not_conform", 5: "does_not_conform", 9: "undecided"}),
+        (30, {2: "undecided", 5: "does_not_conform", 9: "undecided"}),
+        (60, {5: "does_not_conform", 9: "undecided"}),
+        (150, {}),
+    ):
+        found = inspected(dents, replace(GEAR, accuracy_class=None, defect_depth=limit * UM), points=320)
+        judged = {d.tooth: d for d in found.defects if d.verdict is not None}
+        assert {tooth: d.verdict for tooth, d in judged.items() if d.kind in ("dent", "bump")} == expected, limit
+        assert all(abs(abs(d.depth) - {2: 0.03, 5: 0.1, 9: 0.06}[t]) < d.U for t, d in judged.items() if t in expected)
+        worst = (
+            "does_not_conform" if "does_not_conform" in expected.values() else "undecided" if expected else "conforms"
+        )
+        assert found.verdict == worst or any(d.kind == "chipped flank" for d in judged.values()), limit
+
+
 def test_a_dent_that_one_profile_crosses_is_no_outlier():
     """Three readings of 49 um deep, 0.8 mm wide, were left out as single ones: 22 um of form read 4.2 +- 1.3."""
     dents = replace(SOUND, dents=tuple(Dent(t, "left", 8.0 + t / 50, 19.83, 0.42, 0.049) for t in range(2, 24, 4)))

@@ -73,7 +73,8 @@ class Defect:
     U: float | None = None
     """Of the depth (k = 2), mm, where it is known."""
     verdict: Verdict | None = None
-    """Of a tooth that is missing, broken or chipped, or may be; None: only listed."""
+    """Of a tooth that is missing, broken or chipped, and of what is deeper than the part's limit, or may be; None: only
+    listed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +114,13 @@ class Inspection:
 
     @property
     def verdict(self) -> Verdict:
-        """Does not conform if any line fails or a tooth is broken; else undecided if any line is, if a tooth may be
-        broken, or if nothing may be decided.
+        """Does not conform if any line fails or a defect decides so; else undecided if any line or defect is, or if
+        nothing may be decided.
 
-        A part without limits can fail by broken teeth only.
+        A part without limits can fail by defects only.
         """
         found = {c.verdict for c in self.characteristics} | {d.verdict for d in self.defects}
-        deep = self.defect_depth is not None and any((d.depth or 0.0) > self.defect_depth for d in self.defects)
-        if not self.reasons and ("does_not_conform" in found or deep):
+        if not self.reasons and "does_not_conform" in found:
             return "does_not_conform"
         return "undecided" if self.reasons or "undecided" in found else "conforms"
 

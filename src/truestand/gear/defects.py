@@ -12,7 +12,7 @@ from math import pi, sqrt
 import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
-from truestand.core.inspection import Defect, Flank, decide
+from truestand.core.inspection import Defect, Verdict, decide
 from truestand.core.robust import MAD_TO_SD, robust_sd
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
@@ -26,6 +26,8 @@ HEIGHT_CELL = 0.25
 """mm: finer than for the figures."""
 FILTER_SIZES = (0.15, 0.3, 0.6)
 """mm: standard deviations of the matched filters."""
+UNRESOLVED = 2.0
+"""How often deeper than it was seen a dent may be that few profiles cross."""
 LEAST_DEPTH = 0.002
 """mm."""
 BORDER = 2
@@ -90,16 +92,50 @@ def chipped_flanks(damage: tuple[Damage, ...], defects: tuple[Defect, ...]) -> t
         if d.tooth + 1 in broken or d.depth is None or d.depth_U is None:
             continue
         verdict = decide(d.depth, d.depth_U, (None, TOOTH_DEPTH))
+        if verdict != "conforms":
+            found.append(_of_region(d, "chipped flank", TOOTH_DEPTH, verdict if d.resolved else "undecided"))
+    return tuple(found)
+
+
+def held_against(limit: float, damage: tuple[Damage, ...], defects: tuple[Defect, ...]) -> tuple[Defect, ...]:
+    """The defects with a verdict of dents and bumps that are, or may be, deeper or higher than ``limit`` mm.
+
+    Depths are those of regions of damage. Of one that was not seen whole only its least depth is known, and of a dent
+    smaller than a region its half; what lies on top may be a second reflection.
+    """
+    found = list(defects)
+    for d in damage:
+        if d.depth is None or d.depth_U is None:
+            continue
+        verdict = decide(abs(d.depth), d.depth_U, (None, limit))
+        whole = d.resolved and not d.hidden
+        if verdict == "conforms" and not whole:
+            verdict = "undecided" if d.hidden else decide(UNRESOLVED * abs(d.depth), d.depth_U, (None, limit))
         if verdict == "conforms":
             continue
-        (a, b), (c, e) = d.rolls, d.heights
-        middle, extent = ((a + b) / 2, (c + e) / 2), max(b - a, e - c)
-        flank: Flank = FLANKS[d.side]
-        found.append(
-            Defect(d.tooth + 1, flank, *middle, d.depth, extent, "chipped flank", d.depth / TOOTH_DEPTH * SIGNIFICANT,
-                   U=d.depth_U, verdict=verdict if d.resolved else "undecided")
-        )  # fmt: skip
-    return tuple(found)
+        judged = _of_region(d, "bump" if d.on_top else "dent", limit, "undecided" if d.on_top else verdict)
+        found = [f for f in found if not _lies_in(f, d)] + [judged]
+    return tuple(
+        replace(f, verdict="undecided")
+        if f.kind in ("dent", "bump") and f.verdict is None and abs(f.depth or 0.0) > limit / UNRESOLVED
+        else f
+        for f in found
+    )
+
+
+def _lies_in(defect: Defect, region: Damage) -> bool:
+    """Whether a dent or bump lies in a region of damage."""
+    if defect.kind not in ("dent", "bump") or (defect.tooth, defect.flank) != (region.tooth + 1, FLANKS[region.side]):
+        return False
+    (a, b), (c, e), margin = region.rolls, region.heights, (defect.extent or 0.0) / 2
+    inside = a - margin <= (defect.roll_length or 0.0) <= b + margin
+    return inside and c - margin <= (defect.height or 0.0) <= e + margin
+
+
+def _of_region(d: Damage, kind: str, limit: float, verdict: Verdict) -> Defect:
+    (a, b), (c, e), depth = d.rolls, d.heights, d.depth or 0.0
+    place, extent, score = ((a + b) / 2, (c + e) / 2), max(b - a, e - c), abs(depth) / limit * SIGNIFICANT
+    return Defect(d.tooth + 1, FLANKS[d.side], *place, depth, extent, kind, score, U=d.depth_U, verdict=verdict)
 
 
 def _below_tips(flanks: Flanks, folded: FoldedMap, scatter: float) -> Flanks:
@@ -203,9 +239,8 @@ def _defect(m: DefectMap, grid: Grid, at: tuple[int, int], blob: Mask, sign: flo
     cell = grid.size[0] * grid.size[1]
     deep = blob & (sign * np.nan_to_num(m.residual[at]) > depth / 2)
     share = np.isfinite(m.residual[at])[blob].mean()  # stripes between profiles count as what is beside them
-    flank: Flank = FLANKS[at[0]]
     return Defect(
-        at[1] + 1, flank, float(grid.rolls[i]), float(grid.heights[j]), -sign * depth,
+        at[1] + 1, FLANKS[at[0]], float(grid.rolls[i]), float(grid.heights[j]), -sign * depth,
         2 * sqrt(max(int(deep.sum()), 1) / max(float(share), 0.2) * cell / pi), kind, float(score.max()),
     )  # fmt: skip
 

@@ -19,7 +19,7 @@ from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, rad
 from truestand.gear.characteristics import Assessment, characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import Damage, damage_of, unseen_in_traces, with_deep_damage, without_damage, zones_of
-from truestand.gear.defects import DefectMap, chipped_flanks, find_defects
+from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
     DRAWS,
@@ -95,6 +95,8 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)
+    if gear.defect_depth is not None:
+        defects = held_against(gear.defect_depth, damage, defects)
     published = _published(flanks, scan, correction.calibration)
     diameters = tip_and_root(folded, nominal, radial_lines(assessment.influences))
     return Inspection(

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from html import escape
 
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.core.units import um
 from truestand.report.notation import (
     NONE,
@@ -21,6 +21,7 @@ from truestand.report.notation import (
     unit,
     value_text,
     verdict_text,
+    with_u,
 )
 from truestand.report.page import not_measured
 from truestand.report.true_values import Key, true_value
@@ -107,7 +108,7 @@ def decisive(inspection: Inspection) -> str:
     """Which lines carry the verdict, as a list: what fails, what is undecided, what can't be shown."""
     items = []
     for verdict, words in (("does_not_conform", "Does not conform"), ("undecided", "Undecided")):
-        broken = [f"tooth {d.tooth}: {escape(d.kind)}" for d in inspection.defects if d.verdict == verdict]
+        broken = [_defect_text(d) for d in inspection.defects if d.verdict == verdict]
         if broken:
             items.append(f'<li class="{verdict}"><b>{words}:</b> {"; ".join(broken)}</li>')
         found = [c for c in inspection.characteristics if c.verdict == verdict and c.value is not None]
@@ -117,12 +118,12 @@ def decisive(inspection: Inspection) -> str:
     if unable:
         names = ", ".join(dict.fromkeys(symbol(c.name) for c in unable))
         items.append(f"<li><b>Not capable:</b> {names}. <i>U</i> leaves no room between the limits.</li>")
-    limit = inspection.defect_depth
-    deeper = [d for d in inspection.defects if limit is not None and (d.depth or 0.0) > limit]
-    if limit is not None and deeper:
-        text = f"<b>Defects</b> deeper than {number(um(limit), 0)} µm: {len(deeper)}"
-        items.append(f'<li class="does_not_conform">{text}</li>')
     return f'<ul class="decisive">{"".join(items)}</ul>' if items else ""
+
+
+def _defect_text(d: Defect) -> str:
+    deep = "" if d.depth is None or d.U is None else f" {with_u(um(abs(d.depth)), um(d.U))} µm"
+    return f"tooth {d.tooth}: {escape(d.kind)}{deep}"
 
 
 def _failed_lines(found: list[Characteristic]) -> str:
