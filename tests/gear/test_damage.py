@@ -95,6 +95,17 @@ def test_flanks_beside_damage_are_as_they_are():
     assert found.verdict == "does_not_conform"
 
 
+def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
+    """A dent of 0.09 mm beside mid-face and measuring circle; the mean of the whole flank hardly sees it."""
+    found = inspected(replace(SOUND, dents=(Dent(7, "left", 10.3, 21.0, 1.2, 0.09),)), points=320)
+    lines = {(c.name, c.flank): c for c in found.characteristics if c.tooth is None}
+    for name, place in (("f_falpha", "height 2"), ("f_fbeta", "roll length 1")):
+        worst, mean = lines[name + "_worst", "left"], lines[name + "_areal", "left"]
+        assert 0.03 < worst.value < 0.09 and worst.reason.startswith(f"tooth 7 left, {place}"), name  # a mean of 2 mm
+        assert mean.value < 0.005 and lines[name + "_worst", "right"].value < 0.005, name
+        assert worst.verdict is worst.limits is mean.verdict is mean.limits is None
+
+
 def test_wear_over_the_pitch_point_moves_the_tooth():
     """30 um times the arc on top of 2.5 um: 34.4 um, 33 allowed. A quadratic over the flank read 22.8."""
     errors = worn((7.0, 9.5), FACE, 0.03, 1.25, UNEVEN)

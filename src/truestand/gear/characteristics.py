@@ -22,9 +22,20 @@ from truestand.gear.budget import Influence, lines_of
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.drawing import Gear, Standard
-from truestand.gear.evaluate import AREAL, AREAL_NAMES, MEAN, MEANS, NEVER_NEGATIVE, PER_TOOTH, PITCH, Figures
+from truestand.gear.evaluate import (
+    AREAL,
+    AREAL_NAMES,
+    MEAN,
+    MEANS,
+    NEVER_NEGATIVE,
+    PER_TOOTH,
+    PITCH,
+    Figures,
+    mean_seen,
+)
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE
+from truestand.gear.sections import Sections
 from truestand.gear.teeth import Diameter
 from truestand.gear.traces import CUTOFF_SHARE, LEAST_CUTOFF
 
@@ -43,6 +54,10 @@ MODULES_1995 = (0.5, 2, 3.5, 6, 10, 16, 25, 40, 70)
 WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
+WORST = "_worst"
+"""Behind the name of a figure that is the worst of all sections of all teeth of a side."""
+LARGEST_OF_SECTIONS = 0.77
+"""Of U of noise: by so much noise lifts the largest of ten sections (1.54 standard deviations) at most."""
 DRAWING = "drawing"
 """Where a limit comes from that the drawing states itself: it decides whatever it limits."""
 
@@ -66,6 +81,7 @@ class Assessment:
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
     """(teeth,): but for those that the drawing leaves out."""
+    sections: Sections
     edge_share: float
     """Half a cell's height over the height of the middle of the face."""
 
@@ -74,8 +90,39 @@ def characteristics_of(a: Assessment, diameters: tuple[Diameter, ...]) -> tuple[
     """Whole gear first, then tooth by tooth."""
     of_gear, of_teeth = _places(a)
     lines = [_line(a, name, at) for name, at in of_gear]
+    lines += _of_sections(a)
     lines += [_diameter(d, a.nominal.gear) for d in diameters]
     return (*lines, *(_line(a, name, at) for name, at in of_teeth))
+
+
+def _of_sections(a: Assessment) -> list[Characteristic]:
+    """What other sections of the flanks say, as information: the mean over the teeth of each side, and the worst."""
+    found = []
+    for name in PER_TOOTH:
+        for side in (0, 1):
+            mean = _measured(a, name + MEAN, (side,))
+            values = np.where(a.there, a.sections.mean[name][side], np.nan)
+            found.append(_informing(mean, name + AREAL, float(mean_seen(values)), mean.U))
+            sizes = np.where(a.there, np.abs(np.nan_to_num(a.sections.worst[name][side])), -1.0)
+            tooth = int(sizes.argmax())
+            line = _measured(a, name, (side, tooth))
+            line = line if line.value is None else _with_damage(line, a, name, (side, tooth))
+            noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
+            U = None if line.U is None else line.U + LARGEST_OF_SECTIONS * noise
+            place = float(a.sections.place[name][side, tooth])
+            where = f"height {place:.1f} mm" if name in PROFILE_NAMES else f"roll length {place:.1f} mm"
+            worst = _informing(line, name + WORST, float(a.sections.worst[name][side, tooth]), U)
+            found.append(replace(worst, tooth=None, reason=f"tooth {tooth + 1} {FLANKS[side]}, {where}"))
+    return found
+
+
+def _informing(line: Characteristic, name: str, value: float, U: float | None) -> Characteristic:
+    """A line of another section than the standard's, with the doubt of ``line``, which is of the standard's."""
+    seen = bool(np.isfinite(value)) and U is not None
+    return replace(
+        line, name=name, value=value if seen else None, U=U if seen else None, limits=None, grade=None, verdict=None,
+        standard=None, reason=None, status=line.status if seen else "not_measurable",
+    )  # fmt: skip
 
 
 def without_damage_of(a: Assessment) -> tuple[Characteristic, ...]:

@@ -100,19 +100,23 @@ def evaluate(delta: Array, evaluator: Evaluator) -> Measures:
     position, at_ball = (position_of(delta, at, traces).reshape(by_flank) for at in (traces.circle, traces.ball))
     alpha, beta = profile_line(profile_of(delta, traces), evaluator), helix_line(helix_of(delta, traces), evaluator)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
-    names = zip(MEANS, (alpha.total, alpha.form, alpha.slope, beta.total, beta.form, beta.slope,
-                        alpha.crowning, beta.crowning), strict=True)  # fmt: skip
     return Measures(
         position=position,
         area=areal_positions(delta, evaluator.smooth),
         at_ball=at_ball,
         profile=alpha.filtered.reshape(*by_flank, -1),
         helix=beta.filtered.reshape(*by_flank, -1),
-        of_flank={name: values.reshape(by_flank) for name, values in names},
+        of_flank=figures_of_lines(alpha, beta, by_flank),
         index=index,
         pitch=index - np.roll(index, 1, axis=1),
         runout=(at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta,
     )
+
+
+def figures_of_lines(alpha: Line, beta: Line, by_flank: tuple[int, ...]) -> Figures:
+    """``MEANS`` of each flank, from the lines of its profile and its helix."""
+    values = (alpha.total, alpha.form, alpha.slope, beta.total, beta.form, beta.slope, alpha.crowning, beta.crowning)
+    return {name: value.reshape(by_flank) for name, value in zip(MEANS, values, strict=True)}
 
 
 def profile_line(trace: Array, evaluator: Evaluator) -> Line:

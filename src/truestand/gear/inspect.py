@@ -41,6 +41,7 @@ from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_on_flanks
 from truestand.gear.remarks import remarks_of, unevenness
+from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
 
@@ -182,6 +183,7 @@ def _assess(
         damage,
         zones_of(evaluator.grid, scan.step),
         there,
+        sections_of(evaluator, noise, scan.step),
         evaluator.grid.size[1] / (4 * TRACE_SHARE * nominal.gear.face_width),
     )
 

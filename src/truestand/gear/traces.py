@@ -116,29 +116,37 @@ class Traces:
     """The trace from the points on the circle."""
 
 
-def traces_of(grid: Grid, noise: CellNoise, step: float) -> Traces:
-    """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
+def traces_of(
+    grid: Grid, noise: CellNoise, step: float, middle: float | None = None, circle: float | None = None
+) -> Traces:
+    """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad.
+
+    Profiles about the ``middle`` height (mm in C; None: of the face), helices at the roll length ``circle`` (mm; None:
+    on the measuring circle).
+    """
     nominal = grid.nominal
-    count, delta, roll, height, variance = (
-        _columns(a) for a in (grid.count, grid.delta, grid.roll, grid.height, noise.variance)
-    )
-    rolls = np.where(count > 0, roll, np.nan)
+    middle = nominal.middle if middle is None else middle
+    place = nominal.measuring_roll if circle is None else circle
+    rolls = np.where(_columns(grid.count) > 0, _columns(grid.roll), np.nan)
+    delta, variance = _columns(np.nan_to_num(grid.delta)), _columns(noise.variance) + noise.of_row**2
 
     def reading(place: float) -> Reading:
         wide = [max(steps * float(step_on_flank(nominal, place, step)), 1.5 * grid.size[0]) for steps in WIDE_STEPS]
-        return _reading(np.nan_to_num(delta), rolls - place, variance + noise.of_row**2, wide, grid.size[0] / 2)
+        return _reading(delta, rolls - place, variance, wide, grid.size[0] / 2)
 
-    circle = reading(nominal.measuring_roll)
-    share = np.abs(circle.weights)
-    widest = MOST_STEPS * float(step_on_flank(nominal, nominal.measuring_roll, step)) + grid.size[0]
-    near = circle.seen & (_gap(rolls - nominal.measuring_roll) <= widest)
-    at = np.where(near, (share * height).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300), np.nan)
-    band = np.asarray(np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width)
+    on_circle = reading(place)
+    share = np.abs(on_circle.weights)
+    widest = MOST_STEPS * float(step_on_flank(nominal, place, step)) + grid.size[0]
+    near = on_circle.seen & (_gap(rolls - place) <= widest)
+    heights = (share * _columns(grid.height)).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300)
+    at = np.where(near, heights, np.nan)
+    band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
     profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
     helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]), MOST_CELLS * grid.size[1])
     between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
-    return Traces(nominal, band, rolls, at, circle, reading(nominal.ball_roll), profile, between, helix)
+    ball = reading(nominal.ball_roll) if circle is None else on_circle
+    return Traces(nominal, band, rolls, at, on_circle, ball, profile, between, helix)
 
 
 def _too_far_apart(rolls: Array, nominal: Involute, step: float, cell: float) -> Mask:
