@@ -30,9 +30,9 @@ class Sections:
     """Figures (``PER_TOOTH``) of all sections, mm, (2, teeth) each; NaN where not seen."""
 
     mean: Figures
-    """Of the mean trace."""
+    """Of the mean trace, freed of what noise lifts them by,"""
     worst: Figures
-    """The largest of either sign among the sections, freed of what noise lifts each of them by,"""
+    """the largest of either sign among the sections, likewise,"""
     place: Figures
     """and where it was found: height (mm in C) of a profile, roll length (mm) of a helix."""
 
@@ -52,8 +52,9 @@ def sections_of(evaluator: Evaluator, bias: Bias, step: float) -> Sections:
     lines = profile_line(_mean(profiles), evaluator), helix_line(_mean(helices), evaluator)
     places = {name: heights if name in OF_PROFILE else rolls for name in PER_TOOTH}
     found = {name: _worst(np.stack([f[name] for f in figures]), places[name]) for name in PER_TOOTH}
+    quieter = replace(bias, lifted={name: square / number for name, square in bias.lifted.items()})
     return Sections(
-        _per_tooth(figures_of_lines(*lines, by_flank)),
+        quieter.corrected(_per_tooth(figures_of_lines(*lines, by_flank))),
         {name: worst for name, (worst, _) in found.items()},
         {name: place for name, (_, place) in found.items()},
     )

@@ -7,6 +7,7 @@ from typing import Any
 from truestand.core.inspection import Characteristic, Defect, Inspection
 from truestand.core.units import um
 from truestand.gear.characteristics import WORST
+from truestand.gear.evaluate import AREAL, PER_TOOTH
 from truestand.gear.inspect import GearEvidence
 from truestand.report.inspection_tables import (
     U_HEAD,
@@ -21,14 +22,16 @@ from truestand.report.inspection_tables import (
 from truestand.report.notation import NONE, limit_text, number, symbol, u_text, value_text, verdict_text
 from truestand.report.true_values import FLANKS, Key
 
-PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
+MEAN_TRACES, WORST_SECTIONS = (tuple(name + behind for name in PER_TOOTH) for behind in (AREAL, WORST))
 GROUPS = (
     ("Pitch", ("f_p", "F_p", "F_pk", "f_u", "f_p_areal", "F_p_areal")),
     ("Profile: mean of all teeth", ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")),
     ("Helix: mean of all teeth", ("F_beta", "f_fbeta", "f_Hbeta", "C_beta")),
-    ("Whole flanks: mean of all teeth", tuple(f"{name}_areal" for name in PER_TOOTH)),
-    ("Whole flanks: worst section of any tooth", tuple(f"{name}_worst" for name in PER_TOOTH)),
+    ("Whole flanks: mean of all teeth", MEAN_TRACES),
+    ("Whole flanks: worst section of any tooth", WORST_SECTIONS),
 )
+WHOLE_FLANKS = frozenset((*MEAN_TRACES, *WORST_SECTIONS))
+"""For information, and left out where room is short."""
 MOST_DEFECTS = 20
 """Defects listed openly, and numbered on the maps."""
 MOST_LINES = 12
@@ -73,15 +76,7 @@ def _flank_row(pair: ByFlank, values: Mapping[Key, float] | None, width: int) ->
     cells = "".join(
         result_cells(pair[f], values, grade=True) if f in pair else cell(NONE, "gap", width) for f in FLANKS
     )
-    return f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>{_places(pair, width)}"
-
-
-def _places(pair: ByFlank, width: int) -> str:
-    """Where the worst sections of both sides are, as a row; empty for other lines."""
-    if not any(c.name.endswith(WORST) for c in pair.values()):
-        return ""
-    where = (escape(pair[f].reason or "") if f in pair else "" for f in FLANKS)
-    return '<tr class="where"><td></td><td></td>' + "".join(f'<td colspan="{width}">{w}</td>' for w in where) + "</tr>"
+    return f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>"
 
 
 def gear_table(inspection: Inspection, values: Mapping[Key, float] | None) -> str:

@@ -8,6 +8,7 @@ from math import floor, isfinite, log10
 
 from truestand.core.inspection import Characteristic, Verdict
 from truestand.core.units import um
+from truestand.gear.characteristics import WORST
 
 NONE = "\N{EN DASH}"
 """Where there is no number."""
@@ -189,7 +190,9 @@ def seen_text(c: Characteristic) -> str:
 
 
 def verdict_text(c: Characteristic) -> str:
-    """Mark and word of a line's verdict, as HTML; what can't be shown at all says so."""
+    """Mark and word of a line's verdict, as HTML; what can't be shown at all says so, a worst section says its place."""
+    if c.name.endswith(WORST):
+        return f"<small>{escape(c.reason or '')}</small>"
     if c.verdict is None:
         informative = c.standard is not None and "informative" in c.standard
         return '<span class="none">informative</span>' if informative else ""
