@@ -190,7 +190,7 @@ def seen_text(c: Characteristic) -> str:
 
 
 def verdict_text(c: Characteristic) -> str:
-    """Mark and word of a line's verdict, as HTML; what can't be shown at all says so, a worst section says its place."""
+    """Mark and word of a line's verdict, as HTML; what can't be shown at all says so, a worst section where it is."""
     if c.name.endswith(WORST):
         return f"<small>{escape(c.reason or '')}</small>"
     if c.verdict is None:
