@@ -327,6 +327,16 @@ def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     assert len(far) <= 4  # of 192: between two profiles near the root
 
 
+def test_a_reflection_at_one_place_of_every_tooth_is_not_what_they_share():
+    """The median tooth has it, too: f_falpha of four flanks did not conform for it. A groove there is material."""
+    everywhere = [Worn(t, "left", (8.0, 9.5), (13.0, 16.0), -0.06, 0.1) for t in range(1, 25)]
+    found = inspected(replace(SOUND, worn=tuple(everywhere)), GEAR, simulation(4400, speckle=0.005), 320)
+    for name in (*PROFILE, *HELIX):
+        assert {verdict(found, name, tooth) for tooth in range(1, 25)} == {"undecided"}, name
+        assert {verdict(found, name, tooth, "right") for tooth in range(1, 25)} == {"conforms"}, name
+    assert found.verdict == "undecided"
+
+
 def steep(teeth, degrees):
     reference = 2.0 * teeth / np.cos(np.radians(degrees))
     return replace(

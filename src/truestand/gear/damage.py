@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
-from truestand.core.robust import robust_sd
+from truestand.core.robust import nan_median, robust_sd
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
 from truestand.gear.rays import Rays
-from truestand.gear.smooth_flanks import SmoothFlanks, residuals
+from truestand.gear.smooth_flanks import SmoothFlanks, residuals, shared_shape
 from truestand.gear.traces import Traces, helix_of, helix_points, profile_points, stretches_inside
 
 Zone = Literal["profile", "helix", "position", "ball", "area"]
@@ -127,7 +127,7 @@ def damage_of(
     at the axis; ``there`` (teeth,): teeth that the drawing has.
     """
     grid, teeth = smooth.grid, smooth.grid.nominal.gear.teeth
-    rest = residuals(grid.delta, smooth)
+    rest = residuals(grid.delta, smooth) + _raised_on_all(smooth)
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
@@ -152,6 +152,27 @@ def damage_of(
                 found.append(_damage(grid, (int(side), int(tooth)), region, depths, not_met, sign, step, radial))
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
+
+
+def _raised_on_all(smooth: SmoothFlanks) -> Array:
+    """By how much (2, 1, roll lengths, heights) mm places stand above what all teeth share along each row and column.
+
+    No machining leaves a spot on every tooth at the same place, but a second reflection in every tooth space does.
+    """
+    from scipy.ndimage import label
+
+    shape = shared_shape(smooth.grid.delta, smooth)
+    rows, columns = nan_median(shape, axis=2)[:, :, None], nan_median(shape, axis=1)[:, None, :]
+    rest = np.nan_to_num(shape - rows - columns + nan_median(shape.reshape(2, -1), axis=1)[:, None, None])
+    raised = np.zeros_like(shape)
+    for side in (0, 1):
+        told = rest[side][np.isfinite(shape[side])]
+        if not told.size:
+            continue
+        spots, number = label(rest[side] > DEPARTS * max(robust_sd(told), LEAST_DEPTH / DEPARTS), np.ones((3, 3)))
+        large = [n for n in range(1, number + 1) if np.count_nonzero(spots == n) >= LEAST_CELLS]
+        raised[side] = np.where(np.isin(spots, large), rest[side], 0.0)
+    return raised[:, None]
 
 
 def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, ...]:
