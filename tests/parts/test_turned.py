@@ -330,6 +330,19 @@ def test_ends_that_were_not_seen_stand_in_u(step, shape):
         assert budget(line(level, "base", name)).get("ends not seen", 0.0) < 3e-4
 
 
+@pytest.mark.parametrize("length", tried([1.5], 0.05))
+def test_a_ramp_or_step_reads_what_it_rises(length):
+    """A parabola through it reached beyond both sides: 36 um read 48 ± 4 and did not conform to 40."""
+    scan, known = scanned("round")
+    surface = apply_calibration(scan, known)
+    scale = 1 + 0.036 * np.clip((surface.z + 7.0) / length, 0, 1) / surface.radius
+    part = Turned((replace(BASE, cylindricity_limit=0.045, total_runout_limit=0.045),))
+    found = inspect_turned(replace(surface, x=surface.x * scale, y=surface.y * scale), part)
+    for name in ("cylindricity", "total_runout"):
+        c = line(found, "base", name)
+        assert abs(c.value - 0.036) < c.U and c.verdict != "does_not_conform", name
+
+
 def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
     """Half a millimetre are six profiles: where its edges run between two of them makes 16 um of 181 (2.7 U)."""
     found = inspected("slot", Turned((replace(BASE, roundness_limit=0.19),)))

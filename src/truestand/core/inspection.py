@@ -21,6 +21,8 @@ GUARD_FACTOR = 1.65
 """Guard band in standard uncertainties."""
 MEASURED, PARTIAL = 0.9, 0.3
 """Coverage from which a characteristic is measured, and from which it is at least partial."""
+WORST = "_worst"
+"""Behind the name of a figure that is the worst of all sections of all teeth of a side."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from truestand.apply.datum import Datum
 from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
 from truestand.core.errors import BadRecipe
-from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Verdict, decided, status_of
+from truestand.core.inspection import EDITION, GUARD_FACTOR, WORST, Characteristic, Verdict, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import Influence, lines_of
 from truestand.gear.coverage import Coverage
@@ -54,8 +54,6 @@ MODULES_1995 = (0.5, 2, 3.5, 6, 10, 16, 25, 40, 70)
 WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
-WORST = "_worst"
-"""Behind the name of a figure that is the worst of all sections of all teeth of a side."""
 LARGEST_OF_SECTIONS = 0.77
 """Of U of noise: by so much noise lifts the largest of ten sections (1.54 standard deviations) at most."""
 DRAWING = "drawing"

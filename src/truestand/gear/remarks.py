@@ -93,7 +93,9 @@ def _damaged(damage: tuple[Damage, ...]) -> tuple[Message, ...]:
     """Damage of flanks: what was not seen and the deepest first."""
     gravest = sorted(damage, key=lambda d: -1e9 if d.depth is None else -abs(d.depth))
     more = len(damage) - MOST_REGIONS
-    named = tuple(Message("damage", f"damage: {d.text}") for d in gravest[:MOST_REGIONS])
+    named = tuple(
+        Message("damage", f"{'not seen' if d.depth is None else 'damage'}: {d.text}") for d in gravest[:MOST_REGIONS]
+    )
     return (*named, Message("more_damage", f"{more} more regions of flanks are damaged")) if more > 0 else named
 
 

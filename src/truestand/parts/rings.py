@@ -23,6 +23,8 @@ PLACES = 9
 """Heights at which a trend is looked at, from end to end: a parabola's peak lies within a sixteenth of one."""
 FEW_WAVES = 3
 """Waves around, whose growth along the height is looked at: centre, oval, three lobes."""
+MOST_OFF = 0.25
+"""Of what a trend goes along the height: so far heights may lie off it."""
 ROUGH_CELLS = 1e-3
 """mm: means of cells that lie nearer to the trend are never outliers."""
 
@@ -113,7 +115,10 @@ def _waves(angle: Array) -> Array:
 
 
 def trend_of(low: float, high: float, angle: Array, height: Array, mean: Array) -> Trend:
-    """The trend of cells (H, A) with means of r - R (mm; NaN: not seen): a parabola where their heights can tell."""
+    """The trend of cells (H, A) with means of r - R (mm; NaN: not seen): a parabola where their heights can tell.
+
+    Level where the heights are none: a parabola through a step or a kink reaches beyond both sides of it.
+    """
     seen = np.isfinite(mean)
     powers = min(3, int(np.count_nonzero(seen.mean(axis=1) >= PARTIAL)))
     flat = Trend(low, high, np.zeros((powers, 2 * FEW_WAVES + 1)))
@@ -122,7 +127,13 @@ def trend_of(low: float, high: float, angle: Array, height: Array, mean: Array) 
     row, column = np.nonzero(seen)
     design = flat._powers(height)[row][:, :, None] * _waves(angle)[column][:, None, :]
     factors, _ = tukey_fit(design.reshape(row.size, -1), mean[seen], ROUGH_CELLS)
-    return Trend(low, high, factors.reshape(powers, -1))
+    trend = Trend(low, high, factors.reshape(powers, -1))
+    left = mean[seen] - trend.at(angle[column], height[row])
+    shares = np.stack([np.bincount(row, left * wave, height.size) for wave in _waves(angle)[column].T])
+    on, norm = seen.any(axis=1), np.where(np.arange(len(shares)) > 0, 2.0, 1.0)
+    off = norm[:, None] * shares[:, on] / seen.sum(axis=1)[on]
+    follows = np.ptp(off, axis=1).max() <= MOST_OFF * np.ptp(trend.along(height), axis=0).max()
+    return trend if follows else flat
 
 
 def read_trend(rings: Rings, deviation: Array, trend: Trend, low: float, high: float) -> Array:

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from truestand.core.inspection import Characteristic, Defect, Inspection
+from truestand.core.inspection import WORST, Characteristic, Defect, Inspection
 from truestand.core.units import um
-from truestand.gear.characteristics import WORST
 from truestand.gear.evaluate import AREAL, PER_TOOTH
 from truestand.gear.inspect import GearEvidence
 from truestand.report.inspection_tables import (
@@ -30,8 +29,6 @@ GROUPS = (
     ("Whole flanks: mean of all teeth", MEAN_TRACES),
     ("Whole flanks: worst section of any tooth", WORST_SECTIONS),
 )
-WHOLE_FLANKS = frozenset((*MEAN_TRACES, *WORST_SECTIONS))
-"""For information, and left out where room is short."""
 MOST_DEFECTS = 20
 """Defects listed openly, and numbered on the maps."""
 MOST_LINES = 12

@@ -6,9 +6,8 @@ Numbers as a metrologist writes them: the uncertainty to two digits, the value t
 from html import escape
 from math import floor, isfinite, log10
 
-from truestand.core.inspection import Characteristic, Verdict
+from truestand.core.inspection import WORST, Characteristic, Verdict
 from truestand.core.units import um
-from truestand.gear.characteristics import WORST
 
 NONE = "\N{EN DASH}"
 """Where there is no number."""
@@ -56,6 +55,8 @@ MEANINGS = {
     "deviation_min": "most material missing",
     "profile": "twice the largest deviation to either side",
 }
+OF_WHOLE_FLANKS = frozenset(name for name in MEANINGS if name.endswith((WORST, "alpha_areal", "beta_areal")))
+"""For information, and left out where room is short."""
 _NAMES = {
     "roundness": "Roundness",
     "cylindricity": "Cylindricity",

@@ -12,10 +12,9 @@ from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.units import degrees, um
 from truestand.report.causes import cause_line
-from truestand.report.gear_tables import WHOLE_FLANKS
 from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.inspection_tables import main_lines
-from truestand.report.notation import limit_text, number, places, u_text, unit, value_text, with_u
+from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, u_text, unit, value_text, with_u
 from truestand.report.quantities import main_budgets, quantities
 from truestand.report.true_values import true_value, true_values
 from truestand.statistics.gage import GageStudy
@@ -76,7 +75,7 @@ def inspection_table(
     right = ("value ± U (k = 2)", *further, "limit", "class")
     table = _table(title, ("characteristic", "flank"), right, ("verdict",))
     for c in inspection.characteristics:
-        if c.tooth is None and c.name not in WHOLE_FLANKS:
+        if c.tooth is None and c.name not in OF_WHOLE_FLANKS:
             paper, true = inspection.published.get(f"{c.name} {c.flank}"), true_value(values, c)
             cells = {"paper's method": "" if paper is None else f"{um(paper):.0f}",
                      "truth": "" if true is None else f"{true:.4f}" if c.size else f"{true:.2f}"}  # fmt: skip
