@@ -3,7 +3,7 @@
 All of it is linear in the cells once it stands how the flanks are read, extremes aside.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import sqrt
 
@@ -43,6 +43,8 @@ PITCH = ("f_p", "F_p", "F_pk", "f_u")
 NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
 DRAWS, FEW_DRAWS, STEEP_DRAWS = 64, 24, 24
 """Of noise on the cells: for U; for the mean of what it adds; for cells on steep places."""
+NOISE_U = 0.1
+"""How well (k = 2) the size of the noise is known, as a share of it."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
 MEAN = " mean"
@@ -249,7 +251,8 @@ class Bias:
         return {n: np.sqrt(np.maximum(v * v - self.lifted[n], 0.0)) if n in self.lifted else v for n, v in base.items()}
 
     def expanded(self, base: Figures, steep: Figures) -> Figures:
-        """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U.
+        """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U, or
+        when the noise is another by ``NOISE_U``, which single teeth hardly feel, but their mean does.
 
         ``steep``: standard deviation of the figures from cells that aren't known better than a flank rises in them.
         """
@@ -257,8 +260,16 @@ class Bias:
         highest = {n: np.maximum(v, np.sqrt(self.lifted.get(n, 0.0))) + U[n] for n, v in base.items()}
         lowest = {n: np.maximum(v - U[n], 0.0) for n, v in base.items()}
         ends = self.corrected(highest), self.corrected(lowest)
+        others = [
+            Bias({n: v * (1.0 + sign * NOISE_U) ** 2 for n, v in self.lifted.items()}, self.sd).corrected(base)
+            for sign in (-1.0, 1.0)
+        ]
+
+        def farthest(n: str, from_: Array, figures: Iterable[Figures]) -> Array:
+            return np.asarray(np.fmax(*(np.abs(f[n] - from_) for f in figures)))
+
         return {
-            n: np.fmax(*(np.abs(end[n] - c) for end in ends)) if n in self.lifted else U[n]
+            n: np.hypot(farthest(n, c, ends), farthest(n, c, others)) if n in self.lifted else U[n]
             for n, c in self.corrected(base).items()
         }
 

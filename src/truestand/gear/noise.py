@@ -1,7 +1,7 @@
 """The noise of cells, told from neighbouring cells: of a cell by itself, and what a row or a column shares.
 
 Differences along the height show what neighbouring cells don't share: noise of readings, and speckle. How they grow
-with the distance, up to a millimetre, says how far speckle goes on along the height, and whether they are alike from
+with the distance, up to two millimetres, says how far speckle goes on along the height, and whether they are alike from
 one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
 noise of single readings. Speckle can't be told from the roughness of a flank, so that counts as noise, too.
 Differences of whole rows along the roll length show what a profile shares (jitter of the angle), those of columns along
@@ -22,13 +22,13 @@ LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
-FARTHEST = 1.0
-"""mm of height over which noise may go on: what is longer is the flank's form."""
+FARTHEST, MOST_OF_FACE = 2.0, 0.1
+"""mm of height, and share of the face, over which noise may go on: what is longer is the flank's form."""
 LAGS = 8
 """Cells of roll length up to which the correlation of noise is looked at."""
 CORRELATED = np.linspace(0.0, 1.0, 21)
 ALONG_ROLL = np.linspace(0.0, 0.95, 20)
-ALONG_HEIGHT = np.linspace(0.0, 0.8, 17)
+ALONG_HEIGHT = np.linspace(0.0, 0.9, 19)
 """Correlated shares and AR(1) coefficients that are tried."""
 TRIALS = 8
 """Of noise drawn on cells, to compare what it does with what is seen."""
@@ -99,9 +99,10 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
     count = np.maximum(grid.count, 1.0)
     farthest = _farthest(grid)
-    single = [_singles(inside, count, grid.height, lag) for lag in range(1, farthest + 1)]
+    lags = sorted({max(1, farthest // n) for n in (8, 4, 2, 1)})
+    single = [_singles(inside, count, grid.height, lag) for lag in lags]
     spread = np.maximum(_by_roll(single[-1]), LEAST_SPREAD)
-    correlation = _correlation([np.clip(s / spread, -MOST_SD, MOST_SD) for s in single])
+    correlation = _correlation([np.clip(s / spread, -MOST_SD, MOST_SD) for s in single], lags)
     variance = spread**2 / _seen_of_variance(correlation, farthest) / count
     return CellNoise(
         np.where(grid.count > 0, variance, 0.0),
@@ -114,7 +115,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
 
 def _farthest(grid: Grid) -> int:
     """Cells of height over which noise may go on."""
-    return max(1, round(FARTHEST / grid.size[1]))
+    return max(1, round(min(FARTHEST, MOST_OF_FACE * grid.nominal.gear.face_width) / grid.size[1]))
 
 
 def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], Array]) -> CellNoise:
@@ -138,9 +139,13 @@ def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], 
 
 
 def _singles(cells: Array, count: Array, height: Array, lag: int) -> Array:
-    """Second differences (2, teeth, roll lengths, n) of cells ``lag`` apart along the height, as of single readings."""
+    """Second differences (2, teeth, roll lengths, n) of cells ``lag`` apart along the height, as of single readings.
+
+    Without what all flanks of a side share: they are crowned.
+    """
     rest, shares, _ = _second_differences(cells, 1.0 / count, height, 3, lag)
-    return np.asarray(rest / np.sqrt(shares))
+    crowned = nan_median(rest.reshape(rest.shape[0], -1, rest.shape[3]), axis=1)
+    return np.asarray((rest - crowned[:, None, None]) / np.sqrt(shares))
 
 
 def _seen_of_variance(correlation: Correlation, lag: int) -> float:
@@ -153,16 +158,16 @@ def _shown(share: Array | float, along_height: Array | float, lag: int) -> Array
     return 1.5 - share * (2.0 * near - 0.5 * near**2)
 
 
-def _correlation(ratios: list[Array]) -> Correlation:
-    """The correlation of noise, from second differences of cells 1, 2, ... apart along the height.
+def _correlation(ratios: list[Array], lags: list[int]) -> Correlation:
+    """The correlation of noise, from second differences of cells some ``lags`` apart along the height.
 
     ``ratios``: (2, teeth, roll lengths, n) each, over the standard deviation of the last; NaN where not seen. Least
     squares of how they grow with the distance, and of how alike the last are from one roll length to the next.
     """
     share, roll, height = (a.reshape(-1) for a in np.meshgrid(CORRELATED, ALONG_ROLL, ALONG_HEIGHT, indexing="ij"))
-    last, whole = ratios[-1], _shown(share, height, len(ratios))
+    last, whole = ratios[-1], _shown(share, height, lags[-1])
     misfit = np.zeros(share.size)
-    for lag, ratio in enumerate(ratios[:-1], 1):
+    for lag, ratio in zip(lags[:-1], ratios[:-1], strict=True):
         known = ratio[np.isfinite(ratio)]
         if known.size >= LEAST_DIFFERENCES:
             misfit += np.square(_shown(share, height, lag) / whole - robust_sd(known) ** 2)
@@ -170,7 +175,7 @@ def _correlation(ratios: list[Array]) -> Correlation:
         product = last[:, :, lag:] * last[:, :, :-lag]
         known = product[np.isfinite(product)]
         if known.size >= LEAST_DIFFERENCES:
-            alike = share * roll**lag * _shown(1.0, height, len(ratios)) / whole
+            alike = share * roll**lag * _shown(1.0, height, lags[-1]) / whole
             misfit += np.square(alike - float(known.mean()))
     best = int(np.argmin(misfit))
     return Correlation(float(share[best]), float(roll[best]), float(height[best]))
