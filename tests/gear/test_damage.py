@@ -327,6 +327,7 @@ def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     assert len(far) <= 4  # of 192: between two profiles near the root
 
 
+@pytest.mark.more
 def test_a_reflection_at_one_place_of_every_tooth_is_not_what_they_share():
     """The median tooth has it, too: f_falpha of four flanks did not conform for it. A groove there is material."""
     everywhere = [Worn(t, "left", (8.0, 9.5), (13.0, 16.0), -0.06, 0.1) for t in range(1, 25)]
@@ -344,6 +345,7 @@ def steep(teeth, degrees):
     )
 
 
+@pytest.mark.more
 def test_a_crater_that_no_reading_shows_is_not_seen_on_steep_flanks():
     """Half of the rays get lost there anyway: f_falpha read 7 +- 3 and conformed, true 250."""
     sound = replace(SOUND, phase=np.radians(10.313), thickness=-0.0422)
@@ -354,6 +356,7 @@ def test_a_crater_that_no_reading_shows_is_not_seen_on_steep_flanks():
     assert "conforms" in {verdict(found, "f_falpha", tooth, "right") for tooth in range(1, 28)}
 
 
+@pytest.mark.more
 def test_a_groove_aslant_is_as_deep_as_it_is_on_the_measuring_circle():
     """Walls of a groove are no noise: a parabola over it said 39 +- 11, and F_beta conformed at 57."""
     gear = steep(28, -25.0)
