@@ -186,7 +186,7 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
     """The line with what is not known of the damage that it reads in its U, and the verdict that is left of it."""
     regions = _touching(a, line.name, at)
     if not regions:
-        return line
+        return _borne_out_by_nothing(line)
     value = line.value or 0.0
     without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
     half_widths = {
@@ -201,6 +201,14 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
         return wider
     material_gone = any((d.depth or 0.0) > 0 for d in regions)
     return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
+
+
+def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
+    """The line; form that fails where no region shows why must fail at twice its noise: outliers side by side do that."""
+    if line.verdict != "does_not_conform" or line.name not in FORMS or line.U is None:
+        return line
+    noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
+    return replace(line, verdict=decided(replace(line, U=hypot(line.U, sqrt(3.0) * noise))).verdict)
 
 
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:

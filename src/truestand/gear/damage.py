@@ -56,8 +56,8 @@ STEPS_BESIDE = 1.0
 """Steps of the table to either side of a circle in which the profiles lie that meet a flank next to it."""
 WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (5, 17), (2, None), (None, 2))
 """Cells of roll length and height in which missed rays are counted together; None: all."""
-TOO_OFTEN = 4.25
-"""Standard deviations by which there are more of them than elsewhere: by chance in a tenth of all gears."""
+TOO_OFTEN = 5.0
+"""Standard deviations by which there are more of them than elsewhere."""
 NEIGHBOURS = (-2, -1, 1, 2)
 """Teeth beside one that say what is usual there."""
 PASSES = 3
