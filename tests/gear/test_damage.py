@@ -22,6 +22,8 @@ from variants import tried
 
 UM = 1e-3
 GEAR = replace(SPUR, accuracy_class=10)
+WIDE = replace(GEAR, evaluation=replace(GEAR.evaluation, narrowest_damage=4.0))
+"""Of which the drawing says that no narrower damage matters: none is suspected between profiles."""
 SOUND = GearErrors(phase=radians(3.0))
 WILD = simulation(outliers=0.2, dropouts=0.1)
 UNEVEN = replace(SOUND, pitch_left=(0.0,) * 4 + (-0.0025,) + (0.0,) * 19)
@@ -86,13 +88,26 @@ def test_damage_is_measured_and_decides(name):
 
 
 def test_flanks_beside_damage_are_as_they_are():
-    found, true = inspected(DAMAGED, points=320), truth(DAMAGED)
+    found, true = inspected(DAMAGED, WIDE, points=320), truth(DAMAGED)
     damaged = {tooth for tooth, *_ in MEASURED.values()}
     beside = [c for c in found.characteristics if c.tooth and (c.flank == "right" or c.tooth not in damaged)]
     off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in beside])
     assert (off < 1.0).mean() > 0.95 and off.max() < 2.5
     assert {(c.verdict, c.reason) for c in beside} == {("conforms", None)}
     assert found.verdict == "does_not_conform"
+
+
+def test_where_many_flanks_are_damaged_what_no_reading_shows_is_doubted():
+    """7 of 48: what lies between two profiles near the root may be like them. With one of 48 it hardly is."""
+    found, one = inspected(DAMAGED, points=320), inspected(worn((8.5, 9.8), FACE, 0.06), points=320)
+    damaged = {tooth for tooth, *_ in MEASURED.values()}
+    beside = [c for c in found.characteristics if c.tooth and (c.flank == "right" or c.tooth not in damaged)]
+    doubted = [c for c in beside if c.verdict != "conforms"]
+    assert doubted and {c.name for c in doubted} == {*PROFILE, "f_Halpha"}
+    for c in doubted:
+        assert c.verdict == "undecided" and "mm of roll length without a reading" in c.reason
+        assert c.budget[0].name == "damage like that found elsewhere, where nothing was seen"
+    assert {c.verdict for c in one.characteristics if c.tooth and (c.tooth, c.flank) != (5, "left")} == {"conforms"}
 
 
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
@@ -171,7 +186,7 @@ def test_a_crater_whose_bottom_is_hidden_is_at_least_what_was_seen():
 
 
 def test_damage_beside_the_traces_leaves_traces_decided():
-    found = inspected(CRATERS)
+    found = inspected(CRATERS, WIDE)
     for tooth in (9, 13):
         assert {verdict(found, n, tooth) for n in (*PROFILE, *HELIX)} == {"conforms"}
     assert any("tooth 13 left" in remark and "below the flank" in remark for remark in found.remarks)
@@ -290,7 +305,7 @@ def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
     ends = replace(
         SOUND, worn=tuple(Worn(t, "left", (0.0, 15.0), (14.75 + t / 40, 17.8), 0.06, 0.1) for t in (3, 8, 13))
     )
-    found, true = inspected(ends, points=320), truth(ends)
+    found, true = inspected(ends, WIDE, points=320), truth(ends)
     for tooth in (3, 8, 13):
         for name in (*PROFILE, "f_Halpha"):
             c = line(found, name, tooth)
@@ -429,7 +444,7 @@ def test_dents_touch_only_the_figures_that_read_them():
     """One on both traces, one on neither, one on the helix trace."""
     places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))
     errors = replace(SOUND, dents=tuple(Dent(tooth, "left", *place, 0.75, 0.09) for tooth, *place in places))
-    found, true = inspected(errors, points=320), truth(errors)
+    found, true = inspected(errors, WIDE, points=320), truth(errors)
     assert [verdict(found, "f_falpha", tooth) for tooth in (7, 9)] == ["conforms", "conforms"]
     assert verdict(found, "f_fbeta", 7) == "conforms"
     for name, tooth in (("f_falpha", 2), ("f_fbeta", 2), ("f_fbeta", 9)):

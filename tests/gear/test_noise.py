@@ -76,6 +76,24 @@ def test_what_a_place_shows_of_its_noise_counts_there():
     assert spread[~near].mean() == pytest.approx(2 * UM, rel=0.1)
 
 
+def test_speckle_that_a_second_turn_shows_again_is_no_less_by_it():
+    """Teeth at the seam of a scan have twice the readings: 12 % of their lines of f_fbeta were beyond 1.5 U."""
+    seam = grid(noise=4 * UM)
+    seam.count[:, 20:] *= 2
+    found = noise_of_cells(seam)
+    spread = np.sqrt(np.median(found.variance, axis=(0, 2, 3)))
+    assert spread[21:23] == pytest.approx(2 * UM, rel=0.1) and spread[1:19] == pytest.approx(2 * UM, rel=0.1)
+
+
+def test_a_flank_that_is_seen_at_another_angle_has_another_noise_and_a_damaged_one_has_not():
+    more = grid(noise=4 * UM)
+    more.delta[:, 12:18] += np.random.default_rng(3).normal(0.0, 2 * UM, more.delta[:, 12:18].shape)
+    more.delta[:, 5, :, 30:50] += np.random.default_rng(4).normal(0.0, 30 * UM, more.delta[:, 5, :, 30:50].shape)
+    spread = np.sqrt(np.median(noise_of_cells(more).variance, axis=(0, 2, 3)))
+    assert spread[13:17] == pytest.approx(np.sqrt(8) * UM, rel=0.1)
+    assert spread[:11] == pytest.approx(2 * UM, rel=0.1)
+
+
 def test_readings_on_an_edge_are_less_certain():
     """Where a flank falls by 100 um from cell to cell, a reading of the cell may be anywhere in between: 29 um.
 

@@ -46,6 +46,11 @@ SIZES = ("s", "W_k", "M_d")
 AT_BALL = frozenset({"F_r", "M_d"})
 ON_TOP = "on top of a flank, or a second reflection"
 NOT_SEEN = "damage that was not seen whole"
+HIDDEN = "damage like that found elsewhere, where nothing was seen"
+NARROWEST = 1.0
+"""mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
+RARELY = 0.05
+"""Of the flanks: where damage was found on more of them, no flank is sound with 95 % where nothing was seen of it."""
 UM = 1000.0
 STEP = sqrt(2.0)
 CLASSES: dict[Standard, tuple[int, int]] = {"ISO 1328-1:2013": (1, 11), "ISO 1328-1:1995": (0, 12)}
@@ -55,7 +60,7 @@ WIDTHS_1995 = (4, 10, 20, 40, 80, 160, 250, 400, 650, 1000)
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""
 LARGEST_OF_SECTIONS = 0.77
-"""Of U of noise: by so much noise lifts the largest of ten sections (1.54 standard deviations) at most."""
+"""Of U of noise: by so much noise lifts the largest of ten sections (1.54 standard deviations) at most; it adds."""
 DRAWING = "drawing"
 """Where a limit comes from that the drawing states itself: it decides whatever it limits."""
 
@@ -98,28 +103,41 @@ def _of_sections(a: Assessment) -> list[Characteristic]:
     found = []
     for name in PER_TOOTH:
         for side in (0, 1):
-            mean = _measured(a, name + MEAN, (side,))
             values = np.where(a.there, a.sections.mean[name][side], np.nan)
-            found.append(_informing(mean, name + AREAL, float(mean_seen(values)), mean.U))
-            sizes = np.where(a.there, np.abs(np.nan_to_num(a.sections.worst[name][side])), -1.0)
-            tooth = int(sizes.argmax())
-            line = _measured(a, name, (side, tooth))
-            line = line if line.value is None else _with_damage(line, a, name, (side, tooth))
-            noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
-            U = None if line.U is None else line.U + LARGEST_OF_SECTIONS * noise
-            place = float(a.sections.place[name][side, tooth])
-            where = f"height {place:.1f} mm" if name in PROFILE_NAMES else f"roll length {place:.1f} mm"
-            worst = _informing(line, name + WORST, float(a.sections.worst[name][side, tooth]), U)
-            found.append(replace(worst, tooth=None, reason=f"tooth {tooth + 1} {FLANKS[side]}, {where}"))
+            found.append(_informing(_measured(a, name + MEAN, (side,)), name + AREAL, float(mean_seen(values))))
+            found.append(_worst_section(a, name, side))
     return found
 
 
-def _informing(line: Characteristic, name: str, value: float, U: float | None) -> Characteristic:
+def _worst_section(a: Assessment, name: str, side: int) -> Characteristic:
+    """The section of any tooth that departs most."""
+    sizes = np.where(a.there, np.abs(np.nan_to_num(a.sections.worst[name][side])), -1.0)
+    tooth = int(sizes.argmax())
+    line = _measured(a, name, (side, tooth))
+    line = line if line.value is None else _largest_of_sections(_with_damage(line, a, name, (side, tooth)))
+    place = float(a.sections.place[name][side, tooth])
+    where = f"height {place:.1f} mm" if name in PROFILE_NAMES else f"roll length {place:.1f} mm"
+    worst = _informing(line, name + WORST, float(a.sections.worst[name][side, tooth]))
+    return replace(worst, tooth=None, reason=f"tooth {tooth + 1} {FLANKS[side]}, {where}")
+
+
+def _largest_of_sections(line: Characteristic) -> Characteristic:
+    """The line with what noise lifts the largest of many sections by in its U."""
+    if line.U is None:
+        return line
+    noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
+    U = line.U + LARGEST_OF_SECTIONS * noise
+    lifted = sqrt(U**2 - line.U**2)
+    cause = Contribution("largest of ten sections", lifted, lifted / 2)
+    return replace(line, U=U, budget=tuple(sorted((*line.budget, cause), key=lambda c: -c.U)))
+
+
+def _informing(line: Characteristic, name: str, value: float) -> Characteristic:
     """A line of another section than the standard's, with the doubt of ``line``, which is of the standard's."""
-    seen = bool(np.isfinite(value)) and U is not None
+    seen = bool(np.isfinite(value)) and line.U is not None
     return replace(
-        line, name=name, value=value if seen else None, U=U if seen else None, limits=None, grade=None, verdict=None,
-        standard=None, reason=None, status=line.status if seen else "not_measurable",
+        line, name=name, value=value if seen else None, U=line.U if seen else None, limits=None, grade=None,
+        verdict=None, standard=None, reason=None, status=line.status if seen else "not_measurable",
     )  # fmt: skip
 
 
@@ -160,8 +178,9 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     size = plain in SIZES
     coverage = _coverage(a, plain, at)
     status = status_of(coverage)
-    if status == "measured" and coverage < 1.0 and plain in MEANS and a.nominal.gear.evaluation.narrowest_damage:
-        status = "partial"  # any gap may hide damage as narrow as that
+    narrowest = a.nominal.gear.evaluation.narrowest_damage
+    if status == "measured" and narrowest is not None and _gap(a, plain, at) > narrowest:
+        status = "partial"
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))
     budget = lines_of(a.expanded, a.influences, name, at) if seen else ()
@@ -183,24 +202,76 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
 
 
 def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
-    """The line with what is not known of the damage that it reads in its U, and the verdict that is left of it."""
-    regions = _touching(a, line.name, at)
+    """The line with what is not known of damage in its U, and the verdict that is left of it: of damage that it reads,
+    and of such as may be where nothing was seen.
+    """
+    regions, hidden = _touching(a, line.name, at), _may_hide(line, a, name, at)
     if not regions:
-        return _borne_out_by_nothing(line)
+        line = _borne_out_by_nothing(line)
+        if not hidden:
+            return line
     value = line.value or 0.0
     without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
     half_widths = {
         ON_TOP: abs(value - (without_top if np.isfinite(without_top) else 0.0)),
         NOT_SEEN: _unknown_depth(regions, a, name) * _per_delta(name, a),
+        HIDDEN: hidden * _per_delta(name, a),
     }
     causes = [Contribution(c, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular") for c, half in half_widths.items()]
     budget = tuple(sorted((*line.budget, *(c for c in causes if c.U)), key=lambda c: -c.U))
-    gravest = max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
-    wider = replace(line, grade=None, U=hypot(*(c.U for c in budget)), budget=budget, reason=gravest.text)
+    reason = _gravest(regions).text if regions else _without_reading(line, a, at)
+    wider = replace(
+        line, grade=None if regions else line.grade, U=hypot(*(c.U for c in budget)), budget=budget, reason=reason
+    )
     if line.verdict is None:
         return wider
-    material_gone = any((d.depth or 0.0) > 0 for d in regions)
+    material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
     return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
+
+
+def _gravest(regions: tuple[Damage, ...]) -> Damage:
+    return max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
+
+
+def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> float:
+    """How deep (mm of delta) damage may be where a line of flanks shows nothing: as deep as the deepest that was found.
+
+    One of the teeth of a mean may have such damage more.
+    """
+    narrowest = a.nominal.gear.evaluation.narrowest_damage or NARROWEST
+    gap = _gap(a, line.name, at) > narrowest and _often_damaged(a)
+    if line.name not in MEANS or not (gap or line.status == "partial"):
+        return 0.0
+    return _deepest(a) / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else _deepest(a)
+
+
+def _often_damaged(a: Assessment) -> bool:
+    """Whether so many flanks are damaged that none can be taken to be as sound between its readings as where it was
+    seen.
+    """
+    damaged = {(d.side, d.tooth) for d in a.damage if (d.depth or 0.0) > 0}
+    return len(damaged) > RARELY * int(np.count_nonzero(a.coverage.position[:, a.there]))
+
+
+def _deepest(a: Assessment) -> float:
+    """How deep (mm) the deepest damage is that readings show, half a tooth at most."""
+    return min(max((d.depth or 0.0 for d in a.damage), default=0.0), a.nominal.thickness / 2)
+
+
+def _gap(a: Assessment, name: str, at: tuple[int, ...]) -> float:
+    """The widest stretch (mm of roll length) of the profiles that a figure reads without a reading; 0 of others."""
+    return (
+        float(a.coverage.gap[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
+        if name in PROFILE_NAMES
+        else 0.0
+    )
+
+
+def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -> str:
+    """What of a trace no reading shows."""
+    gap = _gap(a, line.name, at)
+    what = f"{gap:.1f} mm of roll length" if gap else f"{1.0 - line.coverage:.0%} of the helix"
+    return f"{what} without a reading, on a gear with damage of {UM * _deepest(a):.0f} um elsewhere"
 
 
 def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
@@ -223,7 +294,7 @@ def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> flo
     half_tooth, edge = a.nominal.thickness / 2, 0.0 if _zone(name.removesuffix(MEAN)) == "helix" else a.edge_share
     depths = [half_tooth if d.hidden else (edge if d.resolved else 1.0) * abs(d.depth or 0.0) for d in regions]
     mean = name.endswith(MEAN) or name in SIZES
-    return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths)
+    return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths, default=0.0)
 
 
 def _per_delta(name: str, a: Assessment) -> float:

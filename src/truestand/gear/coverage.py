@@ -1,6 +1,7 @@
 """What was seen of each flank: of its area, of its traces, of its position.
 
-Between two profiles nothing can be seen: what lies within half a step of the table of a reading counts as seen.
+Between two profiles nothing can be seen: what lies within half a step of the table of a reading counts as covered. How
+wide the widest gap is stands beside it: damage may hide there.
 """
 
 from dataclasses import dataclass
@@ -8,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from truestand.core.arrays import Array
-from truestand.gear.evaluate import Measures
-from truestand.gear.grid import Grid, bridge_gaps, step_on_flank
-from truestand.gear.traces import helix_points, profile_points
+from truestand.gear.evaluate import Evaluator, Measures
+from truestand.gear.grid import bridge_gaps, step_on_flank
+from truestand.gear.traces import Traces, helix_points, profile_points
 
 NEAR_MIDDLE = 0.15
 """Share of control length and face about the middle of the measuring circle that must be seen for a position."""
@@ -20,7 +21,7 @@ LEAST_SEEN = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Shares 0..1, (2, teeth)."""
+    """Shares 0..1, (2, teeth), and the widest gap."""
 
     position: Array
     """Whether the tooth's position was seen: 0 or 1."""
@@ -28,12 +29,14 @@ class Coverage:
     """Of its area along the roll length, or of the trace at mid-face where less was seen of it."""
     helix: Array
     """Of its area along the height, or of the trace on the measuring circle."""
+    gap: Array
+    """mm of roll length: the widest stretch of the profile at mid-face, its ends included, without a reading."""
 
 
-def coverage_of(grid: Grid, measures: Measures, step: float) -> Coverage:
+def coverage_of(evaluator: Evaluator, measures: Measures, step: float) -> Coverage:
     """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
-    nominal = grid.nominal
-    seen = bridge_gaps(grid.solid, grid, step, nominal.gear.evaluation.narrowest_damage)
+    grid, nominal = evaluator.grid, evaluator.grid.nominal
+    seen = bridge_gaps(grid.solid, grid, step)
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
     rolls = (grid.rolls >= low) & (grid.rolls <= high)
     heights = (grid.heights >= bottom) & (grid.heights <= top)
@@ -52,6 +55,7 @@ def coverage_of(grid: Grid, measures: Measures, step: float) -> Coverage:
             (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
             _share_seen(measures.helix, helix, np.full(helix.shape, grid.size[1])),
         ),
+        _widest_gap(evaluator.traces).reshape(near.shape),
     )
 
 
@@ -59,3 +63,11 @@ def _share_seen(trace: Array, at: Array, reach: Array) -> Array:
     """Share (2, teeth) of the points of ``trace`` (2, teeth, points), NaN: not seen, within ``reach`` of a seen one."""
     near = np.abs(at[:, None] - at) <= reach[:, None]
     return np.asarray(((np.isfinite(trace).astype(np.float64) @ near.T.astype(np.float64)) > 0).mean(axis=2))
+
+
+def _widest_gap(traces: Traces) -> Array:
+    """Longest stretch (flanks,) mm of the profile at the middle of the face without a reading, its ends included."""
+    low, high = traces.nominal.profile_range
+    at = np.nan_to_num(np.clip(traces.rolls[:, traces.band], low, high), nan=high)
+    ordered = np.sort(at.reshape(at.shape[0], -1), axis=1)
+    return np.asarray(np.diff(ordered, axis=1, prepend=low, append=high).max(axis=1))

@@ -175,13 +175,11 @@ def bin_index(values: Array, low: float, high: float, cells: int) -> NDArray[np.
     return np.clip(((values - low) / (high - low) * cells).astype(np.int64), 0, cells - 1)
 
 
-def bridge_gaps(cells: Mask, grid: Grid, step: float, widest: float | None = None) -> Mask:
+def bridge_gaps(cells: Mask, grid: Grid, step: float) -> Mask:
     """The same cells (2, teeth, roll lengths, heights) and those within half a ``step`` of the table (rad) of them:
-    what lies between two profiles that are not farther apart than the ``widest`` gap (mm).
+    what lies between two profiles.
     """
     reach = np.ceil(step_on_flank(grid.nominal, grid.rolls, step) / 2 / grid.size[0]).astype(np.intp)
-    if widest is not None:  # readings may lie anywhere in the cells at a gap's ends
-        reach = np.minimum(reach, max(int(widest / grid.size[0] / 2) - 1, 0))
     bridged = np.zeros_like(cells)
     for i, r in enumerate(reach):
         bridged[:, :, i] = cells[:, :, max(i - r, 0) : i + r + 1].any(axis=2)

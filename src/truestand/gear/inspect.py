@@ -84,7 +84,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     flanks, scan = _borne_out(correction), correction.scan
     complete = with_deep_damage(flanks)
     evaluator, measures = evaluate_flanks(complete, scan.step)
-    coverage = coverage_of(evaluator.grid, measures, scan.step)
+    coverage = coverage_of(evaluator, measures, scan.step)
     folded = fold(correction.surface, flanks.toothing)
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)

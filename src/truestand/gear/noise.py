@@ -102,6 +102,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     lags = sorted({max(1, farthest // n) for n in (8, 4, 2, 1)})
     single = [_singles(inside, count, grid.height, lag) for lag in lags]
     spread = np.maximum(_by_roll(single[-1]), LEAST_SPREAD)
+    spread = spread * _by_flank(single[-1] / spread)
     correlation = _correlation([np.clip(s / spread, -MOST_SD, MOST_SD) for s in single], lags)
     variance = spread**2 / _seen_of_variance(correlation, farthest) / count
     return CellNoise(
@@ -201,6 +202,21 @@ def _by_roll(single: Array) -> Array:
     known = np.abs(columns[np.isfinite(columns)])
     overall = robust_sd(known) if known.size >= LEAST_DIFFERENCES else 0.0
     return np.where(number >= LEAST_DIFFERENCES, spread, overall)[:, None, :, None]
+
+
+def _by_flank(ratios: Array) -> Array:
+    """Factor (2, teeth, 1, 1) of each flank's noise: second differences (2, teeth, roll lengths, n), NaN aside, over
+    the standard deviation that all flanks have.
+
+    An eccentric gear is seen at another incidence all round, and speckle that a second turn shows again is no less by
+    it. The middle of three flanks: damage of one of them is no noise.
+    """
+    of_flank = ratios.reshape(*ratios.shape[:2], -1)
+    number = np.isfinite(of_flank).sum(axis=2)
+    told = MAD_TO_SD * nan_median(np.abs(of_flank), axis=2)
+    factor = np.where(number >= LEAST_DIFFERENCES, np.clip(told, 1 / MOST_MORE, MOST_MORE), 1.0)
+    beside = np.median([np.roll(factor, shift, axis=1) for shift in (-1, 0, 1)], axis=0)
+    return np.asarray(beside[:, :, None, None])
 
 
 def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
