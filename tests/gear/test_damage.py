@@ -520,3 +520,36 @@ def test_with_reasons_no_line_is_judged():
     found = inspect_gear(apply_calibration(scan, known), GEAR)
     assert found.verdict == "undecided"
     assert {c.verdict for c in found.characteristics} == {d.verdict for d in found.defects} | {None} == {None}
+
+
+def _nearly_along(kind, tooth, rng):
+    """A groove of 1 to 3 mm along a trace, or nearly so."""
+    nominal, depth, width = involute(GEAR), rng.uniform(0.04, 0.1), rng.uniform(1.0, 2.5)
+    tilt = rng.uniform(0.05, 0.3) * rng.choice([-1, 1])
+    if kind == "profile":
+        middle = rng.uniform(14.0, 16.0)
+        ends = [(roll, middle + tilt * (roll - nominal.measuring_roll)) for roll in (0.0, 16.0)]
+    else:
+        middle = nominal.measuring_roll + rng.uniform(-0.4, 0.4)
+        ends = [(middle + tilt * (height - nominal.middle) / 2, height) for height in (3.0, 27.0)]
+    return Scratch(tooth, "left", *ends, width, depth)
+
+
+@pytest.mark.parametrize("seed", tried([1], *range(2, 9)))
+@pytest.mark.parametrize(("kind", "names"), [("profile", PROFILE), ("helix", HELIX)])
+def test_edges_that_run_along_a_trace_stand_in_u(kind, names, seed):
+    """An outsider's gears had f_falpha 43 to 69 where 0 to 30 is true, *does not conform*, and f_fbeta was 4 U off: at
+    mid-face an edge lies somewhere in its cell, on the measuring circle somewhere between two profiles.
+    """
+    rng = np.random.default_rng(seed)
+    grooves = replace(SOUND, scratches=tuple(_nearly_along(kind, tooth, rng) for tooth in range(2, 24, 3)))
+    found, true = inspected(grooves, WIDE, points=160), truth(grooves)
+    lines = [line(found, name, tooth) for name in names for tooth in range(2, 24, 3)]
+    off = np.array([abs(c.value - true[c.name, "left", c.tooth]) / c.U for c in lines])
+    assert off.max() < 1.5, [(c.name, c.tooth) for c, o in zip(lines, off, strict=True) if o > 1.5]
+    for c in lines:
+        beyond = true[c.name, "left", c.tooth] - c.limits[1]
+        assert c.verdict == "undecided" or (c.verdict == "conforms") == (beyond < 0) or abs(beyond) < c.U, (
+            c.name,
+            c.tooth,
+        )

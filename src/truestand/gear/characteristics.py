@@ -46,6 +46,7 @@ SIZES = ("s", "W_k", "M_d")
 AT_BALL = frozenset({"F_r", "M_d"})
 ON_TOP = "on top of a flank, or a second reflection"
 NOT_SEEN = "damage that was not seen whole"
+EDGES = "edges of damage in the middle of the face"
 HIDDEN = "damage like that found elsewhere, where nothing was seen"
 NARROWEST = 1.0
 """mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
@@ -214,6 +215,7 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
     without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
     half_widths = {
         ON_TOP: abs(value - (without_top if np.isfinite(without_top) else 0.0)),
+        EDGES: _edges(regions, a, name) * _per_delta(name, a),
         NOT_SEEN: _unknown_depth(regions, a, name) * _per_delta(name, a),
         HIDDEN: hidden * _per_delta(name, a),
     }
@@ -225,6 +227,8 @@ def _with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, 
     )
     if line.verdict is None:
         return wider
+    if regions:
+        line = decided(replace(line, U=hypot(line.U or 0.0, *(c.U for c in causes if c.name == EDGES))))
     material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
     return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
 
@@ -282,17 +286,25 @@ def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
     return replace(line, verdict=decided(replace(line, U=hypot(line.U, sqrt(3.0) * noise))).verdict)
 
 
+def _edges(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
+    """By how much (mm) delta may be off, where a figure is the mean of the middle of the face, because edges of damage
+    run there: each may lie half a cell elsewhere, and a range has two of them at either end.
+    """
+    if _zone(name.removesuffix(MEAN)) in ("helix", "area"):
+        return 0.0
+    deepest = 2 * a.edge_share * max((abs(d.depth or 0.0) for d in regions if d.ends_at_middle), default=0.0)
+    return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) or name in SIZES else deepest
+
+
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
     """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
 
-    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it; else its edge may
-    lie half a cell elsewhere in the middle of the face, whose mean a figure is. Areal figures read the smooth flank,
-    which damage has no part in.
+    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it. Areal figures read
+    the smooth flank, which damage has no part in.
     """
     if name.endswith(AREAL):
         return 0.0
-    half_tooth, edge = a.nominal.thickness / 2, 0.0 if _zone(name.removesuffix(MEAN)) == "helix" else a.edge_share
-    depths = [half_tooth if d.hidden else (edge if d.resolved else 1.0) * abs(d.depth or 0.0) for d in regions]
+    depths = [a.nominal.thickness / 2 if d.hidden else 0.0 if d.resolved else abs(d.depth or 0.0) for d in regions]
     mean = name.endswith(MEAN) or name in SIZES
     return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths, default=0.0)
 
@@ -314,7 +326,7 @@ def _verdict(line: Characteristic, wider: Characteristic, without_top: float, ma
     """The verdict of a line that damage makes ``wider``.
 
     What lies on top may be a second reflection: with it and without, the line must say the same. Forms and totals are
-    no less than what was seen, where readings show that material is gone.
+    no less than what was seen, where readings show that material is gone: what was not seen makes them no better.
     """
     if not np.isfinite(without_top) or decided(replace(line, value=without_top)).verdict != line.verdict:
         return "undecided"

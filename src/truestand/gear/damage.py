@@ -64,6 +64,8 @@ PASSES = 3
 """In which teeth with more of them are left out of what is usual."""
 MOST_BETWEEN = 9
 """Cells along the height that may lie between two rays."""
+OFTEN = 0.2
+"""Share of a region's rows in which it must end within the middle of the face for that to count."""
 ROWS_ACROSS = 3
 """Rows of cells along the height that a region must be wide for its depth to be known."""
 
@@ -87,6 +89,8 @@ class Damage:
     hidden: bool
     """and whether its bottom may lie in the shadow of its edge or between two profiles, or nothing of it was seen:
     what lies on top has none."""
+    ends_at_middle: bool
+    """Whether its edges run through the middle of the face, where profiles are read."""
     rolls: tuple[float, float]
     """mm, from and to."""
     heights: tuple[float, float]
@@ -189,7 +193,7 @@ def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, .
             rolls = _extent(grid.rolls, grid.size[0], region.any(axis=1))
             heights = _extent(grid.heights, grid.size[1], region.any(axis=0))
             side, tooth = divmod(flank, grid.delta.shape[1])
-            found.append(Damage(side, tooth, region, None, None, False, True, rolls, heights))
+            found.append(Damage(side, tooth, region, None, None, False, True, False, rolls, heights))
     return tuple(found)
 
 
@@ -219,7 +223,7 @@ def _damage(
     heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
     about = bridge_gaps(region[None, None], grid, step)[0, 0]
     if not depths.size:
-        return Damage(*at, about, None, None, False, True, rolls, heights)
+        return Damage(*at, about, None, None, False, True, False, rolls, heights)
     depth = sign * float(np.quantile(depths, DEPTH_QUANTILE))
     width, middle = _widest(region, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
@@ -228,7 +232,19 @@ def _damage(
     hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width or not mostly_met)
     resolved = steps >= STEPS_ACROSS and int(region.sum(axis=1).max()) >= ROWS_ACROSS
     depth_U = hypot(DEPTH_SHARE_U * depth, 2 * grid.scatter)
-    return Damage(*at, about if hidden else region, depth, depth_U, resolved, hidden, rolls, heights)
+    ends = _ends_at_middle(grid, at, region, depth)
+    return Damage(*at, about if hidden else region, depth, depth_U, resolved, hidden, ends, rolls, heights)
+
+
+def _ends_at_middle(grid: Grid, at: tuple[int, int], region: Mask, depth: float) -> bool:
+    """Whether a region (roll lengths, heights) ends within the middle of the face in many of the rows that it touches:
+    cells there differ by half of its depth.
+    """
+    middle = _middle_of_face(grid)
+    rows = region[:, middle].any(axis=1)
+    cells = grid.delta[at][rows][:, middle]
+    apart = np.fmax.reduce(cells, axis=1) - np.fmin.reduce(cells, axis=1)
+    return bool(np.count_nonzero(apart > abs(depth) / 2) > OFTEN * np.count_nonzero(rows))
 
 
 def _widest(region: Mask, grid: Grid) -> tuple[float, float]:
@@ -362,14 +378,19 @@ def zones_of(grid: Grid, step: float) -> dict[Zone, Mask]:
         width = grid.size[0] / 2 + STEPS_BESIDE * float(step_on_flank(nominal, roll, step))
         return np.asarray(np.abs(grid.rolls - roll) <= width)[:, None]
 
-    height = TRACE_SHARE * nominal.gear.face_width + grid.size[1]
-    middle = (np.abs(grid.heights - nominal.middle) <= height)[None, :]
+    middle = _middle_of_face(grid)[None, :]
     area = np.ones((grid.rolls.size, grid.heights.size), dtype=bool)
     circle, ball = about(nominal.measuring_roll), about(nominal.ball_roll)
     return {
         "profile": area & middle, "helix": area & circle, "position": circle & middle, "ball": ball & middle,
         "area": area,
     }  # fmt: skip
+
+
+def _middle_of_face(grid: Grid) -> Mask:
+    """Cells (heights,) of the middle of the face and one more to either side."""
+    height = TRACE_SHARE * grid.nominal.gear.face_width + grid.size[1]
+    return np.asarray(np.abs(grid.heights - grid.nominal.middle) <= height)
 
 
 def damage_in(damages: tuple[Damage, ...], zone: Mask, side: int | None, tooth: int | None) -> tuple[Damage, ...]:

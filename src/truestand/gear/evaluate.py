@@ -22,7 +22,6 @@ from truestand.gear.traces import (
     helix_bend,
     helix_of,
     helix_points,
-    helix_tilt,
     line_of,
     position_bend,
     position_of,
@@ -43,6 +42,8 @@ PITCH = ("f_p", "F_p", "F_pk", "f_u")
 NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
 DRAWS, FEW_DRAWS, STEEP_DRAWS = 64, 24, 24
 """Of noise on the cells: for U; for the mean of what it adds; for cells on steep places."""
+BEND_DRAWS, STRETCHES = 24, 5
+"""Of what lies between the profiles beside the measuring circle, and in how many stretches of the face."""
 NOISE_U = 0.1
 """How well (k = 2) the size of the noise is known, as a share of it."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
@@ -214,14 +215,37 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, evaluator))
     shared = shared_shape(delta, evaluator.smooth)
     profile_between = profile_bend(delta, traces) + profile_unsampled(shared, evaluator.grid, traces)
-    helix_between = helix_bend(delta, traces)
+    apart, helix_between = _between_profiles(evaluator), helix_bend(delta, traces)
     widths: Figures = {
         "f_Halpha": profile.slope, "f_falpha": profile.form + profile_between,
-        "F_alpha": profile.total + profile_between, "f_Hbeta": helix.slope + helix_tilt(traces),
-        "f_fbeta": helix.form + helix_between, "F_beta": helix.total + helix_between,
-        "C_alpha": profile.crowning, "C_beta": helix.crowning,
+        "F_alpha": profile.total + profile_between, "f_Hbeta": helix.slope + apart["slope"],
+        "f_fbeta": helix.form + np.fmax(helix_between, apart["form"]),
+        "F_beta": helix.total + np.fmax(helix_between, apart["total"]),
+        "C_alpha": profile.crowning, "C_beta": helix.crowning + apart["crowning"],
     }  # fmt: skip
     return {name: width.reshape(delta.shape[:2]) for name, width in widths.items()}
+
+
+def _between_profiles(evaluator: Evaluator) -> Figures:
+    """By how much (flanks,) the figures of helices may be off because flanks bend between the profiles on either side
+    of the measuring circle: half-widths, mm, with the standard deviation of figures whose points are drawn.
+
+    Where an edge lies between two profiles, a point is like one of them or like the other. Along a stretch of the face,
+    about ``STRETCHES`` of them, all edges lie at the same share of the way: a groove that crosses the circle at a small
+    angle has its edge there for millimetres.
+    """
+    traces, rng = evaluator.traces, np.random.default_rng(1)
+    points, low, high = traces.circle(evaluator.grid.delta), traces.circle.below, traces.circle.above
+    nearer_high = low / np.maximum(low + high, 1e-300)
+    read = helix_line(traces.helix(points), evaluator)
+    square = {name: np.zeros(points.shape[0]) for name in ("slope", "form", "total", "crowning")}
+    for _ in range(BEND_DRAWS):
+        stretch = np.cumsum(rng.random(points.shape) < STRETCHES / points.shape[1], axis=1)
+        share = np.take_along_axis(rng.random(points.shape), stretch, axis=1)
+        drawn = helix_line(traces.helix(np.where(share < nearer_high, points + high, points - low)), evaluator)
+        for name in square:
+            square[name] += np.square(getattr(drawn, name) - getattr(read, name)) / BEND_DRAWS
+    return {name: np.sqrt(3.0 * total) for name, total in square.items()}
 
 
 def _position_sampling(evaluator: Evaluator) -> Figures:

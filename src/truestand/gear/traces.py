@@ -41,8 +41,6 @@ height that points of the helix may be: farther, readings got lost, and what lie
 MOST_APART = 1.6
 """Steps of the table, two cells at least, that readings at the middle of the face may be apart along a profile: an
 eccentric gear is met 1.4 steps apart near its root; farther, all columns lost some."""
-SLOPE_OF_HALF = 3.0
-"""Slope deviation of a line one half of which stands elsewhere by 1, over the mean of what its points are off."""
 LEAST_COLUMNS = 0.5
 """Share of the columns at the middle of the face that must be seen."""
 LEAST_CUTOFF = 0.25
@@ -221,11 +219,15 @@ def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
 def _joined(columns: Array, inside: Mask) -> Array:
     """The mean (flanks, n) of columns (flanks, n, band), NaN: not seen; NaN where most were not.
 
-    Where some of them end (``inside``: they don't), the mean of the others goes on by its steps: columns stand at other
-    heights where damage ends between them, and the trace must not step where one of them does.
+    Where some of them end (``inside``: they don't; beyond it they hold their value for a while), the mean of the others
+    goes on by its steps: columns stand at other heights where damage ends between them, and the trace must not step
+    where one of them does. Fewer than half of them don't say how all go on: there those that hold count, too.
     """
-    mean = _mean_of_columns(columns, np.isfinite(columns))
-    known = inside[:, 1:] & inside[:, :-1]
+    seen = np.isfinite(columns)
+    mean = _mean_of_columns(columns, seen)
+    known, going_on = seen[:, 1:] & seen[:, :-1], inside[:, 1:] & inside[:, :-1]
+    most = going_on.sum(axis=2, keepdims=True) >= LEAST_COLUMNS * columns.shape[2]
+    known = np.where(most, going_on, known)
     step = np.where(known, np.diff(np.nan_to_num(columns), axis=1), 0.0).sum(axis=2) / np.maximum(known.sum(axis=2), 1)
     path = np.concatenate([np.zeros((mean.shape[0], 1)), np.cumsum(step, axis=1)], axis=1)
     number = inside.sum(axis=2)
@@ -274,12 +276,6 @@ def helix_bend(delta: Array, traces: Traces) -> Array:
     wider = _range(points + circle.above, points - circle.below, on) - range_read
     narrower = range_read - np.maximum(_range(points - circle.below, points + circle.above, on), 0.0)
     return np.asarray(np.maximum(wider, narrower) + _bend(points, traces.heights, (low, high)))
-
-
-def helix_tilt(traces: Traces) -> Array:
-    """By how much (flanks,) mm slope deviations of helices may be off where flanks bend on the measuring circle."""
-    doubt = np.maximum(traces.circle.below, traces.circle.above)
-    return np.asarray(SLOPE_OF_HALF * doubt.sum(axis=1) / np.maximum(traces.circle.seen.sum(axis=1), 1))
 
 
 def _bend(values: Array, at: Array, limits: tuple[float, float]) -> Array:
