@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from truestand.core.errors import BadRecipe
-from truestand.gear.characteristics import reached, tolerance
 from truestand.gear.drawing import Gear
+from truestand.gear.tolerances import reached, tolerance
 
 GEAR = Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0)
 NAMES = ("f_p", "F_p", "F_r", "f_Halpha", "f_falpha", "F_alpha", "f_Hbeta", "f_fbeta", "F_beta")

@@ -16,10 +16,11 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 from truestand.gear.angle import AngleCorrection, correct_angle
 from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines
-from truestand.gear.characteristics import Assessment, characteristics_of, settings_of, without_damage_of
+from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import Damage, damage_of, unseen_in_traces, with_deep_damage, without_damage, zones_of
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
+from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
     DRAWS,

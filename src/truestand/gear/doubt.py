@@ -1,0 +1,204 @@
+"""What is not known of damage: in the U of each line, and what is left of its verdict.
+
+Damage is read as it was seen. It may be deeper than that, lie on top or be a second reflection, end anywhere within a
+cell of the middle of the face, or be where no reading shows anything.
+"""
+
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
+
+import numpy as np
+
+from truestand.core.arrays import Mask
+from truestand.core.calibration import Contribution
+from truestand.core.inspection import Characteristic, Verdict, decided
+from truestand.gear.budget import Influence
+from truestand.gear.coverage import Coverage
+from truestand.gear.damage import Damage, Zone, damage_in
+from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, Figures
+from truestand.gear.geometry import Involute
+from truestand.gear.sections import Sections
+
+PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
+SIZES = ("s", "W_k", "M_d")
+AT_BALL = frozenset({"F_r", "M_d"})
+FORMS = frozenset({"F_alpha", "f_falpha", "F_beta", "f_fbeta"})
+"""What grows with every damage."""
+ON_TOP = "on top of a flank, or a second reflection"
+NOT_SEEN = "damage that was not seen whole"
+EDGES = "edges of damage in the middle of the face"
+HIDDEN = "damage like that found elsewhere, where nothing was seen"
+NARROWEST = 1.0
+"""mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
+RARELY = 0.05
+"""Of the flanks: where damage was found on more of them, no flank is sound with 95 % where nothing was seen of it."""
+UM = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Figures (mm) and by how much each input of the budget may move them (U, k = 2)."""
+
+    nominal: Involute
+    figures: Figures
+    without_damage: Figures
+    """The same as if no reading had fallen on damage,"""
+    without_top: Figures
+    """or on what lies on top of a flank."""
+    expanded: dict[str, Figures]
+    """U by the name of the input."""
+    influences: tuple[Influence, ...]
+    coverage: Coverage
+    damage: tuple[Damage, ...]
+    zones: dict[Zone, Mask]
+    """From which cells (roll lengths, heights) figures are read."""
+    there: Mask
+    """(teeth,): but for those that the drawing leaves out."""
+    sections: Sections
+    edge_share: float
+    """Half a cell's height over the height of the middle of the face."""
+
+
+def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
+    """The line with what is not known of damage in its U, and the verdict that is left of it: of damage that it reads,
+    and of such as may be where nothing was seen.
+    """
+    regions, hidden = touching(a, line.name, at), _may_hide(line, a, name, at)
+    if not regions:
+        line = _borne_out_by_nothing(line)
+        if not hidden:
+            return line
+    value = line.value or 0.0
+    without_top = float(a.without_top[name][at]) if any(d.on_top for d in regions) else value
+    half_widths = {
+        ON_TOP: abs(value - (without_top if np.isfinite(without_top) else 0.0)),
+        EDGES: _edges(regions, a, name) * _per_delta(name, a),
+        NOT_SEEN: _unknown_depth(regions, a, name) * _per_delta(name, a),
+        HIDDEN: hidden * _per_delta(name, a),
+    }
+    causes = [Contribution(c, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular") for c, half in half_widths.items()]
+    budget = tuple(sorted((*line.budget, *(c for c in causes if c.U)), key=lambda c: -c.U))
+    reason = _gravest(regions).text if regions else _without_reading(line, a, at)
+    wider = replace(
+        line, grade=None if regions else line.grade, U=hypot(*(c.U for c in budget)), budget=budget, reason=reason
+    )
+    if line.verdict is None:
+        return wider
+    if regions:
+        line = decided(replace(line, U=hypot(line.U or 0.0, *(c.U for c in causes if c.name == EDGES))))
+    material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
+    return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
+
+
+def _gravest(regions: tuple[Damage, ...]) -> Damage:
+    return max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
+
+
+def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> float:
+    """How deep (mm of delta) damage may be where a line of flanks shows nothing: as deep as the deepest that was found.
+
+    One of the teeth of a mean may have such damage more.
+    """
+    narrowest = a.nominal.gear.evaluation.narrowest_damage or NARROWEST
+    gap = gap_of(a, line.name, at) > narrowest and _often_damaged(a)
+    if line.name not in MEANS or not (gap or line.status == "partial"):
+        return 0.0
+    return _deepest(a) / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else _deepest(a)
+
+
+def _often_damaged(a: Assessment) -> bool:
+    """Whether so many flanks are damaged that none can be taken to be as sound between its readings as where it was
+    seen.
+    """
+    damaged = {(d.side, d.tooth) for d in a.damage if (d.depth or 0.0) > 0}
+    return len(damaged) > RARELY * int(np.count_nonzero(a.coverage.position[:, a.there]))
+
+
+def _deepest(a: Assessment) -> float:
+    """How deep (mm) the deepest damage is that readings show, half a tooth at most."""
+    return min(max((d.depth or 0.0 for d in a.damage), default=0.0), a.nominal.thickness / 2)
+
+
+def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
+    """The widest stretch (mm of roll length) without a reading of the profiles that a figure reads; 0 for others."""
+    if name not in PROFILE_NAMES:
+        return 0.0
+    return float(a.coverage.gap[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
+
+
+def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -> str:
+    """What of a trace no reading shows."""
+    gap = gap_of(a, line.name, at)
+    what = f"{gap:.1f} mm of roll length" if gap else f"{1.0 - line.coverage:.0%} of the helix"
+    return f"{what} without a reading, on a gear with damage of {UM * _deepest(a):.0f} um elsewhere"
+
+
+def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
+    """The line; form that fails where no region shows why must fail at twice its noise: pairs of outliers do that."""
+    if line.verdict != "does_not_conform" or line.name not in FORMS or line.U is None:
+        return line
+    noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
+    return replace(line, verdict=decided(replace(line, U=hypot(line.U, sqrt(3.0) * noise))).verdict)
+
+
+def _edges(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
+    """By how much (mm) delta may be off, where a figure is the mean of the middle of the face, because edges of damage
+    run there: each may lie half a cell elsewhere, and a range has two of them at either end.
+    """
+    if _zone(name.removesuffix(MEAN)) in ("helix", "area"):
+        return 0.0
+    deepest = 2 * a.edge_share * max((abs(d.depth or 0.0) for d in regions if d.ends_at_middle), default=0.0)
+    return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) or name in SIZES else deepest
+
+
+def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
+    """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
+
+    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it. Areal figures read
+    the smooth flank, which damage has no part in.
+    """
+    if name.endswith(AREAL):
+        return 0.0
+    depths = [a.nominal.thickness / 2 if d.hidden else 0.0 if d.resolved else abs(d.depth or 0.0) for d in regions]
+    mean = name.endswith(MEAN) or name in SIZES
+    return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths, default=0.0)
+
+
+def _per_delta(name: str, a: Assessment) -> float:
+    """By how much a figure may follow delta where it is read; a slope, on half of a flank."""
+    plain = name.removesuffix(MEAN)
+    if plain in PITCH or plain == "s":
+        return a.nominal.arc_per_delta * (2.0 if plain == "f_u" else 1.0)
+    at_ball = a.nominal.runout_per_delta
+    others = {
+        "F_r": at_ball, "M_d": 2 * at_ball, "W_k": a.nominal.normal_per_delta,
+        "f_Halpha": 1.5, "f_Hbeta": 1.5,
+    }  # fmt: skip
+    return others.get(plain, 1.0)
+
+
+def _verdict(line: Characteristic, wider: Characteristic, without_top: float, material_gone: bool) -> Verdict | None:
+    """The verdict of a line that damage makes ``wider``.
+
+    What lies on top may be a second reflection: with it and without, the line must say the same. Forms and totals are
+    no less than what was seen, where readings show that material is gone: what was not seen makes them no better.
+    """
+    if not np.isfinite(without_top) or decided(replace(line, value=without_top)).verdict != line.verdict:
+        return "undecided"
+    if line.verdict == "does_not_conform" and line.name in FORMS and material_gone:
+        return line.verdict
+    return decided(wider).verdict
+
+
+def touching(a: Assessment, name: str, at: tuple[int, ...]) -> tuple[Damage, ...]:
+    """The damage that a figure reads."""
+    side, tooth = (*at, None, None)[:2]
+    return damage_in(a.damage, a.zones[_zone(name)], side, tooth)
+
+
+def _zone(name: str) -> Zone:
+    if name.endswith(AREAL):
+        return "area"
+    if name in AT_BALL:
+        return "ball"
+    return "profile" if name in PROFILE_NAMES else "helix" if name in MEANS else "position"
