@@ -110,6 +110,15 @@ def test_where_many_flanks_are_damaged_what_no_reading_shows_is_doubted():
     assert {c.verdict for c in one.characteristics if c.tooth and (c.tooth, c.flank) != (5, "left")} == {"conforms"}
 
 
+def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
+    """Beside three shallow grooves: U of sound flanks was 1,260 um."""
+    grooves = tuple(Worn(tooth, "left", (8.5, 9.5), FACE, 0.012, 0.1) for tooth in (3, 12, 20))
+    broken = tuple(Worn(8, flank, (6.0, 15.0), (14.0, 27.0), 1.0, 0.5) for flank in ("left", "right"))
+    found = inspected(replace(SOUND, worn=(*grooves, *broken)), points=320)
+    beside = [c for c in found.characteristics if c.tooth == 16 and c.name in (*PROFILE, "f_Halpha")]
+    assert beside and all(c.U < 0.03 and c.verdict == "conforms" for c in beside)
+
+
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
     """A dent of 0.09 mm beside mid-face and measuring circle; the mean of the whole flank hardly sees it."""
     found = inspected(replace(SOUND, dents=(Dent(7, "left", 10.3, 21.0, 1.2, 0.09),)), points=320)
@@ -283,8 +292,10 @@ def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
     gear = replace(helical(helix), accuracy_class=10)
     found = inspected(SOUND, gear, simulation(4400, upright=True), 400)
-    doubted = [c for c in found.characteristics if c.reason is not None and c.tooth is not None]
+    doubted = [c for c in found.characteristics if c.tooth is not None and (c.reason or "").startswith("tooth")]
     assert len(doubted) <= 3  # of 288: one flank
+    partly = [c for c in found.characteristics if c.tooth is not None and c.status == "partial"]
+    assert partly and all("without a reading" in c.reason for c in partly if c not in doubted)
 
 
 @pytest.mark.parametrize(("helix", "flank"), tried([(15.0, "right")], (-15.0, "left")))

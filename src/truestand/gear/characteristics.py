@@ -214,5 +214,6 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan, cell_height: float)
         "span": f"{nominal.span_teeth} teeth",
         "F_pk": f"k = {pitch_span(g)}",
         "angle": f"{scan.angle_source}, {2 * np.pi / abs(scan.step):.0f} profiles a turn",
-        "decision": f"{EDITION}, guard band {GUARD_FACTOR:g} u; U with k = 2",
+        "decision": f"{EDITION}, guard band {GUARD_FACTOR:g} u; U with k = 2; forms and totals that exceed their limit "
+        "by damage that was seen do not conform, however deep the rest of it may be",
     }

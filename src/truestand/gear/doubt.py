@@ -30,6 +30,10 @@ EDGES = "edges of damage in the middle of the face"
 HIDDEN = "damage like that found elsewhere, where nothing was seen"
 NARROWEST = 1.0
 """mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
+NARROW = 2.0
+"""Gaps without a reading that damage may be wide, along the roll length, to be of a kind that hides in one."""
+STEEPEST = 0.5
+"""Depth of such damage over the gap's width, at most."""
 RARELY = 0.05
 """Of the flanks: where damage was found on more of them, no flank is sound with 95 % where nothing was seen of it."""
 UM = 1000.0
@@ -66,6 +70,8 @@ def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, .
     regions, hidden = touching(a, line.name, at), _may_hide(line, a, name, at)
     if not regions:
         line = _borne_out_by_nothing(line)
+        if line.status == "partial" and line.name in MEANS:
+            line = replace(line, reason=_without_reading(line, a, at))
         if not hidden:
             return line
     value = line.value or 0.0
@@ -78,32 +84,34 @@ def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, .
     }
     causes = [Contribution(c, 2 * half / sqrt(3.0), half / sqrt(3.0), "rectangular") for c, half in half_widths.items()]
     budget = tuple(sorted((*line.budget, *(c for c in causes if c.U)), key=lambda c: -c.U))
-    reason = _gravest(regions).text if regions else _without_reading(line, a, at)
-    wider = replace(
-        line, grade=None if regions else line.grade, U=hypot(*(c.U for c in budget)), budget=budget, reason=reason
+    wider = replace(line, grade=None, U=hypot(*(c.U for c in budget)), budget=budget)
+    if line.verdict is not None:
+        if regions:
+            line = decided(replace(line, U=hypot(line.U or 0.0, *(c.U for c in causes if c.name == EDGES))))
+        material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
+        wider = replace(decided(wider), verdict=_verdict(line, wider, without_top, material_gone))
+    return replace(wider, reason=_gravest(regions, wider.verdict) if regions else _without_reading(line, a, at))
+
+
+def _gravest(regions: tuple[Damage, ...], verdict: Verdict | None) -> str:
+    """What is gravest for a verdict: what was seen where the line fails for it, else what was not."""
+    failing = verdict == "does_not_conform" and any(d.depth for d in regions)
+    gravest = max(
+        regions, key=lambda d: (not failing and d.hidden, not failing and not d.resolved, abs(d.depth or 0.0))
     )
-    if line.verdict is None:
-        return wider
-    if regions:
-        line = decided(replace(line, U=hypot(line.U or 0.0, *(c.U for c in causes if c.name == EDGES))))
-    material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
-    return replace(wider, verdict=_verdict(line, wider, without_top, material_gone))
-
-
-def _gravest(regions: tuple[Damage, ...]) -> Damage:
-    return max(regions, key=lambda d: (d.hidden, not d.resolved, abs(d.depth or 0.0)))
+    return gravest.text
 
 
 def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> float:
-    """How deep (mm of delta) damage may be where a line of flanks shows nothing: as deep as the deepest that was found.
+    """How deep (mm of delta) damage may be where a line of flanks shows nothing: as deep as such damage elsewhere.
 
     One of the teeth of a mean may have such damage more.
     """
-    narrowest = a.nominal.gear.evaluation.narrowest_damage or NARROWEST
-    gap = gap_of(a, line.name, at) > narrowest and _often_damaged(a)
-    if line.name not in MEANS or not (gap or line.status == "partial"):
+    gap, narrowest = gap_of(a, line.name, at), a.nominal.gear.evaluation.narrowest_damage or NARROWEST
+    if line.name not in MEANS or not (line.status == "partial" or (gap > narrowest and _often_damaged(a))):
         return 0.0
-    return _deepest(a) / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else _deepest(a)
+    deepest = _deepest(a, gap)
+    return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else deepest
 
 
 def _often_damaged(a: Assessment) -> bool:
@@ -114,9 +122,11 @@ def _often_damaged(a: Assessment) -> bool:
     return len(damaged) > RARELY * int(np.count_nonzero(a.coverage.position[:, a.there]))
 
 
-def _deepest(a: Assessment) -> float:
-    """How deep (mm) the deepest damage is that readings show, half a tooth at most."""
-    return min(max((d.depth or 0.0 for d in a.damage), default=0.0), a.nominal.thickness / 2)
+def _deepest(a: Assessment, gap: float) -> float:
+    """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix)."""
+    widest, most = (NARROW * gap, STEEPEST * gap) if gap else (np.inf, a.nominal.thickness / 2)
+    depths = [d.depth or 0.0 for d in a.damage if d.rolls[1] - d.rolls[0] <= widest]
+    return min(max(depths, default=0.0), most)
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
@@ -130,7 +140,10 @@ def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -
     """What of a trace no reading shows."""
     gap = gap_of(a, line.name, at)
     what = f"{gap:.1f} mm of roll length" if gap else f"{1.0 - line.coverage:.0%} of the helix"
-    return f"{what} without a reading, on a gear with damage of {UM * _deepest(a):.0f} um elsewhere"
+    elsewhere = UM * _deepest(a, gap)
+    return f"{what} without a reading" + (
+        f", on a gear with damage of {elsewhere:.0f} um elsewhere" if elsewhere else ""
+    )
 
 
 def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
