@@ -1,8 +1,8 @@
 """The noise of cells, told from neighbouring cells: of a cell by itself, and what a row or a column shares.
 
 Differences along the height show what neighbouring cells don't share: noise of readings, and speckle. How they grow
-with the distance, up to two millimetres, says how far speckle goes on along the height, and whether they are alike from
-one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
+with the distance, up to four millimetres, says how far speckle goes on along the height, and whether they are alike
+from one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
 noise of single readings. Speckle can't be told from the roughness of a flank, so that counts as noise, too.
 Differences of whole rows along the roll length show what a profile shares (jitter of the angle), those of columns along
 the height what a point of the sensor's line shares. The flank's own shape is smooth at that distance; damage is left
@@ -22,7 +22,7 @@ LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
-FARTHEST, MOST_OF_FACE = 2.0, 0.1
+FARTHEST, MOST_OF_FACE = 4.0, 0.2
 """mm of height, and share of the face, over which noise may go on: what is longer is the flank's form."""
 LAGS = 8
 """Cells of roll length up to which the correlation of noise is looked at."""
@@ -99,7 +99,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
     count = np.maximum(grid.count, 1.0)
     farthest = _farthest(grid)
-    lags = sorted({max(1, farthest // n) for n in (8, 4, 2, 1)})
+    lags = sorted({max(1, farthest // n) for n in (16, 8, 4, 2, 1)})
     single = [_singles(inside, count, grid.height, lag) for lag in lags]
     spread = np.maximum(_by_roll(single[-1]), LEAST_SPREAD)
     spread = spread * _by_flank(single[-1] / spread)
@@ -129,8 +129,10 @@ def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], 
 
     def scatter(cells: Array) -> Array:
         values = read(cells)
-        bends = (values[:, lag:-lag] - (values[:, 2 * lag :] + values[:, : -2 * lag]) / 2).reshape(2, -1)
-        return np.array([robust_sd(b[np.isfinite(b)]) for b in bends])
+        bends = values[:, lag:-lag] - (values[:, 2 * lag :] + values[:, : -2 * lag]) / 2
+        bends = bends.reshape(2, -1, bends.shape[1])
+        crowned = nan_median(bends, axis=1)[:, None]
+        return np.array([robust_sd(b[np.isfinite(b)]) for b in bends - crowned])
 
     drawn = np.sqrt(np.mean([np.square(scatter(noise.draw(rng))) for _ in range(TRIALS)], axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
