@@ -1,7 +1,7 @@
 """The noise of cells, told from neighbouring cells: of a cell by itself, and what a row or a column shares.
 
 Differences along the height show what neighbouring cells don't share: noise of readings, and speckle. How they grow
-with the distance, up to four millimetres, says how far speckle goes on along the height, and whether they are alike
+with the distance, up to three millimetres, says how far speckle goes on along the height, and whether they are alike
 from one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
 noise of single readings. Speckle can't be told from the roughness of a flank, so that counts as noise, too.
 Differences of whole rows along the roll length show what a profile shares (jitter of the angle), those of columns along
@@ -22,7 +22,7 @@ LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
-FARTHEST, MOST_OF_FACE = 4.0, 0.2
+FARTHEST, MOST_OF_FACE = 3.0, 0.15
 """mm of height, and share of the face, over which noise may go on: what is longer is the flank's form."""
 LAGS = 8
 """Cells of roll length up to which the correlation of noise is looked at."""
@@ -35,7 +35,7 @@ TRIALS = 8
 MOST_MORE = 2.0
 """Factor by which noise may be more, or less, than its own cells tell."""
 MOST_SD = 3.0
-"""Standard deviations to which noise is cut where its correlation is looked at: damage is correlated, too."""
+"""Standard deviations to which noise is cut where its correlation or its mean square is looked at: damage is more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +132,19 @@ def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], 
         bends = values[:, lag:-lag] - (values[:, 2 * lag :] + values[:, : -2 * lag]) / 2
         bends = bends.reshape(2, -1, bends.shape[1])
         crowned = nan_median(bends, axis=1)[:, None]
-        return np.array([robust_sd(b[np.isfinite(b)]) for b in bends - crowned])
+        return np.array([_inner_sd(b[np.isfinite(b)]) for b in bends - crowned])
 
     drawn = np.sqrt(np.mean([np.square(scatter(noise.draw(rng))) for _ in range(TRIALS)], axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
         more = np.nan_to_num(scatter(np.nan_to_num(grid.delta)) / drawn, nan=1.0, posinf=1.0)
     factor = np.where(near, np.clip(more, 1 / MOST_MORE, MOST_MORE)[:, None], 1.0)
     return replace(noise, variance=noise.variance * np.square(factor)[:, None, :, None])
+
+
+def _inner_sd(values: Array) -> float:
+    """Root mean square of values (n,) but for what damage does to them: of few values it is surer than a median."""
+    inner = values[np.abs(values) <= MOST_SD * robust_sd(values)] if values.size else values
+    return float(np.sqrt(np.mean(np.square(inner)))) if inner.size else 0.0
 
 
 def _singles(cells: Array, count: Array, height: Array, lag: int) -> Array:
