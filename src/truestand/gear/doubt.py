@@ -31,8 +31,7 @@ HIDDEN = "damage like that found elsewhere, where nothing was seen"
 NARROWEST = 1.0
 """mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
 NARROW = 2.0
-"""Gaps without a reading that damage may be wide, along the roll length, to be of a kind that hides in one: where such
-was found, its depth counts."""
+"""Gaps without a reading that damage may be wide, along the roll length, to be of a kind that hides in one."""
 STEEPEST = 0.5
 """Depth of such damage over the gap's width, at most."""
 RARELY = 0.05
@@ -90,11 +89,7 @@ def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, .
         if regions:
             line = decided(replace(line, U=hypot(line.U or 0.0, *(c.U for c in causes if c.name == EDGES))))
         material_gone = not regions or any((d.depth or 0.0) > 0 for d in regions)
-        verdict = _verdict(line, wider, without_top, material_gone)
-        unsure = (
-            hidden and not name.endswith(MEAN) and verdict == "conforms"
-        )  # it may be deeper than any that was found
-        wider = replace(decided(wider), verdict="undecided" if unsure else verdict)
+        wider = replace(decided(wider), verdict=_verdict(line, wider, without_top, material_gone))
     return replace(wider, reason=_gravest(regions, wider.verdict) if regions else _without_reading(line, a, at))
 
 
@@ -129,10 +124,9 @@ def _often_damaged(a: Assessment) -> bool:
 
 def _deepest(a: Assessment, gap: float) -> float:
     """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix)."""
-    gone = [d for d in a.damage if (d.depth or 0.0) > 0]
-    most = STEEPEST * gap if gap else a.nominal.thickness / 2
-    narrow = [d for d in gone if gap and d.rolls[1] - d.rolls[0] <= NARROW * gap]
-    return min(max((d.depth or 0.0 for d in narrow or gone), default=0.0), most)
+    widest, most = (NARROW * gap, STEEPEST * gap) if gap else (np.inf, a.nominal.thickness / 2)
+    depths = [d.depth or 0.0 for d in a.damage if d.rolls[1] - d.rolls[0] <= widest]
+    return min(max(depths, default=0.0), most)
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
