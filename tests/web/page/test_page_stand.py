@@ -155,6 +155,7 @@ def test_a_laser_that_may_be_on_is_shown_first_and_large(state, tab):
             shown = tab.get_by_role("alert").get_by_text("Laser may be ON")
             expect(shown.first).to_have_text(LIT)
             expect(tab.get_by_role("alert").first).to_contain_text("Switch it off at its supply now")
+            expect(tab.locator(".stamp")).to_be_visible()
             assert shown.first.bounding_box()["y"] < tab.locator(".stamp").bounding_box()["y"]
             assert shown.first.evaluate("(e) => parseFloat(getComputedStyle(e).fontSize)") >= 32
             expect(tab.get_by_role("alert").first).to_contain_text("nobody answers; the table stopped by itself")
