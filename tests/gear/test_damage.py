@@ -6,6 +6,7 @@ Class 10 as in the issue: limits of f_p 33, F_alpha 44, f_falpha 35, f_Halpha 27
 from dataclasses import replace
 from functools import lru_cache
 from math import radians
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.calibration import ScanSummary
 from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import characteristics_from, inspection_record
+from truestand.gear.doubt import _deepest
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, Scratch, VirtualGear, Worn, paper_shaft
@@ -117,6 +119,12 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
     found = inspected(replace(SOUND, worn=(*grooves, *broken)), points=320)
     beside = [c for c in found.characteristics if c.tooth == 16 and c.name in (*PROFILE, "f_Halpha")]
     assert beside and all(c.U < 0.03 and c.verdict == "conforms" for c in beside)
+
+
+def test_what_lies_on_top_of_one_flank_is_no_measure_of_what_hides_in_a_gap():
+    """A ridge alone made a line of the budget negative."""
+    ridge = SimpleNamespace(depth=-0.06, rolls=(8.8, 9.3))
+    assert _deepest(SimpleNamespace(damage=(ridge,), nominal=SimpleNamespace(thickness=3.0)), 1.5) == 0.0
 
 
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():

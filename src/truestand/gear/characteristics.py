@@ -10,7 +10,7 @@ from truestand.core.calibration import Contribution
 from truestand.core.inspection import EDITION, GUARD_FACTOR, WORST, Characteristic, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import lines_of
-from truestand.gear.doubt import PROFILE_NAMES, SIZES, Assessment, gap_of, touching, with_damage
+from truestand.gear.doubt import PROFILE_NAMES, SIZES, Assessment, gap_of, noise_of, touching, with_damage
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
     AREAL,
@@ -72,8 +72,7 @@ def _largest_of_sections(line: Characteristic) -> Characteristic:
     """The line with what noise lifts the largest of many sections by in its U."""
     if line.U is None:
         return line
-    noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
-    U = line.U + LARGEST_OF_SECTIONS * noise
+    U = line.U + LARGEST_OF_SECTIONS * noise_of(line)
     lifted = sqrt(U**2 - line.U**2)
     cause = Contribution("largest of ten sections", lifted, lifted / 2)
     return replace(line, U=U, budget=tuple(sorted((*line.budget, cause), key=lambda c: -c.U)))

@@ -125,8 +125,8 @@ def _often_damaged(a: Assessment) -> bool:
 def _deepest(a: Assessment, gap: float) -> float:
     """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix)."""
     widest, most = (NARROW * gap, STEEPEST * gap) if gap else (np.inf, a.nominal.thickness / 2)
-    depths = [d.depth or 0.0 for d in a.damage if d.rolls[1] - d.rolls[0] <= widest]
-    return min(max(depths, default=0.0), most)
+    depths = (d.depth or 0.0 for d in a.damage if d.rolls[1] - d.rolls[0] <= widest)
+    return min(max((depth for depth in depths if depth > 0), default=0.0), most)  # what lies on top is below 0
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
@@ -150,8 +150,12 @@ def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
     """The line; form that fails where no region shows why must fail at twice its noise: pairs of outliers do that."""
     if line.verdict != "does_not_conform" or line.name not in FORMS or line.U is None:
         return line
-    noise = next((c.U for c in line.budget if c.name == "noise"), 0.0)
-    return replace(line, verdict=decided(replace(line, U=hypot(line.U, sqrt(3.0) * noise))).verdict)
+    return replace(line, verdict=decided(replace(line, U=hypot(line.U, sqrt(3.0) * noise_of(line)))).verdict)
+
+
+def noise_of(line: Characteristic) -> float:
+    """U (k = 2, mm) of noise in a line's budget."""
+    return next((c.U for c in line.budget if c.name == "noise"), 0.0)
 
 
 def _edges(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
