@@ -15,7 +15,7 @@ from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.calibration import ScanSummary
 from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import characteristics_from, inspection_record
-from truestand.gear.doubt import _deepest
+from truestand.gear.doubt import _deepest, _often_damaged
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, Scratch, VirtualGear, Worn, paper_shaft
@@ -121,10 +121,27 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
     assert beside and all(c.U < 0.03 and c.verdict == "conforms" for c in beside)
 
 
-def test_what_lies_on_top_of_one_flank_is_no_measure_of_what_hides_in_a_gap():
-    """A ridge alone made a line of the budget negative."""
-    ridge = SimpleNamespace(depth=-0.06, rolls=(8.8, 9.3))
-    assert _deepest(SimpleNamespace(damage=(ridge,), nominal=SimpleNamespace(thickness=3.0)), 1.5) == 0.0
+def _region(tooth, depth, width, clear=True):
+    return SimpleNamespace(tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), clear=clear, on_top=depth < 0)
+
+
+def _of(*damage, teeth=24):
+    return SimpleNamespace(damage=damage, nominal=SimpleNamespace(thickness=3.0), there=np.ones(teeth, dtype=bool))
+
+
+def test_what_may_hide_in_a_gap_is_as_deep_as_narrow_damage_elsewhere():
+    """A ridge alone made a line of the budget negative; damage of one width alone was no doubt of another."""
+    ridge, groove, worn = _region(0, -0.06, 0.5), _region(1, 0.03, 2.0), _region(2, 0.2, 6.0)
+    assert _deepest(_of(ridge), 1.5) == 0.0
+    assert _deepest(_of(ridge, groove, worn), 1.5) == groove.depth
+    assert _deepest(_of(worn), 1.5) == worn.depth and _deepest(_of(worn), 0.2) == 0.1  # half as deep as it is wide
+    assert _deepest(_of(_region(3, 0.02, 1.0, clear=False)), 1.5) == 0.0
+
+
+def test_a_gear_is_often_damaged_where_more_than_a_twentieth_of_its_teeth_clearly_is():
+    one, two, noise = (_region(tooth, 0.06, 1.0, clear=tooth < 2) for tooth in range(3))
+    assert not _often_damaged(_of(one, noise)) and not _often_damaged(_of(one, _region(0, 0.1, 0.5)))
+    assert _often_damaged(_of(one, two)) and not _often_damaged(_of(one, two, teeth=40))
 
 
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
@@ -165,13 +182,13 @@ NOT_KNOWN = {
     "narrow and deep": (14, (10.0, 10.6), FACE, 0.2, {*PROFILE}),
 }
 """Fewer than two profiles across it; material on top, which a second reflection looks like; a hidden bottom."""
-DOUBTED = replace(SOUND, worn=tuple(Worn(tooth, "left", *where, 0.1) for tooth, *where, _ in NOT_KNOWN.values()))
 
 
 @pytest.mark.parametrize("name", NOT_KNOWN)
 def test_what_may_be_deeper_or_no_damage_at_all_stands_in_u(name):
-    tooth, *_, touched = NOT_KNOWN[name]
-    found, true = inspected(DOUBTED), truth(DOUBTED)
+    tooth, *where, touched = NOT_KNOWN[name]
+    errors = replace(SOUND, worn=(Worn(tooth, "left", *where, 0.1),))
+    found, true = inspected(errors), truth(errors)
     for figure in touched:
         c = line(found, figure, tooth)
         assert c.verdict != "conforms" and c.reason.startswith(f"tooth {tooth} left, roll length"), figure

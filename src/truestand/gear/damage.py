@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.robust import nan_median, robust_sd
+from truestand.gear.evaluate import Evaluator
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
@@ -28,6 +29,8 @@ FAR_OFF = 0.1
 """Weight in its smooth flank below which a cell departs from it: 3.9 robust standard deviations off."""
 DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 """Robust standard deviations by which a reading departs; share and number of such readings that mark a cell."""
+CLEAR = 6.0
+"""Standard deviations of its cells' sum from which a region is no noise: speckle makes less than one of them a gear."""
 LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
 LEAST_LOST, MOST_LOST = 1e-3, 0.05
@@ -84,6 +87,8 @@ class Damage:
     """mm by which its readings depart, positive into the material; None: not seen."""
     depth_U: float | None
     """Of the depth (k = 2), mm, where it was seen: a dent that profiles cross is known to a tenth."""
+    clear: bool
+    """Whether it stands out of all that noise looks like."""
     resolved: bool
     """Whether profiles enough cross it to tell its depth,"""
     hidden: bool
@@ -123,22 +128,22 @@ def with_deep_damage(flanks: Flanks) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, smooth: SmoothFlanks, rays: tuple[Rays, ...], step: float, radial: float, there: Mask
+    flanks: Flanks, evaluator: Evaluator, rays: tuple[Rays, ...], step: float, radial: float, there: Mask
 ) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
     ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
     at the axis; ``there`` (teeth,): teeth that the drawing has.
     """
-    grid, teeth = smooth.grid, smooth.grid.nominal.gear.teeth
+    grid, smooth, teeth = evaluator.grid, evaluator.smooth, evaluator.grid.nominal.gear.teeth
     rest = residuals(grid.delta, smooth) + _raised_on_all(smooth)
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
-    far = DEPARTS * max(grid.scatter, robust_sd(depth) if depth.size else 0.0)  # speckle is alike within a cell
+    spread = max(grid.scatter, robust_sd(depth) if depth.size else 0.0)  # speckle is alike within a cell
     found = []
-    below = (far_off & (rest < 0)) | _departing(cell[depth > far], grid)
-    above = (far_off & (rest > 0)) | _departing(cell[depth < -far], grid)
+    below = (far_off & (rest < 0)) | _departing(cell[depth > DEPARTS * spread], grid)
+    above = (far_off & (rest > 0)) | _departing(cell[depth < -DEPARTS * spread], grid)
     not_seen = [_not_seen(told, there) for told in rays]
     unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
     missed = np.maximum.reduce([weight for _, weight in not_seen])
@@ -151,9 +156,11 @@ def damage_of(
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
                 on = (region & departing[side, tooth]).reshape(-1)
-                depths = sign * depth[own[on[cell[own] % region.size]]]
-                not_met = float(missed[side, tooth][region].sum())
-                found.append(_damage(grid, (int(side), int(tooth)), region, depths, not_met, sign, step, radial))
+                found.append(_damage(_Region(
+                    int(side), int(tooth), region, sign, sign * depth[own[on[cell[own] % region.size]]], spread,
+                    evaluator.noise.ratio(side, tooth, rest[side, tooth], region),
+                    float(missed[side, tooth][region].sum()),
+                ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
 
@@ -193,7 +200,7 @@ def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, .
             rolls = _extent(grid.rolls, grid.size[0], region.any(axis=1))
             heights = _extent(grid.heights, grid.size[1], region.any(axis=0))
             side, tooth = divmod(flank, grid.delta.shape[1])
-            found.append(Damage(side, tooth, region, None, None, False, True, False, rolls, heights))
+            found.append(_unseen(side, tooth, region, rolls, heights))
     return tuple(found)
 
 
@@ -206,34 +213,60 @@ def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:
     return replace(grid, count=count, delta=delta)
 
 
-def _damage(
-    grid: Grid,
-    at: tuple[int, int],
-    region: Mask,
-    depths: Array,
-    not_met: float,
-    sign: int,
-    step: float,
-    radial: float,
-) -> Damage:
-    """One region ``at`` a side and tooth, with the ``depths`` (n,) mm of its readings, and how much the rays weigh that
-    did not meet it.
-    """
-    rolls = _extent(grid.rolls, grid.size[0], np.asarray(region.any(axis=1)))
-    heights = _extent(grid.heights, grid.size[1], np.asarray(region.any(axis=0)))
-    about = bridge_gaps(region[None, None], grid, step)[0, 0]
-    if not depths.size:
-        return Damage(*at, about, None, None, False, True, False, rolls, heights)
-    depth = sign * float(np.quantile(depths, DEPTH_QUANTILE))
-    width, middle = _widest(region, grid)
+@dataclass(frozen=True, slots=True)
+class _Region:
+    """Cells of a flank that depart together, or are not seen, and what readings and rays say of them."""
+
+    side: int
+    tooth: int
+    cells: Mask
+    """(roll lengths, heights)."""
+    sign: int
+    """1 below the flank, -1 above."""
+    depths: Array
+    """(n,) mm of the readings that depart, positive the way of ``sign``,"""
+    spread: float
+    """and the standard deviation of readings on sound flanks."""
+    ratio: float
+    """Sum of the cells over what noise makes of it."""
+    not_met: float
+    """Weight of the rays that did not meet it."""
+
+
+def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
+    """What is known of one region."""
+    at, cells = (region.side, region.tooth), region.cells
+    rolls = _extent(grid.rolls, grid.size[0], np.asarray(cells.any(axis=1)))
+    heights = _extent(grid.heights, grid.size[1], np.asarray(cells.any(axis=0)))
+    about = bridge_gaps(cells[None, None], grid, step)[0, 0]
+    if not region.depths.size:
+        return _unseen(*at, about, rolls, heights)
+    depth = region.sign * float(np.quantile(region.depths, DEPTH_QUANTILE))
+    width, middle = _widest(cells, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     shadow = depth * _shadow(grid.nominal, middle, radial)
-    mostly_met = not_met < max(LEAST_MISSED, MOST_MISSED * np.count_nonzero(region))
+    mostly_met = region.not_met < max(LEAST_MISSED, MOST_MISSED * np.count_nonzero(cells))
     hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width or not mostly_met)
-    resolved = steps >= STEPS_ACROSS and int(region.sum(axis=1).max()) >= ROWS_ACROSS
-    depth_U = hypot(DEPTH_SHARE_U * depth, 2 * grid.scatter)
-    ends = _ends_at_middle(grid, at, region, depth)
-    return Damage(*at, about if hidden else region, depth, depth_U, resolved, hidden, ends, rolls, heights)
+    return Damage(
+        *at,
+        about if hidden else cells,
+        depth,
+        depth_U=hypot(DEPTH_SHARE_U * depth, 2 * region.spread),
+        clear=abs(region.ratio) > CLEAR,
+        resolved=steps >= STEPS_ACROSS and int(cells.sum(axis=1).max()) >= ROWS_ACROSS,
+        hidden=hidden,
+        ends_at_middle=_ends_at_middle(grid, at, cells, depth),
+        rolls=rolls,
+        heights=heights,
+    )
+
+
+def _unseen(side: int, tooth: int, cells: Mask, rolls: tuple[float, float], heights: tuple[float, float]) -> Damage:
+    """A region of a flank that no reading shows."""
+    return Damage(
+        side, tooth, cells, depth=None, depth_U=None, clear=False, resolved=False, hidden=True, ends_at_middle=False,
+        rolls=rolls, heights=heights,
+    )  # fmt: skip
 
 
 def _ends_at_middle(grid: Grid, at: tuple[int, int], region: Mask, depth: float) -> bool:

@@ -35,7 +35,7 @@ NARROW = 2.0
 STEEPEST = 0.5
 """Depth of such damage over the gap's width, at most."""
 RARELY = 0.05
-"""Of the flanks: where damage was found on more of them, no flank is sound with 95 % where nothing was seen of it."""
+"""Of the teeth: where damage was found on more of them, none is sound with 95 % where nothing was seen of it."""
 UM = 1000.0
 
 
@@ -115,18 +115,22 @@ def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...
 
 
 def _often_damaged(a: Assessment) -> bool:
-    """Whether so many flanks are damaged that none can be taken to be as sound between its readings as where it was
+    """Whether so many teeth are damaged that none can be taken to be as sound between its readings as where it was
     seen.
     """
-    damaged = {(d.side, d.tooth) for d in a.damage if (d.depth or 0.0) > 0}
-    return len(damaged) > RARELY * int(np.count_nonzero(a.coverage.position[:, a.there]))
+    damaged = {d.tooth for d in a.damage if d.clear and not d.on_top}
+    return len(damaged) > RARELY * int(np.count_nonzero(a.there))
 
 
 def _deepest(a: Assessment, gap: float) -> float:
-    """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix)."""
+    """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix).
+
+    Of such as is narrow enough for it; where none is, of all.
+    """
     widest, most = (NARROW * gap, STEEPEST * gap) if gap else (np.inf, a.nominal.thickness / 2)
-    depths = (d.depth or 0.0 for d in a.damage if d.rolls[1] - d.rolls[0] <= widest)
-    return min(max((depth for depth in depths if depth > 0), default=0.0), most)  # what lies on top is below 0
+    gone = [(d.rolls[1] - d.rolls[0], d.depth) for d in a.damage if d.depth and d.clear and not d.on_top]
+    narrow = [depth for width, depth in gone if width <= widest]
+    return min(max(narrow or [depth for _, depth in gone], default=0.0), most)
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:

@@ -90,7 +90,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
-    damage = damage_of(complete, evaluator.smooth, rays, scan.step, _radial_share(correction.calibration), there)
+    damage = damage_of(complete, evaluator, rays, scan.step, _radial_share(correction.calibration), there)
     unseen = unseen_in_traces(evaluator.grid, evaluator.traces, scan.step)
     assessment = _assess(correction, evaluator, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)

@@ -64,6 +64,12 @@ class Correlation:
         roll, height = (1.0 + 2.0 * self.share * a / (1.0 - a) for a in (self.along_roll, self.along_height))
         return roll, height
 
+    def variance_of_sum(self, cells: Mask) -> float:
+        """Variance of the sum of noise of standard deviation 1 over some ``cells`` (roll lengths, heights)."""
+        on = cells.astype(np.float64)
+        roll, height = (_alike(n, a) for n, a in zip(on.shape, (self.along_roll, self.along_height), strict=True))
+        return float((1.0 - self.share) * on.sum() + self.share * np.sum(on * (roll @ on @ height)))
+
 
 @dataclass(frozen=True, slots=True)
 class CellNoise:
@@ -87,11 +93,25 @@ class CellNoise:
         own = np.sqrt(self.variance) * self.correlation.draw(rng, self.variance.shape)
         return np.asarray(own + self.of_row * rows + self.of_column * columns)
 
+    def ratio(self, side: int, tooth: int, rest: Array, cells: Mask) -> float:
+        """What the ``rest`` (roll lengths, heights) mm of one flank sums up to over some ``cells``, in standard
+        deviations of what noise does there; 0 where nothing was seen.
+        """
+        variance = self.variance[side, tooth]
+        on = cells & np.isfinite(rest) & (variance > 0)
+        if not on.any():
+            return 0.0
+        return float(np.sum(rest[on] / np.sqrt(variance[on])) / np.sqrt(self.correlation.variance_of_sum(on)))
+
+
+def _alike(number: int, coefficient: float) -> Array:
+    """Correlation (number, number) of first-order autoregressive noise."""
+    return np.asarray(coefficient ** np.abs(np.subtract.outer(np.arange(number), np.arange(number))), dtype=np.float64)
+
 
 def _factor(number: int, coefficient: float) -> Array:
     """Factor (number, number) that makes white noise first-order autoregressive; its variance stays 1."""
-    steps = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
-    return np.asarray(np.linalg.cholesky(coefficient**steps), dtype=np.float64)
+    return np.asarray(np.linalg.cholesky(_alike(number, coefficient)), dtype=np.float64)
 
 
 def noise_of_cells(grid: Grid) -> CellNoise:
