@@ -18,6 +18,7 @@ from truestand.files.records.inspection_record import characteristics_from, insp
 from truestand.gear.doubt import _deepest, _often_damaged
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
+from truestand.report.notation import NONE, result_text, u_text
 from truestand.sim import Chip, Dent, GearErrors, Scratch, VirtualGear, Worn, paper_shaft
 from truestand.sim.gear_truth import gear_figures
 from variants import tried
@@ -217,6 +218,7 @@ def test_a_crater_whose_bottom_is_hidden_is_at_least_what_was_seen():
     assert c.verdict == "does_not_conform"
     assert 35 * UM < c.value < true["f_falpha", "left", 5] < c.value + c.U
     assert c.budget[0].name == "damage that was not seen whole"
+    assert c.at_least and result_text(c) == f"≥ {1000 * c.value:.0f}" and u_text(c) == NONE
 
 
 def test_damage_beside_the_traces_leaves_traces_decided():

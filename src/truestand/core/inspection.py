@@ -56,6 +56,13 @@ class Characteristic:
     reason: str | None = None
     """What makes the line doubtful: the damage that it reads, or surface that was not seen."""
 
+    @property
+    def at_least(self) -> bool:
+        """Whether the value is a lower bound: what was seen exceeds the limit, what was not seen makes it no better."""
+        if self.verdict != "does_not_conform" or self.value is None or self.U is None or self.limits is None:
+            return False
+        return decide(self.value, self.U, self.limits) != self.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class Defect:

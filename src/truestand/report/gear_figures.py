@@ -50,9 +50,9 @@ def _zone(limits: tuple[float | None, float | None]) -> list[tuple[float, float]
 
 @styled
 def limits_used(inspection: Inspection) -> Figure:
-    """Every limited line of the whole gear as a share of its limit, with its U."""
+    """Every limited line of the whole gear as a share of its limit, with its U; lower bounds without."""
     lines = [
-        (c, abs(c.value - middle) / half, c.U / half)
+        (c, abs(c.value - middle) / half, 0.0 if c.at_least else c.U / half)
         for c in inspection.characteristics
         if c.tooth is None and not c.size and c.limits is not None and c.value is not None and c.U is not None
         for middle, half in _zone(c.limits)

@@ -18,7 +18,7 @@ from truestand.report.inspection_tables import (
     table,
     whole_part_lines,
 )
-from truestand.report.notation import NONE, limit_text, number, symbol, u_text, value_text, verdict_text
+from truestand.report.notation import NONE, limit_text, number, result_text, symbol, u_text, value_text, verdict_text
 from truestand.report.true_values import FLANKS, Key
 
 MEAN_TRACES, WORST_SECTIONS = (tuple(name + behind for name in PER_TOOTH) for behind in (AREAL, WORST))
@@ -203,7 +203,7 @@ def published_table(inspection: Inspection) -> str:
         cells = ""
         for c, value in zip(pair, theirs, strict=True):
             cells += cell(number(None if value is None else um(value), 0), "n first")
-            cells += cell(f"{value_text(c)} ± {u_text(c)}" if c is not None and c.value is not None else NONE)
+            cells += cell(result_text(c) if c is not None and c.value is not None else NONE)
         body += f"<tr>{name_cell(either)}{cell(limit_text(either))}{cells}</tr>"
     columns = '<th class="n first">published</th><th class="n">here ± <i>U</i><small>k = 2</small></th>'
     head = (

@@ -12,6 +12,7 @@ from truestand.report.notation import (
     line_name,
     meaning,
     number,
+    result_text,
     seen_text,
     shown,
     symbol,
@@ -130,7 +131,7 @@ def _failed_lines(found: list[Characteristic]) -> str:
     """Lines of the whole part by name and value; lines of single teeth as a count."""
     single = [c for c in found if c.tooth is not None]
     texts = [
-        f"{line_name(c)} {value_text(c)} ± {u_text(c)} {unit(c)} (limit {limit_text(c)})"
+        f"{line_name(c)} {result_text(c)} {unit(c)} (limit {limit_text(c)})"
         for c in found if c.tooth is None
     ]  # fmt: skip
     more = len(texts) - MOST_LISTED

@@ -152,13 +152,19 @@ def decimals(c: Characteristic) -> int:
 
 
 def value_text(c: Characteristic) -> str:
-    """The value, to the second digit of U; a dash where nothing was measured."""
-    return number(None if c.value is None else shown(c, c.value), decimals(c))
+    """The value, to the second digit of U, ``≥`` before a lower bound; a dash where nothing was measured."""
+    text = number(None if c.value is None else shown(c, c.value), decimals(c))
+    return f"≥ {text}" if c.at_least else text
 
 
 def u_text(c: Characteristic) -> str:
-    """Expanded uncertainty."""
-    return number(None if c.U is None else shown(c, c.U), decimals(c))
+    """Expanded uncertainty; a dash behind a lower bound."""
+    return number(None if c.U is None or c.at_least else shown(c, c.U), decimals(c))
+
+
+def result_text(c: Characteristic) -> str:
+    """The value and, where it is known and no lower bound, its expanded uncertainty."""
+    return value_text(c) if c.U is None or c.at_least else f"{value_text(c)} ± {u_text(c)}"
 
 
 def limit_text(c: Characteristic) -> str:
@@ -178,7 +184,7 @@ def _short(value: float) -> str:
 def tolerance_share_text(c: Characteristic) -> str:
     """U against the width of the tolerance zone."""
     low, high = c.limits or (None, None)
-    if c.U is None or high is None:
+    if c.U is None or c.at_least or high is None:
         return NONE
     width = high - (low or 0.0)
     return f"{100 * c.U / width:.0f} %" if width > 0 else NONE

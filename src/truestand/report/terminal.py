@@ -14,7 +14,7 @@ from truestand.core.units import degrees, um
 from truestand.report.causes import cause_line
 from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.inspection_tables import main_lines
-from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, u_text, unit, value_text, with_u
+from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, result_text, unit, with_u
 from truestand.report.quantities import main_budgets, quantities
 from truestand.report.true_values import true_value, true_values
 from truestand.statistics.gage import GageStudy
@@ -103,7 +103,7 @@ def _with_cause(table: Table, causes: Sequence[Cause]) -> RenderableType:
 def _row(c: Characteristic) -> tuple[str, ...]:
     value = "not measurable"
     if c.value is not None:
-        value = f"{value_text(c)} {unit(c)}" if c.U is None else f"{value_text(c)} ± {u_text(c)} {unit(c)}"
+        value = f"{result_text(c)} {unit(c)}"
     verdict = "" if c.verdict is None else c.verdict.replace("_", " ") + ("" if c.capable else " (U too large)")
     label = c.name if c.section is None else f"{c.name}, {c.section}"
     status = "" if c.status != "partial" else " (partial)"

@@ -83,6 +83,8 @@ def _characteristic(c: Characteristic) -> Record:
             "limits_um": None if c.limits is None else [None if v is None else UM * v for v in c.limits],
         }
     line |= {key: getattr(c, key) for key in ("grade", "coverage", "status", "verdict", "capable", "standard")}
+    if c.at_least:
+        line["at_least"] = True
     if c.reason is not None:
         line["reason"] = c.reason
     if c.tooth is None:

@@ -7,12 +7,12 @@ import { known, t } from "./texts.js";
 
 const MOST_NAMED = 4;
 
-/** {value, U, low, high, unit, most, …} of a characteristic; sizes in mm, deviations in um. */
+/** {value, U, low, high, unit, most, …} of a characteristic; sizes in mm, deviations in um. A lower bound has no U. */
 export function line(c) {
   const size = "value_mm" in c;
   const unit = size ? "mm" : "µm";
   const [low, high] = (size ? c.limits_mm : c.limits_um) ?? [null, null];
-  return { ...c, size, unit, value: size ? c.value_mm : c.value_um, U: size ? c.U_mm : c.U_um, low, high, limited: low !== null || high !== null, most: size ? 4 : 2 };
+  return { ...c, size, unit, value: size ? c.value_mm : c.value_um, U: c.at_least ? null : size ? c.U_mm : c.U_um, bound: c.at_least ? "≥ " : "", low, high, limited: low !== null || high !== null, most: size ? 4 : 2 };
 }
 
 /** The sentence of a reason or remark; records of version 1 have it without a code. */
@@ -95,7 +95,7 @@ export function decisive(entry, record) {
     const found = lines.filter((c) => c.verdict === verdict && c.status !== "not_measurable");
     const { tone, word } = judged(verdict);
     for (const c of found.slice(0, MOST_NAMED))
-      items.push(h("li", { class: tone }, mark(tone), h("span", {}, symbol(c.name), " ", where(c), ": ", h("strong", {}, withU(c.value, c.U, c.unit, c.most)), ` (${t("word.limit")} ${limitText(c)}) `, h("span", { class: "unseen" }, word))));
+      items.push(h("li", { class: tone }, mark(tone), h("span", {}, symbol(c.name), " ", where(c), ": ", h("strong", {}, c.bound, withU(c.value, c.U, c.unit, c.most)), ` (${t("word.limit")} ${limitText(c)}) `, h("span", { class: "unseen" }, word))));
     if (found.length > MOST_NAMED) items.push(h("li", { class: tone }, mark(tone), t("result.more", { n: found.length - MOST_NAMED })));
   }
   const deep = (record.defects ?? []).filter((d) => record.defect_limit_um !== null && d.depth_um > record.defect_limit_um);

@@ -33,7 +33,7 @@ function characteristic(c) {
   const unseen = c.status === "not_measurable";
   return h("tr", { class: unseen ? "gone" : (c.verdict ?? "") },
     h("th", { scope: "row" }, symbol(c.name), h("span", { class: "where" }, where(c)), h("small", {}, meaning(c.name))),
-    h("td", { class: "n" }, unseen ? h("span", { class: "none" }, t("word.not_measurable")) : [h("strong", {}, number(c.value, places(c.U, c.most))), h("span", { class: "U" }, Number.isFinite(c.U) ? ` ± ${number(c.U, places(c.U, c.most))}` : ""), h("span", { class: "unit" }, ` ${c.unit}`)],
+    h("td", { class: "n" }, unseen ? h("span", { class: "none" }, t("word.not_measurable")) : [h("strong", {}, c.bound, number(c.value, places(c.U, c.most))), h("span", { class: "U" }, Number.isFinite(c.U) ? ` ± ${number(c.U, places(c.U, c.most))}` : ""), h("span", { class: "unit" }, ` ${c.unit}`)],
       c.status === "partial" && h("small", {}, t("word.partial", { share: Math.round(100 * c.coverage) }))),
     h("td", { class: "n" }, c.limited ? [limitText(c), h("span", { class: "unit" }, ` ${c.unit}`)] : h("span", { class: "none" }, "–")),
     h("td", { class: "used" }, bar(usage(c), c.verdict)),
