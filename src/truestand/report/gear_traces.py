@@ -159,10 +159,11 @@ def _figures_beneath(axes: Axes, chart: _Chart, flank: Flank, tooth: int, middle
         line = chart.lines.get((name, flank, tooth + 1))
         value = None if line is None or line.value is None else um(line.value)
         fails = line is not None and line.verdict == "does_not_conform"
+        bound = "≥ " if line is not None and line.at_least else ""
         axes.annotate(
-            number(value, 1), (middle, 0.0), xycoords=("data", "axes fraction"), xytext=(0, -14 - 13 * row),
-            textcoords="offset points", ha="center", va="center", color=FAILS if fails else INK,
-            fontweight="bold" if fails else "normal",
+            f"{bound}{number(value, 1)}", (middle, 0.0), xycoords=("data", "axes fraction"),
+            xytext=(0, -14 - 13 * row), textcoords="offset points", ha="center", va="center",
+            color=FAILS if fails else INK, fontweight="bold" if fails else "normal",
         )  # fmt: skip
 
 

@@ -203,7 +203,7 @@ def verdict_text(c: Characteristic) -> str:
     if c.verdict is None:
         informative = c.standard is not None and "informative" in c.standard
         return '<span class="none">informative</span>' if informative else ""
-    capable = "" if c.capable else "<small>not capable: U too large</small>"
+    capable = "" if c.capable or c.at_least else "<small>not capable: U too large</small>"
     mark, word = VERDICTS[c.verdict]
     return f'<span class="v {c.verdict}"><b>{mark}</b>\N{NO-BREAK SPACE}{word}</span>{capable}'
 

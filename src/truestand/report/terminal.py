@@ -104,7 +104,9 @@ def _row(c: Characteristic) -> tuple[str, ...]:
     value = "not measurable"
     if c.value is not None:
         value = f"{result_text(c)} {unit(c)}"
-    verdict = "" if c.verdict is None else c.verdict.replace("_", " ") + ("" if c.capable else " (U too large)")
+    verdict = (
+        "" if c.verdict is None else c.verdict.replace("_", " ") + ("" if c.capable or c.at_least else " (U too large)")
+    )
     label = c.name if c.section is None else f"{c.name}, {c.section}"
     status = "" if c.status != "partial" else " (partial)"
     limits = "" if c.limits is None else limit_text(c)

@@ -37,7 +37,7 @@ function characteristic(c) {
       c.status === "partial" && h("small", {}, t("word.partial", { share: Math.round(100 * c.coverage) }))),
     h("td", { class: "n" }, c.limited ? [limitText(c), h("span", { class: "unit" }, ` ${c.unit}`)] : h("span", { class: "none" }, "–")),
     h("td", { class: "used" }, bar(usage(c), c.verdict)),
-    h("td", {}, c.verdict ? [verdict(c.verdict), c.capable === false && h("small", {}, t("word.not_capable"))] : h("span", { class: "none" }, c.limited && c.standard?.includes("informative") ? t("word.informative") : "")));
+    h("td", {}, c.verdict ? [verdict(c.verdict), c.capable === false && !c.at_least && h("small", {}, t("word.not_capable"))] : h("span", { class: "none" }, c.limited && c.standard?.includes("informative") ? t("word.informative") : "")));
 }
 
 /** How much of the limit is used, with U as a whisker; the upright line is the limit. */
