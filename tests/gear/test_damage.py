@@ -13,9 +13,10 @@ import pytest
 
 from gears import POINTS, SPUR, helical, scan_of, simulation, true_calibration
 from truestand.core.calibration import ScanSummary
+from truestand.core.inspection import Characteristic
 from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import characteristics_from, inspection_record
-from truestand.gear.doubt import _deepest, _often_damaged
+from truestand.gear.doubt import _deepest, _may_hide, _often_damaged
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.report.notation import NONE, result_text, u_text
@@ -123,7 +124,9 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
 
 
 def _region(tooth, depth, width, clear=True):
-    return SimpleNamespace(tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), clear=clear, on_top=depth < 0)
+    return SimpleNamespace(
+        tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear, on_top=depth < 0
+    )
 
 
 def _of(*damage, teeth=24):
@@ -133,16 +136,28 @@ def _of(*damage, teeth=24):
 def test_what_may_hide_in_a_gap_is_as_deep_as_narrow_damage_elsewhere():
     """A ridge alone made a line of the budget negative; damage of one width alone was no doubt of another."""
     ridge, groove, worn = _region(0, -0.06, 0.5), _region(1, 0.03, 2.0), _region(2, 0.2, 6.0)
-    assert _deepest(_of(ridge), 1.5) == 0.0
-    assert _deepest(_of(ridge, groove, worn), 1.5) == groove.depth
-    assert _deepest(_of(worn), 1.5) == worn.depth and _deepest(_of(worn), 0.2) == 0.1  # half as deep as it is wide
-    assert _deepest(_of(_region(3, 0.02, 1.0, clear=False)), 1.5) == 0.0
+    assert _deepest(_of(ridge), "f_falpha", 1.5) == 0.0
+    assert _deepest(_of(ridge, groove, worn), "f_falpha", 1.5) == groove.depth
+    assert _deepest(_of(ridge, groove, worn), "f_fbeta", 1.5) == worn.depth  # which all are as wide, along the helix
+    assert _deepest(_of(worn), "f_falpha", 1.5) == worn.depth
+    assert _deepest(_of(worn), "f_falpha", 0.2) == 0.1  # half as deep as the gap is wide
+    assert _deepest(_of(_region(3, 0.02, 1.0, clear=False)), "f_falpha", 1.5) == 0.0
 
 
 def test_a_gear_is_often_damaged_where_more_than_a_twentieth_of_its_teeth_clearly_is():
     one, two, noise = (_region(tooth, 0.06, 1.0, clear=tooth < 2) for tooth in range(3))
     assert not _often_damaged(_of(one, noise)) and not _often_damaged(_of(one, _region(0, 0.1, 0.5)))
     assert _often_damaged(_of(one, two)) and not _often_damaged(_of(one, two, teeth=40))
+
+
+@pytest.mark.parametrize(("lacks", "damaged", "doubt"), [(1.8, 2, 0.06), (0.8, 2, 0.0), (1.8, 1, 0.0)])
+def test_damage_may_hide_at_an_end_of_the_face_that_was_not_seen(lacks, damaged, doubt):
+    """A crater of 250 um at the upper end, a tenth of which was out of view: f_fbeta 2.2 ± 1.6, *conforms*."""
+    a = _of(*(_region(tooth, 0.06, 1.0) for tooth in range(damaged)))
+    a.coverage = SimpleNamespace(profile_gap=np.zeros((2, 24)), helix_gap=np.full((2, 24), lacks))
+    a.nominal.gear = SimpleNamespace(evaluation=SimpleNamespace(narrowest_damage=None))
+    read = Characteristic("f_fbeta", 0.002, 0.002, "left", 5)
+    assert _may_hide(read, a, "f_fbeta", (0, 4)) == doubt
 
 
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():

@@ -21,7 +21,7 @@ LEAST_SEEN = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Shares 0..1, (2, teeth), and the widest gap."""
+    """Shares 0..1, (2, teeth), and what of the traces has no reading."""
 
     position: Array
     """Whether the tooth's position was seen: 0 or 1."""
@@ -29,8 +29,10 @@ class Coverage:
     """Of its area along the roll length, or of the trace at mid-face where less was seen of it."""
     helix: Array
     """Of its area along the height, or of the trace on the measuring circle."""
-    gap: Array
+    profile_gap: Array
     """mm of roll length: the widest stretch of the profile at mid-face, its ends included, without a reading."""
+    helix_gap: Array
+    """mm of height: what of the helix was not seen."""
 
 
 def coverage_of(evaluator: Evaluator, measures: Measures, step: float) -> Coverage:
@@ -45,17 +47,19 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float) -> Covera
     near_height = np.abs(grid.heights - nominal.middle) < NEAR_MIDDLE * nominal.gear.face_width
     near = seen[:, :, near_roll][:, :, :, near_height].mean(axis=(2, 3))
     profile, helix = profile_points(nominal), helix_points(nominal)
+    helix_share = np.minimum(
+        (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
+        _share_seen(measures.helix, helix, np.full(helix.shape, grid.size[1])),
+    )
     return Coverage(
         (near >= 0.5).astype(np.float64),
         np.minimum(
             (area.mean(axis=3) > LEAST_SEEN).mean(axis=2),
             _share_seen(measures.profile, profile, step_on_flank(nominal, profile, step) / 2),
         ),
-        np.minimum(
-            (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
-            _share_seen(measures.helix, helix, np.full(helix.shape, grid.size[1])),
-        ),
+        helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
+        (1.0 - helix_share) * (top - bottom),
     )
 
 

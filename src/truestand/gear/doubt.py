@@ -29,9 +29,9 @@ NOT_SEEN = "damage that was not seen whole"
 EDGES = "edges of damage in the middle of the face"
 HIDDEN = "damage like that found elsewhere, where nothing was seen"
 NARROWEST = 1.0
-"""mm of a profile without a reading in which damage may hide, unless the drawing says otherwise."""
+"""mm of a trace without a reading in which damage may hide, unless the drawing says otherwise."""
 NARROW = 2.0
-"""Gaps without a reading that damage may be wide, along the roll length, to be of a kind that hides in one."""
+"""Gaps without a reading that damage may be wide, along the trace, to be of a kind that hides in one."""
 STEEPEST = 0.5
 """Depth of such damage over the gap's width, at most."""
 RARELY = 0.05
@@ -110,7 +110,7 @@ def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...
     gap, narrowest = gap_of(a, line.name, at), a.nominal.gear.evaluation.narrowest_damage or NARROWEST
     if line.name not in MEANS or not (line.status == "partial" or (gap > narrowest and _often_damaged(a))):
         return 0.0
-    deepest = _deepest(a, gap)
+    deepest = _deepest(a, line.name, gap)
     return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else deepest
 
 
@@ -122,30 +122,31 @@ def _often_damaged(a: Assessment) -> bool:
     return len(damaged) > RARELY * int(np.count_nonzero(a.there))
 
 
-def _deepest(a: Assessment, gap: float) -> float:
-    """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm of roll length; 0: of the helix).
+def _deepest(a: Assessment, name: str, gap: float) -> float:
+    """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm) of the traces that a figure reads.
 
     Of such as is narrow enough for it; where none is, of all.
     """
-    widest, most = (NARROW * gap, STEEPEST * gap) if gap else (np.inf, a.nominal.thickness / 2)
-    gone = [(d.rolls[1] - d.rolls[0], d.depth) for d in a.damage if d.depth and d.clear and not d.on_top]
-    narrow = [depth for width, depth in gone if width <= widest]
-    return min(max(narrow or [depth for _, depth in gone], default=0.0), most)
+    gone = [d for d in a.damage if d.depth and d.clear and not d.on_top]
+    along = [(d.rolls if name in PROFILE_NAMES else d.heights, d.depth or 0.0) for d in gone]
+    narrow = [depth for (first, last), depth in along if last - first <= NARROW * gap]
+    return min(max(narrow or [depth for _, depth in along], default=0.0), STEEPEST * gap, a.nominal.thickness / 2)
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
-    """The widest stretch (mm of roll length) without a reading of the profiles that a figure reads; 0 for others."""
-    if name not in PROFILE_NAMES:
+    """How much (mm) has no reading of the profile or helix that a figure reads, in one stretch; 0 for other figures."""
+    if name not in MEANS:
         return 0.0
-    return float(a.coverage.gap[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
+    gap = a.coverage.profile_gap if name in PROFILE_NAMES else a.coverage.helix_gap
+    return float(gap[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
 
 
 def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -> str:
     """What of a trace no reading shows."""
     gap = gap_of(a, line.name, at)
-    what = f"{gap:.1f} mm of roll length" if gap else f"{1.0 - line.coverage:.0%} of the helix"
-    elsewhere = UM * _deepest(a, gap)
-    return f"{what} without a reading" + (
+    what = "roll length" if line.name in PROFILE_NAMES else "the helix"
+    elsewhere = UM * _deepest(a, line.name, gap)
+    return f"{gap:.1f} mm of {what} without a reading" + (
         f", on a gear with damage of {elsewhere:.0f} um elsewhere" if elsewhere else ""
     )
 
