@@ -234,6 +234,7 @@ def test_a_crater_whose_bottom_is_hidden_is_at_least_what_was_seen():
     assert 35 * UM < c.value < true["f_falpha", "left", 5] < c.value + c.U
     assert c.budget[0].name == "damage that was not seen whole"
     assert c.at_least and result_text(c) == f"≥ {1000 * c.value:.0f}" and u_text(c) == NONE
+    assert not replace(c, flank=None).at_least and not replace(c, value=-c.value).at_least
 
 
 def test_damage_beside_the_traces_leaves_traces_decided():

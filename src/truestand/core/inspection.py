@@ -58,10 +58,13 @@ class Characteristic:
 
     @property
     def at_least(self) -> bool:
-        """Whether the value is a lower bound: what was seen exceeds the limit, what was not seen makes it no better."""
-        if self.verdict != "does_not_conform" or self.value is None or self.U is None or self.limits is None:
+        """Whether the value is a lower bound of a flank's form: what was seen exceeds the limit, what was not seen
+        makes it no better. Other lines, as of CAD parts, may fail by their means with a wider U, which bounds nothing.
+        """
+        if self.flank is None or self.verdict != "does_not_conform" or self.value is None or self.U is None:
             return False
-        return decide(self.value, self.U, self.limits) != self.verdict
+        low, high = self.limits or (None, None)
+        return high is not None and self.value > high and decide(self.value, self.U, (low, high)) != self.verdict
 
 
 @dataclass(frozen=True, slots=True)
