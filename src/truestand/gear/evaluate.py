@@ -42,6 +42,8 @@ PITCH = ("f_p", "F_p", "F_pk", "f_u")
 NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
 DRAWS, FEW_DRAWS, STEEP_DRAWS = 64, 24, 24
 """Of noise on the cells: for U; for the mean of what it adds; for cells on steep places."""
+FIGURES_OF_LINE = ("slope", "form", "total", "crowning")
+"""Of a ``Line``."""
 BEND_DRAWS, STRETCHES = 24, 5
 """Of what lies between the profiles beside the measuring circle, and in how many stretches of the face."""
 NOISE_U = 0.1
@@ -133,12 +135,12 @@ def profile_line(trace: Array, evaluator: Evaluator) -> Line:
     )  # fmt: skip
 
 
-def helix_line(trace: Array, evaluator: Evaluator) -> Line:
-    """The figures of helix traces (flanks, points)."""
+def helix_line(trace: Array, evaluator: Evaluator, longer: float = 0.0) -> Line:
+    """The figures of helix traces (flanks, points), over a range that is so many mm ``longer`` at either end."""
     nominal, width = evaluator.grid.nominal, evaluator.grid.nominal.gear.face_width
     cells = evaluator.traces.circle.seen.sum(axis=1)
     return line_of(
-        trace, helix_points(nominal), cells, slope_length(nominal, along_profile=False), width, width
+        trace, helix_points(nominal, longer), cells, slope_length(nominal, along_profile=False), width, width
     )  # fmt: skip
 
 
@@ -216,14 +218,31 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     shared = shared_shape(delta, evaluator.smooth)
     profile_between = profile_bend(delta, traces) + profile_unsampled(shared, evaluator.grid, traces)
     apart, helix_between = _between_profiles(evaluator), helix_bend(delta, traces)
+    ends = _range_ends(evaluator)
     widths: Figures = {
         "f_Halpha": profile.slope, "f_falpha": profile.form + profile_between,
-        "F_alpha": profile.total + profile_between, "f_Hbeta": helix.slope + apart["slope"],
-        "f_fbeta": helix.form + np.fmax(helix_between, apart["form"]),
-        "F_beta": helix.total + np.fmax(helix_between, apart["total"]),
-        "C_alpha": profile.crowning, "C_beta": helix.crowning + apart["crowning"],
+        "F_alpha": profile.total + profile_between,
+        "f_Hbeta": np.hypot(helix.slope + apart["slope"], ends["slope"]),
+        "f_fbeta": np.hypot(helix.form + np.fmax(helix_between, apart["form"]), ends["form"]),
+        "F_beta": np.hypot(helix.total + np.fmax(helix_between, apart["total"]), ends["total"]),
+        "C_alpha": profile.crowning, "C_beta": np.hypot(helix.crowning + apart["crowning"], ends["crowning"]),
     }  # fmt: skip
     return {name: width.reshape(delta.shape[:2]) for name, width in widths.items()}
+
+
+def _range_ends(evaluator: Evaluator) -> Figures:
+    """By how much (flanks,), mm, the figures of helices change where their range ends a cell farther out or in:
+    the cells there don't say on which side of the end a step of the flank lies.
+    """
+    traces = evaluator.traces
+    points = traces.circle(evaluator.grid.delta)
+    read = helix_line(traces.helix(points), evaluator)
+    others = [helix_line(helix(points), evaluator, longer) for longer, helix in traces.other_ends]
+
+    def apart(name: str) -> Array:
+        return np.asarray(np.fmax(*(np.abs(getattr(other, name) - getattr(read, name)) for other in others)))
+
+    return {name: np.nan_to_num(apart(name)) for name in FIGURES_OF_LINE}
 
 
 def _between_profiles(evaluator: Evaluator) -> Figures:
@@ -238,7 +257,7 @@ def _between_profiles(evaluator: Evaluator) -> Figures:
     points, low, high = traces.circle(evaluator.grid.delta), traces.circle.below, traces.circle.above
     nearer_high = low / np.maximum(low + high, 1e-300)
     read = helix_line(traces.helix(points), evaluator)
-    square = {name: np.zeros(points.shape[0]) for name in ("slope", "form", "total", "crowning")}
+    square = {name: np.zeros(points.shape[0]) for name in FIGURES_OF_LINE}
     for _ in range(BEND_DRAWS):
         stretch = np.cumsum(rng.random(points.shape) < STRETCHES / points.shape[1], axis=1)
         share = np.take_along_axis(rng.random(points.shape), stretch, axis=1)

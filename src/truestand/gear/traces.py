@@ -112,6 +112,8 @@ class Traces:
     """(flanks, POINTS): places of a profile between readings that lie too far apart."""
     helix: Interpolation
     """The trace from the points on the circle."""
+    other_ends: tuple[tuple[float, Interpolation], ...]
+    """The same where the range is longer by some mm at either end: a cell, and less a cell."""
 
 
 def traces_of(
@@ -141,10 +143,15 @@ def traces_of(
     band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
     profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
-    helix = _interpolation(at, helix_points(nominal), np.full(at.shape, grid.size[1]), MOST_CELLS * grid.size[1])
+    cell = grid.size[1]
+
+    def helix(longer: float) -> Interpolation:
+        return _interpolation(at, helix_points(nominal, longer), np.full(at.shape, cell), MOST_CELLS * cell)
+
+    other_ends = tuple((longer, helix(longer)) for longer in (cell, -cell))
     between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
     ball = reading(nominal.ball_roll) if circle is None else on_circle
-    return Traces(nominal, band, rolls, at, on_circle, ball, profile, between, helix)
+    return Traces(nominal, band, rolls, at, on_circle, ball, profile, between, helix(0.0), other_ends)
 
 
 def _too_far_apart(rolls: Array, nominal: Involute, step: float, cell: float) -> Mask:
@@ -177,9 +184,10 @@ def profile_points(nominal: Involute) -> Array:
     return np.linspace(*nominal.profile_range, POINTS)
 
 
-def helix_points(nominal: Involute) -> Array:
-    """Heights (POINTS,) mm, C, of a helix' trace."""
-    return np.linspace(*nominal.helix_range, POINTS)
+def helix_points(nominal: Involute, longer: float = 0.0) -> Array:
+    """Heights (POINTS,) mm, C, of a helix' trace, over a range that is so many mm ``longer`` at either end."""
+    low, high = nominal.helix_range
+    return np.linspace(low - longer, high + longer, POINTS)
 
 
 def profile_of(delta: Array, traces: Traces) -> Array:

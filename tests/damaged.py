@@ -1,0 +1,66 @@
+"""Damaged gears as they are inspected, and as they truly are.
+
+Class 10 as in the issue: limits of f_p 33, F_alpha 44, f_falpha 35, f_Halpha 27, F_beta 50, f_fbeta 37 um.
+"""
+
+from dataclasses import replace
+from functools import lru_cache
+from math import radians
+
+from gears import POINTS, SPUR, scan_of, simulation, true_calibration
+from truestand.core.surface import apply_calibration
+from truestand.gear.inspect import inspect_gear
+from truestand.sim import GearErrors, VirtualGear, Worn, paper_shaft
+from truestand.sim.gear_truth import gear_figures
+
+UM = 1e-3
+GEAR = replace(SPUR, accuracy_class=10)
+WIDE = replace(GEAR, evaluation=replace(GEAR.evaluation, narrowest_damage=4.0))
+"""Of which the drawing says that no narrower damage matters: none is suspected between profiles."""
+SOUND = GearErrors(phase=radians(3.0))
+WILD = simulation(outliers=0.2, dropouts=0.1)
+UNEVEN = replace(SOUND, pitch_left=(0.0,) * 4 + (-0.0025,) + (0.0,) * 19)
+FACE = (4.0, 26.0)
+PROFILE, HELIX, PITCH = ("F_alpha", "f_falpha"), ("F_beta", "f_fbeta"), ("f_p",)
+FORM_LINES = (*PROFILE, *HELIX)
+FIGURES = (*PROFILE, "f_Halpha", *HELIX, "f_Hbeta")
+
+
+def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
+    return replace(errors, worn=(*errors.worn, Worn(tooth, "left", rolls, heights, depth, edge)))
+
+
+@lru_cache(maxsize=4)
+def inspected(errors, gear=GEAR, how=None, points=POINTS):
+    """A sensor that reads steep flanks to 5 um and a good encoder."""
+    scan = scan_of(gear, errors, how or simulation(), points)
+    sensor = replace(scan.stand.sensor, incidence_U=0.005)
+    stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
+    known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
+    return inspect_gear(apply_calibration(replace(scan, stand=stand), known), gear)
+
+
+@lru_cache(maxsize=4)
+def truth(errors, gear=GEAR):
+    return gear_figures(VirtualGear(gear, errors), paper_shaft(), simulation().workpiece)
+
+
+def line(found, name, tooth=5, flank="left"):
+    return next(c for c in found.characteristics if (c.name, c.tooth, c.flank) == (name, tooth, flank))
+
+
+def verdict(found, name, tooth=5, flank="left"):
+    return line(found, name, tooth, flank).verdict
+
+
+MEASURED = {
+    "groove across": (2, (8.5, 9.8), FACE, 0.06, 0.1, PROFILE),
+    "groove along, off mid-face": (5, (0.0, 15.0), (19.0, 21.0), 0.06, 0.1, ("f_fbeta",)),
+    "groove along": (8, (0.0, 15.0), (13.0, 17.0), 0.06, 0.1, ("f_fbeta",)),
+    "wear": (11, (7.0, 9.5), FACE, 0.045, 1.25, ("f_falpha",)),
+    "step at the tip": (14, (10.0, 15.0), FACE, 0.09, 0.3, PROFILE),
+    "shallow": (17, (8.0, 10.5), FACE, 0.012, 0.3, ()),
+    "end of the face": (20, (0.0, 15.0), (21.0, 26.0), 0.08, 0.5, ("f_fbeta",)),
+}
+"""By name: tooth, roll lengths, heights, depth and width of the edges, mm, and what does not conform for it."""
+DAMAGED = replace(SOUND, worn=tuple(Worn(tooth, "left", *where) for tooth, *where, _ in MEASURED.values()))
