@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from truestand.apply.verify import Verification, verify
     from truestand.calibration.calibrate import calibrate
     from truestand.calibration.positions import calibrate_positions
+    from truestand.calibration.views import calibrate_views
     from truestand.core.artefact import Artefact, Certificate, Cylinder
     from truestand.core.calibration import Calibration
     from truestand.core.errors import TruestandError
@@ -57,6 +58,7 @@ _MODULES = {
     "Verification": "apply.verify",
     "calibrate": "calibration.calibrate",
     "calibrate_positions": "calibration.positions",
+    "calibrate_views": "calibration.views",
     "identify": "gear.match",
     "inspect": "parts.inspect",
     "interpret": "core.scan",
@@ -94,6 +96,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "calibrate_positions",
+    "calibrate_views",
     "identify",
     "inspect",
     "interpret",

@@ -62,8 +62,13 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     """The scan with its table angle tied to the calibration's; the shaft in view is checked for moves.
 
     ``start_stated``: the table angle of the scan's first profile was given by the user. A scan that counts from an
-    index keeps its angle; any other takes its zero from the witness band, where one shows.
+    index keeps its angle; any other takes its zero from the witness band, where one shows. Of several views, the
+    calibration of the one that took the scan is applied, in its own frames.
+
+    Raises:
+        BadRecipe: a view of which the calibration is not.
     """
+    calibration = calibration.for_scan(scan)
     reasons = configuration_reasons(scan, calibration)
     untied = untied_reasons(scan, calibration, start_stated)
     band = witness(scan, calibration)

@@ -84,7 +84,9 @@ def verify(
 
     Raises:
         NotEnoughData: the new scan can't be calibrated and shows no witness band.
+        BadRecipe: a scan of a view of which the calibration is not.
     """
+    old = old.for_scan(scan)
     reasons = (*configuration_reasons(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
     tied = not untied_reasons(scan, old, start_stated) and old.angle_zero != "unknown"
     if not tied:

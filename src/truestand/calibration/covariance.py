@@ -12,7 +12,7 @@ import numpy as np
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.estimate import Solution, solve
-from truestand.calibration.model import MOUNTING, PLANE, Model, Prior, precision_of
+from truestand.calibration.model import MOUNTING, Model, Prior, precision_of
 from truestand.core.arrays import Array, Ints
 from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
 
@@ -136,11 +136,12 @@ def covariance(information: Array, scores: Array, priors: tuple[Prior, ...]) -> 
 
 
 def weigh(
-    solution: Solution, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool
+    parameters: Array, information: Array, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool
 ) -> tuple[Array, dict[str, Array]]:
-    """Combine the scan's reading of the laser plane with its mounting prior: Kalman's update of two numbers.
+    """Combine what the data read of the laser plane with its mounting prior: Kalman's update of two numbers a view.
 
-    The parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole.
+    The parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole. ``information`` and
+    ``scores`` (p, p): of the data.
 
     The fit reads offset d and tilt alpha from how the two steps' first harmonics differ, as if the steps were coaxial.
     What the certificate leaves open on coaxiality makes that reading uncertain, the more so the smaller the
@@ -150,29 +151,30 @@ def weigh(
     The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
     is taken off first, so that the prior counts once, against what the reading is really worth.
     """
-    size = solution.parameters.size
+    size = parameters.size
     mountings = [q for q in priors if q.name == MOUNTING]
+    planes = [i for q in mountings for i in q.index]
     others = tuple(q for q in priors if q.name != MOUNTING)
     held = precision_of(mountings, size)
-    information = solution.information + np.diag(MOUNTING_LEFT * held)
+    information = information + np.diag(MOUNTING_LEFT * held)
     normal = information + np.diag(precision_of(others, size))
-    released = solution.parameters + solve(normal, (1.0 - MOUNTING_LEFT) * held * solution.parameters)
+    released = parameters + solve(normal, (1.0 - MOUNTING_LEFT) * held * parameters)
     parts = covariance(information, scores, others)
-    reading = np.asarray(sum(parts.values()))[np.ix_(PLANE, PLANE)]
-    mounting = np.diag([next(q.u for q in mountings if i in q.index) ** 2 for i in PLANE])
-    gain = mounting @ np.linalg.inv(mounting + reading) if plane_identifiable else np.zeros((2, 2))
-    move = _followers(normal) @ (gain - np.eye(2))
+    reading = np.asarray(sum(parts.values()))[np.ix_(planes, planes)]
+    mounting = np.diag([q.u**2 for q in mountings for _ in q.index])
+    gain = mounting @ np.linalg.inv(mounting + reading) if plane_identifiable else np.zeros_like(mounting)
+    move = _followers(normal, planes) @ (gain - np.eye(len(planes)))
     transfer = np.eye(size)
-    transfer[:, PLANE] += move
+    transfer[:, planes] += move
     weighed = {name: transfer @ part @ transfer.T for name, part in parts.items()}
     return transfer @ released, weighed | {MOUNTING: move @ mounting @ move.T}
 
 
-def _followers(normal: Array) -> Array:
-    """How every unknown follows the laser plane's two, (p, 2), from the normal matrix (p, p)."""
+def _followers(normal: Array, planes: list[int]) -> Array:
+    """How every unknown follows the laser planes' (p, planes), from the normal matrix (p, p)."""
     size = normal.shape[0]
-    others = [i for i in range(size) if i not in PLANE]
-    follow = np.zeros((size, 2))
-    follow[others] = -solve(normal[np.ix_(others, others)], normal[np.ix_(others, PLANE)])
-    follow[list(PLANE)] = np.eye(2)
+    others = [i for i in range(size) if i not in planes]
+    follow = np.zeros((size, len(planes)))
+    follow[others] = -solve(normal[np.ix_(others, others)], normal[np.ix_(others, planes)])
+    follow[planes] = np.eye(len(planes))
     return follow

@@ -12,7 +12,16 @@ from truestand.calibration.refine import Refined
 from truestand.calibration.uneven_form import SOURCE, covariance_of_uneven_form, uneven_form
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import ANGLE_ZERO_U, ASSUMED, BEARING_U, COAXIALITY_U, EXPANSION, SCALE_U, TEMPERATURE_U
+from truestand.core.assumptions import (
+    ANGLE_ZERO_U,
+    ASSUMED,
+    BEARING_U,
+    COAXIALITY_U,
+    EXPANSION,
+    SCALE_U,
+    TEMPERATURE_U,
+    K,
+)
 from truestand.core.calibration import (
     Calibration,
     Harmonic,
@@ -58,11 +67,17 @@ def calibration_of(
     ``further``: covariance (p, p) of the unknowns from other sources, by name.
     """
     identifiable = plane_identifiable(scan, artefact, fit, coaxiality_U)
-    p, parts = weigh(fit.solution, fit.score_covariance, fit.priors, identifiable)
-    fit = replace(fit, solution=replace(fit.solution, parameters=p))
-    uneven = uneven_form(fit)
-    further = {**(further or {}), SOURCE: covariance_of_uneven_form(fit, uneven)}
-    geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in (parts | further).items()}
+    solution = fit.solution
+    p, parts = weigh(solution.parameters, solution.information, fit.score_covariance, fit.priors, identifiable)
+    fit = replace(fit, solution=replace(solution, parameters=p))
+    return calibration_with(scan, artefact, fit, parts | (further or {}))
+
+
+def calibration_with(scan: Scan, artefact: Artefact, fit: Refined, parts: dict[str, Array]) -> Calibration:
+    """The calibration of a fit whose unknowns have a covariance of these ``parts`` (p, p), by source."""
+    p, uneven = fit.solution.parameters, uneven_form(fit)
+    parts = parts | {SOURCE: covariance_of_uneven_form(fit, uneven)}
+    geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in parts.items()}
     static = static_profiles(artefact, fit)
     stated = {q.name: q.u for q in reversed(fit.priors)}
     budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
@@ -168,6 +183,11 @@ def _not_identifiable(scan: Scan, fit: Refined, budget: dict[str, Uncertainty]) 
     return tuple(names)
 
 
+def height_zero_u(fit: Refined) -> float:
+    """Standard uncertainty (mm) of the height 0 that a fit counts from."""
+    return (HEIGHT_SEEN_U if fit.segments.shoulder_seen else max(HEIGHT_HIDDEN_U, fit.segments.open_height)) / K
+
+
 def _noise_dof(fit: Refined) -> float:
     """Groups of profiles on each surface less the unknowns."""
     used = np.unique(fit.cells.group * len(fit.model.radii) + fit.cells.readings.cylinder).size
@@ -184,7 +204,6 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
     slope = sqrt(2.0) / band.length
     lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
-    height = HEIGHT_SEEN_U if fit.segments.shoulder_seen else max(HEIGHT_HIDDEN_U, fit.segments.open_height)
     # Waves that all surfaces share come from bearing or angle; the first one looks like eccentricity.
     bearing_U = max(BEARING_U, shared_form(fit))
     bearing_name = "table bearing, once per turn" + (ASSUMED if bearing_U == BEARING_U else SHARED)
@@ -198,7 +217,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
                "eccentricity_um": eccentricity * slope}),
         Input(scale_name(sensor), scale / 2, "normal",
               {"eccentricity_um": eccentricity}),
-        Input("height zero: the shoulder", height / 2, "rectangular",
+        Input("height zero: the shoulder", height_zero_u(fit), "rectangular",
               {"eccentricity_um": 1000.0 * tilt, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
         Input(f"temperature of the artefact{ASSUMED}", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),

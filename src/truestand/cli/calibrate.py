@@ -19,6 +19,7 @@ from truestand.cli.options import (
     StartAngleOption,
     StoreOption,
     TruthOption,
+    ViewOption,
     output_option,
 )
 from truestand.cli.store import keep, results_folder
@@ -27,7 +28,7 @@ from truestand.core.calibration import Method
 from truestand.core.errors import BadRecipe
 from truestand.core.units import mm_from_um, um
 from truestand.files.records.record import read_json
-from truestand.report.terminal import positions_table, summary_table
+from truestand.report.terminal import positions_table, summary_table, views_table
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, verify_job
 
 
@@ -48,6 +49,7 @@ def calibrate(
             help="Several scans: the angle at which the shaft was clamped for each, counter-clockwise from above.",
         ),
     ] = None,
+    view: ViewOption = None,
     start_angle_deg: StartAngleOption = None,
     store: StoreOption = None,
     operator: OperatorOption = None,
@@ -56,14 +58,15 @@ def calibrate(
 ) -> None:
     """Find where the sensor stands and how the shaft runs, from a scan of the reference shaft.
 
-    Several scans, the shaft clamped again at another angle for each, tell the laser plane from the coaxiality of the
-    steps and the table's bearing from the shaft's form; the shaft's pose is that of the last.
+    One scan by each of several sensors finds all of them in one frame. Several scans by one sensor, the shaft clamped
+    again at another angle for each, tell the laser plane from the coaxiality of the steps and the table's bearing from
+    the shaft's form; the shaft's pose is that of the last.
 
     Example: truestand calibrate k1.csv --stand stand.toml --artefact shaft.toml -o calibration.json --report r.html
     """
     clamped = _clamping_angles(scans, clamped_at_deg, method)
     results = results_folder(store, stand)
-    reader = scan_reader(stand, start_angle_deg, quiet)
+    reader = scan_reader(stand, start_angle_deg, quiet, view)
     known = None if truth is None else read_json(truth)
     outcome = calibrate_job(
         Inputs(tuple(scans), stand, artefact), Outputs(output, report=report), reader.when_asked(*scans),
@@ -77,19 +80,23 @@ def calibrate(
         print_table(summary_table(calibration, truth=known))
         if calibration.positions is not None:
             print_table(positions_table(calibration.positions))
+        if calibration.views:
+            print_table(views_table(calibration.views))
         typer.echo(output if report is None else f"{output}\n{report}")
     end_if_untrusted(calibration.reasons, quiet)
 
 
 def _clamping_angles(scans: list[Path], stated: str | None, method: Method) -> tuple[float, ...]:
-    """The clamping angles in rad, one a scan; none for a single scan."""
-    if len(scans) == 1 and stated is None:
-        return ()
+    """The clamping angles in rad, one a scan; none for a single scan, and for scans of several views."""
     if len(scans) > 1 and method == "paper":
         raise BadRecipe(f"found {len(scans)} scans, the published method knows one; leave out --method paper")
-    if len(scans) == 1 or stated is None:
-        found = "one scan and --clamped-at-deg" if len(scans) == 1 else f"{len(scans)} scans and no clamping angles"
-        raise BadRecipe(f"found {found}, need an angle for each of several scans: k1.h5 k2.h5 --clamped-at-deg 0,180")
+    if stated is None:
+        return ()
+    if len(scans) == 1:
+        raise BadRecipe(
+            "found one scan and --clamped-at-deg, need an angle for each of several scans: k1.h5 k2.h5 "
+            "--clamped-at-deg 0,180"
+        )
     try:
         angles = tuple(radians(float(part)) for part in stated.split(","))
     except ValueError:
@@ -113,6 +120,7 @@ def verify(
         Path | None, output_option("--output", "-o", metavar="VERIFICATION.json", help="Write the record.")
     ] = None,
     limit_um: Annotated[float, typer.Option(min=0.0, help="How far a calibrated point may have moved.")] = 10.0,
+    view: ViewOption = None,
     start_angle_deg: StartAngleOption = None,
     store: StoreOption = None,
     operator: OperatorOption = None,
@@ -124,7 +132,7 @@ def verify(
     Example: truestand verify k2.csv --calibration calibration.json
     """
     results = results_folder(store, stand)
-    reader = scan_reader(stand, start_angle_deg, quiet)
+    reader = scan_reader(stand, start_angle_deg, quiet, view)
     outcome = verify_job(
         Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.when_asked(scan),
         step_progress("Verifying", quiet), limit=mm_from_um(limit_um), start_stated=reader.start_stated,

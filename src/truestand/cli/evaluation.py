@@ -10,6 +10,7 @@ import typer
 from truestand.apply.transfer import Transfer, transfer
 from truestand.cli.options import UNDECIDED, radians_or_none
 from truestand.cli.terminal import hint, progress
+from truestand.core.errors import BadRecipe
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Stand
 from truestand.files.recipes.recipes import read_stand
@@ -26,32 +27,45 @@ class ScanReader:
     start_angle: float | None
     """rad; None: not stated."""
     quiet: bool
+    views: tuple[str, ...] = ()
+    """Of the scans, in their order; empty: they say themselves, or the stand has one sensor."""
 
     @property
     def start_stated(self) -> bool:
         """Whether the user stated the table angle of the first profile."""
         return self.start_angle is not None
 
-    def read(self, path: Path, calibrated: Stand | None = None) -> Scan:
+    def read(self, path: Path, calibrated: Stand | None = None, view: str | None = None) -> Scan:
         """A scan on the stand of ``--stand``, otherwise on its own, otherwise on that of the calibration."""
         with progress(f"Reading {path.name}", self.quiet):
             recording = read_recording(path)
-            return interpret(recording, self.stand or recording.stand or calibrated, self.start_angle)
+            return interpret(recording, self.stand or recording.stand or calibrated, self.start_angle, view)
 
     def when_asked(self, *paths: Path) -> TakeScans:
-        """Reads these scans when a job of the pipeline asks for them."""
-        return lambda calibrated: tuple(self.read(path, calibrated) for path in paths)
+        """Reads these scans when a job of the pipeline asks for them.
+
+        Raises:
+            BadRecipe: not one view for each.
+        """
+        if self.views and len(self.views) != len(paths):
+            raise BadRecipe(
+                f"found --view {','.join(self.views)} for {len(paths)} scans, need one name each, in their order"
+            )
+        views = self.views or (None,) * len(paths)
+        return lambda calibrated: tuple(self.read(p, calibrated, v) for p, v in zip(paths, views, strict=True))
 
     def transferred(self, path: Path, calibration: Path) -> Transfer:
         """A scan of any part, and the calibration as it applies to it."""
         known = read_calibration(calibration)
-        return transfer(self.read(path, known.stand), known, self.start_stated)
+        (scan,) = self.when_asked(path)(known.whole_stand)
+        return transfer(scan, known, self.start_stated)
 
 
-def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool) -> ScanReader:
-    """The reader, its recipe read before the work begins."""
+def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool, views: str | None = None) -> ScanReader:
+    """The reader, its recipe read before the work begins; ``views``: names of the scans' views, *front,rear*."""
     described = None if stand is None else read_stand(stand)
-    return ScanReader(described, radians_or_none(start_angle_deg), quiet)
+    names = () if views is None else tuple(name.strip() for name in views.split(","))
+    return ScanReader(described, radians_or_none(start_angle_deg), quiet, names)
 
 
 def print_witness(transferred: Transfer, quiet: bool) -> None:

@@ -20,6 +20,7 @@ from truestand.cli.options import (
     StartAngleOption,
     StoreOption,
     TruthOption,
+    ViewOption,
     output_option,
 )
 from truestand.cli.store import keep, results_folder
@@ -56,6 +57,7 @@ def inspect(
         output_option("--cloud", metavar="CLOUD", help="Write the cloud with its deviations: .ply, .xyz, .npz."),
     ] = None,
     truth: TruthOption = None,
+    view: ViewOption = None,
     start_angle_deg: StartAngleOption = None,
     store: StoreOption = None,
     operator: OperatorOption = None,
@@ -70,7 +72,7 @@ def inspect(
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
     results = results_folder(store, stand)
-    reader = scan_reader(stand, start_angle_deg, quiet)
+    reader = scan_reader(stand, start_angle_deg, quiet, view)
     known = None if truth is None else read_json(truth)
     outputs = Outputs(output, cloud, report, table)
     identity = {key: value for key, value in (("serial", serial), ("operator", operator)) if value is not None}
@@ -99,6 +101,7 @@ def roll(
         Path, output_option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
     ],
     stand: StandOption = None,
+    view: ViewOption = None,
     start_angle_deg: StartAngleOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -107,7 +110,7 @@ def roll(
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
     check_suffix(output)
-    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, calibration)
+    transferred = scan_reader(stand, start_angle_deg, quiet, view).transferred(scan, calibration)
     with progress("Rolling up", quiet):
         surface = apply_calibration(transferred.scan, transferred.calibration)
         write_cloud(output, surface.x, surface.y, surface.z)
@@ -126,6 +129,7 @@ def identify(
     ] = None,
     from_mm: Annotated[float | None, typer.Option(help="Lower end of the face, height; default: seen.")] = None,
     to_mm: Annotated[float | None, typer.Option(help="Upper end of the face; default: seen.")] = None,
+    view: ViewOption = None,
     start_angle_deg: StartAngleOption = None,
     force: ForceOption = False,
     as_json: JsonOption = False,
@@ -137,7 +141,7 @@ def identify(
     """
     if output is not None and output.exists() and not force:
         raise BadRecipe(f"found {output} already there; choose another name or pass --force")
-    transferred = scan_reader(stand, start_angle_deg, quiet).transferred(scan, calibration)
+    transferred = scan_reader(stand, start_angle_deg, quiet, view).transferred(scan, calibration)
     with progress("Identifying", quiet):
         surface = apply_calibration(transferred.scan, transferred.calibration)
         datum = Pose.from_matrix(np.eye(4))

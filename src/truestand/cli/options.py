@@ -86,6 +86,13 @@ StartAngleOption = Annotated[
         "--start-angle-deg", help="Table angle of the first profile, for scans without an angle of their own."
     ),
 ]
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        "--view", metavar="front,rear,...",
+        help="Several sensors: the name of the one that took the scan, one each; default: the scan carries it.",
+    ),
+]  # fmt: skip
 TruthOption = Annotated[
     Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
 ]

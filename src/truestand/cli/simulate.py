@@ -45,6 +45,7 @@ def simulate(
     truth: Annotated[
         Path | None, output_option("--truth", metavar="TRUTH.json", help="Write the truth beside it.")
     ] = None,
+    view: Annotated[str | None, typer.Option(help="Of several sensors, the one that scans: its name.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same scan.")] = 0,
     clamped_at_deg: Annotated[
         float | None, typer.Option(help="By how much the shaft sits turned in its clamping, ccw from above.")
@@ -57,10 +58,12 @@ def simulate(
     Example: truestand simulate stand.toml --artefact shaft.toml --part gear.toml -o gear.csv --truth truth.json
     """
     described = read_stand(stand)
+    described = described if view is None else described.of_view(view)
     simulation = simulation_from(read_simulation(stand))
     clamped = radians_or_none(clamped_at_deg, "--clamped-at-deg")
     if clamped is not None:
         simulation = replace(simulation, workpiece=replace(simulation.workpiece, clamped=clamped))
+    simulation = simulation.seen_from(described.sensor.name)
     shaft, mounted = _shaft(artefact), _virtual_part(part)
     check_output(output, force)
     with progress("Scanning on the virtual stand", quiet) as advance:

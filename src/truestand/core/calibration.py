@@ -1,6 +1,6 @@
 """What a calibration is: poses, what remains, how well each number is known, and what could not be known."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import atan2, hypot, inf
 from typing import Literal
 
@@ -8,7 +8,16 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.frames import ECCENTRICITY, ECCENTRICITY_Y, Pose, sensor_parameters, shaft_parameters
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import (
+    ECCENTRICITY,
+    ECCENTRICITY_Y,
+    UNKNOWNS,
+    Pose,
+    about_axis,
+    sensor_parameters,
+    shaft_parameters,
+)
 from truestand.core.message import Message
 from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
@@ -184,6 +193,19 @@ class Positions:
     """Harmonics that these angles can't separate: they stand in ``form``."""
 
 
+VIEW_UNKNOWNS = UNKNOWNS + 2
+"""Of each view: those of its geometry, then its azimuth and its height."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointCovariance:
+    """How well the unknowns of several views are known together, what they share counted once."""
+
+    views: tuple[str, ...]
+    matrix: Array
+    """(``VIEW_UNKNOWNS`` views,) squared, mm and rad; azimuth and height of the first view are known."""
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """What the stand is like today."""
@@ -217,6 +239,14 @@ class Calibration:
     scan: ScanSummary | None = None
     paper: PaperFigures | None = None
     positions: Positions | None = None
+    views: tuple["Calibration", ...] = ()
+    """Of several sensors, one each, the first the same as this one's: each in frames T, R and C of its own."""
+    azimuth: float = 0.0
+    """rad: where this view's T stands about the axis in the T of the first view,"""
+    height: float = 0.0
+    """and how high, mm."""
+    joint: "JointCovariance | None" = None
+    """Of all views' unknowns together."""
     software: str = ""
     created: str | None = None
     """ISO time, put on when the record is written."""
@@ -234,6 +264,42 @@ class Calibration:
     def status(self) -> Literal["valid", "untrusted"]:
         """Whether a verdict may rest on the calibration."""
         return "untrusted" if self.reasons else "valid"
+
+    @property
+    def name(self) -> str:
+        """Of its view."""
+        return self.stand.sensor.name
+
+    @property
+    def first_from_table(self) -> Pose:
+        """From its own T into the T of the first view."""
+        return about_axis(self.azimuth, self.height)
+
+    @property
+    def whole_stand(self) -> Stand:
+        """The stand with the sensors of all views."""
+        sensors = tuple(c.stand.sensor for c in self.views)
+        return replace(self.stand, sensors=sensors) if sensors else self.stand
+
+    def for_scan(self, scan: Scan) -> "Calibration":
+        """The calibration of the view that took a scan, in its own frames; of one sensor, the same.
+
+        Raises:
+            BadRecipe: a view of which the calibration is not.
+        """
+        return self.of_view(scan.view) if self.views else self
+
+    def of_view(self, name: str) -> "Calibration":
+        """The calibration of one view, in its own frames.
+
+        Raises:
+            BadRecipe: no such view.
+        """
+        every = {c.name: c for c in self.views or (self,)}
+        if name not in every:
+            names = ", ".join(map(repr, every))
+            raise BadRecipe(f"found a scan of view {name!r}, the calibration has {names}; give the scan of one of them")
+        return every[name]
 
     @property
     def phi(self) -> float:

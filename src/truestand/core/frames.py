@@ -142,6 +142,17 @@ def shaft_parameters(pose: Pose) -> tuple[float, float, float, float]:
     return float(origin[0] - tx * origin[2]), float(origin[1] - ty * origin[2]), float(tx), float(ty)
 
 
+def about_axis(azimuth: float, height: float) -> Pose:
+    """A turn about Z by ``azimuth`` (rad) and a move along it by ``height`` (mm)."""
+    c, s = cos(azimuth), sin(azimuth)
+    return Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([0.0, 0.0, height]))
+
+
+def own_shaft_from_rotor(first: Pose, first_from_table: Pose) -> Pose:
+    """The ``shaft_from_rotor`` of another view, in its own R and C, from that of the ``first`` and where it stands."""
+    return shaft_from_rotor(*shaft_parameters(first @ first_from_table))
+
+
 def axis_sensitivity(height: float) -> Array:
     """How the place (x, y) of the shaft's axis at a height (mm) follows the unknowns: (2, 8)."""
     rows = np.zeros((2, UNKNOWNS))

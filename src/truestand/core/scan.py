@@ -70,6 +70,11 @@ class Scan:
     """Why it is not proven complete; empty where it is, or where the recording does not say."""
 
     @property
+    def view(self) -> str:
+        """Name of the sensor, in its place, that took it."""
+        return self.stand.sensor.name
+
+    @property
     def profiles(self) -> int:
         """Number of profiles, N."""
         return int(self.x.shape[0])
@@ -116,17 +121,22 @@ class Scan:
         )
 
 
-def interpret(recording: Recording, stand: Stand | None = None, start_angle: float | None = None) -> Scan:
+def interpret(
+    recording: Recording, stand: Stand | None = None, start_angle: float | None = None, view: str | None = None
+) -> Scan:
     """The recording as seen on ``stand`` (default: the stand it carries).
 
-    ``start_angle`` (rad, table angle of the first profile) is for scans without an angle of their own.
+    ``start_angle`` (rad, table angle of the first profile) is for scans without an angle of their own; ``view`` says
+    which of the stand's sensors took it, where the recording doesn't.
 
     Raises:
-        BadRecipe: no stand, or the stand lacks what the angle needs (speed, profile rate, counts per turn).
+        BadRecipe: no stand, one of several sensors and nobody says which, another view than the recording's, or the
+            stand lacks what the angle needs (speed, profile rate, counts per turn).
     """
     stand = stand or recording.stand
     if stand is None:
         raise BadRecipe("the scan carries no stand; describe it with --stand STAND.toml (`truestand init` writes one)")
+    stand = _seen_from(stand, recording, view)
     angle, source = table_angle(recording, stand, start_angle)
     x = -recording.x if stand.sensor.mirrored else recording.x
     z = _within_range(recording.z, stand.sensor.range)
@@ -134,6 +144,15 @@ def interpret(recording: Recording, stand: Stand | None = None, start_angle: flo
         x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity,
         _incomplete_reasons(recording),
     )  # fmt: skip
+
+
+def _seen_from(stand: Stand, recording: Recording, view: str | None) -> Stand:
+    """The stand with the one sensor that took the recording."""
+    carried = None if recording.stand is None or len(recording.stand.sensors) != 1 else recording.stand.sensor.name
+    if view is not None and carried not in (None, view):
+        raise BadRecipe(f"found --view {view} for a scan that carries view {carried!r}; leave it out, or give its scan")
+    view = view or (carried if len(stand.sensors) > 1 else None)
+    return stand if view is None else stand.of_view(view)
 
 
 def _incomplete_reasons(recording: Recording) -> tuple[Message, ...]:

@@ -1,6 +1,6 @@
 """The stand as its builder describes it: table, sensors, and what the columns of its scans mean."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from truestand.core.assumptions import LEAST_LINEARITY, LINEARITY_SHARE, PLANE_OFFSET_U, PLANE_TILT_U
@@ -33,6 +33,7 @@ class Sensor:
     """A laser line-profile sensor. Expanded uncertainties are k = 2."""
 
     name: str = "sensor"
+    """Of the view: a device in a place."""
     profile_rate: float | None = None
     """Profiles per second."""
     points: int | None = None
@@ -85,5 +86,17 @@ class Stand:
         """The sensor of a stand that has just one."""
         if len(self.sensors) != 1:
             names = ", ".join(s.name for s in self.sensors)
-            raise BadRecipe(f"found {len(self.sensors)} sensors ({names}), need one; describe one sensor a stand.toml")
+            raise BadRecipe(f"found {len(self.sensors)} sensors ({names}), need one; say which by --view")
         return self.sensors[0]
+
+    def of_view(self, name: str) -> "Stand":
+        """The stand as one of its sensors sees it.
+
+        Raises:
+            BadRecipe: no sensor of that name.
+        """
+        sensors = tuple(s for s in self.sensors if s.name == name)
+        if not sensors:
+            names = ", ".join(repr(s.name) for s in self.sensors)
+            raise BadRecipe(f"found view {name!r}, need one of the [[sensor]]s of the stand: {names}")
+        return replace(self, sensors=sensors)

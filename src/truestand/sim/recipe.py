@@ -96,8 +96,8 @@ class WorkpieceRecipe(Recipe):
     diameter: tuple[DiameterRecipe, ...] = ()
 
 
-class SimulationRecipe(WorkpieceRecipe):
-    """``[simulation]`` as a whole."""
+class MountingRecipe(Recipe):
+    """Where a sensor stands."""
 
     phi_deg: float = -41.802
     standoff_mm: PositiveFloat = 95.0
@@ -105,6 +105,18 @@ class SimulationRecipe(WorkpieceRecipe):
     laser_plane_tilt_deg: float = 0.0
     laser_plane_offset_mm: float = 0.0
     azimuth_deg: float = 0.0
+
+
+class ViewRecipe(MountingRecipe):
+    """``[[simulation.view]]``: where one of several sensors stands."""
+
+    name: str
+
+
+class SimulationRecipe(MountingRecipe, WorkpieceRecipe):
+    """``[simulation]`` as a whole."""
+
+    view: tuple[ViewRecipe, ...] = ()
     eccentricity_um: NonNegativeFloat = 878.9
     eccentricity_direction_deg: float = 0.0
     tilt_mrad: float = 0.0
@@ -236,14 +248,7 @@ def simulation_from(table: Mapping[str, Any]) -> Simulation:
     """
     r = checked(SimulationRecipe, table, "[simulation]")
     return Simulation(
-        mounting=Mounting(
-            radians(r.phi_deg),
-            r.standoff_mm,
-            r.height_mm,
-            radians(r.laser_plane_tilt_deg),
-            r.laser_plane_offset_mm,
-            radians(r.azimuth_deg),
-        ),
+        mounting=_mounting(r),
         running=Running(
             r.eccentricity_um / UM,
             radians(r.eccentricity_direction_deg),
@@ -268,7 +273,15 @@ def simulation_from(table: Mapping[str, Any]) -> Simulation:
             ramp=r.ramp_s,
             dropped=r.dropped,
         ),
+        views=tuple((view.name, _mounting(view)) for view in r.view),
     )
+
+
+def _mounting(r: MountingRecipe) -> Mounting:
+    return Mounting(
+        radians(r.phi_deg), r.standoff_mm, r.height_mm, radians(r.laser_plane_tilt_deg), r.laser_plane_offset_mm,
+        radians(r.azimuth_deg),
+    )  # fmt: skip
 
 
 def _workpiece(r: WorkpieceRecipe) -> Workpiece:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import cos, pi, radians, sin
 
 from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor, Stand, Table
 
 DEFAULT_COUNTS_PER_TURN = 36000
@@ -197,6 +198,25 @@ class Simulation:
     workpiece: Workpiece = field(default_factory=Workpiece)
     optics: Optics = field(default_factory=Optics)
     acquisition: Acquisition = field(default_factory=Acquisition)
+    views: tuple[tuple[str, Mounting], ...] = ()
+    """Where each sensor stands, by its name; empty: one sensor, at ``mounting``."""
+
+    def seen_from(self, view: str) -> "Simulation":
+        """The same as the sensor of that name sees it: in C of its own frames the workpiece is turned back by as much
+        as it stands farther round the table than ``mounting``.
+
+        Raises:
+            BadRecipe: several sensors, none of that name.
+        """
+        if not self.views:
+            return self
+        mounting = dict(self.views).get(view)
+        if mounting is None:
+            names = ", ".join(repr(name) for name, _ in self.views)
+            raise BadRecipe(f"found view {view!r}, need one of the [[simulation.view]]s: {names}")
+        turned = mounting.azimuth - self.mounting.azimuth
+        workpiece = replace(self.workpiece, clamped=self.workpiece.clamped - turned)
+        return replace(self, mounting=mounting, workpiece=workpiece, views=())
 
 
 def speed_and_rate(stand: Stand) -> tuple[float, float]:

@@ -107,14 +107,15 @@ def calibrate_job(
     inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     method: Method = "stand", clamped: tuple[float, ...] = (), truth: Mapping[str, Any] | None = None,
 ) -> Outcome[tuple[Calibration, Calibration | None]]:  # fmt: skip
-    """Calibrate by a scan of the artefact, or by several with the shaft ``clamped`` at these angles (rad).
+    """Calibrate by a scan of the artefact, by one of each view, or by several with the shaft ``clamped`` at these
+    angles (rad).
 
     The result is the calibration and, where a report shows it, that of the published method. ``truth``: of a
     simulated scan.
 
     Raises:
         BadRecipe, MissingExtra: before any scan is taken.
-        NotEnoughData: as ``calibrate`` and ``calibrate_positions``.
+        NotEnoughData: as ``calibrate``, ``calibrate_positions`` and ``calibrate_views``.
     """
     outputs.check()
     artefact, company = read_shaft(_needed(inputs.artefact, "the shaft's recipe (shaft.toml)")), _company(inputs)
@@ -159,7 +160,7 @@ def inspect_job(
     part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
     sha256 = sha256_of(record_path)
     changes = _changes(inputs)
-    (scan,) = take(calibration.stand)
+    (scan,) = take(calibration.whole_stand)
     with during("evaluate"):
         transferred = transfer(scan, calibration, start_stated)
         surface, created = apply_calibration(transferred.scan, transferred.calibration), now()
@@ -191,7 +192,7 @@ def verify_job(
     artefact = calibration.artefact if inputs.artefact is None else read_shaft(inputs.artefact)
     if artefact is None:
         raise BadRecipe(f"{record_path.name} carries no artefact; need the shaft's recipe (--artefact SHAFT.toml)")
-    (scan,) = take(calibration.stand)
+    (scan,) = take(calibration.whole_stand)
     with during("evaluate"):
         verification = verify(scan, calibration, artefact, LIMIT if limit is None else limit, start_stated)
         record = verification_record(verification, now(), sha256)
@@ -227,10 +228,13 @@ def _calibrated(
     """The calibration, and for a report that of the published method."""
     from truestand.calibration.calibrate import calibrate, calibrate_by_both
     from truestand.calibration.positions import calibrate_positions
+    from truestand.calibration.views import calibrate_views
 
-    if len(scans) > 1:
+    if clamped:
         calibration = calibrate_positions(scans, clamped, artefact)
         return calibration, calibrate(scans[-1], artefact, "paper") if both else None
+    if len(scans) > 1:
+        return calibrate_views(scans, artefact), calibrate(scans[0], artefact, "paper") if both else None
     if both and method == "stand":
         return calibrate_by_both(scans[0], artefact)
     calibration = calibrate(scans[0], artefact, method)

@@ -6,6 +6,7 @@ keeps its meaning (docs/decisions/0003).
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +14,12 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.calibration import (
+    VIEW_UNKNOWNS,
     Calibration,
     Check,
     Contribution,
     Harmonic,
+    JointCovariance,
     PaperFigures,
     Positions,
     Residuals,
@@ -27,7 +30,7 @@ from truestand.core.calibration import (
     Uncertainty,
 )
 from truestand.core.errors import UnreadableFile
-from truestand.core.frames import Pose, shaft_parameters
+from truestand.core.frames import Pose, about_axis, own_shaft_from_rotor, shaft_parameters
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleSource, AngleZero
 from truestand.core.stand import Sensor, Stand, Table
@@ -83,13 +86,7 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "rad_per_profile": c.rad_per_profile,
             "speed_factor": c.speed_factor,
         },
-        "sensor": {
-            "name": c.stand.sensor.name,
-            "table_from_sensor": c.table_from_sensor.matrix.tolist(),
-            "phi_deg": math.degrees(c.phi),
-            "laser_plane_tilt_deg": _degrees(c.plane_tilt),
-            "laser_plane_offset_mm": c.plane_offset,
-        },
+        "sensor": _sensor(c),
         "shaft": {
             "shaft_from_rotor": c.shaft_from_rotor.matrix.tolist(),
             "eccentricity_um": UM * c.eccentricity,
@@ -98,6 +95,56 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "tilt_mrad": None if c.tilt is None else MRAD * c.tilt,
             "tilt_direction_deg": _degrees(c.tilt_direction),
         },
+        **_measured(c),
+        "assumptions": assumptions_record(assumptions_of(c, ())),
+    }
+    if c.views:
+        record["sensors"] = [_view(view) for view in c.views]
+    if c.joint is not None:
+        record["joint"] = {"views": list(c.joint.views), "matrix": c.joint.matrix.tolist()}
+    if c.paper is not None:
+        record["paper"] = {
+            "bin": c.paper.bin,
+            "bin_amplitude_um": UM * c.paper.bin_amplitude,
+            "fit_amplitude_um": UM * c.paper.fit_amplitude,
+            "phase_error_pi": c.paper.phase_error_pi,
+            "arcsine_shift_pi": c.paper.arcsine_shift_pi,
+        }
+    if c.positions is not None:
+        record["positions"] = _positions(c.positions)
+    return without_nan(record)
+
+
+def _sensor(c: Calibration) -> Record:
+    """Where a sensor stands; ``table_from_sensor`` into T, the table of the first view."""
+    return {
+        "name": c.name,
+        "table_from_sensor": (c.first_from_table @ c.table_from_sensor).matrix.tolist(),
+        "phi_deg": math.degrees(c.phi),
+        "laser_plane_tilt_deg": _degrees(c.plane_tilt),
+        "laser_plane_offset_mm": c.plane_offset,
+    }
+
+
+def _view(c: Calibration) -> Record:
+    """A sensor of several: where it stands in T, and what its own scan told."""
+    return {
+        **_sensor(c),
+        "azimuth_deg": math.degrees(c.azimuth),
+        "height_mm": c.height,
+        "status": c.status,
+        "reasons": messages_record(c.reasons),
+        "scan": None if c.scan is None else scan_record(c.scan),
+        "stand": stand_recipe(c.stand),
+        "rad_per_profile": c.rad_per_profile,
+        "speed_factor": c.speed_factor,
+        **_measured(c),
+    }
+
+
+def _measured(c: Calibration) -> Record:
+    """What a scan told beside the poses."""
+    return {
         "residuals": None if c.residuals is None else _residuals(c.residuals),
         "harmonics": [_harmonic(h) for h in c.harmonics],
         "static_profiles": [
@@ -118,7 +165,6 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             "repeatability": c.repeatability.tolist(),
         },
         "not_identifiable": list(c.not_identifiable),
-        "assumptions": assumptions_record(assumptions_of(c, ())),
         "checks": [
             {
                 "code": k.code,
@@ -132,17 +178,6 @@ def calibration_record(calibration: Calibration, created: str) -> Record:
             for k in c.checks
         ],
     }
-    if c.paper is not None:
-        record["paper"] = {
-            "bin": c.paper.bin,
-            "bin_amplitude_um": UM * c.paper.bin_amplitude,
-            "fit_amplitude_um": UM * c.paper.fit_amplitude,
-            "phase_error_pi": c.paper.phase_error_pi,
-            "arcsine_shift_pi": c.paper.arcsine_shift_pi,
-        }
-    if c.positions is not None:
-        record["positions"] = _positions(c.positions)
-    return without_nan(record)
 
 
 def verification_record(verification: "Verification", created: str, calibration_sha256: str) -> Record:
@@ -210,12 +245,11 @@ def read_calibration(path: Path | str) -> Calibration:
 
 def _calibration(record: Record) -> Calibration:
     table, sensor, shaft = record["table"], record["sensor"], record["shaft"]
-    covariance = record.get("covariance") or {}
     stand = stand_from_recipe(record["stand"]) if record.get("stand") else _stand_of(table, sensor)
     if table.get("direction", stand.table.direction) != stand.table.direction:
         raise ValueError(f"found direction {table['direction']!r} beside a stand that turns {stand.table.direction!r}")
     source = table.get("angle_source", "index")
-    return Calibration(
+    calibration = Calibration(
         method="paper" if record.get("method") == "paper" else "stand",
         table_from_sensor=_pose(sensor["table_from_sensor"], "table_from_sensor"),
         shaft_from_rotor=_upright(_pose(shaft["shaft_from_rotor"], "shaft_from_rotor")),
@@ -225,29 +259,69 @@ def _calibration(record: Record) -> Calibration:
         speed_factor=_speed_factor(table, stand),
         rad_per_profile=table.get("rad_per_profile"),
         artefact=shaft_from_recipe(record["artefact"]) if record.get("artefact") else None,
-        residuals=_read_residuals(record.get("residuals")),
-        harmonics=tuple(_read_harmonic(h) for h in record.get("harmonics", [])),
-        static_profiles=tuple(
-            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / UM)
-            for s in record.get("static_profiles", [])
-        ),
-        uncertainty={k: _uncertainty(u) for k, u in (record.get("uncertainty") or {}).items()},
-        covariance_names=tuple(covariance.get("names", ())),
-        covariance=_matrix(covariance.get("matrix")),
-        repeatability=_matrix(covariance.get("repeatability")),
-        not_identifiable=tuple(record.get("not_identifiable", ())),
-        checks=tuple(
-            Check(c.get("code", NO_CODE), c["name"], c["value"], c["limit"], c["ok"], c["advice"])
-            for c in record.get("checks", [])
-        ),
         reasons=_reasons(record, _angle_zero(table, source)),
         scan=_read_scan(record.get("scan")),
         paper=_read_paper(record.get("paper")),
         positions=_read_positions(record.get("positions")),
+        joint=_read_joint(record.get("joint")),
         software=record.get("software", ""),
         created=record.get("created"),
         valid_until=record.get("valid_until"),
+        **_read_measured(record),
     )
+    return replace(calibration, views=tuple(_read_view(s, calibration) for s in record.get("sensors", [])))
+
+
+def _read_view(record: Record, first: Calibration) -> Calibration:
+    """A view of several, in frames of its own; ``first``: the calibration of the first view."""
+    azimuth, height = math.radians(record["azimuth_deg"]), float(record["height_mm"])
+    place = about_axis(azimuth, height)
+    pose = place.inverse @ _pose(record["table_from_sensor"], "table_from_sensor")
+    return replace(
+        first,
+        table_from_sensor=pose,
+        shaft_from_rotor=own_shaft_from_rotor(first.shaft_from_rotor, place),
+        azimuth=azimuth,
+        height=height,
+        stand=stand_from_recipe(record["stand"]),
+        speed_factor=record["speed_factor"],
+        rad_per_profile=record["rad_per_profile"],
+        reasons=read_messages(record.get("reasons", ())),
+        scan=_read_scan(record.get("scan")),
+        joint=None,
+        **_read_measured(record),
+    )
+
+
+def _read_joint(joint: Any) -> JointCovariance | None:
+    if joint is None:
+        return None
+    views, matrix = tuple(joint["views"]), _matrix(joint["matrix"])
+    if matrix.shape[0] != VIEW_UNKNOWNS * len(views):
+        raise ValueError(f"joint: found shape {matrix.shape} for {len(views)} views, need {VIEW_UNKNOWNS} rows each")
+    return JointCovariance(views, matrix)
+
+
+def _read_measured(record: Record) -> dict[str, Any]:
+    """What ``_measured`` wrote, by the fields of a calibration."""
+    covariance = record.get("covariance") or {}
+    return {
+        "residuals": _read_residuals(record.get("residuals")),
+        "harmonics": tuple(_read_harmonic(h) for h in record.get("harmonics", [])),
+        "static_profiles": tuple(
+            _static_profile(s["surface"], _array(s["height_mm"]), _array(s["deviation_um"]) / UM)
+            for s in record.get("static_profiles", [])
+        ),
+        "uncertainty": {k: _uncertainty(u) for k, u in (record.get("uncertainty") or {}).items()},
+        "covariance_names": tuple(covariance.get("names", ())),
+        "covariance": _matrix(covariance.get("matrix")),
+        "repeatability": _matrix(covariance.get("repeatability")),
+        "not_identifiable": tuple(record.get("not_identifiable", ())),
+        "checks": tuple(
+            Check(c.get("code", NO_CODE), c["name"], c["value"], c["limit"], c["ok"], c["advice"])
+            for c in record.get("checks", [])
+        ),
+    }
 
 
 def _angle_zero(table: Mapping[str, Any], source: AngleSource) -> AngleZero:

@@ -30,16 +30,19 @@ Recordings = Mapping[str, Callable[[], Recording]]
 """What a file holds, by name, each to be read when called for; the name is empty where a format holds but one."""
 
 
-def read_scan(path: Path | str, stand: Stand | None = None, start_angle: float | None = None) -> Scan:
+def read_scan(
+    path: Path | str, stand: Stand | None = None, start_angle: float | None = None, view: str | None = None
+) -> Scan:
     """A scan file as seen on ``stand`` (default: the stand that a native file carries).
 
-    ``start_angle`` (rad): table angle of the first profile, for scans without an angle of their own.
+    ``start_angle`` (rad): table angle of the first profile, for scans without an angle of their own; ``view``: which of
+    several sensors took it, where the file doesn't say.
 
     Raises:
         UnreadableFile: no scan.
         BadRecipe: no stand, or one that lacks what the angle needs.
     """
-    return interpret(read_recording(path), stand, start_angle)
+    return interpret(read_recording(path), stand, start_angle, view)
 
 
 def read_recording(path: Path | str, pick: str | None = None, layout: RawLayout | None = None) -> Recording:

@@ -165,7 +165,9 @@ def _sensor(
     _demand_loopback(f'sensor "{endpoint.name}"', endpoint.address)
     sensor = next(s for s in stand.sensors if s.name == endpoint.name)
     alone = replace(stand, sensors=(replace(sensor, points=endpoint.points, profile_rate=endpoint.rate),))
-    source = SimulatedSource(alone, simulation, artefact, table, scale_of(endpoint.model), part, seed)
+    source = SimulatedSource(
+        alone, simulation.seen_from(endpoint.name), artefact, table, scale_of(endpoint.model), part, seed
+    )
     model = f"scanCONTROL {endpoint.model}" if endpoint.model[:1].isdigit() else endpoint.model
     identity = Identity(endpoint.address, model, sensor.serial or f"V{seed + 1:07d}", endpoint.name[:15])
     return GigeDevice(identity, source, table.clock, Faults(table), endpoint.points, seed=seed)
