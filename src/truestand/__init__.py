@@ -16,6 +16,7 @@ from truestand._version import __version__
 if TYPE_CHECKING:
     from truestand.apply.transfer import Transfer, roll, transfer
     from truestand.apply.verify import Verification, verify
+    from truestand.apply.views import roll_views
     from truestand.calibration.calibrate import calibrate
     from truestand.calibration.positions import calibrate_positions
     from truestand.calibration.views import calibrate_views
@@ -68,6 +69,7 @@ _MODULES = {
     "read_shaft": "files.recipes.recipes",
     "read_stand": "files.recipes.recipes",
     "roll": "apply.transfer",
+    "roll_views": "apply.views",
     "transfer": "apply.transfer",
     "verify": "apply.verify",
     "write_calibration": "files.records.calibration_record",
@@ -106,6 +108,7 @@ __all__ = [
     "read_shaft",
     "read_stand",
     "roll",
+    "roll_views",
     "transfer",
     "verify",
     "write_calibration",

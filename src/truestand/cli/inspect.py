@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from truestand.apply.views import placed, transfer_views
 from truestand.cli.evaluation import end_if_untrusted, print_witness, scan_reader
 from truestand.cli.options import (
     VERDICT_CODES,
@@ -33,7 +34,7 @@ from truestand.files.atomic import write_text_atomic
 from truestand.files.recipes.parts import recipe_of_identified
 from truestand.files.records.calibration_record import read_calibration
 from truestand.files.records.record import read_json
-from truestand.files.shapes.clouds import check_suffix, write_cloud
+from truestand.files.shapes.clouds import Cloud, check_suffix, write_clouds
 from truestand.gear.match import IdentifiedGear, is_standard, toothed_heights
 from truestand.gear.match import identify as identify_gear
 from truestand.report.terminal import inspection_table
@@ -95,7 +96,9 @@ def inspect(
 
 
 def roll(
-    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of any part on the calibrated stand.")],
+    scans: Annotated[
+        list[Path], typer.Argument(metavar="SCAN...", help="A scan of any part, or one by each of several sensors.")
+    ],
     calibration: CalibrationOption,
     output: Annotated[
         Path, output_option("--output", "-o", metavar="CLOUD", help="By suffix: .ply, .xyz, .npz or .e57.")
@@ -107,17 +110,21 @@ def roll(
 ) -> None:
     """Roll a scan up into a point cloud in the shaft's own coordinates.
 
+    Scans of several views become one cloud, in the coordinates of the calibration's first view.
+
     Example: truestand roll gear.csv --calibration calibration.json -o gear.ply
     """
     check_suffix(output)
-    transferred = scan_reader(stand, start_angle_deg, quiet, view).transferred(scan, calibration)
+    known, reader = read_calibration(calibration), scan_reader(stand, start_angle_deg, quiet, view)
+    transferred = transfer_views(reader.when_asked(*scans)(known.whole_stand), known, reader.start_stated)
     with progress("Rolling up", quiet):
-        surface = apply_calibration(transferred.scan, transferred.calibration)
-        write_cloud(output, surface.x, surface.y, surface.z)
+        surfaces = [placed(t, known) for t in transferred]
+        write_clouds(output, [Cloud(s.x, s.y, s.z, view=s.origin[0].view) for s in surfaces])
     if not quiet:
         typer.echo(output)
-    print_witness(transferred, quiet)
-    end_if_untrusted(transferred.calibration.reasons, quiet)
+    for one in transferred:
+        print_witness(one, quiet)
+    end_if_untrusted(tuple(dict.fromkeys(r for s in surfaces for r in s.origin[1].reasons)), quiet)
 
 
 def identify(

@@ -1,5 +1,7 @@
 """Point clouds to disk, by suffix: PLY, XYZ, npz, E57. Only points that were seen are written."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.core.errors import BadRecipe, MissingExtra, UnreadableFile
 from truestand.files.atomic import replacing
 from truestand.files.shapes.ply import MOST_HEADER_BYTES, is_ply, ply_header
@@ -30,8 +32,43 @@ def check_suffix(path: Path) -> None:
         raise MissingExtra("E57 needs an extra package; install it with: pip install 'truestand[e57]'")
 
 
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """A rolled-up scan: ``x``, ``y``, ``z`` (N, M) mm, NaN = not seen, and what it is written with."""
+
+    x: Array
+    y: Array
+    z: Array
+    deviation: Array | None = None
+    """(N, M), in the unit in which it is to stand in the file."""
+    view: str | None = None
+    """Name of the sensor, where several are written together."""
+
+    @property
+    def seen(self) -> Mask:
+        """(N, M): readings that are points."""
+        return np.asarray(np.isfinite(self.x) & np.isfinite(self.y) & np.isfinite(self.z))
+
+    def rows(self, rows: slice) -> "Cloud":
+        """Some of its profiles."""
+        deviation = None if self.deviation is None else self.deviation[rows]
+        return replace(self, x=self.x[rows], y=self.y[rows], z=self.z[rows], deviation=deviation)
+
+
 def write_cloud(path: Path | str, x: Array, y: Array, z: Array, deviation: Array | None = None) -> int:
     """Write a rolled-up scan (N, M) mm in the format that the suffix names; returns the number of points.
+
+    Raises:
+        BadRecipe: unknown suffix.
+        MissingExtra: E57 without its extra.
+    """
+    return write_clouds(path, [Cloud(x, y, z, deviation)])
+
+
+def write_clouds(path: Path | str, clouds: Sequence[Cloud]) -> int:
+    """Write the rolled-up scans of one or several views as one cloud, points of several with the number of their view.
+
+    The format is the one that the suffix names; returns the number of points.
 
     Raises:
         BadRecipe: unknown suffix.
@@ -41,42 +78,59 @@ def write_cloud(path: Path | str, x: Array, y: Array, z: Array, deviation: Array
     check_suffix(path)
     with replacing(path) as temporary:
         if path.suffix.lower() == ".ply":
-            return _write_ply(temporary, x, y, z, deviation)
-        columns = _columns(x, y, z, deviation)
+            return _write_ply(temporary, clouds)
+        columns = _joined([_columns(cloud, number, len(clouds)) for number, cloud in enumerate(clouds)])
         writers = {".xyz": _write_xyz, ".npz": _write_npz, ".e57": _write_e57}
         writers[path.suffix.lower()](temporary, columns)
-        return columns["x"].size
+        return int(columns["x"].size)
 
 
-def _columns(x: Array, y: Array, z: Array, deviation: Array | None, first: int = 0) -> dict[str, NDArray[Any]]:
-    """The points that were seen, by column; ``first`` is the number of the first profile."""
-    seen = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+def _columns(cloud: Cloud, number: int, clouds: int, first: int = 0) -> dict[str, NDArray[Any]]:
+    """The points that were seen, by column, of the cloud of that ``number`` among ``clouds``; ``first``: number of its
+    first profile.
+    """
+    seen = cloud.seen
     profile, point = (i.astype(np.int32) for i in np.nonzero(seen))
-    columns = {"x": x[seen], "y": y[seen], "z": z[seen], "profile": profile + np.int32(first), "point": point}
-    return columns if deviation is None else {**columns, "deviation": deviation[seen]}
+    columns: dict[str, NDArray[Any]] = {
+        "x": cloud.x[seen], "y": cloud.y[seen], "z": cloud.z[seen], "profile": profile + np.int32(first),
+        "point": point,
+    }  # fmt: skip
+    if cloud.deviation is not None:
+        columns["deviation"] = cloud.deviation[seen]
+    if clouds > 1:
+        columns["view"] = np.full(point.size, number, dtype=np.uint8)
+    return columns
 
 
-def _write_ply(path: Path, x: Array, y: Array, z: Array, deviation: Array | None) -> int:
-    names = ["x", "y", "z", "profile", "point"] + ([] if deviation is None else ["deviation"])
-    types = {"profile": "int", "point": "int"}
-    record = np.dtype([(n, "<i4" if n in types else "<f4") for n in names])
-    count = int(np.count_nonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(z)))
-    properties = "".join(f"property {types.get(n, 'float')} {n}\n" for n in names)
+def _joined(parts: list[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+PLY_TYPES = {"profile": ("int", "<i4"), "point": ("int", "<i4"), "view": ("uchar", "u1")}
+"""Of columns that are no lengths, in the header and in the file."""
+
+
+def _write_ply(path: Path, clouds: Sequence[Cloud]) -> int:
+    names = list(_columns(clouds[0].rows(slice(0, 0)), 0, len(clouds)))
+    record = np.dtype([(n, PLY_TYPES.get(n, ("float", "<f4"))[1]) for n in names])
+    count = sum(int(np.count_nonzero(cloud.seen)) for cloud in clouds)
+    properties = "".join(f"property {PLY_TYPES.get(n, ('float', ''))[0]} {n}\n" for n in names)
+    views = "".join(f"comment view {k} {cloud.view}\n" for k, cloud in enumerate(clouds) if len(clouds) > 1)
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment truestand: mm, frame C (the shaft)\n"
+        f"ply\nformat binary_little_endian 1.0\ncomment truestand: mm, frame C (the shaft)\n{views}"
         f"element vertex {count}\n{properties}end_header\n"
     )
     with path.open("wb") as file:
-        file.write(header.encode("ascii"))
-        for first in range(0, x.shape[0], BLOCK_PROFILES):
-            rows = slice(first, first + BLOCK_PROFILES)
-            columns = _columns(x[rows], y[rows], z[rows], None if deviation is None else deviation[rows], first)
-            file.write(np.rec.fromarrays(list(columns.values()), dtype=record).tobytes())
+        file.write(header.encode("ascii", "replace"))
+        for number, cloud in enumerate(clouds):
+            for first in range(0, cloud.x.shape[0], BLOCK_PROFILES):
+                part = _columns(cloud.rows(slice(first, first + BLOCK_PROFILES)), number, len(clouds), first)
+                file.write(np.rec.fromarrays(list(part.values()), dtype=record).tobytes())
     return count
 
 
 def _write_xyz(path: Path, columns: dict[str, NDArray[Any]]) -> None:
-    lengths = [values for name, values in columns.items() if name not in ("profile", "point")]
+    lengths = [values for name, values in columns.items() if name not in ("profile", "point", "view")]
     np.savetxt(path, np.column_stack(lengths), fmt="%.5f")
 
 

@@ -1,0 +1,51 @@
+"""Scans of one part by several sensors, rolled up into one cloud."""
+
+from dataclasses import replace
+
+from truestand.apply.transfer import Transfer, transfer
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import about_axis
+from truestand.core.message import UNTIED
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, apply_calibration
+
+
+def roll_views(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False) -> tuple[Surface, ...]:
+    """One surface a scan, all in C of the calibration's first view; each with the calibration of its own view, in its
+    own frames, and the reasons why nothing may be decided.
+
+    ``start_stated``: the table angle of the scans' first profiles was given (``start_angle`` of ``interpret``).
+
+    Raises:
+        BadRecipe: two scans of one view, or one of a view of which the calibration is not.
+    """
+    return tuple(placed(t, calibration) for t in transfer_views(scans, calibration, start_stated))
+
+
+def transfer_views(
+    scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False
+) -> tuple[Transfer, ...]:
+    """Each scan with its table angle tied to the calibration's.
+
+    Raises:
+        BadRecipe: as ``roll_views``.
+    """
+    names = [scan.view for scan in scans]
+    if len(set(names)) < len(names):
+        raise BadRecipe(f"found scans of the views {', '.join(names)}, need another view for each; see --view")
+    return tuple(transfer(scan, calibration, start_stated) for scan in scans)
+
+
+def placed(transferred: Transfer, calibration: Calibration) -> Surface:
+    """A scan rolled up into C of the calibration's first view.
+
+    What speaks against using the views together speaks against each; but a scan that shaft in view has tied to its own
+    view's zero is tied to all: the azimuth between views holds whatever their zeros differed by.
+    """
+    own = transferred.calibration
+    reasons = (*(r for r in calibration.reasons if r.code != UNTIED.code), *own.reasons)
+    own = replace(own, reasons=tuple(dict.fromkeys(reasons)))
+    pose = calibration.shaft_from_rotor @ about_axis(own.azimuth, own.height)
+    surface = apply_calibration(transferred.scan, replace(own, shaft_from_rotor=pose))
+    return replace(surface, calibration=own)

@@ -1,0 +1,91 @@
+"""Scans of one part by two sensors in one cloud."""
+
+from dataclasses import replace
+from functools import cache
+from math import pi
+
+import numpy as np
+import pytest
+
+from gears import SPUR, STEEP, WORN, simulation
+from truestand.apply.datum import datum_of
+from truestand.apply.views import roll_views
+from truestand.calibration.views import calibrate_views
+from truestand.core.errors import BadRecipe
+from truestand.core.message import UNTIED, Message
+from truestand.core.scan import interpret
+from truestand.files.shapes.clouds import Cloud, open_cloud, write_clouds
+from truestand.gear.flanks import find_toothing
+from truestand.gear.geometry import involute
+from truestand.sim import VirtualGear, paper_shaft, simulate
+from views import AZIMUTH, two_sensors
+
+UM = 1e-3
+MOUNTING = replace(simulation().mounting, **STEEP)
+REAR = replace(MOUNTING, plane_offset=-0.2, azimuth=AZIMUTH)
+STAND = two_sensors()
+GEAR = VirtualGear(SPUR, WORN)
+
+
+@cache
+def scans(part=None, columns=("angle",), start_angle=0.0, profiles=1100):
+    """Both views of the shaft, or of a gear on it; 1.1 turns at 1,000 profiles each."""
+    base = simulation(profiles)
+    acquisition = replace(base.acquisition, columns=columns, start_angle=start_angle)
+    both = replace(base, acquisition=acquisition, views=(("front", MOUNTING), ("rear", REAR)))
+    return tuple(
+        interpret(simulate(STAND.of_view(v), both.seen_from(v), paper_shaft(), 2, None, part).recording, STAND, view=v)
+        for v in ("front", "rear")
+    )
+
+
+@cache
+def calibrated():
+    return calibrate_views(scans(), paper_shaft())
+
+
+def first_teeth(surfaces):
+    """Where each view has the first tooth: mm along the measuring circle, and its flanks' offsets (2 teeth,) mm."""
+    nominal = involute(SPUR)
+    found = [find_toothing(s, nominal, datum_of(calibrated(), SPUR.datum, SPUR.bore_clearance)) for s in surfaces]
+    return [t.first_tooth * nominal.measuring_radius for t in found], [t.offsets for t in found]
+
+
+def test_both_views_have_the_flanks_at_the_same_places():
+    surfaces = roll_views(scans(GEAR), calibrated())
+    places, offsets = first_teeth(surfaces)
+    U = calibrated().of_view("rear").uncertainty["azimuth_deg"].U * pi / 180 * involute(SPUR).measuring_radius
+    assert abs(places[0] - places[1]) < U < 0.05
+    both = np.isfinite(offsets[0]) & np.isfinite(offsets[1])
+    assert both.sum() > 40 and np.std((offsets[0] - offsets[1])[both]) < 5 * UM
+
+
+def test_each_surface_knows_its_view_and_why_nothing_may_be_decided():
+    surfaces = roll_views(scans(GEAR), calibrated())
+    assert [s.calibration.name for s in surfaces] == ["front", "rear"]
+    assert all(s.calibration.status == "valid" for s in surfaces)
+    why = Message("azimuth_unknown", "nobody knows")
+    doubted = roll_views(scans(GEAR), replace(calibrated(), reasons=(UNTIED, why)))
+    assert all(s.calibration.reasons == (why,) for s in doubted)  # each scan has an angle that its own view ties
+
+
+def test_the_same_view_twice_is_refused():
+    front, _ = scans(GEAR)
+    with pytest.raises(BadRecipe, match="found scans of the views front, front"):
+        roll_views((front, front), calibrated())
+
+
+def test_the_cloud_tells_the_view_of_each_point(tmp_path):
+    surfaces = roll_views(scans(GEAR), calibrated())
+    clouds = [Cloud(s.x, s.y, s.z, view=s.calibration.name) for s in surfaces]
+    count = write_clouds(tmp_path / "both.ply", clouds)
+    points = open_cloud(tmp_path / "both.ply")
+    seen = [int(np.count_nonzero(c.seen)) for c in clouds]
+    assert points.size == count == sum(seen) and points.dtype["view"] == np.uint8
+    assert np.bincount(points["view"]).tolist() == seen
+    assert b"comment view 1 rear" in (tmp_path / "both.ply").read_bytes()[:400]
+    write_clouds(tmp_path / "both.npz", clouds)
+    with np.load(tmp_path / "both.npz") as data:
+        assert np.bincount(data["view"]).tolist() == seen
+    write_clouds(tmp_path / "one.ply", clouds[:1])
+    assert "view" not in open_cloud(tmp_path / "one.ply").dtype.names
