@@ -26,8 +26,9 @@ from gears import (
 from truestand.apply.transfer import roll, transfer
 from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.surface import Surface, apply_calibration
+from truestand.gear.drawing import Modification
 from truestand.gear.inspect import inspect_gear
-from truestand.sim import GearErrors
+from truestand.sim import FlankErrors, GearErrors
 from variants import tried
 
 UM = 1e-3
@@ -212,3 +213,14 @@ def test_the_deviations_of_all_readings_come_along():
     assert 0.05 < seen.mean() < 0.5
     # Noise of 5 um along the ray is 5 um sin(phi) sin(alpha) at most along the flank's normal, quantisation aside.
     assert np.median(np.abs(found.deviation[seen])) < 2 * UM
+
+
+def test_an_intended_helix_slope_has_the_sign_of_the_deviation():
+    """Rising with the height on both flanks: a gear made so to its drawing had f_Hbeta +20 for 0."""
+    made = replace(PERFECT, left=FlankErrors(0.0, 0.01), right=FlankErrors(0.0, 0.01))
+    surface = apply_calibration(scan_of(SPUR, made), replace(true_calibration(), reasons=()))
+    drawn = replace(SPUR, modification=Modification(helix_slope=0.01))
+    for gear, slope in ((SPUR, 10.0), (drawn, 0.0)):
+        found = inspect_gear(surface, gear)
+        for flank in ("left", "right"):
+            assert abs(1000 * value(found, "f_Hbeta", flank) - slope) < 1.0

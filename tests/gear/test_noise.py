@@ -20,7 +20,7 @@ def grid(noise=0.0, of_row=0.0, of_column=0.0, correlation=WHITE, damage=0.0, se
     edges, rolls = height_edges(nominal, 0.25), centres_of(nominal.control_roll, nominal.tip_roll, 40)
     shape = (2, 24, rolls.size, edges.size - 1)
     heights = (edges[:-1] + edges[1:]) / 2
-    drawn = CellNoise(np.full(shape, noise**2 / 4), np.zeros(shape), correlation, of_row, of_column)
+    drawn = CellNoise(np.full(shape, noise**2 / 4), np.zeros(shape), correlation, of_row, of_column, np.zeros(shape))
     delta = 0.004 * np.sin(rolls / 3.0)[:, None] - 0.01 * ((heights - 15.0) / 10.0) ** 2
     delta = delta + drawn.draw(np.random.default_rng(seed))
     delta[:, ::4, 10:16, 10:20] -= damage
@@ -114,3 +114,20 @@ def test_nothing_seen_has_no_noise():
     empty = replace(empty, delta=np.full(empty.delta.shape, np.nan), count=np.zeros(empty.delta.shape))
     found = noise_of_cells(empty)
     assert not found.variance.any() and found.of_row == found.of_column == 0.0 and found.correlation == WHITE
+
+
+def test_waves_over_whole_flanks_are_no_noise():
+    """Feed marks that shift along the profile: they were taken for noise, and freed from it f_fbeta read 0 for 15."""
+    base = grid(noise=2 * UM)
+    wave = 7.5 * UM * np.cos(2 * np.pi * (base.height + 1.2 * base.roll) / 1.8)
+    found, clean = noise_of_cells(replace(base, delta=base.delta + wave)), noise_of_cells(base)
+    assert np.sqrt(np.median(found.variance)) == pytest.approx(np.sqrt(np.median(clean.variance)), rel=0.1)
+    inside = base.in_ranges
+    assert np.std((found.waves - wave)[inside]) < 0.1 * np.std(wave[inside])
+
+
+@pytest.mark.parametrize("correlation", [WHITE, Correlation(0.8, 0.8, 0.8)])
+@pytest.mark.parametrize("damage", [0.0, 0.1])
+def test_noise_and_damage_are_no_waves(correlation, damage):
+    found = noise_of_cells(grid(noise=4 * UM, correlation=correlation, damage=damage))
+    assert not found.waves.any()

@@ -326,6 +326,38 @@ def _nearly_along(kind, tooth, rng):
     return Scratch(tooth, "left", *ends, width, depth)
 
 
+def test_feed_marks_are_form_and_no_noise():
+    """Alike on all flanks, falling along the profile: f_fbeta read 0.0 +- 3.2 where 14.7 is true, and conformed."""
+    marks = replace(SOUND, feed_marks=0.0075, feed_mark_spacing=1.8, feed_mark_slant=1.2)
+    gear = replace(GEAR, accuracy_class=None, limits={"f_fbeta": (None, 0.013), "F_beta": (None, 0.018)})
+    found, true = inspected(marks, gear, simulation(4400), 320), truth(marks, gear)
+    lines = [c for c in found.characteristics if c.tooth and c.name in (*FORM_LINES, "f_Hbeta")]
+    off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in lines])
+    assert off.max() < 1.5 and (off < 1.0).mean() > 0.93
+    assert "conforms" not in {c.verdict for c in lines if c.name == "f_fbeta"}
+
+
+def test_what_no_ray_shows_on_any_tooth_is_not_seen():
+    """Relieved near the root on all teeth alike, the flanks there stand out of view: 50 um of form read 0.5 +- 1.1."""
+    relieved = tuple(Worn(t, flank, (0.0, 5.0), FACE, 0.15, 2.5) for t in range(1, 25) for flank in ("left", "right"))
+    errors = replace(SOUND, worn=relieved)
+    found, true = inspected(errors, GEAR, simulation(4400), 320), truth(errors)
+    for c in (c for c in found.characteristics if c.tooth and c.name in PROFILE):
+        assert c.verdict != "conforms" and abs(c.value - true[c.name, c.flank, c.tooth]) < 1.5 * c.U, (c.name, c.tooth)
+
+
+def test_a_chamfer_beside_the_profile_stands_in_u():
+    """0.2 mm beyond the end of its evaluation range: f_falpha read 5.7 +- 1.05 for 0."""
+    begins = involute(GEAR).profile_range[1] + 0.2
+    chamfers = tuple(
+        Worn(t, flank, (begins, 16.0), (3.0, 27.0), 0.2, 0.28) for t in range(1, 25) for flank in ("left", "right")
+    )
+    errors = replace(SOUND, worn=chamfers)
+    found, true = inspected(errors, GEAR, simulation(4400), 320), truth(errors)
+    for c in (c for c in found.characteristics if c.tooth and c.name in PROFILE):
+        assert abs(c.value - true[c.name, c.flank, c.tooth]) < 1.5 * c.U, (c.name, c.tooth)
+
+
 def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
     """From a cell outside to a cell within, at either end: f_fbeta 40.6 +- 1.0 was read for 79."""
     grooves = []

@@ -37,7 +37,9 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True)
 class Modification:
-    """Intended departures from the involute helicoid, mm of material left away; they are no deviations."""
+    """Intended departures from the involute helicoid, mm; they are no deviations. Reliefs and crownings: material left
+    away.
+    """
 
     tip_relief: float = 0.0
     tip_relief_from: float | None = None
@@ -47,7 +49,9 @@ class Modification:
     helix_crowning: float = 0.0
     """At both ends of the face."""
     helix_slope: float = 0.0
-    """By which the upper end of the face stands back against the lower one, on both flanks, about the middle."""
+    """By which the upper end of the face stands out against the lower one, on both flanks, about the middle: with the
+    sign of f_Hbeta.
+    """
 
     def __post_init__(self) -> None:
         if self.tip_relief and self.tip_relief_from is None:

@@ -3,7 +3,7 @@
 All of it is linear in the cells once it stands how the flanks are read, extremes aside.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -124,14 +124,14 @@ def figures_of_lines(alpha: Line, beta: Line, by_flank: tuple[int, ...]) -> Figu
     return {name: value.reshape(by_flank) for name, value in zip(MEANS, values, strict=True)}
 
 
-def profile_line(trace: Array, evaluator: Evaluator) -> Line:
-    """The figures of profile traces (flanks, points)."""
+def profile_line(trace: Array, evaluator: Evaluator, shorter: float = 0.0) -> Line:
+    """The figures of profile traces (flanks, points), over a range that is so many mm ``shorter`` at either end."""
     nominal, traces = evaluator.grid.nominal, evaluator.traces
     low, high = nominal.profile_range
     cells = np.isfinite(traces.rolls[:, traces.band]).any(axis=1).sum(axis=1)
     return line_of(
-        trace, profile_points(nominal), cells, slope_length(nominal, along_profile=True), nominal.control_length,
-        high - low,
+        trace, profile_points(nominal, shorter), cells, slope_length(nominal, along_profile=True),
+        nominal.control_length, high - low,
     )  # fmt: skip
 
 
@@ -218,31 +218,48 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     shared = shared_shape(delta, evaluator.smooth)
     profile_between = profile_bend(delta, traces) + profile_unsampled(shared, evaluator.grid, traces)
     apart, helix_between = _between_profiles(evaluator), helix_bend(delta, traces)
-    ends = _range_ends(evaluator)
+    tips, ends = _profile_ends(evaluator), _helix_ends(evaluator)
     widths: Figures = {
-        "f_Halpha": profile.slope, "f_falpha": profile.form + profile_between,
-        "F_alpha": profile.total + profile_between,
+        "f_Halpha": np.hypot(profile.slope, tips["slope"]),
+        "f_falpha": np.hypot(profile.form + profile_between, tips["form"]),
+        "F_alpha": np.hypot(profile.total + profile_between, tips["total"]),
         "f_Hbeta": np.hypot(helix.slope + apart["slope"], ends["slope"]),
         "f_fbeta": np.hypot(helix.form + np.fmax(helix_between, apart["form"]), ends["form"]),
         "F_beta": np.hypot(helix.total + np.fmax(helix_between, apart["total"]), ends["total"]),
-        "C_alpha": profile.crowning, "C_beta": np.hypot(helix.crowning + apart["crowning"], ends["crowning"]),
-    }  # fmt: skip
+        "C_alpha": np.hypot(profile.crowning, tips["crowning"]),
+        "C_beta": np.hypot(helix.crowning + apart["crowning"], ends["crowning"]),
+    }
     return {name: width.reshape(delta.shape[:2]) for name, width in widths.items()}
 
 
-def _range_ends(evaluator: Evaluator) -> Figures:
-    """By how much (flanks,), mm, the figures of helices change where their range ends a cell farther out or in:
-    the cells there don't say on which side of the end a step of the flank lies.
+def _profile_ends(evaluator: Evaluator) -> Figures:
+    """By how much (flanks,), mm, the figures of profiles change where their range ends a cell farther in: between the
+    last cell on the flank and the first one on a chamfer nothing says where it begins.
+    """
+    traces, delta = evaluator.traces, evaluator.grid.delta
+    shorter, read = traces.shorter_profile
+    full = profile_line(profile_of(delta, traces), evaluator)
+    return _apart(full, [profile_line(profile_of(delta, traces, read), evaluator, shorter)])
+
+
+def _helix_ends(evaluator: Evaluator) -> Figures:
+    """By how much (flanks,), mm, the figures of helices change where their range ends a cell farther out or in: the
+    cells there don't say on which side of the end a step of the flank lies.
     """
     traces = evaluator.traces
     points = traces.circle(evaluator.grid.delta)
     read = helix_line(traces.helix(points), evaluator)
-    others = [helix_line(helix(points), evaluator, longer) for longer, helix in traces.other_ends]
+    return _apart(read, [helix_line(helix(points), evaluator, longer) for longer, helix in traces.other_ends])
 
-    def apart(name: str) -> Array:
-        return np.asarray(np.fmax(*(np.abs(getattr(other, name) - getattr(read, name)) for other in others)))
 
-    return {name: np.nan_to_num(apart(name)) for name in FIGURES_OF_LINE}
+def _apart(read: Line, others: Sequence[Line]) -> Figures:
+    """By how much the figures of lines differ from those ``read`` at most; 0 where they are not known."""
+    return {
+        name: np.nan_to_num(
+            np.fmax.reduce([np.abs(getattr(other, name) - getattr(read, name)) for other in others], axis=0)
+        )
+        for name in FIGURES_OF_LINE
+    }
 
 
 def _between_profiles(evaluator: Evaluator) -> Figures:

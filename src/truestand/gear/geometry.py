@@ -191,7 +191,9 @@ class Involute:
         return np.asarray(centre + side * self.half_angle(self.radius(roll)))
 
     def modification(self, roll: Array, height: Array) -> Array:
-        """delta (mm) of the design flank against the involute helicoid: modifications take material away."""
+        """delta (mm) of the design flank against the involute helicoid: reliefs and crownings take material away, a
+        helix slope rises with the height, as f_Hbeta does.
+        """
         m, g = self.gear.modification, self.gear
         design = np.zeros(np.broadcast(roll, height).shape)
         if m.tip_relief:
@@ -201,7 +203,7 @@ class Involute:
             middle = (self.control_roll + self.tip_roll) / 2
             design = design - m.profile_crowning * ((roll - middle) / (self.control_length / 2)) ** 2
         along = (height - self.middle) / (g.face_width / 2)
-        return np.asarray(design - m.helix_crowning * along**2 - m.helix_slope * along / 2)
+        return np.asarray(design - m.helix_crowning * along**2 + m.helix_slope * along / 2)
 
     def roll_at(self, diameter: float) -> float:
         """Roll length at a diameter; 0 inside the base circle."""

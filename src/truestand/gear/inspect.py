@@ -18,7 +18,15 @@ from truestand.gear.angle import AngleCorrection, correct_angle
 from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
-from truestand.gear.damage import Damage, damage_of, unseen_in_traces, with_deep_damage, without_damage, zones_of
+from truestand.gear.damage import (
+    Damage,
+    damage_of,
+    unseen_in_traces,
+    unseen_on_all,
+    with_deep_damage,
+    without_damage,
+    zones_of,
+)
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
 from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
@@ -91,7 +99,9 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
     damage = damage_of(complete, evaluator, rays, scan.step, _radial_share(correction.calibration), there)
-    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, scan.step)
+    unseen = (
+        *unseen_in_traces(evaluator.grid, evaluator.traces, scan.step), *unseen_on_all(evaluator.grid, rays[0], there),
+    )  # fmt: skip
     assessment = _assess(correction, evaluator, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
     defects = (*defects, *chipped_flanks(damage, defects))

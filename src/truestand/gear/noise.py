@@ -4,6 +4,8 @@ Differences along the height show what neighbouring cells don't share: noise of 
 with the distance, up to three millimetres, says how far speckle goes on along the height, and whether they are alike
 from one roll length to the next how far it goes on there (on a surface seen at a grazing angle it is long); the rest is
 noise of single readings. Speckle can't be told from the roughness of a flank, so that counts as noise, too.
+Waves that run over whole flanks (feed marks, ghost orders) look like noise from cell to cell; they are form, and taken
+out first.
 Differences of whole rows along the roll length show what a profile shares (jitter of the angle), those of columns along
 the height what a point of the sensor's line shares. The flank's own shape is smooth at that distance; damage is left
 out by medians.
@@ -34,6 +36,10 @@ TRIALS = 8
 """Of noise drawn on cells, to compare what it does with what is seen."""
 MOST_MORE = 2.0
 """Factor by which noise may be more, or less, than its own cells tell."""
+LEAST_WAVE_CELLS, MOST_WAVES, FINER = 200, 8, 2
+"""Cells of a flank that show a wave; waves that are looked for; and how much finer than by whole waves."""
+MOST_LEFT = 0.85
+"""Share of the scatter that the cells may still have without a wave: of noise that goes on, one takes less."""
 MOST_SD = 3.0
 """Standard deviations to which noise is cut where its correlation or its mean square is looked at: damage is more."""
 
@@ -85,6 +91,8 @@ class CellNoise:
     """Shared by the cells of one flank and roll length."""
     of_column: float
     """Shared by the cells of one flank and height."""
+    waves: Array
+    """(2, teeth, roll lengths, heights) mm of the flanks' waves, which are no noise; 0 where there are none."""
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Noise (2, teeth, roll lengths, heights) mm as the cells may have it once more."""
@@ -117,6 +125,8 @@ def _factor(number: int, coefficient: float) -> Array:
 def noise_of_cells(grid: Grid) -> CellNoise:
     """The noise of a grid's cells."""
     inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
+    waves = waves_of(inside)
+    inside = inside - waves
     count = np.maximum(grid.count, 1.0)
     farthest = _farthest(grid)
     lags = sorted({max(1, farthest // n) for n in (16, 8, 4, 2, 1)})
@@ -125,13 +135,80 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     spread = spread * _by_flank(single[-1] / spread)
     correlation = _correlation([np.clip(s / spread, -MOST_SD, MOST_SD) for s in single], lags)
     variance = spread**2 / _seen_of_variance(correlation, farthest) / count
+    of_row, of_column = (
+        _shared(inside, variance * more, at, along)
+        for more, at, along in zip(correlation.of_means[::-1], (grid.roll, grid.height), (2, 3), strict=True)
+    )
     return CellNoise(
         np.where(grid.count > 0, variance, 0.0),
-        np.where(grid.count > 0, _unevenness(inside) / count, 0.0),
+        np.where(grid.count > 0, _unevenness(inside + waves) / count, 0.0),
         correlation,
-        *(_shared(inside, variance * more, at, along)
-          for more, at, along in zip(correlation.of_means[::-1], (grid.roll, grid.height), (2, 3), strict=True)),
-    )  # fmt: skip
+        of_row,
+        of_column,
+        waves,
+    )
+
+
+def waves_of(cells: Array) -> Array:
+    """Waves that run over whole flanks, in any direction, as cells (2, teeth, roll lengths, heights) mm; NaN: not seen.
+
+    Of each flank the strongest one, and again, as long as what is left scatters plainly less.
+    """
+    sides, teeth = cells.shape[:2]
+    return np.stack([[_waves_of_flank(cells[side, tooth]) for tooth in range(teeth)] for side in range(sides)])
+
+
+def _waves_of_flank(cells: Array) -> Array:
+    """The waves of one flank (roll lengths, heights) mm."""
+    seen, waves = np.isfinite(cells), np.zeros(cells.shape)
+    if np.count_nonzero(seen) < LEAST_WAVE_CELLS:
+        return waves
+    roll, height = (np.linspace(-1.0, 1.0, n)[at] for n, at in zip(cells.shape, np.nonzero(seen), strict=True))
+    smooth = np.stack([np.ones_like(roll), roll, height, roll**2, roll * height, height**2], axis=1)
+    rest = _without(smooth, cells[seen] - np.median(cells[seen]))
+    for _ in range(MOST_WAVES):
+        wave = _fitted(_strongest_wave(_clipped(rest), seen, roll, height), rest)
+        without = _without(smooth, rest - wave)
+        if robust_sd(without) > MOST_LEFT * robust_sd(rest):
+            break
+        waves[seen] += wave
+        rest = without
+    return waves
+
+
+def _without(basis: Array, values: Array) -> Array:
+    """What a basis (n, k) leaves of values (n,)."""
+    return values - _fitted(basis, values)
+
+
+def _fitted(basis: Array, values: Array) -> Array:
+    """What a basis (n, k) makes of values (n,), damage held back."""
+    return np.asarray(basis @ np.linalg.lstsq(basis, _clipped(values), rcond=None)[0])
+
+
+def _clipped(rest: Array) -> Array:
+    """Values (n,) held within what noise and waves do: damage is no wave."""
+    reach = MOST_SD * robust_sd(rest)
+    return np.clip(rest, -reach, reach)
+
+
+def _strongest_wave(rest: Array, seen: Mask, roll: Array, height: Array) -> Array:
+    """The strongest wave of a flank (n, 6): cosine and sine, and both growing along the roll length and the height,
+    which lets its length be another than those that are tried.
+
+    ``rest`` (n,) mm of the cells ``seen`` (roll lengths, heights); ``roll``, ``height`` (n,): -1..1 over the flank.
+    """
+    image = np.zeros(seen.shape)
+    image[seen] = rest
+    size = tuple(FINER * n for n in seen.shape)
+    power = np.abs(np.fft.rfft2(image, size))
+    along_roll, along_height = np.fft.fftfreq(size[0]), np.fft.rfftfreq(size[1])
+    i, j = np.unravel_index(int(power.argmax()), power.shape)
+    steps = (n - 1 for n in seen.shape)
+    turns = [f * step / 2 for f, step in zip((along_roll[i], along_height[j]), steps, strict=True)]
+    phase = 2 * np.pi * (turns[0] * roll + turns[1] * height)
+    wave = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    return np.concatenate([wave, wave * roll[:, None], wave * height[:, None]], axis=1)
 
 
 def _farthest(grid: Grid) -> int:
@@ -156,7 +233,8 @@ def borne_out(noise: CellNoise, grid: Grid, near: Mask, read: Callable[[Array], 
 
     drawn = np.sqrt(np.mean([np.square(scatter(noise.draw(rng))) for _ in range(TRIALS)], axis=0))
     with np.errstate(invalid="ignore", divide="ignore"):
-        more = np.nan_to_num(scatter(np.nan_to_num(grid.delta)) / drawn, nan=1.0, posinf=1.0)
+        told = scatter(np.nan_to_num(grid.delta - noise.waves))
+        more = np.nan_to_num(told / drawn, nan=1.0, posinf=1.0)
     factor = np.where(near, np.clip(more, 1 / MOST_MORE, MOST_MORE)[:, None], 1.0)
     return replace(noise, variance=noise.variance * np.square(factor)[:, None, :, None])
 

@@ -35,6 +35,8 @@ LEAST_WIDE = 5
 """Cells that it needs."""
 SAME = 3.5
 """Standard deviations within which the parabola and the nearest cells say the same."""
+MOST_LEVELLED = 0.0005
+"""mm by which a parabola may level the waves of a flank."""
 MOST_STEPS, MOST_CELLS = 4.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
@@ -108,6 +110,8 @@ class Traces:
     """Where the ball touches."""
     profile: tuple[Interpolation, ...]
     """Of each column of the band: the trace from its cells."""
+    shorter_profile: tuple[float, tuple[Interpolation, ...]]
+    """The same where the range is some mm shorter at either end: a cell."""
     between: Mask
     """(flanks, POINTS): places of a profile between readings that lie too far apart."""
     helix: Interpolation
@@ -132,7 +136,7 @@ def traces_of(
 
     def reading(place: float) -> Reading:
         wide = [max(steps * float(step_on_flank(nominal, place, step)), 1.5 * grid.size[0]) for steps in WIDE_STEPS]
-        return _reading(delta, rolls - place, variance, wide, grid.size[0] / 2)
+        return _reading(delta, rolls - place, variance, _columns(noise.waves), wide, grid.size[0] / 2)
 
     on_circle = reading(place)
     share = np.abs(on_circle.weights)
@@ -142,7 +146,11 @@ def traces_of(
     at = np.where(near, heights, np.nan)
     band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
-    profile = tuple(_interpolation(rolls[:, j], profile_points(nominal), half_step[:, j]) for j in np.flatnonzero(band))
+
+    def profile(shorter: float) -> tuple[Interpolation, ...]:
+        places = profile_points(nominal, shorter)
+        return tuple(_interpolation(rolls[:, j], places, half_step[:, j]) for j in np.flatnonzero(band))
+
     cell = grid.size[1]
 
     def helix(longer: float) -> Interpolation:
@@ -151,7 +159,8 @@ def traces_of(
     other_ends = tuple((longer, helix(longer)) for longer in (cell, -cell))
     between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
     ball = reading(nominal.ball_roll) if circle is None else on_circle
-    return Traces(nominal, band, rolls, at, on_circle, ball, profile, between, helix(0.0), other_ends)
+    shorter = grid.size[0], profile(grid.size[0])
+    return Traces(nominal, band, rolls, at, on_circle, ball, profile(0.0), shorter, between, helix(0.0), other_ends)
 
 
 def _too_far_apart(rolls: Array, nominal: Involute, step: float, cell: float) -> Mask:
@@ -179,9 +188,10 @@ def stretches_inside(seen: Mask) -> list[tuple[int, int, int]]:
     return found
 
 
-def profile_points(nominal: Involute) -> Array:
-    """Roll lengths (POINTS,) mm of a profile's trace."""
-    return np.linspace(*nominal.profile_range, POINTS)
+def profile_points(nominal: Involute, shorter: float = 0.0) -> Array:
+    """Roll lengths (POINTS,) mm of a profile's trace, over a range that is so many mm ``shorter`` at either end."""
+    low, high = nominal.profile_range
+    return np.linspace(low + shorter, high - shorter, POINTS)
 
 
 def helix_points(nominal: Involute, longer: float = 0.0) -> Array:
@@ -190,11 +200,14 @@ def helix_points(nominal: Involute, longer: float = 0.0) -> Array:
     return np.linspace(low - longer, high + longer, POINTS)
 
 
-def profile_of(delta: Array, traces: Traces) -> Array:
-    """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen."""
-    band = _columns(np.nan_to_num(delta))[:, traces.band]
-    columns = np.stack([column(band[:, j]) for j, column in enumerate(traces.profile)], axis=2)
-    return _joined(columns, np.stack([column.inside for column in traces.profile], axis=2))
+def profile_of(delta: Array, traces: Traces, read: tuple[Interpolation, ...] | None = None) -> Array:
+    """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen.
+
+    ``read``: how each column of the band is; None: over the evaluation range.
+    """
+    band, read = _columns(np.nan_to_num(delta))[:, traces.band], read or traces.profile
+    columns = np.stack([column(band[:, j]) for j, column in enumerate(read)], axis=2)
+    return _joined(columns, np.stack([column.inside for column in read], axis=2))
 
 
 def helix_of(delta: Array, traces: Traces) -> Array:
@@ -381,8 +394,12 @@ def _columns(cells: Array) -> Array:
     return np.asarray(cells.reshape(-1, *cells.shape[2:]).swapaxes(1, 2))
 
 
-def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float], half_cell: float) -> Reading:
+def _reading(
+    values: Array, x: Array, variance: Array, waves: Array, reaches: Sequence[float], half_cell: float
+) -> Reading:
     """How columns of cells (flanks, heights, roll lengths) are read at 0, at ``x`` from it (NaN: not seen).
+
+    On flanks whose ``waves`` a parabola would level, the nearest cells stand.
 
     ``reaches``: mm to either side of which a parabola may take cells, the widest first. Where cells depart from it, or
     it from the nearest cells, by more than noise does, the flank bends there: those stand, and it may be anywhere
@@ -397,6 +414,8 @@ def _reading(values: Array, x: Array, variance: Array, reaches: Sequence[float],
         noise = np.sqrt((np.nan_to_num(apart) ** 2 * variance).sum(axis=2))
         with np.errstate(invalid="ignore"):
             same = bends & (np.abs((apart * values).sum(axis=2)) <= SAME * noise) & (off <= SAME)
+            levelled = np.abs((np.nan_to_num(apart) * waves).sum(axis=2)).max(axis=1) > MOST_LEVELLED
+            same &= ~levelled[:, None]
         weights, bends = np.where(same[..., None], parabola, weights), bends & ~same
     return Reading(np.nan_to_num(weights), seen, np.where(bends, below, 0.0), np.where(bends, above, 0.0))
 

@@ -105,6 +105,12 @@ class GearErrors:
     """Material missing at root form point and tip, growing with the square from the middle."""
     helix_crowning: float = 0.0
     """Material missing at both ends of the face."""
+    feed_marks: float = 0.0
+    """Amplitude of a wave over all flanks alike,"""
+    feed_mark_spacing: float = 2.0
+    """mm of height from crest to crest,"""
+    feed_mark_slant: float = 0.0
+    """and mm of height by which its crests fall over a mm of roll length."""
     dents: tuple[Dent, ...] = ()
     worn: tuple[Worn, ...] = ()
     scratches: tuple[Scratch, ...] = ()

@@ -154,6 +154,8 @@ class GearSurface:
         """Excess material over the unmodified involute helicoid, along the base tangent, mm."""
         roll = np.sqrt(np.maximum(radius**2 - self.circles.base**2, 0.0))
         excess = self.offsets[side][tooth] + self._profile(side, roll) + self._helix(side, height)
+        if self.errors.feed_marks:
+            excess = excess + self._feed_marks(roll, height)
         for dent in self.dents:
             if (dent.flank == "left") == (side == LEFT):
                 excess = excess - _dent_depth(dent, tooth, roll, height)
@@ -181,8 +183,12 @@ class GearSurface:
     def _helix(self, side: int, height: Array) -> Array:
         e, m = self.errors, self.gear.modification
         along = (height - self.middle) / self.gear.face_width
-        rise = (e.left if side == LEFT else e.right).helix_slope - m.helix_slope
+        rise = (e.left if side == LEFT else e.right).helix_slope + m.helix_slope
         return np.asarray(rise * along - (e.helix_crowning + m.helix_crowning) * (2 * along) ** 2)
+
+    def _feed_marks(self, roll: Array, height: Array) -> Array:
+        e = self.errors
+        return np.asarray(e.feed_marks * np.cos(2 * np.pi * (height + e.feed_mark_slant * roll) / e.feed_mark_spacing))
 
     def flank_angle(self, tooth: Ints, side: int, radius: Array, height: Array) -> Array:
         """Polar angle (not wrapped) of a flank at radius and height."""

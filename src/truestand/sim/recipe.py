@@ -226,6 +226,9 @@ class GearErrorsRecipe(Recipe):
     helix_slope_left_um: float | None = None
     helix_slope_right_um: float | None = None
     helix_crowning_um: float = 0.0
+    feed_marks_um: float = 0.0
+    feed_mark_spacing_mm: PositiveFloat = 2.0
+    feed_mark_slant: float = 0.0
     dent: tuple[DentRecipe, ...] = ()
     worn: tuple[WornRecipe, ...] = ()
     scratch: tuple[ScratchRecipe, ...] = ()
@@ -361,6 +364,9 @@ def _gear_errors(r: GearErrorsRecipe) -> GearErrors:
         profile_waves=r.profile_waves,
         profile_crowning=r.profile_crowning_um / UM,
         helix_crowning=r.helix_crowning_um / UM,
+        feed_marks=r.feed_marks_um / UM,
+        feed_mark_spacing=r.feed_mark_spacing_mm,
+        feed_mark_slant=r.feed_mark_slant,
         dents=tuple(
             Dent(d.tooth, d.flank, d.roll_length_mm, d.height_mm, d.radius_mm, d.depth_um / UM) for d in r.dent
         ),
