@@ -343,6 +343,21 @@ def test_a_ramp_or_step_reads_what_it_rises(length):
         assert abs(c.value - 0.036) < c.U and c.verdict != "does_not_conform", name
 
 
+@pytest.mark.parametrize(("depth", "width"), [(0.03, 0.8), (0.1, 0.4), (0.12, 1.3)])
+def test_a_groove_all_round_is_no_form_of_its_circles(depth, width):
+    """An eccentric shaft brings other readings of a height to either side of its edge: roundness read 118 +- 84."""
+    scan, known = scanned("round")
+    surface = apply_calibration(scan, known)
+    scale = 1 - depth * (np.abs(surface.z + 7.3) < width / 2) / surface.radius
+    part = Turned((replace(BASE, roundness_limit=0.015, runout_limit=0.02),))
+    found = inspect_turned(replace(surface, x=surface.x * scale, y=surface.y * scale), part)
+    for name in ("roundness", "runout"):
+        c = line(found, "base", name)
+        assert c.value < 1.2 * c.U and c.verdict != "does_not_conform", name
+    c = line(found, "base", "cylindricity")
+    assert abs(c.value - depth) < 1.2 * c.U
+
+
 def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
     """Half a millimetre are six profiles: where its edges run between two of them makes 16 um of 181 (2.7 U)."""
     found = inspected("slot", Turned((replace(BASE, roundness_limit=0.19),)))
@@ -355,4 +370,4 @@ def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
         assert abs(c.value - value) < c.U < 0.2 * value
     assert line(found, "base", "roundness").verdict == "undecided"
     for c in inspected("oval").characteristics:
-        assert "edges between profiles" not in budget(c)
+        assert "edges between readings" not in budget(c)

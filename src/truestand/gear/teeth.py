@@ -5,7 +5,7 @@ the pitch and the height. It needs no flank, so it also shows teeth that aren't 
 """
 
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,8 @@ LEAST_TEETH, ROUNDS = 6, 30
 """Teeth that show a wave round the gear, and rounds of least absolute deviations that find it."""
 LEAST_ROWS = 2
 """Rows of the map that must bear a defect out: one alone may be an outlier."""
+NARROW_LAND = "tip land narrower than a cell"
+"""Line of the budget of a tip diameter."""
 SIGNIFICANT = 7.0
 """Score from which a deviation is a defect: robust standard deviations, on flanks (``defects``)."""
 
@@ -153,7 +155,18 @@ def tip_and_root(folded: FoldedMap, nominal: Involute, radial: tuple[Contributio
     """
     tips = np.where(missing_teeth(folded, nominal)[:, None, None], np.nan, folded.tips(nominal))
     roots = folded.radius[:, np.abs(folded.places) >= ROOT_PLACE]
-    return _diameter("d_a", tips, radial), _diameter("d_f", roots, radial)
+    return _diameter("d_a", tips, (*radial, *_narrow_land(nominal))), _diameter("d_f", roots, radial)
+
+
+def _narrow_land(nominal: Involute) -> tuple[Contribution, ...]:
+    """The line (U, k = 2, mm) of a tip diameter whose land is narrower than a cell of the map, which holds some of the
+    flanks then; none of a wide one.
+    """
+    radius = nominal.gear.tip_diameter / 2
+    land = 2 * radius * float(nominal.half_angle(np.asarray(radius)))
+    beside = max(nominal.gear.pitch * radius / PLACES - land, 0.0) / 2
+    low = beside * nominal.base_radius / sqrt(radius**2 - nominal.base_radius**2)
+    return (Contribution(NARROW_LAND, 4 * low / sqrt(3.0), 2 * low / sqrt(3.0), "rectangular"),) if low else ()
 
 
 def _diameter(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Diameter:

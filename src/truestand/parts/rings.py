@@ -4,14 +4,14 @@ Circles and the cylinder are least squares of distances, for any offset from the
 filter along the circumference, the run-out that a section's own offset makes does not.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, tau
 
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import PARTIAL
-from truestand.core.robust import tukey_fit
+from truestand.core.robust import nan_median, tukey_fit
 from truestand.form.upr import UprFilter, filtered_evenly
 
 STATISTICS = ("d", "roundness", "cylindricity", "runout", "total_runout")
@@ -25,6 +25,10 @@ FEW_WAVES = 3
 """Waves around, whose growth along the height is looked at: centre, oval, three lobes."""
 MOST_OFF = 0.25
 """Of what a trend goes along the height: so far heights may lie off it."""
+STEEPER, USUAL = 4.0, 0.25
+"""Times the usual change from one height to the next that makes it a step, and which share of them is no larger than
+usual: of a short section, a groove is at most heights.
+"""
 ROUGH_CELLS = 1e-3
 """mm: means of cells that lie nearer to the trend are never outliers."""
 
@@ -165,6 +169,24 @@ def read_edges(rings: Rings, deviation: Array, share: Array, steep: float) -> Ar
     moved = deviation - down, deviation + up
     apart = read_rings(rings, np.stack(moved)).statistics - read_rings(rings, deviation).statistics
     return np.asarray(np.abs(apart).max(axis=0))
+
+
+def read_steps(rings: Rings, deviation: Array, steep: float) -> Array:
+    """By how much (5,) mm a map (H, A) reads less without the heights at which a step runs all round: a groove, a
+    shoulder. There the readings of one height lie on both sides of it, here more on one, there on the other, and the
+    circle reads a form that it has not. ``steep`` mm: from one height to the next at least.
+
+    What is read over all heights together holds the step itself, which is form.
+    """
+    none = np.zeros(len(STATISTICS))
+    step = np.nan_to_num(nan_median(np.abs(np.diff(deviation, axis=0)), axis=1))
+    at = step > max(steep, STEEPER * float(np.quantile(step, USUAL)) if step.size else 0.0)
+    beside = np.append(at, False) | np.append(False, at)
+    smooth = replace(rings, seen=rings.seen & ~beside[:, None])
+    if not beside.any() or not smooth.used.any():
+        return none
+    less = read_rings(rings, deviation).statistics - read_rings(smooth, deviation).statistics
+    return np.where([name in ("roundness", "runout") for name in STATISTICS], np.maximum(less, 0.0), none)
 
 
 def _widest_gap(seen: Mask) -> float:

@@ -27,7 +27,18 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import TRUSTED, Grid, Patches, Readings, patches_of
-from truestand.parts.rings import LEVEL, STATISTICS, Reading, Rings, Trend, read_edges, read_rings, read_trend, trend_of
+from truestand.parts.rings import (
+    LEVEL,
+    STATISTICS,
+    Reading,
+    Rings,
+    Trend,
+    read_edges,
+    read_rings,
+    read_steps,
+    read_trend,
+    trend_of,
+)
 from truestand.statistics.lone_readings import lone_readings
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
@@ -61,7 +72,7 @@ FORM = (
     ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
     ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
 )
-WITHIN, ENDS, EDGES = "shape within a cell", "ends not seen", "edges between profiles"
+WITHIN, ENDS, EDGES = "shape within a cell", "ends not seen", "edges between readings"
 SIZE = "ISO 14405-1 GG (least squares)"
 
 
@@ -285,12 +296,13 @@ def _read_edges(grid: Grid, readings: Readings, patches: Patches, rings: Rings, 
     """By how much (5,) mm the statistics of the map ``used`` change with where steep edges run.
 
     Nobody knows it between two profiles, ``step`` rad apart, and readings that were not trusted may be what lies beyond
-    an edge.
+    an edge; nor on which side of a step that runs all round the readings of its heights lie.
     """
     total = np.bincount(readings.cell, minlength=patches.count.size).reshape(patches.count.shape)
     untrusted = 1.0 - patches.count / np.maximum(total, 1)
     steep = TRUSTED * sqrt(2.0) * float(np.median(patches.noise[patches.seen]))
-    return read_edges(rings, used, step / 2 * grid.angles / tau + untrusted, steep)
+    across = read_edges(rings, used, step / 2 * grid.angles / tau + untrusted, steep)
+    return np.hypot(across, read_steps(rings, used, steep))
 
 
 def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figures, Array]:
