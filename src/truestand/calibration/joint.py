@@ -14,7 +14,6 @@ The views share the shaft; each has a pose, drift, speed and static profile of i
 their own estimates, are added, so that what they share counts once.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import hypot, pi, sqrt
 
@@ -54,8 +53,16 @@ class Link:
 
     own: Pair
     shared: Pair
-    factor: Callable[[float, float], tuple[complex, complex, complex]]
-    """What it is multiplied with at an azimuth and a height, and the slopes of that over both."""
+    undulations: int = 1
+    lever: float | None = None
+    """mm: an offset that follows from the slope, by the height and so much more; None: it follows from its like."""
+
+    def factor(self, azimuth: float, height: float) -> tuple[complex, complex, complex]:
+        """What it is multiplied with at an azimuth and a height, and the slopes of that over both."""
+        turn = complex(np.exp(-1j * self.undulations * azimuth))
+        if self.lever is None:
+            return turn, -1j * self.undulations * turn, 0.0
+        return turn * (height + self.lever), -1j * turn * (height + self.lever), turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +93,11 @@ class View:
             for at, slope in zip(self.pose or (), slopes, strict=False):
                 jacobian[own, at] += _pair(slope * value)
         return p, jacobian
+
+    @property
+    def likes(self) -> list[Link]:
+        """Those links by which a pair follows from its like."""
+        return [link for link in self.links if link.lever is None]
 
     def place(self, q: Array) -> tuple[float, float]:
         """Its azimuth (rad) and height (mm) in the first view's frame."""
@@ -199,28 +211,12 @@ def _links(fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], middles:
     """
     links = []
     for (name, cylinder, undulations), own in pairs.items():
-        links.append(Link(own, seen[name, cylinder, undulations], _turned(undulations)))
+        links.append(Link(own, seen[name, cylinder, undulations], undulations))
         if name == "offset":
             k = [b.cylinder for b in fit.segments.bands].index(cylinder)
             lever = fit.model.middles[k] - middles[cylinder] if k else 0.0
-            links.append(Link(own, seen["slope", cylinder, 1], _lifted(lever)))
+            links.append(Link(own, seen["slope", cylinder, 1], lever=lever))
     return tuple(links)
-
-
-def _turned(undulations: int) -> Callable[[float, float], tuple[complex, complex, complex]]:
-    def factor(azimuth: float, _: float) -> tuple[complex, complex, complex]:
-        turn = complex(np.exp(-1j * undulations * azimuth))
-        return turn, -1j * undulations * turn, 0.0
-
-    return factor
-
-
-def _lifted(lever: float) -> Callable[[float, float], tuple[complex, complex, complex]]:
-    def factor(azimuth: float, height: float) -> tuple[complex, complex, complex]:
-        turn = complex(np.exp(-1j * azimuth))
-        return turn * (height + lever), -1j * turn * (height + lever), turn
-
-    return factor
 
 
 def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
@@ -230,7 +226,7 @@ def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
     found: dict[tuple[str, tuple[int, ...]], Prior] = {}
     for view in views:
         place = dict(zip(view.private.tolist(), view.places.tolist(), strict=True))
-        for link in reversed(view.links):  # of an offset's two, the offset's own last
+        for link in view.likes:
             place |= dict(zip(link.own, link.shared, strict=True))
         for prior in view.fit.priors:
             index = tuple(place[i] for i in prior.index)
@@ -252,7 +248,7 @@ def _start(views: tuple[View, ...], size: int) -> Array:
         q[view.places] = p[view.private]
         if view.pose is not None:
             azimuth = q[view.pose[0]] = _rough_azimuth(views[0].fit, view.fit)
-        for link in view.links:
+        for link in view.likes:
             own, shared = list(link.own), list(link.shared)
             if not known[shared].any():
                 back, *_ = link.factor(-azimuth, 0.0)
