@@ -338,12 +338,12 @@ def test_feed_marks_are_form_and_no_noise():
 
 
 def test_what_no_ray_shows_on_any_tooth_is_not_seen():
-    """Relieved near the root on all teeth alike, the flanks there stand out of view: 50 um of form read 0.5 +- 1.1."""
+    """Relieved near the root on all teeth alike, the flanks there stand out of view: 50 um of form conformed."""
     relieved = tuple(Worn(t, flank, (0.0, 5.0), FACE, 0.15, 2.5) for t in range(1, 25) for flank in ("left", "right"))
-    errors = replace(SOUND, worn=relieved)
-    found, true = inspected(errors, GEAR, simulation(4400), 320), truth(errors)
-    for c in (c for c in found.characteristics if c.tooth and c.name in PROFILE):
-        assert c.verdict != "conforms" and abs(c.value - true[c.name, c.flank, c.tooth]) < 1.5 * c.U, (c.name, c.tooth)
+    found = inspected(replace(SOUND, worn=relieved), GEAR, simulation(4400), 320)
+    lines = [c for c in found.characteristics if c.tooth and c.name in PROFILE]
+    assert {(c.status, c.verdict) for c in lines} <= {("partial", "undecided"), ("partial", "does_not_conform")}
+    assert all(c.reason for c in lines)
 
 
 def test_a_chamfer_beside_the_profile_stands_in_u():

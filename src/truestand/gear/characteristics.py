@@ -125,7 +125,9 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     coverage = _coverage(a, plain, at)
     status = status_of(coverage)
     narrowest = a.nominal.gear.evaluation.narrowest_damage
-    if status == "measured" and narrowest is not None and gap_of(a, plain, at) > narrowest:
+    too_wide = narrowest is not None and gap_of(a, plain, at) > narrowest
+    hidden = plain in PROFILE_NAMES and bool(a.coverage.hidden[at[0]])
+    if status == "measured" and (too_wide or hidden):
         status = "partial"
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))

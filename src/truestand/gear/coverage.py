@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.gear.evaluate import Evaluator, Measures
 from truestand.gear.grid import bridge_gaps, step_on_flank
 from truestand.gear.traces import Traces, helix_points, profile_points
@@ -33,10 +33,14 @@ class Coverage:
     """mm of roll length: the widest stretch of the profile at mid-face, its ends included, without a reading."""
     helix_gap: Array
     """mm of height: what of the helix was not seen."""
+    hidden: Mask
+    """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
 
 
-def coverage_of(evaluator: Evaluator, measures: Measures, step: float) -> Coverage:
-    """What was seen of each flank; ``step``: table angle from one profile to the next, rad."""
+def coverage_of(evaluator: Evaluator, measures: Measures, step: float, hidden: Mask) -> Coverage:
+    """What was seen of each flank; ``step``: table angle from one profile to the next, rad; ``hidden`` (2,): sides with
+    a part of the profile that no ray shows on any tooth.
+    """
     grid, nominal = evaluator.grid, evaluator.grid.nominal
     seen = bridge_gaps(grid.solid, grid, step)
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
@@ -60,6 +64,7 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float) -> Covera
         helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
         (1.0 - helix_share) * (top - bottom),
+        hidden,
     )
 
 

@@ -55,10 +55,6 @@ LEAST_MISSED, MOST_MISSED = 1.0, 0.1
 """Weight, and share of its cells, of the rays that did not meet a region from which its bottom is hidden."""
 LEAST_STEPS = 1.5
 """Steps of the table that it must be wide for its depth to be known to a half."""
-LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
-"""Rays that should meet a row of cells, over all teeth of a side, and share that does not, from which nothing is seen
-of it.
-"""
 STEPS_BESIDE = 1.0
 """Steps of the table to either side of a circle in which the profiles lie that meet a flank next to it."""
 WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (5, 17), (2, None), (None, 2))
@@ -205,31 +201,6 @@ def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, .
             heights = _extent(grid.heights, grid.size[1], region.any(axis=0))
             side, tooth = divmod(flank, grid.delta.shape[1])
             found.append(_unseen(side, tooth, region, rolls, heights))
-    return tuple(found)
-
-
-def unseen_on_all(grid: Grid, rays: Rays, there: Mask) -> tuple[Damage, ...]:
-    """Stretches along the profile in which rays should meet the flanks of a side and hardly one does, on any tooth:
-    undercut, relieved or worn on all of them, they stand out of view. One a tooth that is ``there`` (teeth,).
-
-    Up to an end of the profile where no ray is expected beyond: rays may meet the flanks below it.
-    """
-    low, high = grid.nominal.profile_range
-    found = []
-    for side in (0, 1):
-        expected, lost = rays.expected[side].sum(axis=(0, 2)), rays.lost[side, 0, :, 0]
-        hidden = (expected >= LEAST_EXPECTED) & (lost > NEARLY_ALL)
-        if not hidden.any():
-            continue
-        first = int(np.flatnonzero(hidden)[0])
-        shown = grid.solid[side].any(axis=(0, 2))
-        if not (expected[:first].any() or shown[:first].any()):
-            hidden[:first] = True
-        rows = hidden & (grid.rolls > low) & (grid.rolls < high)
-        region = np.repeat(rows[:, None], grid.heights.size, axis=1)
-        rolls = _extent(grid.rolls, grid.size[0], rows)
-        heights = _extent(grid.heights, grid.size[1], np.ones(grid.heights.size, dtype=bool))
-        found += [_unseen(side, int(tooth), region, rolls, heights) for tooth in np.flatnonzero(there)]
     return tuple(found)
 
 

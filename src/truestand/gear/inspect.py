@@ -22,7 +22,6 @@ from truestand.gear.damage import (
     Damage,
     damage_of,
     unseen_in_traces,
-    unseen_on_all,
     with_deep_damage,
     without_damage,
     zones_of,
@@ -93,15 +92,13 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
     flanks, scan = _borne_out(correction), correction.scan
     complete = with_deep_damage(flanks)
     evaluator, measures = evaluate_flanks(complete, scan.step)
-    coverage = coverage_of(evaluator, measures, scan.step)
     folded = fold(correction.surface, flanks.toothing)
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
+    coverage = coverage_of(evaluator, measures, scan.step, rays[0].hidden)
     damage = damage_of(complete, evaluator, rays, scan.step, _radial_share(correction.calibration), there)
-    unseen = (
-        *unseen_in_traces(evaluator.grid, evaluator.traces, scan.step), *unseen_on_all(evaluator.grid, rays[0], there),
-    )  # fmt: skip
+    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, scan.step)
     assessment = _assess(correction, evaluator, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
     defects = (*defects, *chipped_flanks(damage, defects))

@@ -26,6 +26,10 @@ BESIDE = 1
 """Cells of roll length beside the one in which a ray should meet the flank where its reading may lie."""
 USUALLY = 0.99
 """Share of the rays whose reading lies no farther away than is usual."""
+LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
+"""Rays that should meet a row of cells, over all teeth of a side, and share of them that don't, from which nothing is
+seen of it.
+"""
 AT_END = 2
 """Cells at the lower end of the evaluation range that are left out: rays may meet the flank below it."""
 
@@ -45,6 +49,14 @@ class Rays:
         """
         expected, missed = (n.sum(axis=(1, 3), keepdims=True) for n in (self.expected, self.missed))
         return np.asarray(missed / np.maximum(expected, 1))
+
+    @property
+    def hidden(self) -> Mask:
+        """(2,): sides on which rays should meet a row of cells, and hardly one does on any tooth: undercut, relieved or
+        worn on all of them, or seen too steeply, the flanks stand out of view there.
+        """
+        expected = self.expected.sum(axis=(1, 3))
+        return np.asarray(((expected >= LEAST_EXPECTED) & (self.lost[:, 0, :, 0] > NEARLY_ALL)).any(axis=1))
 
 
 def rays_on_flanks(
