@@ -346,11 +346,12 @@ def test_what_no_ray_shows_on_any_tooth_is_not_seen():
     assert all(c.reason for c in lines)
 
 
-def test_a_chamfer_beside_the_profile_stands_in_u():
-    """0.2 mm beyond the end of its evaluation range: f_falpha read 5.7 +- 1.05 for 0."""
+@pytest.mark.parametrize(("depth", "width"), tried([(0.3, 0.42)], (0.2, 0.28)))
+def test_a_chamfer_beside_the_profile_stands_in_u(depth, width):
+    """0.2 mm beyond the end of its range: f_falpha read 5.7 +- 1.05 for 0. One of 0.3 mm made it another gear."""
     begins = involute(GEAR).profile_range[1] + 0.2
     chamfers = tuple(
-        Worn(t, flank, (begins, 16.0), (3.0, 27.0), 0.2, 0.28) for t in range(1, 25) for flank in ("left", "right")
+        Worn(t, flank, (begins, 16.0), (3.0, 27.0), depth, width) for t in range(1, 25) for flank in ("left", "right")
     )
     errors = replace(SOUND, worn=chamfers)
     found, true = inspected(errors, GEAR, simulation(4400), 320), truth(errors)

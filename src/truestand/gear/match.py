@@ -133,10 +133,11 @@ def _moved(seen: IdentifiedGear, drawn: Gear) -> str:
 
 
 def _steepest(flanks: Flanks) -> float:
-    """The largest mean slope of a side, over its control length or face, mm."""
+    """The largest mean slope of a side, over its control length or face, mm, without the tips: chamfers are there."""
     nominal, steepest = flanks.toothing.nominal, 0.0
+    evaluated = flanks.roll < nominal.profile_range[1]
     for side in range(2):
-        on = (flanks.flank >= side * nominal.gear.teeth) & (flanks.flank < (side + 1) * nominal.gear.teeth)
+        on = evaluated & (flanks.flank >= side * nominal.gear.teeth) & (flanks.flank < (side + 1) * nominal.gear.teeth)
         if np.count_nonzero(on) < 1000:
             continue
         few = np.flatnonzero(on)[:: max(1, int(on.sum() / 50_000))]
