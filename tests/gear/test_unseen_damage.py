@@ -195,7 +195,7 @@ def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_heli
             assert abs(c.value - true[name, "left", tooth]) < c.U, (name, tooth)
 
 
-@pytest.mark.parametrize("seed", tried([0], 1, 2))
+@pytest.mark.parametrize("seed", tried([0], 1))
 def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     """They are far wider along a trace's box than across themselves, and their walls hide them: 83 um read 23 +- 11."""
     rng = np.random.default_rng(seed)

@@ -343,7 +343,7 @@ def test_a_ramp_or_step_reads_what_it_rises(length):
         assert abs(c.value - 0.036) < c.U and c.verdict != "does_not_conform", name
 
 
-@pytest.mark.parametrize(("depth", "width"), [(0.03, 0.8), (0.1, 0.4), (0.12, 1.3)])
+@pytest.mark.parametrize(("depth", "width"), tried([(0.12, 1.3)], (0.03, 0.8), (0.1, 0.4)))
 def test_a_groove_all_round_is_no_form_of_its_circles(depth, width):
     """An eccentric shaft brings other readings of a height to either side of its edge: roundness read 118 +- 84."""
     scan, known = scanned("round")
