@@ -17,6 +17,7 @@ from truestand.core.scan import interpret
 from truestand.files.shapes.clouds import Cloud, open_cloud, write_clouds
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
+from truestand.parts.inspect import inspect
 from truestand.sim import VirtualGear, paper_shaft, simulate
 from views import AZIMUTH, two_sensors
 
@@ -67,6 +68,14 @@ def test_each_surface_knows_its_view_and_why_nothing_may_be_decided():
     why = Message("azimuth_unknown", "nobody knows")
     doubted = roll_views(scans(GEAR), replace(calibrated(), reasons=(UNTIED, why)))
     assert all(s.calibration.reasons == (why,) for s in doubted)  # each scan has an angle that its own view ties
+
+
+def test_points_in_another_views_frame_are_not_inspected():
+    """Their rays and their U would be those of a sensor that stands elsewhere."""
+    front, rear = roll_views(scans(GEAR), calibrated())
+    assert front.origin[0].view == "front"
+    with pytest.raises(BadRecipe, match="found points of view 'rear' in another view's frame, need them in its own"):
+        inspect(rear, SPUR)
 
 
 def test_the_same_view_twice_is_refused():

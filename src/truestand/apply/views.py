@@ -13,7 +13,8 @@ from truestand.core.surface import Surface, apply_calibration
 
 def roll_views(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False) -> tuple[Surface, ...]:
     """One surface a scan, all in C of the calibration's first view; each with the calibration of its own view, in its
-    own frames, and the reasons why nothing may be decided.
+    own frames, and the reasons why nothing may be decided. They make one cloud; a scan is inspected as ``roll`` brings
+    it into the frames of its own view.
 
     ``start_stated``: the table angle of the scans' first profiles was given (``start_angle`` of ``interpret``).
 
@@ -48,4 +49,4 @@ def placed(transferred: Transfer, calibration: Calibration) -> Surface:
     own = replace(own, reasons=tuple(dict.fromkeys(reasons)))
     pose = calibration.shaft_from_rotor @ about_axis(own.azimuth, own.height)
     surface = apply_calibration(transferred.scan, replace(own, shaft_from_rotor=pose))
-    return replace(surface, calibration=own)
+    return replace(surface, calibration=own, own_frame=own.azimuth == own.height == 0.0)

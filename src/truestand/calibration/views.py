@@ -114,7 +114,7 @@ def _place_uncertainty(zero: AngleZero, view: View, joint: Joint, parts: Parts) 
     """U of a view's azimuth and height."""
     assert view.pose is not None
     azimuth, height = view.pose
-    lines = [Contribution(n, K * sqrt(max(c[azimuth, azimuth], 0.0)), dof=np.inf) for n, c in parts.items()]
+    lines = [Contribution(n, K * sqrt(max(c[azimuth, azimuth], 0.0))) for n, c in parts.items()]
     lines += [Contribution(n, K * sqrt(v)) for n, v in _azimuth_variances(zero, view, joint).items()]
     heights = [Contribution(n, K * sqrt(max(c[height, height], 0.0))) for n, c in parts.items()]
     in_degrees = [replace(line, U=degrees(line.U)) for line in lines]

@@ -119,12 +119,14 @@ def roll(
     transferred = transfer_views(reader.when_asked(*scans)(known.whole_stand), known, reader.start_stated)
     with progress("Rolling up", quiet):
         surfaces = [placed(t, known) for t in transferred]
-        write_clouds(output, [Cloud(s.x, s.y, s.z, view=s.origin[0].view) for s in surfaces])
+        views = [t.scan.view for t in transferred]
+        write_clouds(output, [Cloud(s.x, s.y, s.z, view=view) for s, view in zip(surfaces, views, strict=True)])
     if not quiet:
         typer.echo(output)
     for one in transferred:
         print_witness(one, quiet)
-    end_if_untrusted(tuple(dict.fromkeys(r for s in surfaces for r in s.origin[1].reasons)), quiet)
+    reasons = dict.fromkeys(r for s in surfaces if s.calibration is not None for r in s.calibration.reasons)
+    end_if_untrusted(tuple(reasons), quiet)
 
 
 def identify(

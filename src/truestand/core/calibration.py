@@ -245,7 +245,7 @@ class Calibration:
     """rad: where this view's T stands about the axis in the T of the first view,"""
     height: float = 0.0
     """and how high, mm."""
-    joint: "JointCovariance | None" = None
+    joint: JointCovariance | None = None
     """Of all views' unknowns together."""
     software: str = ""
     created: str | None = None

@@ -86,7 +86,10 @@ class Stand:
         """The sensor of a stand that has just one."""
         if len(self.sensors) != 1:
             names = ", ".join(s.name for s in self.sensors)
-            raise BadRecipe(f"found {len(self.sensors)} sensors ({names}), need one; say which by --view")
+            raise BadRecipe(
+                f"found {len(self.sensors)} sensors ({names}), need one; name the scan's view, or describe "
+                "one sensor in stand.toml"
+            )
         return self.sensors[0]
 
     def of_view(self, name: str) -> "Stand":

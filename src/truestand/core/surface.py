@@ -31,6 +31,8 @@ class Surface:
     scan: Scan | None = None
     """The scan that was rolled up, and the calibration that did it: what an inspection takes its uncertainty from."""
     calibration: Calibration | None = None
+    own_frame: bool = True
+    """Whether the points stand in C of that calibration; else in that of another view, for a cloud of several."""
 
     @property
     def angle(self) -> Array:
@@ -52,10 +54,15 @@ class Surface:
         """The scan that was rolled up and the calibration that did it.
 
         Raises:
-            BadRecipe: the surface carries none.
+            BadRecipe: the surface carries none, or its points stand in another view's frame.
         """
         if self.scan is None or self.calibration is None:
             raise BadRecipe("found a surface without its scan and calibration; make it with roll(scan, calibration)")
+        if not self.own_frame:
+            raise BadRecipe(
+                f"found points of view {self.scan.view!r} in another view's frame, need them in its own; make the "
+                "surface with roll(scan, calibration)"
+            )
         return self.scan, self.calibration
 
     def trace(self, height: float, width: float = 0.1) -> tuple[Array, Array]:

@@ -27,7 +27,7 @@ MOST_OFF = 0.25
 """Of what a trend goes along the height: so far heights may lie off it."""
 STEEPER, USUAL = 4.0, 0.25
 """Times the usual change from one height to the next that makes it a step, and which share of them is no larger than
-usual: of a short section, a groove is at most heights.
+usual: a groove takes most heights of a short section.
 """
 ROUGH_CELLS = 1e-3
 """mm: means of cells that lie nearer to the trend are never outliers."""
