@@ -260,7 +260,7 @@ def find_toothing(surface: Surface, nominal: Involute, datum: Datum) -> Toothing
     Raises:
         NotEnoughData: nothing of the toothing is in view.
     """
-    points = _near_measuring_circle(surface, nominal, datum)
+    points = near_measuring_circle(surface, nominal, datum)
     if points.angle.size < 100:
         g = nominal.gear
         raise NotEnoughData(
@@ -274,7 +274,7 @@ def find_toothing(surface: Surface, nominal: Involute, datum: Datum) -> Toothing
     return Toothing(nominal, datum, first_tooth, offsets, matched)
 
 
-def _near_measuring_circle(surface: Surface, nominal: Involute, datum: Datum) -> ToothedZone:
+def near_measuring_circle(surface: Surface, nominal: Involute, datum: Datum) -> ToothedZone:
     """About ``SEARCH_POINTS`` points near the measuring circle, evenly over the scan."""
     depth = SEARCH_DEPTH * nominal.gear.module
     low = max(nominal.measuring_radius - depth, nominal.base_radius * 1.002)

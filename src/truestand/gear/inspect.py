@@ -43,6 +43,7 @@ from truestand.gear.evaluate import (
     sampling_of,
     steepness_of,
 )
+from truestand.gear.face import other_face
 from truestand.gear.flanks import Flanks, find_flanks, find_toothing, without_lone_readings
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
@@ -53,6 +54,8 @@ from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
 
+HIDDEN_SHOULDER_U = 0.5
+"""mm by which heights may be off where the calibration did not see the shoulder's face."""
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""
 
@@ -115,7 +118,7 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         without_damage=without_damage_of(assessment),
         defects=defects,
         reasons=(*reasons, *unevenness(correction)),
-        remarks=remarks_of(correction, coverage, damage, measures),
+        remarks=remarks_of(correction, coverage, damage, measures, diameters),
         settings=settings_of(nominal, datum, scan, evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,
         deviation=_deviation(complete, surface),
@@ -159,6 +162,9 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
         if not reasons:  # off its axis, every gear looks like another one
             raise
         reasons = (*reasons, Message("wrong_drawing", str(wrong)))
+    else:
+        hidden = "height" in calibration.not_identifiable
+        reasons = (*reasons, *other_face(surface, flanks.toothing, HIDDEN_SHOULDER_U if hidden else 0.0))
     if not flanks.delta.size:
         raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     return reasons

@@ -16,9 +16,12 @@ from truestand.gear.evaluate import Measures, mean_seen, slope_length
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
+from truestand.gear.teeth import Diameter
 
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
+OTHER_DIAMETER = 0.1
+"""Modules by which tip and root may be larger or smaller than drawn without a word."""
 MOST_REGIONS = 12
 """Damaged regions that are named."""
 OR_THE_GEAR = "or the gear is made so"
@@ -27,7 +30,11 @@ NOTICEABLE_SLOPE = 0.003
 
 
 def remarks_of(
-    correction: AngleCorrection, coverage: Coverage, damage: tuple[Damage, ...], measures: Measures
+    correction: AngleCorrection,
+    coverage: Coverage,
+    damage: tuple[Damage, ...],
+    measures: Measures,
+    diameters: tuple[Diameter, ...],
 ) -> tuple[Message, ...]:
     """All remarks, in the order of the report."""
     flanks, scan, nominal = correction.flanks, correction.scan, correction.flanks.toothing.nominal
@@ -36,6 +43,7 @@ def remarks_of(
         *_limitations(scan, correction.calibration, nominal),
         *_damaged(damage),
         *_short_face(flanks),
+        *_other_diameters(diameters, nominal),
         *_angle_source(correction),
         *_slopes(measures, nominal),
     )
@@ -109,6 +117,19 @@ def _short_face(flanks: Flanks) -> tuple[Message, ...]:
         f"{g.face_to:g} mm: check face_from_mm and face_width_mm, or part of it is out of view"
     )
     return (Message("short_face", text),)
+
+
+def _other_diameters(diameters: tuple[Diameter, ...], nominal: Involute) -> tuple[Message, ...]:
+    """Tip and root that are not the drawing's, where it has no limits for them."""
+    g, found = nominal.gear, []
+    for d, what, key, drawn in zip(
+        diameters, ("tip", "root"), ("tip_diameter_mm", "root_diameter_mm"), (g.tip_diameter, g.root_diameter),
+        strict=True,
+    ):  # fmt: skip
+        if d.name not in g.limits and abs(d.value - drawn) > OTHER_DIAMETER * g.module + d.U:
+            text = f"the {what} diameter is {d.value:.2f} mm, the drawing's is {drawn:g} mm: check {key}"
+            found.append(Message("other_diameter", text))
+    return tuple(found)
 
 
 def _angle_source(correction: AngleCorrection) -> tuple[Message, ...]:
