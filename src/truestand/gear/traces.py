@@ -37,7 +37,7 @@ SAME = 3.5
 """Standard deviations within which the parabola and the nearest cells say the same."""
 MOST_LEVELLED = 0.0005
 """mm by which a parabola may level the waves of a flank."""
-MOST_STEPS, MOST_CELLS = 4.0, 4.0
+MOST_STEPS, MOST_CELLS = 3.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
 MOST_APART = 1.6
