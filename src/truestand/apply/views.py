@@ -5,16 +5,14 @@ from dataclasses import replace
 from truestand.apply.transfer import Transfer, transfer
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import about_axis
 from truestand.core.message import UNTIED
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 
 
 def roll_views(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False) -> tuple[Surface, ...]:
-    """One surface a scan, all in C of the calibration's first view; each with the calibration of its own view, in its
-    own frames, and the reasons why nothing may be decided. They make one cloud; a scan is inspected as ``roll`` brings
-    it into the frames of its own view.
+    """One surface a scan, all in C of the calibration's first view; each with the calibration of its own view as it
+    stands there, and the reasons why nothing may be decided. Together they are one cloud, and one part to ``inspect``.
 
     ``start_stated``: the table angle of the scans' first profiles was given (``start_angle`` of ``interpret``).
 
@@ -46,7 +44,6 @@ def placed(transferred: Transfer, calibration: Calibration) -> Surface:
     """
     own = transferred.calibration
     reasons = (*(r for r in calibration.reasons if r.code != UNTIED.code), *own.reasons)
-    own = replace(own, reasons=tuple(dict.fromkeys(reasons)))
-    pose = calibration.shaft_from_rotor @ about_axis(own.azimuth, own.height)
-    surface = apply_calibration(transferred.scan, replace(own, shaft_from_rotor=pose))
-    return replace(surface, calibration=own, own_frame=own.azimuth == own.height == 0.0)
+    pose = calibration.shaft_from_rotor @ own.first_from_table
+    own = replace(own, reasons=tuple(dict.fromkeys(reasons)), shaft_from_rotor=pose, joint=calibration.joint)
+    return apply_calibration(transferred.scan, own)

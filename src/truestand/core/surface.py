@@ -7,6 +7,7 @@ One rigid chain, exact at every radius:
 For one profile it is affine in (x, z), so a whole scan costs six multiplications a point.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +32,6 @@ class Surface:
     scan: Scan | None = None
     """The scan that was rolled up, and the calibration that did it: what an inspection takes its uncertainty from."""
     calibration: Calibration | None = None
-    own_frame: bool = True
-    """Whether the points stand in C of that calibration; else in that of another view, for a cloud of several."""
 
     @property
     def angle(self) -> Array:
@@ -54,15 +53,10 @@ class Surface:
         """The scan that was rolled up and the calibration that did it.
 
         Raises:
-            BadRecipe: the surface carries none, or its points stand in another view's frame.
+            BadRecipe: the surface carries none.
         """
         if self.scan is None or self.calibration is None:
             raise BadRecipe("found a surface without its scan and calibration; make it with roll(scan, calibration)")
-        if not self.own_frame:
-            raise BadRecipe(
-                f"found points of view {self.scan.view!r} in another view's frame, need them in its own; make the "
-                "surface with roll(scan, calibration)"
-            )
         return self.scan, self.calibration
 
     def trace(self, height: float, width: float = 0.1) -> tuple[Array, Array]:
@@ -79,6 +73,20 @@ class Surface:
         angle = np.arctan2(y, x)
         order = np.argsort(angle)
         return angle[order], np.hypot(x, y)[order]
+
+
+def stacked(surfaces: Sequence[Surface]) -> Surface:
+    """The profiles of several surfaces in one C, one after the other, without their origin; a single one as it is."""
+    if len(surfaces) == 1:
+        return surfaces[0]
+    points = max(s.x.shape[1] for s in surfaces)
+
+    def column(name: str) -> Array:
+        parts = [getattr(s, name) for s in surfaces]
+        wide = [np.pad(a, ((0, 0), (0, points - a.shape[1])), constant_values=np.nan) for a in parts]
+        return np.concatenate(wide)
+
+    return Surface(column("x"), column("y"), column("z"))
 
 
 def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:

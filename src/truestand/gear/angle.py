@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import medians, robust_sd
-from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration, table_angle
+from truestand.core.surface import apply_calibration, stacked, table_angle
 from truestand.gear.flanks import Flanks, Toothing, find_flanks, find_toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import MEDIAN_SPAN, bin_index
+from truestand.gear.views import MOST_LEFT, GearView
 
 CLIP = 3.5
 """Robust standard deviations about the median of its pass within which a point is no outlier."""
@@ -32,8 +32,6 @@ leave the curve open."""
 ROUNDS = 3
 LARGEST_SHARE_LEFT = 0.5
 """Share of the disagreement that a correction may leave for it to be taken."""
-MOST_LEFT = 2e-3
-"""mm, rms: by so much passes may disagree without a word."""
 MOST_WAVES = 6
 FREQUENCY_STEP = 0.02
 """Waves a turn between the frequencies that are tried."""
@@ -54,31 +52,19 @@ NOTICEABLE = 5e-4
 """mm: passes that agree this well need no correction."""
 
 
-@dataclass(frozen=True, slots=True)
-class AngleCorrection:
-    """A scan rolled up with a table angle freed of what does not repeat every turn."""
-
-    surface: Surface
-    flanks: Flanks
-    scan: Scan
-    calibration: Calibration
-    before_rms: float | None = None
-    """mm: by how much the passes of a flank disagreed; None: the angle was measured, or nothing passed twice."""
-    after_rms: float | None = None
-    """mm: the same with the corrected angle."""
-    explained: bool = True
-    """Whether a drift and a few waves explained it: a free curve only says what differs from turn to turn."""
-
-    @property
-    def uneven_rms(self) -> float | None:
-        """By how much (mm) pitch may be wrong for it; None where that is too little to be named."""
-        rms = self.after_rms if self.explained else self.before_rms
-        return rms if rms is not None and rms > MOST_LEFT else None
+def with_correct_angles(views: tuple[GearView, ...]) -> tuple[GearView, ...]:
+    """The views, each with a corrected table angle where the passes of its flanks agree better with it."""
+    corrected = tuple(correct_angle(view) for view in views)
+    if len(views) == 1 or all(new.surface is old.surface for new, old in zip(corrected, views, strict=True)):
+        return corrected
+    old = views[0].flanks.toothing  # one for all again
+    toothing = find_toothing(stacked([view.surface for view in corrected]), old.nominal, old.datum)
+    return tuple(replace(view, flanks=find_flanks(view.surface, toothing)) for view in corrected)
 
 
-def correct_angle(surface: Surface, flanks: Flanks, scan: Scan, calibration: Calibration) -> AngleCorrection:
+def correct_angle(view: GearView) -> GearView:
     """The same with a corrected table angle, as long as the passes of the flanks agree better with it."""
-    best = AngleCorrection(surface, flanks, scan, calibration)
+    best, scan = view, view.scan
     passes = _passes(best) if scan.angle_source in ("index", "time") else None
     if passes is None:
         return best
@@ -87,7 +73,7 @@ def correct_angle(surface: Surface, flanks: Flanks, scan: Scan, calibration: Cal
         if passes.rms < NOTICEABLE:
             break
         frequencies = _frequencies(passes)
-        corrected = _rolled_up(best, _angle_error(passes, frequencies, scan.profiles, flanks.toothing))
+        corrected = _rolled_up(best, _angle_error(passes, frequencies, scan.profiles, view.flanks.toothing))
         again = _passes(corrected)
         if again is None or again.rms > LARGEST_SHARE_LEFT * passes.rms:
             break
@@ -96,7 +82,7 @@ def correct_angle(surface: Surface, flanks: Flanks, scan: Scan, calibration: Cal
     return best
 
 
-def _rolled_up(best: AngleCorrection, error: Array) -> AngleCorrection:
+def _rolled_up(best: GearView, error: Array) -> GearView:
     """The scan rolled up with ``error`` (profiles,) rad added to its table angle, its mean left out."""
     toothing = best.flanks.toothing
     angle = table_angle(best.scan, best.calibration)
@@ -123,7 +109,7 @@ def _lever_arms(calibration: Calibration, toothing: Toothing) -> Array:
     return np.concatenate(arms)
 
 
-def _passes(rolled: AngleCorrection) -> "_Passes | None":
+def _passes(rolled: GearView) -> "_Passes | None":
     """Every pass of every flank; None where nothing passed twice."""
     flanks, scan, toothing = rolled.flanks, rolled.scan, rolled.flanks.toothing
     teeth = toothing.nominal.gear.teeth

@@ -9,7 +9,8 @@ once more. What each figure makes of it is found by evaluating the cells with th
 sensitivities to get wrong (those of the theory page are tests).
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, tau
 
 import numpy as np
@@ -26,15 +27,16 @@ from truestand.core.assumptions import (
     SPEED,
     TEMPERATURE_U,
 )
-from truestand.core.calibration import Calibration, Contribution
-from truestand.core.frames import RADIAL
+from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, Contribution
+from truestand.core.frames import RADIAL, UNKNOWNS
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
-from truestand.gear.flanks import Toothing
+from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA, Involute
-from truestand.gear.grid import Grid
-from truestand.uncertainty.influence import points_of, unknowns_of
+from truestand.gear.grid import Grid, cell_of
+from truestand.gear.views import GearView, view_of
+from truestand.uncertainty.influence import moved_points
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
@@ -59,6 +61,7 @@ UNKNOWN_NAMES = (
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
     *("axis of the shaft",) * 4,
 )  # fmt: skip
+AZIMUTH_NAME, HEIGHT_NAME = "azimuth between views", "height between views"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,12 @@ class SeenCells:
     shape: tuple[int, ...]
     """Of the cells: (2, teeth, roll lengths, heights)."""
 
+    def moved(self, calibration: Calibration, step: Array, turned: Array | float = 0.0) -> Array:
+        """How they move (n, 3) mm when the calibration's unknowns are off by ``step`` (8,), or the table's angle by
+        ``turned`` rad.
+        """
+        return moved_points(calibration, step, self.x, self.z, self.theta + turned) - self.point
+
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
         """The effect of moving the points by ``moved`` (n, 3) mm, or all alike by (3,) mm, in C."""
         delta = (self.gradient * moved).sum(axis=1).reshape(self.shape)
@@ -99,25 +108,59 @@ class SeenCells:
         return Influence(name, delta, float(np.mean(outward)), u, distribution)
 
 
-def influences_of(
-    scan: Scan, calibration: Calibration, grid: Grid, toothing: Toothing, uneven: float
-) -> tuple[Influence, ...]:
-    """Every input of the budget but noise.
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """A view, and what it has of each cell."""
 
-    ``uneven``: by how much (mm, rms, along the base circle) turns disagreed; what repeats is taken for no less.
-    """
-    cells = _seen_cells(calibration, grid, toothing)
-    nominal = toothing.nominal
-    temperature = nominal.gear.temperature
+    view: GearView
+    share: Array | None = None
+    """Of each cell's points that are the view's, (2, teeth, roll lengths, heights); None: all."""
+
+    def of_share(self, influence: Influence) -> Influence:
+        """What is left of an influence on this view's readings where others count as well."""
+        if self.share is None:
+            return influence
+        field = np.where(self.share > 0, influence.field * self.share, 0.0)
+        return replace(influence, field=field, outward=influence.outward * float(self.share.mean()))
+
+
+def weighed(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> tuple[Weighed, ...]:
+    """Each view with its share of the points of every cell; of a cell that none shows, all have the same."""
+    if len(views) == 1:
+        return (Weighed(views[0]),)
+    of_view = view_of(flanks, views)
+    cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
+    counts = [np.bincount(cell[of_view == k], minlength=grid.delta.size) for k in range(len(views))]
+    total = np.sum(counts, axis=0)
+    shares = [np.where(total > 0, n / np.maximum(total, 1), 1 / len(views)).reshape(grid.delta.shape) for n in counts]
+    return tuple(Weighed(view, share) for view, share in zip(views, shares, strict=True))
+
+
+def influences_of(views: tuple[Weighed, ...], grid: Grid, toothing: Toothing) -> tuple[Influence, ...]:
+    """Every input of the budget but noise."""
+    seen = tuple((w, _seen_cells(w.view.calibration, grid, toothing)) for w in views)
+    cells, temperature = seen[0][1], toothing.nominal.gear.temperature
     grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
-        *_of_calibration(calibration, cells),
-        *_of_sensor(scan, calibration, cells),
-        *_of_radial_zero(scan, calibration, cells),
-        *_of_table(scan, calibration, cells, nominal.gear.teeth, 2 * uneven / nominal.base_radius),
+        *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views),
+        *(w.of_share(i) for w, cells in seen for i in _of_sensor(w.view.scan, w.view.calibration, cells)),
+        *(w.of_share(i) for w, cells in seen for i in _of_stability(w.view.scan, w.view.calibration, cells)),
+        *_together([_of_shaft(w.view.calibration, cells) for w, cells in seen], views),
+        *_together([_of_table(w.view, cells, toothing.nominal) for w, cells in seen], views),
         *_of_datum(toothing.datum, cells),
         cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
+
+
+def _together(of_views: list[list[Influence]], views: tuple[Weighed, ...]) -> list[Influence]:
+    """Inputs that all views share: each moves the readings of all of them at once."""
+    joined = []
+    for parts in zip(*of_views, strict=True):
+        first, *others = (view.of_share(part) for view, part in zip(views, parts, strict=True))
+        for other in others:
+            first = replace(first, field=first.field + other.field, outward=first.outward + other.outward)
+        joined.append(first)
+    return joined
 
 
 def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
@@ -184,21 +227,62 @@ def _gradient(nominal: Involute, points: Array, side: Array) -> Array:
     return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
 
 
-def _of_calibration(calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """The covariance of its unknowns, in Cholesky's order: each line with what moves along."""
+def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:
+    """What the covariance of the calibration's unknowns does to view ``k``, in Cholesky's order: each line with what
+    moves along. Of several views, all their unknowns together.
+    """
+    calibration = views[k].view.calibration
+    if len(views) > 1:
+        return _of_joint_calibration(views, k, cells)
     covariance = calibration.covariance
-    if covariance.shape[0] < len(UNKNOWN_ORDER):
+    if covariance.shape[0] < UNKNOWNS:
         return []
     order = np.array(UNKNOWN_ORDER)
     factor = _cholesky(covariance[np.ix_(order, order)])
-    parameters, height = unknowns_of(calibration)
     found = []
     for name, column in zip(UNKNOWN_NAMES, factor.T, strict=True):
-        step = np.zeros(len(UNKNOWN_ORDER))
+        step = np.zeros(UNKNOWNS)
         step[order] = 2 * column
-        moved = points_of(parameters + step, height, cells.x, cells.z, cells.theta) - cells.point
+        found.append(cells.influence(name, cells.moved(calibration, step), float(np.abs(column).max())))
+    return found
+
+
+def _of_joint_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:
+    """The same of the covariance of all views together, what they share counted once."""
+    covariance = _joint_covariance(views)
+    if covariance is None:
+        return []
+    block = VIEW_UNKNOWNS * np.arange(len(views))
+    order = np.concatenate([block + u for u in (*UNKNOWN_ORDER, UNKNOWNS, UNKNOWNS + 1)])
+    names = [name for name in (*UNKNOWN_NAMES, AZIMUTH_NAME, HEIGHT_NAME) for _ in views]
+    factor = _cholesky(covariance[np.ix_(order, order)])
+    found, up = [], np.array([0.0, 0.0, 1.0])
+    about = np.stack([-cells.point[:, 1], cells.point[:, 0], np.zeros(cells.x.size)], axis=1)
+    for name, column in zip(names, factor.T, strict=True):
+        steps = np.zeros(covariance.shape[0])
+        steps[order] = 2 * column
+        step = steps[block[k] : block[k] + VIEW_UNKNOWNS]
+        moved = cells.moved(views[k].view.calibration, step[:UNKNOWNS])
+        moved = moved + about * step[UNKNOWNS] + up * step[UNKNOWNS + 1]
         found.append(cells.influence(name, moved, float(np.abs(column).max())))
     return found
+
+
+def _joint_covariance(views: tuple[Weighed, ...]) -> Array | None:
+    """The covariance of the unknowns of these views, in their order; None where the record carries none.
+
+    What a witness band adds to the radial position of one of them is added here.
+    """
+    calibrations = [w.view.calibration for w in views]
+    joint = calibrations[0].joint
+    if joint is None or any(c.covariance.shape[0] < UNKNOWNS for c in calibrations):
+        return None
+    at = np.concatenate([VIEW_UNKNOWNS * joint.views.index(c.name) + np.arange(VIEW_UNKNOWNS) for c in calibrations])
+    covariance = np.array(joint.matrix[np.ix_(at, at)])
+    for k, calibration in enumerate(calibrations):
+        radial = k * VIEW_UNKNOWNS + RADIAL
+        covariance[radial, radial] = max(covariance[radial, radial], calibration.covariance[RADIAL, RADIAL])
+    return covariance
 
 
 def _cholesky(covariance: Array) -> Array:
@@ -231,26 +315,30 @@ def _of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[I
     ]
 
 
-def _of_radial_zero(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """The radial zero of the sensor, by its stability, the diameter of the shaft and its temperature."""
-    parameters, height = unknowns_of(calibration)
-
-    def moved_out(by: float) -> Array:
-        moved = parameters.copy()
-        moved[RADIAL] += by
-        return points_of(moved, height, cells.x, cells.z, cells.theta) - cells.point
-
+def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """The radial zero of the sensor since it was calibrated."""
     since, name = stability_of(calibration, scan), stability_name(calibration.stand.sensor)
-    stability = [cells.influence(name, moved_out(since), since / 2)] if since else []
+    return [cells.influence(name, _moved_out(calibration, cells, since), since / 2)] if since else []
+
+
+def _of_shaft(calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """The radial zero of the sensor by the diameter of the shaft and its temperature."""
     if calibration.artefact is None:
-        return stability
+        return []
     base = calibration.artefact.base
     diameter, warm = expanded_diameter(base), base.radius * EXPANSION * TEMPERATURE_U
+    out, by_heat = (_moved_out(calibration, cells, by) for by in (diameter / 2, warm))
     return [
-        *stability,
-        cells.influence(diameter_name(base), moved_out(diameter / 2), diameter / 2),
-        cells.influence(f"temperature of the artefact{ASSUMED}", moved_out(warm), TEMPERATURE_U / 2, "rectangular"),
+        cells.influence(diameter_name(base), out, diameter / 2),
+        cells.influence(f"temperature of the artefact{ASSUMED}", by_heat, TEMPERATURE_U / 2, "rectangular"),
     ]
+
+
+def _moved_out(calibration: Calibration, cells: SeenCells, by: float) -> Array:
+    """How the points move (n, 3) mm when the sensor stands ``by`` mm farther out."""
+    step = np.zeros(UNKNOWNS)
+    step[RADIAL] = by
+    return cells.moved(calibration, step)
 
 
 def _steepness(cells: SeenCells, direction: Array) -> Array:
@@ -272,14 +360,17 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(scan: Scan, calibration: Calibration, cells: SeenCells, teeth: int, uneven: float) -> list[Influence]:
-    """The table's bearing and its angle: zero, and errors that repeat every turn; ``uneven``: rad, k = 2."""
-    parameters, height = unknowns_of(calibration)
+def _of_table(view: GearView, cells: SeenCells, nominal: Involute) -> list[Influence]:
+    """The table's bearing and its angle: zero, and errors that repeat every turn, which are taken for no less than by
+    what turns disagreed.
+    """
+    calibration, teeth = view.calibration, nominal.gear.teeth
+    uneven = 2 * (view.before_rms or 0.0) / nominal.base_radius
 
     def rotated(angle: Array | float) -> Array:
-        return points_of(parameters, height, cells.x, cells.z, cells.theta + angle) - cells.point
+        return cells.moved(calibration, np.zeros(UNKNOWNS), angle)
 
-    name, U = once_per_turn(scan)
+    name, U = once_per_turn(view.scan)
     if SPEED in name and name.endswith(ASSUMED):
         U = max(U, uneven)
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most

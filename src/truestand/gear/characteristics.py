@@ -1,5 +1,6 @@
 """The lines of the report: each figure with U, limit, class, coverage and verdict; and how it was all evaluated."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import degrees, hypot, sqrt
 
@@ -185,7 +186,11 @@ def _diameter(d: Diameter, g: Gear) -> Characteristic:
     )  # fmt: skip
 
 
-def settings_of(nominal: Involute, datum: Datum, scan: Scan, cell_height: float) -> dict[str, str]:
+def _angle_setting(scan: Scan) -> str:
+    return f"{scan.angle_source}, {2 * np.pi / abs(scan.step):.0f} profiles a turn"
+
+
+def settings_of(nominal: Involute, datum: Datum, scans: Sequence[Scan], cell_height: float) -> dict[str, str]:
     """How it was evaluated, each setting as it is printed; ``cell_height``: mm, of a cell."""
     g = nominal.gear
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
@@ -214,7 +219,7 @@ def settings_of(nominal: Involute, datum: Datum, scan: Scan, cell_height: float)
         "ball": f"{nominal.ball_diameter:.2f} mm",
         "span": f"{nominal.span_teeth} teeth",
         "F_pk": f"k = {pitch_span(g)}",
-        "angle": f"{scan.angle_source}, {2 * np.pi / abs(scan.step):.0f} profiles a turn",
+        "angle": "; ".join(dict.fromkeys(map(_angle_setting, scans))),
         "decision": f"{EDITION}, guard band {GUARD_FACTOR:g} u; U with k = 2; forms and totals that exceed their limit "
         "by damage that was seen do not conform, however deep the rest of it may be",
     }

@@ -1,5 +1,6 @@
 """The inspection of a gear, from the rolled-up scan to characteristics with their uncertainty and verdict."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import cos, hypot
 
@@ -13,9 +14,9 @@ from truestand.core.frames import UNKNOWNS
 from truestand.core.inspection import Inspection
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration, table_angle
-from truestand.gear.angle import AngleCorrection, correct_angle
-from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines
+from truestand.core.surface import Surface, apply_calibration, stacked
+from truestand.gear.angle import with_correct_angles
+from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines, weighed
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import (
@@ -44,15 +45,16 @@ from truestand.gear.evaluate import (
     steepness_of,
 )
 from truestand.gear.face import other_face
-from truestand.gear.flanks import Flanks, find_flanks, find_toothing, without_lone_readings
+from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
 from truestand.gear.match import check_drawing
-from truestand.gear.rays import rays_on_flanks
+from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
+from truestand.gear.views import GearView, joined, views_of
 
 HIDDEN_SHOULDER_U = 0.5
 """mm by which heights may be off where the calibration did not see the shoulder's face."""
@@ -79,37 +81,39 @@ class GearEvidence:
     """F_i (2, teeth) after the published compensation."""
 
 
-def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
-    """Pitch, run-out, thickness, profile, helix and defects of a rolled-up gear.
+def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection:
+    """Pitch, run-out, thickness, profile, helix and defects of a rolled-up gear, by one view of it or by several in one
+    frame (``roll_views``).
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
         WrongDrawing: what was seen is another gear than the drawing's.
-        BadRecipe: the surface doesn't say from which scan and calibration it comes.
+        BadRecipe: a surface doesn't say from which scan and calibration it comes.
     """
-    scan, calibration = surface.origin
-    nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
-    flanks = find_flanks(surface, find_toothing(surface, nominal, datum))
-    reasons = _reasons(surface, flanks, calibration)
-    correction = correct_angle(surface, flanks, scan, calibration)
-    flanks, scan = _borne_out(correction), correction.scan
+    surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
+    whole = stacked(surfaces)
+    views = views_of(surfaces, find_toothing(whole, nominal, datum))
+    reasons = _reasons(whole, views)
+    views = with_correct_angles(views)
+    flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
     complete = with_deep_damage(flanks)
-    evaluator, measures = evaluate_flanks(complete, scan.step)
-    folded = fold(correction.surface, flanks.toothing)
+    evaluator, measures = evaluate_flanks(complete, step)
+    folded = fold(stacked([view.surface for view in views]), flanks.toothing)
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
-    rays = rays_on_flanks(evaluator.grid, smooth, complete, scan, correction.calibration)
-    coverage = coverage_of(evaluator, measures, scan.step, rays[0].hidden)
-    damage = damage_of(complete, evaluator, rays, scan.step, _radial_share(correction.calibration), there)
-    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, scan.step)
-    assessment = _assess(correction, evaluator, measures, coverage, (*damage, *unseen), there)
+    rays = rays_of_views(evaluator.grid, smooth, complete, views)
+    coverage = coverage_of(evaluator, measures, step, rays[0].hidden)
+    damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
+    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, step)
+    assessment = _assess(views, complete, evaluator, step, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)
     if gear.defect_depth is not None:
         defects = held_against(gear.defect_depth, damage, defects)
-    published = _published(flanks, scan, correction.calibration)
+    published = _published(flanks, views[0].scan, views[0].calibration) if len(views) == 1 else None
     diameters = tip_and_root(folded, nominal, radial_lines(assessment.influences))
     return Inspection(
         kind="gear",
@@ -117,22 +121,16 @@ def inspect_gear(surface: Surface, gear: Gear) -> Inspection:
         characteristics=characteristics_of(assessment, diameters),
         without_damage=without_damage_of(assessment),
         defects=defects,
-        reasons=(*reasons, *unevenness(correction)),
-        remarks=remarks_of(correction, coverage, damage, measures, diameters),
-        settings=settings_of(nominal, datum, scan, evaluator.grid.size[1]),
+        reasons=(*reasons, *dict.fromkeys(r for view in views for r in unevenness(view))),
+        remarks=remarks_of(views, coverage, damage, measures, diameters),
+        settings=settings_of(nominal, datum, [view.scan for view in views], evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,
-        deviation=_deviation(complete, surface),
+        deviation=_deviation(complete, whole.x.shape),
         evidence=GearEvidence(
             nominal, flanks.toothing.first_tooth, evaluator.grid, measures, coverage, folded, defect_map, published
         ),
-        published=_published_figures(published, nominal),
+        published={} if published is None else _published_figures(published, nominal),
     )
-
-
-def _borne_out(correction: AngleCorrection) -> Flanks:
-    """The flanks without readings that stand alone."""
-    scan = correction.scan
-    return without_lone_readings(correction.flanks, scan.x.shape[1], table_angle(scan, correction.calibration))
 
 
 def _radial_share(calibration: Calibration) -> float:
@@ -147,15 +145,10 @@ def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluator, Measures]:
     return evaluator, evaluate(evaluator.grid.delta, evaluator)
 
 
-def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tuple[Message, ...]:
+def _reasons(surface: Surface, views: tuple[GearView, ...]) -> tuple[Message, ...]:
     """Why nothing may be decided: the calibration's reasons and, if it has any, a drawing that doesn't fit."""
-    reasons = calibration.reasons
-    if calibration.method == "paper":
-        text = "the calibration is of the published method, which moves no axis: calibrate with --method stand"
-        reasons = (*reasons, Message("published_method", text))
-    if calibration.covariance.shape[0] < UNKNOWNS:
-        text = "the calibration carries no covariance, so U leaves its part out: use the whole record"
-        reasons = (*reasons, Message("no_covariance", text))
+    flanks = joined([view.flanks for view in views], views)
+    reasons = tuple(dict.fromkeys(reason for view in views for reason in _calibration_reasons(view.calibration)))
     try:
         check_drawing(surface, flanks)
     except WrongDrawing as wrong:
@@ -163,41 +156,54 @@ def _reasons(surface: Surface, flanks: Flanks, calibration: Calibration) -> tupl
             raise
         reasons = (*reasons, Message("wrong_drawing", str(wrong)))
     else:
-        hidden = "height" in calibration.not_identifiable
+        hidden = all("height" in view.calibration.not_identifiable for view in views)
         reasons = (*reasons, *other_face(surface, flanks.toothing, HIDDEN_SHOULDER_U if hidden else 0.0))
     if not flanks.delta.size:
         raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     return reasons
 
 
+def _calibration_reasons(calibration: Calibration) -> tuple[Message, ...]:
+    """What speaks against deciding anything by a calibration."""
+    reasons = calibration.reasons
+    if calibration.method == "paper":
+        text = "the calibration is of the published method, which moves no axis: calibrate with --method stand"
+        reasons = (*reasons, Message("published_method", text))
+    if calibration.covariance.shape[0] < UNKNOWNS:
+        text = "the calibration carries no covariance, so U leaves its part out: use the whole record"
+        reasons = (*reasons, Message("no_covariance", text))
+    return reasons
+
+
 def _assess(
-    correction: AngleCorrection,
+    views: tuple[GearView, ...],
+    flanks: Flanks,
     evaluator: Evaluator,
+    step: float,
     measures: Measures,
     coverage: Coverage,
     damage: tuple[Damage, ...],
     there: Mask,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget."""
-    flanks, scan, nominal = correction.flanks, correction.scan, evaluator.grid.nominal
+    nominal = evaluator.grid.nominal
     figures = figures_of(measures, nominal)
     noise = bias_of(figures, evaluator, DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
-    uneven = correction.before_rms or 0.0
-    influences = influences_of(scan, correction.calibration, evaluator.grid, flanks.toothing, uneven)
+    influences = influences_of(weighed(views, flanks, evaluator.grid), evaluator.grid, flanks.toothing)
     return Assessment(
         nominal,
         corrected,
-        _without(damage, evaluator, scan.step) if any(d.depth for d in damage) else corrected,
-        _without(on_top, evaluator, scan.step) if on_top else corrected,
+        _without(damage, evaluator, step) if any(d.depth for d in damage) else corrected,
+        _without(on_top, evaluator, step) if on_top else corrected,
         expanded(influences, evaluator)
         | {"noise": noise.expanded(figures, steepness_of(evaluator)), BETWEEN_READINGS: sampling_of(evaluator)},
         influences,
         coverage,
         damage,
-        zones_of(evaluator.grid, scan.step),
+        zones_of(evaluator.grid, step),
         there,
-        sections_of(evaluator, noise, scan.step),
+        sections_of(evaluator, noise, step),
         evaluator.grid.size[1] / (4 * TRACE_SHARE * nominal.gear.face_width),
     )
 
@@ -209,11 +215,11 @@ def _without(damage: tuple[Damage, ...], evaluator: Evaluator, step: float) -> F
     return bias_of(figures, sound, FEW_DRAWS).corrected(figures)
 
 
-def _deviation(flanks: Flanks, surface: Surface) -> Array:
+def _deviation(flanks: Flanks, shape: tuple[int, ...]) -> Array:
     """Normal deviation (N, M) mm of every reading on a flank, NaN elsewhere."""
-    deviation = np.full(surface.x.size, np.nan)
+    deviation = np.full(int(np.prod(shape)), np.nan)
     deviation[flanks.index] = flanks.delta * cos(flanks.toothing.nominal.base_helix)
-    return deviation.reshape(surface.x.shape)
+    return deviation.reshape(shape)
 
 
 def _published(flanks: Flanks, scan: Scan, calibration: Calibration) -> Array:

@@ -4,6 +4,7 @@ A profile meets a flank at one roll length at each height, and its geometry says
 it and no reading lies, that is no gap between two profiles: the flank is broken there, covered, or readings got lost.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, tau
 
@@ -17,6 +18,7 @@ from truestand.core.scan import Scan
 from truestand.core.surface import seen_at, table_angle
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.grid import Grid, bin_index, column_of
+from truestand.gear.views import GearView, part_of
 
 KNOTS = 12
 """Roll lengths at which it is worked out when a flank is met."""
@@ -57,6 +59,28 @@ class Rays:
         """
         expected = self.expected.sum(axis=(1, 3))
         return np.asarray(((expected >= LEAST_EXPECTED) & (self.lost[:, 0, :, 0] > NEARLY_ALL)).any(axis=1))
+
+
+def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> tuple[Rays, Rays]:
+    """``rays_on_flanks`` of all views: missed is a cell that none of those which should see it shows."""
+    of_views = [
+        rays_on_flanks(grid, surface, part_of(flanks, views, k), view.scan, view.calibration)
+        for k, view in enumerate(views)
+    ]
+    first, second = (_of_any(list(of_kind)) for of_kind in zip(*of_views, strict=True))
+    return first, second
+
+
+def _of_any(rays: list[Rays]) -> Rays:
+    """The rays of several views, but for those of a view that loses most of them where another one doesn't."""
+    if len(rays) == 1:
+        return rays[0]
+    seen = [of_view.lost <= NEARLY_ALL for of_view in rays]
+    by_none = ~np.logical_or.reduce(seen)
+    expected = [of_view.expected & (able | by_none) for of_view, able in zip(rays, seen, strict=True)]
+    shown = np.logical_or.reduce([own & ~of_view.missed for own, of_view in zip(expected, rays, strict=True)])
+    any_expected = np.logical_or.reduce(expected)
+    return Rays(any_expected, any_expected & ~shown)
 
 
 def rays_on_flanks(

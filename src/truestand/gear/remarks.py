@@ -2,14 +2,13 @@
 about the stand.
 """
 
+from collections.abc import Sequence
 from math import cos
 
 import numpy as np
 
-from truestand.core.calibration import Calibration
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.gear.angle import AngleCorrection
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import Measures, mean_seen, slope_length
@@ -17,6 +16,7 @@ from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
 from truestand.gear.teeth import Diameter
+from truestand.gear.views import GearView, joined
 
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
@@ -30,31 +30,32 @@ NOTICEABLE_SLOPE = 0.003
 
 
 def remarks_of(
-    correction: AngleCorrection,
+    views: Sequence[GearView],
     coverage: Coverage,
     damage: tuple[Damage, ...],
     measures: Measures,
     diameters: tuple[Diameter, ...],
 ) -> tuple[Message, ...]:
     """All remarks, in the order of the report."""
-    flanks, scan, nominal = correction.flanks, correction.scan, correction.flanks.toothing.nominal
+    flanks = joined([view.flanks for view in views], views)
+    nominal = flanks.toothing.nominal
     return (
         *_sides_not_seen(coverage),
-        *_limitations(scan, correction.calibration, nominal),
+        *_limitations([view.scan for view in views], nominal),
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
-        *_angle_source(correction),
+        *dict.fromkeys(remark for view in views for remark in _angle_source(view)),
         *_slopes(measures, nominal),
     )
 
 
-def unevenness(correction: AngleCorrection) -> tuple[Message, ...]:
+def unevenness(view: GearView) -> tuple[Message, ...]:
     """Why nothing is decided where the table turned unevenly; empty where it did not."""
-    if correction.uneven_rms is None:
+    if view.uneven_rms is None:
         return ()
     text = (
-        f"the table turned unevenly: passes of one flank are {1000 * correction.uneven_rms:.1f} um (rms) apart, pitch "
+        f"the table turned unevenly: passes of one flank are {1000 * view.uneven_rms:.1f} um (rms) apart, pitch "
         "may be wrong by as much and more: record the table's angle, or turn it steadily"
     )
     return (Message("table_uneven", text),)
@@ -78,12 +79,12 @@ def _sides_not_seen(coverage: Coverage) -> tuple[Message, ...]:
     )
 
 
-def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tuple[Message, ...]:
+def _limitations(scans: Sequence[Scan], nominal: Involute) -> tuple[Message, ...]:
     found = []
     if nominal.gear.accuracy_class is None and not nominal.gear.limits and not nominal.gear.classes:
         text = "no line has a limit: measured, not judged; add accuracy_class to the recipe"
         found.append(Message("no_limits", text))
-    coarse = float(step_on_flank(nominal, nominal.control_roll, scan.step))
+    coarse = float(step_on_flank(nominal, nominal.control_roll, max(abs(scan.step) for scan in scans)))
     if coarse > 4 * FINE_STEP:
         enough = profiles_for(nominal, max(nominal.control_roll, 3.0))
         text = (
@@ -92,7 +93,7 @@ def _limitations(scan: Scan, calibration: Calibration, nominal: Involute) -> tup
             "narrowest_damage_mm in the recipe says what must not escape"
         )
         found.append(Message("coarse_near_root", text))
-    if nominal.gear.helix_angle and scan.revolutions < 1:
+    if nominal.gear.helix_angle and min(scan.revolutions for scan in scans) < 1:
         found.append(Message("less_than_a_turn", "less than a turn: teeth at the ends of the scan are seen in part"))
     return tuple(found)
 
@@ -132,8 +133,8 @@ def _other_diameters(diameters: tuple[Diameter, ...], nominal: Involute) -> tupl
     return tuple(found)
 
 
-def _angle_source(correction: AngleCorrection) -> tuple[Message, ...]:
-    scan, before, after = correction.scan, correction.before_rms, correction.after_rms
+def _angle_source(view: GearView) -> tuple[Message, ...]:
+    scan, before, after = view.scan, view.before_rms, view.after_rms
     if scan.angle_source in ("angle", "encoder"):
         return ()
     remark = "the angle comes from a steady speed"

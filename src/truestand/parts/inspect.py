@@ -1,9 +1,11 @@
 """The one door to every inspection: what the part is decides how it is judged."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from truestand.apply.transfer import transfer_remarks, with_sensor_as_calibrated
 from truestand.core.artefact import Artefact
+from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Inspection
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.temperature import Temperature
@@ -18,8 +20,10 @@ LIKE_THE_SHAFT_MM = 1.0
 """Difference of radius within which a section at the height of a cylinder of the shaft may be that cylinder."""
 
 
-def inspect(surface: Surface, part: Part) -> Inspection:
+def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
     """Characteristics, each with its uncertainty (mm, k = 2), of a part that ``roll`` brought into C; defects of gears.
+
+    Of gears, several views are inspected as one (``roll_views``).
 
     Source: gears by ISO 1328-1 and ISO 21771; form and run-out by ISO 12181, ISO 12180, ISO 1101; decisions by
     ISO 14253-1.
@@ -27,14 +31,16 @@ def inspect(surface: Surface, part: Part) -> Inspection:
     Raises:
         NotEnoughData: nothing of the part is in view.
         WrongDrawing: what was seen is another gear than the drawing's.
-        BadRecipe: the surface doesn't say from which scan and calibration it comes.
+        BadRecipe: a surface doesn't say from which scan and calibration it comes, or several of a part that is no gear.
     """
-    if isinstance(part, Turned) and _is_shaft(part, surface.origin[1].artefact):
-        surface = with_sensor_as_calibrated(surface)
+    surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    if isinstance(part, Turned) and _is_shaft(part, surfaces[0].origin[1].artefact):
+        surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:
-        surface = _at_reference_temperature(surface, part.temperature)
-    inspection = _inspected(surface, part)
-    return replace(inspection, remarks=(*transfer_remarks(surface.origin[1]), *inspection.remarks))
+        surfaces = tuple(_at_reference_temperature(s, part.temperature) for s in surfaces)
+    inspection = _inspected(surfaces, part)
+    followed = dict.fromkeys(remark for s in surfaces for remark in transfer_remarks(s.origin[1]))
+    return replace(inspection, remarks=(*followed, *inspection.remarks))
 
 
 def _at_reference_temperature(surface: Surface, temperature: Temperature) -> Surface:
@@ -52,9 +58,14 @@ def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:
     )
 
 
-def _inspected(surface: Surface, part: Part) -> Inspection:
+def _inspected(surfaces: tuple[Surface, ...], part: Part) -> Inspection:
     if isinstance(part, Gear):
-        return inspect_gear(surface, part)
+        return inspect_gear(surfaces, part)
+    if len(surfaces) > 1:
+        raise BadRecipe(
+            f"found {len(surfaces)} views of a part that is no gear, need one; inspect each by itself, or roll them up "
+            "into one cloud"
+        )
     if isinstance(part, Turned):
-        return inspect_turned(surface, part)
-    return inspect_cad(surface, part)
+        return inspect_turned(surfaces[0], part)
+    return inspect_cad(surfaces[0], part)

@@ -39,8 +39,22 @@ def points_of(p: Array, height: float, x: Array, z: Array, angle: Array) -> Arra
     return shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])(rotor)
 
 
+def moved_points(calibration: Calibration, step: Array, x: Array, z: Array, angle: Array) -> Array:
+    """Points (..., 3) mm in C of readings x, z (...) mm at table angles (...) rad, the unknowns off by ``step`` (8,).
+
+    C: that which the calibration's chain leads to, be it another view's.
+    """
+    p, height = unknowns_of(calibration)
+    own = points_of(p + step, height, x, z, angle)
+    turn = calibration.shaft_from_rotor @ shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS]).inverse
+    return turn(own) if calibration.azimuth or calibration.height else own
+
+
 def unknowns_of(calibration: Calibration) -> tuple[Array, float]:
-    """The calibration's eight unknowns, mm and rad, and the sensor's height by convention, mm."""
+    """The calibration's eight unknowns, mm and rad, and the sensor's height by convention, mm.
+
+    Of a view placed in another's C: those in its own frames.
+    """
     phi, radial, height, tilt, offset = sensor_parameters(calibration.table_from_sensor)
     return np.array([phi, radial, offset, tilt, *shaft_parameters(calibration.shaft_from_rotor)]), height
 

@@ -1,0 +1,98 @@
+"""The views by which a gear is inspected: what each sensor saw of it, in one frame, and all of them as one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.core.calibration import Calibration
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, table_angle
+from truestand.gear.flanks import FlankPoints, Flanks, Toothing, find_flanks, without_lone_readings
+
+Points = TypeVar("Points", bound=FlankPoints)
+
+MOST_LEFT = 2e-3
+"""mm, rms: by so much passes may disagree without a word."""
+
+
+@dataclass(frozen=True, slots=True)
+class GearView:
+    """A gear as one scan shows it, and what the scan says of the table's angle."""
+
+    surface: Surface
+    flanks: Flanks
+    scan: Scan
+    calibration: Calibration
+    before_rms: float | None = None
+    """mm: by how much the passes of a flank disagreed; None: the angle was measured, or nothing passed twice."""
+    after_rms: float | None = None
+    """mm: the same with the corrected angle."""
+    explained: bool = True
+    """Whether a drift and a few waves explained it: a free curve only says what differs from turn to turn."""
+
+    @property
+    def name(self) -> str:
+        """Of the view."""
+        return self.calibration.name
+
+    @property
+    def uneven_rms(self) -> float | None:
+        """By how much (mm) pitch may be wrong for it; None where that is too little to be named."""
+        rms = self.after_rms if self.explained else self.before_rms
+        return rms if rms is not None and rms > MOST_LEFT else None
+
+    def borne_out(self) -> Flanks:
+        """Its flanks without readings that stand alone."""
+        return without_lone_readings(self.flanks, self.scan.x.shape[1], table_angle(self.scan, self.calibration))
+
+
+def views_of(surfaces: Sequence[Surface], toothing: Toothing) -> tuple[GearView, ...]:
+    """The flanks that each of several surfaces in one frame shows of a toothing."""
+    return tuple(GearView(s, find_flanks(s, toothing), *s.origin) for s in surfaces)
+
+
+def joined(flanks: Sequence[Flanks], views: Sequence[GearView]) -> Flanks:
+    """The flanks of all views as one scan: its profiles are those of the views, one after the other (``stacked``)."""
+    first, *others = (_in_stack(points, views, k) for k, points in enumerate(flanks))
+    return replace(first.joined(others), outside_gate=first.outside_gate.joined([f.outside_gate for f in others]))
+
+
+def part_of(flanks: Flanks, views: Sequence[GearView], k: int) -> Flanks:
+    """What view ``k`` shows of the flanks of all, its profiles and readings numbered as in its own scan."""
+    if len(views) == 1:
+        return flanks
+    first, points = _first_profile(views, k), views[k].scan.x.shape[1]
+    own = flanks.select((flanks.profile >= first) & (flanks.profile < first + views[k].scan.profiles))
+    column = own.index % _points(views)
+    return replace(own, profile=own.profile - np.int32(first), index=(own.profile - first) * points + column)
+
+
+def view_of(flanks: FlankPoints, views: Sequence[GearView]) -> NDArray[np.intp]:
+    """Which view each point (n,) of the flanks of all is of."""
+    ends = np.cumsum([view.scan.profiles for view in views])
+    return np.searchsorted(ends, flanks.profile, side="right")
+
+
+def _in_stack(flanks: Flanks, views: Sequence[GearView], k: int) -> Flanks:
+    if len(views) == 1:
+        return flanks
+    first, points, all_points = _first_profile(views, k), views[k].scan.x.shape[1], _points(views)
+
+    def moved(of: Points) -> Points:
+        profile = of.profile + np.int32(first)
+        return replace(of, profile=profile, index=profile.astype(np.int64) * all_points + of.index % points)
+
+    return replace(moved(flanks), outside_gate=moved(flanks.outside_gate))
+
+
+def _first_profile(views: Sequence[GearView], k: int) -> int:
+    """Where the profiles of view ``k`` begin among those of all."""
+    return sum(view.scan.profiles for view in views[:k])
+
+
+def _points(views: Sequence[GearView]) -> int:
+    """Points of a profile of all: of the view that has most."""
+    return max(int(view.scan.x.shape[1]) for view in views)
