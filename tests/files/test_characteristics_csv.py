@@ -41,7 +41,7 @@ def rows(text):
 def test_every_line_is_there_with_the_record_s_digits():
     found = rows(characteristics_csv(LINES))
     calibration = Calibration("stand", STILL, STILL, Stand(), "index", "home")
-    record = inspection_record(inspection(), calibration, ScanSummary("", 1, 1, 1.0, 1.0), "", "")
+    record = inspection_record(inspection(), calibration, (ScanSummary("", 1, 1, 1.0, 1.0),), "", "")
     for row, line in zip(found, record["characteristics"], strict=True):
         size = "value_mm" in line
         value, U = (line["value_mm"], line["U_mm"]) if size else (line["value_um"], line["U_um"])

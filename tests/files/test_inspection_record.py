@@ -18,7 +18,7 @@ STILL = Pose(np.eye(3), np.zeros(3))
 
 def record_of(kind, *lines):
     calibration = Calibration("stand", STILL, STILL, Stand(), "index", "home")
-    found = inspection_record(Inspection(kind, "part", lines), calibration, ScanSummary("", 1, 1, 1.0, 1.0), "", "")
+    found = inspection_record(Inspection(kind, "part", lines), calibration, (ScanSummary("", 1, 1, 1.0, 1.0),), "", "")
     jsonschema.validate(found, json.loads(schema_text("inspection")))
     return found
 

@@ -94,7 +94,7 @@ def test_lines_without_the_damage_are_told_and_judge_nothing():
     c = without["f_falpha", 2, "left"]
     assert c.value < 3 * UM and c.limits is None and c.verdict is None
     assert ("f_falpha", 3, "left") not in without
-    record = inspection_record(found, true_calibration(), ScanSummary("", 1, 1, 1.0, 1.0), "", "2026-11-23")
+    record = inspection_record(found, true_calibration(), (ScanSummary("", 1, 1, 1.0, 1.0),), "", "2026-11-23")
     flagged = [c for c in record["characteristics"] if c.get("without_damage")]
     assert len(flagged) == len(without)
     assert len(characteristics_from(record)) == len(found.characteristics)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from truestand.apply.transfer import Transfer, transfer
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.message import UNTIED
+from truestand.core.message import UNTIED, Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 
@@ -42,8 +42,10 @@ def placed(transferred: Transfer, calibration: Calibration) -> Surface:
     What speaks against using the views together speaks against each; but a scan that shaft in view has tied to its own
     view's zero is tied to all: the azimuth between views holds whatever their zeros differed by.
     """
-    own = transferred.calibration
-    reasons = (*(r for r in calibration.reasons if r.code != UNTIED.code), *own.reasons)
+    own, known = transferred.calibration, calibration.for_scan(transferred.scan)
+    of_scan = (r for r in own.reasons if r not in known.reasons)
+    named = (Message(r.code, f"view {own.name!r}: {r}") for r in of_scan) if calibration.views else of_scan
+    reasons = (*(r for r in calibration.reasons if r.code != UNTIED.code), *named)
     pose = calibration.shaft_from_rotor @ own.first_from_table
     own = replace(own, reasons=tuple(dict.fromkeys(reasons)), shaft_from_rotor=pose, joint=calibration.joint)
     return apply_calibration(transferred.scan, own)

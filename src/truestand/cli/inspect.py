@@ -37,12 +37,15 @@ from truestand.files.records.record import read_json
 from truestand.files.shapes.clouds import Cloud, check_suffix, write_clouds
 from truestand.gear.match import IdentifiedGear, is_standard, toothed_heights
 from truestand.gear.match import identify as identify_gear
-from truestand.report.terminal import inspection_table
+from truestand.report.terminal import inspection_table, seams_table
 from truestand.station.pipeline import Inputs, Outputs, inspect_job
 
 
 def inspect(
-    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A scan of the part on the calibrated stand.")],
+    scans: Annotated[
+        list[Path],
+        typer.Argument(metavar="SCAN...", help="A scan of the part on the calibrated stand, or one by each sensor."),
+    ],
     calibration: CalibrationOption,
     part: Annotated[Path, typer.Option("--part", metavar="PART.toml", help="The part: gear, turned or CAD model.")],
     stand: StandOption = None,
@@ -70,6 +73,8 @@ def inspect(
 ) -> None:
     """Check a part's geometry against its drawing: 0 conforms, 1 does not, 3 undecided or untrusted.
 
+    Scans of a gear by several sensors are inspected as one.
+
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
     results = results_folder(store, stand)
@@ -78,7 +83,7 @@ def inspect(
     outputs = Outputs(output, cloud, report, table)
     identity = {key: value for key, value in (("serial", serial), ("operator", operator)) if value is not None}
     outcome = inspect_job(
-        Inputs((scan,), stand, calibration=calibration, part=part), outputs, reader.when_asked(scan),
+        Inputs(tuple(scans), stand, calibration=calibration, part=part), outputs, reader.when_asked(*scans),
         step_progress("Inspecting", quiet), identity=identity, start_stated=reader.start_stated, truth=known,
     )  # fmt: skip
     inspection = outcome.result
@@ -87,6 +92,8 @@ def inspect(
         print_json(outcome.record)
     elif not quiet:
         print_table(inspection_table(inspection, known, read_calibration(calibration)))
+        if inspection.seams:
+            print_table(seams_table(inspection.seams))
         typer.echo("\n".join(str(path) for path in outputs.paths))
     for remark in inspection.remarks:
         hint(str(remark), quiet)

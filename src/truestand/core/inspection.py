@@ -55,6 +55,8 @@ class Characteristic:
     """Lines of U, largest first, in mm."""
     reason: str | None = None
     """What makes the line doubtful: the damage that it reads, or surface that was not seen."""
+    views: tuple[str, ...] = ()
+    """Of several views: those that saw what it reads."""
 
     @property
     def at_least(self) -> bool:
@@ -90,6 +92,19 @@ class Defect:
 
 
 @dataclass(frozen=True, slots=True)
+class Seam:
+    """What two views of the same surface differ by when all others have told where the views stand; mm."""
+
+    views: tuple[str, str]
+    flank: Flank | None
+    difference: float
+    """First less second, positive where the first has more material."""
+    U: float
+    """k = 2: of the calibration and the sensors."""
+    ok: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Inspection:
     """What was found on one part."""
 
@@ -115,6 +130,8 @@ class Inspection:
     """Serial number, order, operator, as the recipe has them."""
     published: dict[str, float] = field(default_factory=dict)
     """The same characteristics (mm) after the published compensation, by name and flank: ``F_p left``."""
+    seams: tuple[Seam, ...] = ()
+    """Of several views: where they overlap."""
     created: str | None = None
     software: str = ""
 

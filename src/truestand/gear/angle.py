@@ -14,7 +14,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import medians, robust_sd
 from truestand.core.surface import apply_calibration, stacked, table_angle
-from truestand.gear.flanks import Flanks, Toothing, find_flanks, find_toothing
+from truestand.gear.flanks import Flanks, Toothing, find_toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import MEDIAN_SPAN, bin_index
 from truestand.gear.views import MOST_LEFT, GearView
@@ -59,7 +59,7 @@ def with_correct_angles(views: tuple[GearView, ...]) -> tuple[GearView, ...]:
         return corrected
     old = views[0].flanks.toothing  # one for all again
     toothing = find_toothing(stacked([view.surface for view in corrected]), old.nominal, old.datum)
-    return tuple(replace(view, flanks=find_flanks(view.surface, toothing)) for view in corrected)
+    return tuple(view.rolled_up(view.surface, toothing) for view in corrected)
 
 
 def correct_angle(view: GearView) -> GearView:
@@ -89,8 +89,7 @@ def _rolled_up(best: GearView, error: Array) -> GearView:
     scan = replace(best.scan, angle=angle + error - error.mean())
     calibration = replace(best.calibration, speed_factor=1.0)
     surface = apply_calibration(scan, calibration)
-    flanks = find_flanks(surface, find_toothing(surface, toothing.nominal, toothing.datum))
-    return replace(best, surface=surface, flanks=flanks, scan=scan, calibration=calibration)
+    return best.rolled_up(surface, find_toothing(surface, toothing.nominal, toothing.datum))
 
 
 def _lever_arms(calibration: Calibration, toothing: Toothing) -> Array:

@@ -36,7 +36,7 @@ from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid, cell_of
 from truestand.gear.views import GearView, view_of
-from truestand.uncertainty.influence import moved_points
+from truestand.uncertainty.influence import STEPS, moved_points
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
@@ -100,6 +100,15 @@ class SeenCells:
         """
         return moved_points(calibration, step, self.x, self.z, self.theta + turned) - self.point
 
+    def moves(self, calibration: Calibration) -> Array:
+        """How they move with each unknown of a view, its azimuth and its height: (``VIEW_UNKNOWNS``, n, 3) mm per mm or
+        rad.
+        """
+        steps = STEPS[:, None] * np.eye(UNKNOWNS)
+        own = [self.moved(calibration, step) / size for step, size in zip(steps, STEPS, strict=True)]
+        x, y, none = self.point[:, 0], self.point[:, 1], np.zeros(self.x.size)
+        return np.stack([*own, np.stack([-y, x, none], axis=1), np.stack([none, none, none + 1.0], axis=1)])
+
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
         """The effect of moving the points by ``moved`` (n, 3) mm, or all alike by (3,) mm, in C."""
         delta = (self.gradient * moved).sum(axis=1).reshape(self.shape)
@@ -138,13 +147,12 @@ def weighed(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> tuple[Weig
 
 def influences_of(views: tuple[Weighed, ...], grid: Grid, toothing: Toothing) -> tuple[Influence, ...]:
     """Every input of the budget but noise."""
-    seen = tuple((w, _seen_cells(w.view.calibration, grid, toothing)) for w in views)
+    seen = tuple((w, seen_cells(w.view.calibration, toothing, grid.roll, grid.height)) for w in views)
     cells, temperature = seen[0][1], toothing.nominal.gear.temperature
     grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
         *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views),
-        *(w.of_share(i) for w, cells in seen for i in _of_sensor(w.view.scan, w.view.calibration, cells)),
-        *(w.of_share(i) for w, cells in seen for i in _of_stability(w.view.scan, w.view.calibration, cells)),
+        *(w.of_share(i) for w, cells in seen for i in of_sensor(w.view.scan, w.view.calibration, cells)),
         *_together([_of_shaft(w.view.calibration, cells) for w, cells in seen], views),
         *_together([_of_table(w.view, cells, toothing.nominal) for w, cells in seen], views),
         *_of_datum(toothing.datum, cells),
@@ -208,14 +216,15 @@ def lines_of(
     return tuple(c for c in lines if c.U > 1e-3 * lines[0].U)
 
 
-def _seen_cells(calibration: Calibration, grid: Grid, toothing: Toothing) -> SeenCells:
+def seen_cells(calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> SeenCells:
+    """Places of the nominal flanks, at roll lengths and heights (2, teeth, ...) mm, as a view sees them."""
     nominal, pose = toothing.nominal, toothing.datum.pose
-    side, tooth, _, _ = np.indices(grid.delta.shape).reshape(4, -1)
-    point = toothing.points((side, tooth), grid.roll.reshape(-1), grid.height.reshape(-1), np.zeros(side.size))
+    side, tooth = np.indices(roll.shape).reshape(roll.ndim, -1)[:2]
+    point = toothing.points((side, tooth), roll.reshape(-1), height.reshape(-1), np.zeros(side.size))
     gradient = _gradient(nominal, pose(point), SIGMA[side]) @ pose.rotation
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
-    return SeenCells(point, x, z, theta, gradient, grid.delta.shape)
+    return SeenCells(point, x, z, theta, gradient, roll.shape)
 
 
 def _gradient(nominal: Involute, points: Array, side: Array) -> Array:
@@ -249,31 +258,27 @@ def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> lis
 
 def _of_joint_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:
     """The same of the covariance of all views together, what they share counted once."""
-    covariance = _joint_covariance(views)
+    covariance = joint_covariance([w.view.calibration for w in views])
     if covariance is None:
         return []
     block = VIEW_UNKNOWNS * np.arange(len(views))
     order = np.concatenate([block + u for u in (*UNKNOWN_ORDER, UNKNOWNS, UNKNOWNS + 1)])
     names = [name for name in (*UNKNOWN_NAMES, AZIMUTH_NAME, HEIGHT_NAME) for _ in views]
-    factor = _cholesky(covariance[np.ix_(order, order)])
-    found, up = [], np.array([0.0, 0.0, 1.0])
-    about = np.stack([-cells.point[:, 1], cells.point[:, 0], np.zeros(cells.x.size)], axis=1)
+    factor, moves = _cholesky(covariance[np.ix_(order, order)]), cells.moves(views[k].view.calibration)
+    found = []
     for name, column in zip(names, factor.T, strict=True):
         steps = np.zeros(covariance.shape[0])
         steps[order] = 2 * column
-        step = steps[block[k] : block[k] + VIEW_UNKNOWNS]
-        moved = cells.moved(views[k].view.calibration, step[:UNKNOWNS])
-        moved = moved + about * step[UNKNOWNS] + up * step[UNKNOWNS + 1]
+        moved = np.tensordot(steps[block[k] : block[k] + VIEW_UNKNOWNS], moves, 1)
         found.append(cells.influence(name, moved, float(np.abs(column).max())))
     return found
 
 
-def _joint_covariance(views: tuple[Weighed, ...]) -> Array | None:
-    """The covariance of the unknowns of these views, in their order; None where the record carries none.
+def joint_covariance(calibrations: Sequence[Calibration]) -> Array | None:
+    """The covariance of all unknowns of several views, in their order; None where their record carries none.
 
     What a witness band adds to the radial position of one of them is added here.
     """
-    calibrations = [w.view.calibration for w in views]
     joint = calibrations[0].joint
     if joint is None or any(c.covariance.shape[0] < UNKNOWNS for c in calibrations):
         return None
@@ -292,8 +297,10 @@ def _cholesky(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(correlation))
 
 
-def _of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """Range errors along the ray, and what steep incidence does."""
+def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """What is one sensor's own: range errors along the ray, what steep incidence does, its radial zero since it was
+    calibrated.
+    """
     sensor = scan.stand.sensor
     direction = (cells.point - sensor_origins(calibration, cells.theta)) / cells.z[:, None]  # of one unit of range
     z = cells.z
@@ -312,6 +319,7 @@ def _of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[I
         cells.influence(scale_name(sensor), direction * stretched[:, None], scale / 2),
         cells.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         cells.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
+        *_of_stability(scan, calibration, cells),
     ]
 
 

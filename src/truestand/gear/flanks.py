@@ -274,6 +274,13 @@ def find_toothing(surface: Surface, nominal: Involute, datum: Datum) -> Toothing
     return Toothing(nominal, datum, first_tooth, offsets, matched)
 
 
+def flank_offsets(surface: Surface, toothing: Toothing) -> Array:
+    """delta (2 teeth,) mm at which a surface has most points of each flank near the measuring circle; NaN: too few."""
+    nominal = toothing.nominal
+    points = near_measuring_circle(surface, nominal, toothing.datum)
+    return _offsets(*assign(points, nominal, toothing.first_tooth), nominal)
+
+
 def near_measuring_circle(surface: Surface, nominal: Involute, datum: Datum) -> ToothedZone:
     """About ``SEARCH_POINTS`` points near the measuring circle, evenly over the scan."""
     depth = SEARCH_DEPTH * nominal.gear.module

@@ -51,10 +51,11 @@ from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
+from truestand.gear.seams import contradictions, tied, tied_roughly
 from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
-from truestand.gear.views import GearView, joined, views_of
+from truestand.gear.views import GearView, joined, views_of, with_views
 
 HIDDEN_SHOULDER_U = 0.5
 """mm by which heights may be off where the calibration did not see the shoulder's face."""
@@ -92,10 +93,12 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
     nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
+    surfaces, seams = tied_roughly(surfaces, find_toothing(stacked(surfaces), nominal, datum))
     whole = stacked(surfaces)
     views = views_of(surfaces, find_toothing(whole, nominal, datum))
     reasons = _reasons(whole, views)
     views = with_correct_angles(views)
+    views, seams = (views, seams) if seams else tied(views)
     flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
     complete = with_deep_damage(flanks)
     evaluator, measures = evaluate_flanks(complete, step)
@@ -118,13 +121,14 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     return Inspection(
         kind="gear",
         name=gear.name,
-        characteristics=characteristics_of(assessment, diameters),
+        characteristics=with_views(characteristics_of(assessment, diameters), flanks, views),
         without_damage=without_damage_of(assessment),
         defects=defects,
-        reasons=(*reasons, *dict.fromkeys(r for view in views for r in unevenness(view))),
+        reasons=(*reasons, *dict.fromkeys(r for view in views for r in unevenness(view)), *contradictions(seams)),
         remarks=remarks_of(views, coverage, damage, measures, diameters),
         settings=settings_of(nominal, datum, [view.scan for view in views], evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,
+        seams=seams,
         deviation=_deviation(complete, whole.x.shape),
         evidence=GearEvidence(
             nominal, flanks.toothing.first_tooth, evaluator.grid, measures, coverage, folded, defect_map, published

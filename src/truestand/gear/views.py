@@ -2,18 +2,22 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.calibration import Calibration
+from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, table_angle
 from truestand.gear.flanks import FlankPoints, Flanks, Toothing, find_flanks, without_lone_readings
+from truestand.gear.geometry import FLANKS
 
 Points = TypeVar("Points", bound=FlankPoints)
 
+LEAST_SHARE = 0.1
+"""Of the points of a flank, from which a view counts as one that saw it: outliers are everywhere."""
 MOST_LEFT = 2e-3
 """mm, rms: by so much passes may disagree without a word."""
 
@@ -44,6 +48,12 @@ class GearView:
         rms = self.after_rms if self.explained else self.before_rms
         return rms if rms is not None and rms > MOST_LEFT else None
 
+    def rolled_up(self, surface: Surface, toothing: Toothing) -> Self:
+        """The same scan, rolled up otherwise."""
+        scan, calibration = surface.origin
+        flanks = find_flanks(surface, toothing)
+        return replace(self, surface=surface, flanks=flanks, scan=scan, calibration=calibration)
+
     def borne_out(self) -> Flanks:
         """Its flanks without readings that stand alone."""
         return without_lone_readings(self.flanks, self.scan.x.shape[1], table_angle(self.scan, self.calibration))
@@ -68,6 +78,25 @@ def part_of(flanks: Flanks, views: Sequence[GearView], k: int) -> Flanks:
     own = flanks.select((flanks.profile >= first) & (flanks.profile < first + views[k].scan.profiles))
     column = own.index % _points(views)
     return replace(own, profile=own.profile - np.int32(first), index=(own.profile - first) * points + column)
+
+
+def with_views(
+    lines: tuple[Characteristic, ...], flanks: Flanks, views: Sequence[GearView]
+) -> tuple[Characteristic, ...]:
+    """The lines with the views that saw the flanks which they read; of one view, as they are."""
+    if len(views) == 1:
+        return lines
+    teeth = flanks.toothing.nominal.gear.teeth
+    key = view_of(flanks, views) * 2 * teeth + flanks.flank
+    count = np.bincount(key, minlength=len(views) * 2 * teeth).reshape(len(views), 2, teeth)
+    seen = count > LEAST_SHARE * count.sum(axis=0)
+
+    def names(line: Characteristic) -> tuple[str, ...]:
+        sides = slice(None) if line.flank is None else FLANKS.index(line.flank)
+        of_line = seen[:, sides] if line.tooth is None else seen[:, sides, line.tooth - 1]
+        return tuple(view.name for view, sees in zip(views, of_line, strict=True) if sees.any())
+
+    return tuple(replace(line, views=names(line)) for line in lines)
 
 
 def view_of(flanks: FlankPoints, views: Sequence[GearView]) -> NDArray[np.intp]:

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from truestand.core.calibration import Calibration, Positions
-from truestand.core.inspection import Characteristic, Inspection
+from truestand.core.inspection import Characteristic, Inspection, Seam
 from truestand.core.units import degrees, um
 from truestand.report.causes import cause_line
 from truestand.report.history import InspectionRow, QuantityHistory
@@ -113,6 +113,15 @@ def inspection_table(
         return table
     budgets = {f"{c.name} {c.flank or c.section or ''}".strip(): c.budget for c in main_lines(inspection)}
     return _with_cause(table, causes_of(calibration, budgets))
+
+
+def seams_table(seams: Sequence[Seam]) -> Table:
+    """What views differ by on the flanks that both saw, before the inspection laid them onto each other."""
+    table = _table("Seams", ("views", "flanks"), ("difference ± U (k = 2), um",), ("agree",))
+    for seam in seams:
+        difference = with_u(um(seam.difference), um(seam.U))
+        table.add_row(" - ".join(seam.views), seam.flank or "", difference, "yes" if seam.ok else "no")
+    return table
 
 
 def _with_cause(table: Table, causes: Sequence[Cause]) -> RenderableType:

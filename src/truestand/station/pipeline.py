@@ -24,7 +24,7 @@ from truestand.files.recipes.recipes import Company, read_company, read_shaft
 from truestand.files.records.calibration_record import calibration_record, read_calibration
 from truestand.files.records.record import now, read_json
 from truestand.files.scans.read import sha256_of
-from truestand.files.shapes.clouds import check_suffix, write_cloud
+from truestand.files.shapes.clouds import Cloud, check_suffix, write_cloud, write_clouds
 from truestand.report.pdf import check_report, write_report
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def inspect_job(
     inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     identity: Mapping[str, str] | None = None, start_stated: bool = False, truth: Mapping[str, Any] | None = None,
 ) -> Outcome[Inspection]:  # fmt: skip
-    """Inspect a part by a scan of it on the calibrated stand.
+    """Inspect a part by a scan of it on the calibrated stand, or by one of each view.
 
     ``identity``: serial, order, operator, where they are others than the recipe's; ``start_stated``: the table angle of
     the scan's first profile was given by the user; ``truth``: of a simulated scan.
@@ -150,7 +150,6 @@ def inspect_job(
         BadRecipe, MissingExtra: before any scan is taken.
         NotEnoughData, WrongDrawing: as ``inspect``.
     """
-    from truestand.apply.transfer import transfer
     from truestand.files.recipes.parts import read_identity, read_part
     from truestand.files.records.inspection_record import inspection_record
     from truestand.parts.inspect import inspect
@@ -160,17 +159,17 @@ def inspect_job(
     part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
     sha256 = sha256_of(record_path)
     changes = _changes(inputs)
-    (scan,) = take(calibration.whole_stand)
+    scans = take(calibration.whole_stand)
     with during("evaluate"):
-        transferred = transfer(scan, calibration, start_stated)
-        surface, created = apply_calibration(transferred.scan, transferred.calibration), now()
+        surfaces, created = _rolled_up(scans, calibration, start_stated), now()
         identity = {**read_identity(recipe), **(identity or {})}
-        inspection = inspect(surface, part)
+        inspection = inspect(surfaces, part)
         inspection = replace(inspection, created=created, identity=identity, remarks=(*changes, *inspection.remarks))
-        record = inspection_record(inspection, transferred.calibration, ScanSummary.of(scan), sha256, created)
+        _, applied = surfaces[0].origin
+        record = inspection_record(inspection, applied, tuple(map(ScanSummary.of, scans)), sha256, created)
         _write_record(outputs, record)
     with during("report"):
-        _write_inspection(outputs, inspection, surface, company, truth)
+        _write_inspection(outputs, inspection, surfaces, company, truth)
     return Outcome(inspection, record, inputs.evidence() | outputs.evidence())
 
 
@@ -241,6 +240,16 @@ def _calibrated(
     return calibration, calibration if both else None
 
 
+def _rolled_up(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool) -> tuple[Surface, ...]:
+    """The scans as the calibration applies to them: one in its own view's frames, several in those of the first."""
+    from truestand.apply.transfer import roll
+    from truestand.apply.views import roll_views
+
+    if len(scans) > 1:
+        return roll_views(scans, calibration, start_stated)
+    return (roll(scans[0], calibration, start_stated),)
+
+
 def _write_cloud(path: Path | None, scan: Scan, calibration: Calibration) -> None:
     if path is not None:
         surface = apply_calibration(scan, calibration)
@@ -248,18 +257,28 @@ def _write_cloud(path: Path | None, scan: Scan, calibration: Calibration) -> Non
 
 
 def _write_inspection(
-    outputs: Outputs, inspection: Inspection, surface: Surface, company: Company | None,
+    outputs: Outputs, inspection: Inspection, surfaces: tuple[Surface, ...], company: Company | None,
     truth: Mapping[str, Any] | None,
 ) -> None:  # fmt: skip
     """The cloud with its deviations, the characteristics, the report."""
     from truestand.files.records.inspection_record import write_characteristics
 
     if outputs.cloud is not None:
-        deviation = None if inspection.deviation is None else UM_PER_MM * inspection.deviation
-        write_cloud(outputs.cloud, surface.x, surface.y, surface.z, deviation)
+        write_clouds(outputs.cloud, _clouds(inspection, surfaces))
     if outputs.table is not None:
         write_characteristics(outputs.table, inspection)
     if outputs.report is not None:
         from truestand.report.inspection import inspection_report
 
-        write_report(outputs.report, inspection_report(inspection, surface.calibration, truth, company))
+        write_report(outputs.report, inspection_report(inspection, surfaces[0].calibration, truth, company))
+
+
+def _clouds(inspection: Inspection, surfaces: tuple[Surface, ...]) -> list[Cloud]:
+    """The cloud of each view, with the deviations (um) of its points."""
+    clouds, first = [], 0
+    for surface in surfaces:
+        (profiles, points), deviation = surface.x.shape, inspection.deviation
+        own = None if deviation is None else UM_PER_MM * deviation[first : first + profiles, :points]
+        clouds.append(Cloud(surface.x, surface.y, surface.z, own, surface.origin[1].name))
+        first += profiles
+    return clouds

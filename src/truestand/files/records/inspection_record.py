@@ -12,7 +12,7 @@ from typing import Any
 
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import UnreadableFile
-from truestand.core.inspection import Characteristic, Defect, Inspection
+from truestand.core.inspection import Characteristic, Defect, Inspection, Seam
 from truestand.files.atomic import write_text_atomic
 from truestand.files.records.record import (
     SOFTWARE,
@@ -40,9 +40,13 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "|", "%")
 
 
 def inspection_record(
-    inspection: Inspection, calibration: Calibration, scan: ScanSummary, calibration_sha256: str, created: str
+    inspection: Inspection,
+    calibration: Calibration,
+    scans: tuple[ScanSummary, ...],
+    calibration_sha256: str,
+    created: str,
 ) -> Record:
-    """The record; ``created`` is an ISO time."""
+    """The record of an inspection by one scan, or by one of each view; ``created`` is an ISO time."""
     i = inspection
     record: Record = {
         "format": FORMAT,
@@ -61,11 +65,24 @@ def inspection_record(
         "assumptions": assumptions_record(assumptions_of(calibration, (c.budget for c in i.characteristics))),
         "published": [_published(name, value) for name, value in i.published.items()],
         "calibration": {"sha256": calibration_sha256, "status": calibration.status, "created": calibration.created},
-        "scan": scan_record(scan),
+        "scan": scan_record(scans[0]),
         "software": SOFTWARE,
         "created": created,
     }
+    if len(scans) > 1:
+        record["scans"] = [scan_record(scan) for scan in scans]
+        record["seams"] = [_seam(seam) for seam in i.seams]
     return without_nan(record)
+
+
+def _seam(seam: Seam) -> Record:
+    return {
+        "views": list(seam.views),
+        "flank": seam.flank,
+        "difference_um": UM * seam.difference,
+        "U_um": UM * seam.U,
+        "ok": seam.ok,
+    }
 
 
 def _characteristic(c: Characteristic) -> Record:
@@ -87,6 +104,8 @@ def _characteristic(c: Characteristic) -> Record:
         line["at_least"] = True
     if c.reason is not None:
         line["reason"] = c.reason
+    if c.views:
+        line["views"] = list(c.views)
     if c.tooth is None:
         line["contributions"] = [{"name": b.name, unit: scale * b.U} for b in c.budget]
     return line

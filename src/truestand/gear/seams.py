@@ -1,0 +1,244 @@
+"""Where views overlap on the same flanks: by how much they differ, and what that tells of where they stand.
+
+What a view says of a flank follows the unknowns of the joint calibration. A difference between two views of the same
+flank measures them, as a reading of the artefact does: it corrects them and their covariance (Kalman's update), as far
+as it does not contradict what was known of them. Their errors that a flank does not tell apart stay in U.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from math import sqrt
+
+import numpy as np
+
+from truestand.core.arrays import Array, Mask
+from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
+from truestand.core.frames import (
+    ECCENTRICITY_X,
+    PHI,
+    PLANE_OFFSET,
+    PLANE_TILT,
+    RADIAL,
+    UNKNOWNS,
+    about_axis,
+    shaft_from_rotor,
+    table_from_sensor,
+)
+from truestand.core.inspection import Seam
+from truestand.core.message import Message
+from truestand.core.robust import robust_sd
+from truestand.core.surface import Surface, apply_calibration, stacked
+from truestand.gear.budget import joint_covariance, of_sensor, seen_cells
+from truestand.gear.flanks import Flanks, Toothing, find_toothing, flank_offsets
+from truestand.gear.geometry import FLANKS
+from truestand.gear.grid import Grid, cell_of, grid_of
+from truestand.gear.views import GearView, joined, part_of
+from truestand.uncertainty.influence import unknowns_of
+
+LEAST_TEETH = 3
+"""Flanks of a side that two views must both show to be compared,"""
+LEAST_CELLS = 30
+"""and cells of them."""
+ROUGH_U = 0.02
+"""mm (standard): of a difference between flanks of which two views may show other parts."""
+FAR_APART = 0.1
+"""mm of delta: so far apart, flanks of two views are laid onto each other before points are told to be on flanks."""
+CONTRADICTS = 1.5
+"""Times its U that a difference must be for views to contradict each other: 1 of 400 is by chance."""
+PLACES = 5
+"""Along the face at which flanks are compared roughly."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """How the deviations that a view shows of the flanks' cells follow its own errors."""
+
+    by_unknown: Array
+    """(``VIEW_UNKNOWNS``, cells) mm per mm or rad."""
+    by_sensor: Array
+    """(errors, cells) mm, standard."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Difference:
+    """What two views differ by on one side's flanks, and what it follows."""
+
+    of: tuple[int, int]
+    side: int
+    value: float
+    """mm of delta, the first less the second."""
+    u: float
+    """mm, standard: of noise."""
+    by_unknown: Array
+    """(unknowns of all views,) mm per mm or rad."""
+    by_sensor: Array
+    """(errors of all sensors,) mm, standard."""
+
+
+def tied_roughly(surfaces: tuple[Surface, ...], toothing: Toothing) -> tuple[tuple[Surface, ...], tuple[Seam, ...]]:
+    """The surfaces of several views, those whose flanks lie farther apart than a gate allows moved onto each other; and
+    their seams, where they contradict each other.
+
+    Heights between views may be known to a millimetre only: so far apart are the flanks of a helical gear.
+    """
+    covariance = joint_covariance([s.origin[1] for s in surfaces]) if len(surfaces) > 1 else None
+    if covariance is None:
+        return surfaces, ()
+    nominal = toothing.nominal
+    shape = (2, nominal.gear.teeth, PLACES)
+    roll, height = np.full(shape, nominal.measuring_roll), np.linspace(*nominal.helix_range, PLACES)
+    seen = [_seen(s, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
+    offsets = [flank_offsets(s, toothing).reshape(2, -1) for s in surfaces]
+    differences = []
+    for (a, b), side in product(combinations(range(len(surfaces)), 2), (0, 1)):
+        apart = offsets[a][side] - offsets[b][side]
+        both = np.zeros(shape, dtype=bool)
+        both[side] = np.isfinite(apart)[:, None]
+        if np.count_nonzero(np.isfinite(apart)) >= LEAST_TEETH:
+            differences.append(_difference(seen, (a, b), side, float(np.nanmedian(apart)), ROUGH_U, both))
+    if all(abs(d.value) < FAR_APART for d in differences):
+        return surfaces, ()
+    seams = _seams(differences, surfaces, covariance)
+    return (_rolled_up(surfaces, differences), ()) if all(seam.ok for seam in seams) else (surfaces, seams)
+
+
+def tied(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[Seam, ...]]:
+    """The views where their flanks lie on each other, and the seams between them; a view alone as it is.
+
+    Where views contradict each other they are left where they are.
+    """
+    surfaces = tuple(view.surface for view in views)
+    covariance = joint_covariance([view.calibration for view in views]) if len(views) > 1 else None
+    if covariance is None:
+        return views, ()
+    differences = _differences(views)
+    seams = _seams(differences, surfaces, covariance)
+    if not all(seam.ok for seam in seams):
+        return views, seams
+    old = views[0].flanks.toothing
+    surfaces = _rolled_up(surfaces, differences)
+    toothing = find_toothing(stacked(surfaces), old.nominal, old.datum)
+    return tuple(view.rolled_up(s, toothing) for view, s in zip(views, surfaces, strict=True)), seams
+
+
+def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
+    """Why nothing may be decided where views contradict each other; a third view tells which of them moved."""
+    wrong = [seam for seam in seams if not seam.ok]
+    if not wrong:
+        return ()
+    worst = max(wrong, key=lambda seam: abs(seam.difference) / seam.U)
+    agreeing = {view for seam in seams if seam.ok for view in seam.views}
+    moved = {view for seam in wrong for view in seam.views} - agreeing
+    which = f"view {min(moved)!r} has" if len(moved) == 1 else "one of them has"
+    text = (
+        f"views {' and '.join(map(repr, worst.views))} differ by {1000 * abs(worst.difference):.1f} um on the "
+        f"{worst.flank} flanks, U is {1000 * worst.U:.1f} um: {which} moved since the calibration; verify each "
+        "(truestand verify), or inspect by one view"
+    )
+    return (Message("views_contradict", text),)
+
+
+def _differences(views: tuple[GearView, ...]) -> list[_Difference]:
+    """What views differ by in the cells of flanks that both show."""
+    flanks = joined([view.borne_out() for view in views], views)
+    grid, toothing = grid_of(flanks), flanks.toothing
+    seen = [_seen(view.surface, toothing, grid.roll, grid.height) for view in views]
+    means = [_means(part_of(flanks, views, k), grid) for k in range(len(views))]
+    found = []
+    for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
+        apart = means[a] - means[b]
+        both = np.zeros(apart.shape, dtype=bool)
+        both[side] = np.isfinite(apart[side]) & grid.in_ranges[side]
+        teeth = np.count_nonzero(both[side].any(axis=(1, 2)))
+        if teeth >= LEAST_TEETH and np.count_nonzero(both) >= LEAST_CELLS:
+            u = robust_sd(apart[both] - np.median(apart[both])) / sqrt(teeth)
+            found.append(_difference(seen, (a, b), side, float(np.median(apart[both])), u, both))
+    return found
+
+
+def _means(flanks: Flanks, grid: Grid) -> Array:
+    """Mean delta (2, teeth, roll lengths, heights) mm of the points of one view in the cells of all; NaN: none."""
+    cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
+    count = np.bincount(cell, minlength=grid.delta.size)
+    total = np.bincount(cell, flanks.delta, minlength=grid.delta.size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(grid.delta.shape)
+
+
+def _seen(surface: Surface, toothing: Toothing, roll: Array, height: Array) -> _Seen:
+    scan, calibration = surface.origin
+    cells = seen_cells(calibration, toothing, roll, height)
+    by_unknown = np.einsum("unc,nc->un", cells.moves(calibration), cells.gradient)
+    by_sensor = np.stack([i.field.reshape(-1) / 2 for i in of_sensor(scan, calibration, cells)])
+    return _Seen(by_unknown, by_sensor)
+
+
+def _difference(seen: list[_Seen], of: tuple[int, int], side: int, value: float, u: float, both: Mask) -> _Difference:
+    """One difference, of the cells that ``both`` views show."""
+    signs, on = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1)
+
+    def row(name: str) -> Array:
+        return np.concatenate([signs.get(k, 0.0) * getattr(s, name)[:, on].mean(axis=1) for k, s in enumerate(seen)])
+
+    return _Difference(of, side, value, u, row("by_unknown"), row("by_sensor"))
+
+
+def _seams(differences: list[_Difference], surfaces: tuple[Surface, ...], covariance: Array) -> tuple[Seam, ...]:
+    """The differences against what was known of them: what is left of each when all others have told where the views
+    stand. A height between views that nobody knows lets both sides differ, but in opposite ways.
+    """
+    if not differences:
+        return ()
+    rows, noise = _told(differences)
+    weight = np.linalg.inv(rows @ covariance @ rows.T + noise)
+    left = weight @ np.array([d.value for d in differences]) / np.diag(weight)
+    found = []
+    for d, value, U in zip(differences, left, 2 / np.sqrt(np.diag(weight)), strict=True):
+        first, second = (surfaces[k].origin[1].name for k in d.of)
+        found.append(Seam((first, second), FLANKS[d.side], float(value), float(U), bool(abs(value) <= CONTRADICTS * U)))
+    return tuple(found)
+
+
+def _told(differences: list[_Difference]) -> tuple[Array, Array]:
+    """How the differences (n,) follow the unknowns (n, unknowns), and the covariance (n, n) of what else they hold."""
+    rows, sensors = (np.stack([getattr(d, name) for d in differences]) for name in ("by_unknown", "by_sensor"))
+    return rows, sensors @ sensors.T + np.diag([d.u**2 for d in differences])
+
+
+def _rolled_up(surfaces: tuple[Surface, ...], differences: list[_Difference]) -> tuple[Surface, ...]:
+    """The surfaces by calibrations that the differences have corrected."""
+    if not differences:
+        return surfaces
+    calibrations = _corrected([s.origin[1] for s in surfaces], differences)
+    return tuple(apply_calibration(s.origin[0], c) for s, c in zip(surfaces, calibrations, strict=True))
+
+
+def _corrected(calibrations: list[Calibration], differences: list[_Difference]) -> list[Calibration]:
+    """The calibrations of all views with what the differences tell of their unknowns."""
+    before = joint_covariance(calibrations)
+    assert before is not None
+    rows, noise = _told(differences)
+    gain = before @ rows.T @ np.linalg.inv(rows @ before @ rows.T + noise)
+    off = gain @ np.array([d.value for d in differences])
+    after = before - gain @ rows @ before
+    joint = JointCovariance(tuple(c.name for c in calibrations), (after + after.T) / 2)
+    blocks = [slice(VIEW_UNKNOWNS * k, VIEW_UNKNOWNS * (k + 1)) for k in range(len(calibrations))]
+    return [
+        replace(_without(c, off[block]), joint=joint, covariance=joint.matrix[block, block][:UNKNOWNS, :UNKNOWNS])
+        for c, block in zip(calibrations, blocks, strict=True)
+    ]
+
+
+def _without(calibration: Calibration, off: Array) -> Calibration:
+    """A view's calibration whose unknowns, azimuth and height (``VIEW_UNKNOWNS``,) were ``off``, mm and rad."""
+    p, height = unknowns_of(calibration)
+    own = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
+    place = calibration.shaft_from_rotor @ own.inverse
+    *moved, azimuth, up = -off
+    q = p + np.array(moved)
+    return replace(
+        calibration,
+        table_from_sensor=table_from_sensor(q[PHI], q[RADIAL], height, q[PLANE_TILT], q[PLANE_OFFSET]),
+        shaft_from_rotor=about_axis(azimuth, up) @ place @ shaft_from_rotor(*q[ECCENTRICITY_X:UNKNOWNS]),
+        azimuth=calibration.azimuth + azimuth,
+        height=calibration.height + up,
+    )

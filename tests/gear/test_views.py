@@ -1,0 +1,143 @@
+"""A gear by two sensors: inspected as one, each flank by the views that saw it."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians
+
+import numpy as np
+import pytest
+
+from gears import UPRIGHT, WORN, helical, simulation
+from truestand.apply.transfer import roll
+from truestand.apply.views import roll_views
+from truestand.calibration.views import calibrate_views
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
+from truestand.core.inspection import Seam
+from truestand.core.scan import interpret
+from truestand.core.surface import apply_calibration
+from truestand.gear.inspect import inspect_gear
+from truestand.gear.seams import contradictions
+from truestand.parts.drawings import Section, Turned
+from truestand.parts.inspect import inspect
+from truestand.sim import VirtualGear, paper_shaft, simulate
+from truestand.sim.gear_truth import gear_figures
+from views import AZIMUTH, two_sensors
+
+UM = 1e-3
+STAND = two_sensors(points=240, incidence_U=0.005)
+GEAR = helical(30.0)
+FRONT = replace(simulation(2, True).mounting, **UPRIGHT)
+REAR = replace(FRONT, phi=radians(-110.0), plane_offset=-0.2, azimuth=AZIMUTH)
+"""Looks up where the front one looks down: it sees the flanks that a helix leans away from the other."""
+
+
+@cache
+def scans(part=None, rear=REAR):
+    """Of the shaft, or of a part on it, by both: 1.1 turns at 2,000 profiles each."""
+    base = simulation(2200, True)
+    both = replace(
+        base, acquisition=replace(base.acquisition, columns=("angle",)), views=(("front", FRONT), ("rear", rear))
+    )
+    return tuple(
+        interpret(simulate(STAND.of_view(v), both.seen_from(v), paper_shaft(), k, None, part).recording, STAND, view=v)
+        for k, v in enumerate(("front", "rear"))
+    )
+
+
+@cache
+def calibrated():
+    return calibrate_views(scans(), paper_shaft())
+
+
+@cache
+def found(gear=GEAR, rear=REAR):
+    return inspect_gear(roll_views(scans(VirtualGear(gear, WORN), rear), calibrated()), gear)
+
+
+@cache
+def true(gear=GEAR):
+    return gear_figures(VirtualGear(gear, WORN), paper_shaft(), simulation(2, True).workpiece)
+
+
+def line(inspection, name, flank=None, tooth=None):
+    return next(c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))
+
+
+@pytest.mark.parametrize("flank", ["left", "right"])
+def test_pitch_of_both_sides_is_right(flank):
+    """1 um: noise of 5 um over what few readings there are of a tooth."""
+    for name in ("F_p", "f_p"):
+        c = line(found(), name, flank)
+        assert c.status == "measured" and c.value == pytest.approx(true()[name, flank, None], abs=1.0 * UM)
+    assert line(found(), "F_p", flank).U < 10 * UM
+
+
+def test_every_figure_is_inside_its_u():
+    off = [
+        (c.value - true()[key]) / c.U
+        for c in found().characteristics
+        if (key := (c.name, c.flank or "", c.tooth)) in true() and c.value is not None
+    ]
+    assert len(off) > 250 and np.mean(np.abs(off) < 1) > 0.97 and np.max(np.abs(off)) < 1.5
+
+
+def test_lines_name_the_views_that_saw_them():
+    assert line(found(), "s").views == ("front", "rear")
+    assert line(found(), "f_falpha", "left", 3).views == ("front", "rear")
+    assert all(c.views for c in found().characteristics)
+
+
+def test_what_one_view_hides_the_other_shows():
+    alone = inspect_gear(roll(scans(VirtualGear(GEAR, WORN))[0], calibrated()), GEAR)
+    for name, flank in (("F_p", "right"), ("f_p", "right"), ("s", None), ("F_r", None)):
+        assert line(alone, name, flank).status == "not_measurable" and line(found(), name, flank).status == "measured"
+
+
+def test_views_agree_within_their_seams():
+    assert {s.views for s in found().seams} == {("front", "rear")}
+    assert all(s.ok and abs(s.difference) < s.U for s in found().seams)
+    assert found().reasons == contradictions(found().seams) == ()
+
+
+def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():
+    """A helix tells height from azimuth no better than a screw does, and needs neither alone."""
+    first, rear = calibrated().views
+    wrong = replace(calibrated(), views=(first, replace(rear, height=rear.height + 0.8)))
+    again = inspect_gear(roll_views(scans(VirtualGear(GEAR, WORN)), wrong), GEAR)
+    assert max(abs(s.difference) for s in again.seams) < 0.05 and not again.reasons
+    for flank in ("left", "right"):
+        c = line(again, "F_p", flank)
+        assert c.value == pytest.approx(line(found(), "F_p", flank).value, abs=0.5 * UM)
+
+
+def test_views_that_contradict_each_other_decide_nothing():
+    """As if one had moved out where no shaft in view shows it."""
+    front, rear = roll_views(scans(VirtualGear(GEAR, WORN)), calibrated())
+    scan, calibration = rear.origin
+    pose = calibration.table_from_sensor
+    moved = replace(calibration, table_from_sensor=Pose(pose.rotation, pose.translation + np.array([0.15, 0.0, 0.0])))
+    contradicting = inspect_gear((front, apply_calibration(scan, moved)), GEAR)
+    assert [r.code for r in contradicting.reasons] == ["views_contradict"]
+    assert "views 'front' and 'rear' differ by" in contradicting.reasons[0] and contradicting.verdict == "undecided"
+
+
+def test_a_view_that_the_shaft_tells_has_moved_is_named():
+    moved = roll_views(scans(VirtualGear(GEAR, WORN), replace(REAR, plane_offset=-0.05)), calibrated())
+    front, rear = (s.origin[1].reasons for s in moved)
+    assert front == () and rear[0].startswith("view 'rear': ")
+
+
+def test_a_third_view_tells_which_one_moved():
+    seams = [
+        Seam(pair, "left", 0.03 * (not ok), 0.01, ok)
+        for pair, ok in ((("a", "b"), False), (("b", "c"), False), (("a", "c"), True))
+    ]
+    assert "view 'b' has moved" in contradictions(tuple(seams))[0]
+    assert "one of them has moved" in contradictions(tuple(seams[:1]))[0]
+
+
+def test_parts_that_are_no_gears_are_inspected_view_by_view():
+    part = Turned((Section("d1", 5.0, 25.0, 40.0),))
+    with pytest.raises(BadRecipe, match="found 2 views of a part that is no gear"):
+        inspect(roll_views(scans(VirtualGear(GEAR, WORN)), calibrated()), part)
