@@ -1,4 +1,4 @@
-"""A recipe with another face than the part's decides nothing: right figures of the wrong stretch mislead."""
+"""A recipe with another face, tip or root than the part's decides nothing: figures of the wrong stretch mislead."""
 
 from dataclasses import replace
 from functools import cache
@@ -10,10 +10,11 @@ import pytest
 from gears import SPUR, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
 from truestand.core.surface import Surface, apply_calibration
-from truestand.gear.face import other_face
+from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
+from truestand.gear.teeth import fold
 
 NARROW_FAN = simulation(fan=radians(12.0))
 """Sees the lower 12 mm of the face."""
@@ -60,6 +61,22 @@ def test_a_shoulder_beside_the_toothing_is_no_toothing():
     shrunk = radius / np.hypot(surface.x, surface.y)
     seen = np.where(beyond, [shrunk * surface.x, shrunk * surface.y], [surface.x, surface.y])
     assert found(5.0, 20.0, replace(surface, x=seen[0], y=seen[1])) == []
+
+
+@pytest.mark.parametrize(
+    ("drawn", "code"),
+    [
+        (replace(SPUR, root_diameter=46.0), "other_root"),
+        (replace(SPUR, tip_diameter=51.0), "other_tip"),
+        (replace(SPUR, tip_diameter=53.0), "other_tip"),
+        (replace(SPUR, root_diameter=43.6, tip_diameter=51.8), None),
+    ],
+)
+def test_another_tip_or_root_is_found(drawn, code):
+    nominal, datum = involute(drawn), datum_of(true_calibration(), drawn.datum, drawn.bore_clearance)
+    toothing = find_toothing(surface_of(), nominal, datum)
+    found = other_diameters(fold(surface_of(), toothing), surface_of(), toothing)
+    assert [m.code for m in found] == ([code] if code else [])
 
 
 def test_of_another_face_nothing_is_decided():

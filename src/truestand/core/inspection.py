@@ -66,7 +66,9 @@ class Characteristic:
         if self.flank is None or self.verdict != "does_not_conform" or self.value is None or self.U is None:
             return False
         low, high = self.limits or (None, None)
-        return high is not None and self.value > high and decide(self.value, self.U, (low, high)) != self.verdict
+        if high is None or low is not None or self.value <= high:
+            return False
+        return self.status == "partial" or decide(self.value, self.U, (low, high)) != self.verdict
 
 
 @dataclass(frozen=True, slots=True)

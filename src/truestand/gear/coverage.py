@@ -32,7 +32,10 @@ class Coverage:
     profile_gap: Array
     """mm of roll length: the widest stretch of the profile at mid-face, its ends included, without a reading."""
     helix_gap: Array
-    """mm of height: what of the helix was not seen."""
+    """mm: what of the helix was not seen, along the height, or across the measuring circle if the readings beside it
+    lie farther apart."""
+    helix_ends: Array
+    """(2 ends, 2, teeth) mm of height between the ends of the range, lower and upper, and the nearest points."""
     hidden: Mask
     """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
 
@@ -63,7 +66,8 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, hidden: M
         ),
         helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
-        (1.0 - helix_share) * (top - bottom),
+        np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
+        _open_ends(evaluator.traces).reshape(2, *near.shape),
         hidden,
     )
 
@@ -72,6 +76,13 @@ def _share_seen(trace: Array, at: Array, reach: Array) -> Array:
     """Share (2, teeth) of the points of ``trace`` (2, teeth, points), NaN: not seen, within ``reach`` of a seen one."""
     near = np.abs(at[:, None] - at) <= reach[:, None]
     return np.asarray(((np.isfinite(trace).astype(np.float64) @ near.T.astype(np.float64)) > 0).mean(axis=2))
+
+
+def _open_ends(traces: Traces) -> Array:
+    """How far (2 ends, flanks) mm the helix' points end before its range does."""
+    low, high = traces.nominal.helix_range
+    lowest, highest = (np.where(np.isfinite(traces.heights), traces.heights, sign * np.inf) for sign in (1, -1))
+    return np.maximum([lowest.min(axis=1) - low, high - highest.max(axis=1)], 0.0)
 
 
 def _widest_gap(traces: Traces) -> Array:

@@ -100,6 +100,8 @@ class Damage:
     """mm, from and to."""
     heights: tuple[float, float]
     """mm in C, from and to."""
+    unread: bool = False
+    """Whether the helix goes straight on, without a point, at heights of it."""
 
     @property
     def on_top(self) -> bool:
@@ -144,7 +146,9 @@ def damage_of(
     found = []
     below = (far_off & (rest < 0)) | _departing(cell[depth > DEPARTS * spread], grid)
     above = (far_off & (rest > 0)) | _departing(cell[depth < -DEPARTS * spread], grid)
-    not_seen = [_not_seen(told, there) for told in rays]
+    *by_neighbours, by_cell = rays
+    not_seen = [_not_seen(told, there) for told in by_neighbours]
+    not_seen.append((by_cell.in_empty_rows, by_cell.in_empty_rows.astype(np.float64)))
     unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
     missed = np.maximum.reduce([weight for _, weight in not_seen])
     for sign, departing, marked, weight in (
@@ -202,6 +206,14 @@ def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, .
             side, tooth = divmod(flank, grid.delta.shape[1])
             found.append(_unseen(side, tooth, region, rolls, heights))
     return tuple(found)
+
+
+def with_unread(damages: tuple[Damage, ...], zone: Mask, traces: Traces) -> tuple[Damage, ...]:
+    """The same, ``unread`` where a helix, read from a ``zone`` (roll lengths, heights), has no point at some height."""
+    heights = np.isfinite(traces.heights).reshape(2, -1, traces.heights.shape[1])
+    return tuple(
+        replace(d, unread=bool(((d.cells & zone).any(axis=0) & ~heights[d.side, d.tooth]).any())) for d in damages
+    )
 
 
 def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:

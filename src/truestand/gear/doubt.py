@@ -17,6 +17,7 @@ from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, Figures
 from truestand.gear.geometry import Involute
+from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.sections import Sections
 
 PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
@@ -59,8 +60,18 @@ class Assessment:
     there: Mask
     """(teeth,): but for those that the drawing leaves out."""
     sections: Sections
-    edge_share: float
-    """Half a cell's height over the height of the middle of the face."""
+    cell_height: float
+    """mm."""
+
+    @property
+    def edge_share(self) -> float:
+        """Half a cell's height over the height of the middle of the face."""
+        return self.cell_height / (4 * TRACE_SHARE * self.nominal.gear.face_width)
+
+    @property
+    def open_end(self) -> float:
+        """mm before the end of its range at which a helix that was seen to its end may have its last point."""
+        return self.cell_height / 2
 
 
 def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
@@ -72,6 +83,8 @@ def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, .
         line = _borne_out_by_nothing(line)
         if line.status == "partial" and line.name in MEANS:
             line = replace(line, reason=_without_reading(line, a, at))
+            if line.name not in FORMS and line.verdict == "does_not_conform":
+                line = replace(line, verdict="undecided")  # what was not seen may make a slope better
         if not hidden:
             return line
     value = line.value or 0.0
@@ -108,10 +121,28 @@ def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...
     One of the teeth of a mean may have such damage more.
     """
     gap, narrowest = gap_of(a, line.name, at), a.nominal.gear.evaluation.narrowest_damage or NARROWEST
-    if line.name not in MEANS or not (line.status == "partial" or (gap > narrowest and _often_damaged(a))):
+    if line.name not in MEANS:
         return 0.0
-    deepest = _deepest(a, line.name, gap)
+    hidden = line.status == "partial" or (gap > narrowest and _often_damaged(a))
+    deepest = max(_deepest(a, line.name, gap) if hidden else 0.0, _at_open_ends(a, line.name, at))
     return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else deepest
+
+
+def _at_open_ends(a: Assessment, name: str, at: tuple[int, ...]) -> float:
+    """How deep (mm) damage like that at the same end of other flanks may be where a helix was not seen to its end."""
+    if name in PROFILE_NAMES:
+        return 0.0
+    (low, high), deepest = a.nominal.helix_range, 0.0
+    for end, gaps in enumerate(a.coverage.helix_ends):
+        gap = float(gaps[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
+        reaching = [
+            d.depth
+            for d in a.damage
+            if d.depth and d.clear and not d.on_top and (d.heights[1] > high - gap if end else d.heights[0] < low + gap)
+        ]
+        if gap > a.open_end:
+            deepest = max(deepest, *reaching, 0.0)
+    return min(deepest, a.nominal.thickness / 2)
 
 
 def _often_damaged(a: Assessment) -> bool:
@@ -125,10 +156,11 @@ def _often_damaged(a: Assessment) -> bool:
 def _deepest(a: Assessment, name: str, gap: float) -> float:
     """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm) of the traces that a figure reads.
 
-    Of such as is narrow enough for it; where none is, of all.
+    Of such as is narrow enough for it; where none is, of all. What a tip has lost is found there.
     """
-    gone = [d for d in a.damage if d.depth and d.clear and not d.on_top]
-    along = [(d.rolls if name in PROFILE_NAMES else d.heights, d.depth or 0.0) for d in gone]
+    profile, tip = name in PROFILE_NAMES, a.nominal.profile_range[1] - 2 * a.nominal.gear.evaluation.resolution
+    gone = [d for d in a.damage if d.depth and d.clear and not d.on_top and (profile or d.rolls[1] < tip)]
+    along = [(d.rolls if profile else d.heights, d.depth or 0.0) for d in gone]
     narrow = [depth for (first, last), depth in along if last - first <= NARROW * gap]
     return min(max(narrow or [depth for _, depth in along], default=0.0), STEEPEST * gap, a.nominal.thickness / 2)
 
@@ -176,12 +208,17 @@ def _edges(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
 def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> float:
     """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
 
-    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it. Areal figures read
+    As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it, or a helix has no
+    point. Areal figures read
     the smooth flank, which damage has no part in.
     """
     if name.endswith(AREAL):
         return 0.0
-    depths = [a.nominal.thickness / 2 if d.hidden else 0.0 if d.resolved else abs(d.depth or 0.0) for d in regions]
+    helix = _zone(name.removesuffix(MEAN)) == "helix"
+    depths = [
+        a.nominal.thickness / 2 if d.hidden else 0.0 if d.resolved and not (helix and d.unread) else abs(d.depth or 0.0)
+        for d in regions
+    ]
     mean = name.endswith(MEAN) or name in SIZES
     return sum(depths) / max(int(np.count_nonzero(a.there)), 1) if mean else max(depths, default=0.0)
 

@@ -216,11 +216,12 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     profile = unseen_ends(profile_of(delta, traces), profile_points(nominal), lambda t: profile_line(t, evaluator))
     helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, evaluator))
     shared = shared_shape(delta, evaluator.smooth)
-    profile_between = profile_bend(delta, traces) + profile_unsampled(shared, evaluator.grid, traces)
+    unsampled = profile_unsampled(shared, evaluator.grid, traces)
+    profile_between = profile_bend(delta, traces) + np.nan_to_num(np.abs(unsampled)).max(axis=1)
     apart, helix_between = _between_profiles(evaluator), helix_bend(delta, traces)
     tips, ends = _profile_ends(evaluator), _helix_ends(evaluator)
     widths: Figures = {
-        "f_Halpha": np.hypot(profile.slope, tips["slope"]),
+        "f_Halpha": np.hypot(profile.slope + np.abs(profile_line(unsampled, evaluator).slope), tips["slope"]),
         "f_falpha": np.hypot(profile.form + profile_between, tips["form"]),
         "F_alpha": np.hypot(profile.total + profile_between, tips["total"]),
         "f_Hbeta": np.hypot(helix.slope + apart["slope"], ends["slope"]),

@@ -1,6 +1,6 @@
-"""Whether the toothing ends where the drawing's face does.
+"""Whether the toothing ends where the drawing's does: at the ends of its face, at its tip and at its root.
 
-Figures of another face than the drawing's are right and mislead all the same: what lies beyond is never looked at.
+Figures of another stretch than the drawing's are right and mislead all the same: what lies beyond is never looked at.
 """
 
 from dataclasses import dataclass, replace
@@ -9,8 +9,11 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.message import Message
+from truestand.core.robust import nan_median
 from truestand.core.surface import Surface
-from truestand.gear.flanks import MATCH, Toothing, assign, near_measuring_circle
+from truestand.gear.flanks import MATCH, SEARCH_POINTS, Toothing, assign, blocks, near_measuring_circle, toothed_zone
+from truestand.gear.match import root_and_tip
+from truestand.gear.teeth import FoldedMap
 
 BEYOND = 2.0
 """mm beyond the drawing's face that are looked at."""
@@ -20,6 +23,8 @@ REACHED = 0.3
 """Share of the usual number of points from which a height has flanks, or other material."""
 OTHER_FACE = 0.6
 """mm by which the toothing may end elsewhere than the drawing's face: seats, chamfers and tolerances do that."""
+OTHER_RADIUS = 0.25
+"""Modules by which tips may end elsewhere than the drawing's, and roots lie deeper."""
 END_FACE = 0.3
 """mm beyond the flanks in which the end face itself may show."""
 FAN_EDGE = 0.02
@@ -48,6 +53,29 @@ def other_face(surface: Surface, toothing: Toothing, height_U: float) -> tuple[M
         f"{g.face_from:g} to {g.face_to:g} mm: check face_from_mm and face_width_mm, and that the part sits on its seat"
     )
     return (Message("other_face", text),)
+
+
+def other_diameters(folded: FoldedMap, surface: Surface, toothing: Toothing) -> tuple[Message, ...]:
+    """Why tip or root are not the drawing's, on which the profiles' ranges rest; empty where they are."""
+    nominal, g = toothing.nominal, toothing.nominal.gear
+    radius = float(nan_median(folded.tip_radius(nominal)[None], 1)[0])
+    if abs(radius - g.tip_diameter / 2) > OTHER_RADIUS * g.module:
+        text = (
+            f"tips reach to diameter {2 * radius:.2f} mm, the drawing's are {g.tip_diameter:g} mm: check "
+            "tip_diameter_mm"
+        )
+        return (Message("other_tip", text),)
+    thin = max(1, int(surface.x.size / (20 * SEARCH_POINTS)))
+    low, high = g.root_diameter / 4, g.tip_diameter / 2
+    zones = (toothed_zone(surface, nominal, toothing.datum, rows, low, high, thin) for rows in blocks(surface))
+    seen = np.concatenate([zone.radius for zone in zones])
+    root = root_and_tip(seen)[0] if seen.size else low
+    if root < g.root_diameter / 2 - OTHER_RADIUS * g.module:
+        text = (
+            f"roots lie at diameter {2 * root:.2f} mm, the drawing's at {g.root_diameter:g} mm: check root_diameter_mm"
+        )
+        return (Message("other_root", text),)
+    return ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import UNKNOWNS
-from truestand.core.inspection import Inspection
+from truestand.core.inspection import Inspection, Seam
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
@@ -24,6 +24,7 @@ from truestand.gear.damage import (
     damage_of,
     unseen_in_traces,
     with_deep_damage,
+    with_unread,
     without_damage,
     zones_of,
 )
@@ -44,17 +45,17 @@ from truestand.gear.evaluate import (
     sampling_of,
     steepness_of,
 )
-from truestand.gear.face import other_face
+from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
-from truestand.gear.grid import TRACE_SHARE, Grid, grid_of
+from truestand.gear.grid import Grid, grid_of
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.seams import contradictions, tied, tied_roughly
 from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
-from truestand.gear.teeth import FoldedMap, fold, teeth_there, tip_and_root
+from truestand.gear.teeth import FoldedMap, fold, other_teeth, teeth_there, tip_and_root
 from truestand.gear.views import GearView, joined, views_of, with_views
 
 HIDDEN_SHOULDER_U = 0.5
@@ -106,8 +107,9 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
-    coverage = coverage_of(evaluator, measures, step, rays[0].hidden)
+    coverage = coverage_of(evaluator, measures, step, rays[0].hidden | rays[2].hidden_between)
     damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
+    damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     unseen = unseen_in_traces(evaluator.grid, evaluator.traces, step)
     assessment = _assess(views, complete, evaluator, step, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
@@ -124,7 +126,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
         characteristics=with_views(characteristics_of(assessment, diameters), flanks, views),
         without_damage=without_damage_of(assessment),
         defects=defects,
-        reasons=(*reasons, *dict.fromkeys(r for view in views for r in unevenness(view)), *contradictions(seams)),
+        reasons=tuple(dict.fromkeys([*reasons, *_further_reasons(whole, views, folded, seams)])),
         remarks=remarks_of(views, coverage, damage, measures, diameters),
         settings=settings_of(nominal, datum, [view.scan for view in views], evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,
@@ -165,6 +167,19 @@ def _reasons(surface: Surface, views: tuple[GearView, ...]) -> tuple[Message, ..
     if not flanks.delta.size:
         raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     return reasons
+
+
+def _further_reasons(
+    surface: Surface, views: tuple[GearView, ...], folded: FoldedMap, seams: tuple[Seam, ...]
+) -> tuple[Message, ...]:
+    """Why nothing may be decided, of what an inspection finds: other teeth, a table that turned unevenly, seams."""
+    toothing = views[0].flanks.toothing
+    return (
+        *other_diameters(folded, surface, toothing),
+        *other_teeth(folded, toothing.nominal),
+        *(reason for view in views for reason in unevenness(view)),
+        *contradictions(seams),
+    )
 
 
 def _calibration_reasons(calibration: Calibration) -> tuple[Message, ...]:
@@ -208,7 +223,7 @@ def _assess(
         zones_of(evaluator.grid, step),
         there,
         sections_of(evaluator, noise, step),
-        evaluator.grid.size[1] / (4 * TRACE_SHARE * nominal.gear.face_width),
+        evaluator.grid.size[1],
     )
 
 

@@ -157,7 +157,7 @@ def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> Identi
         NotEnoughData: no toothing there that could be identified.
     """
     angle, radius, height = _points(surface, datum, bottom, top)
-    root, tip = _root_and_tip(radius)
+    root, tip = root_and_tip(radius)
     cloud = _Cloud(angle, radius, height - (bottom + top) / 2, root, tip)
     found = []
     for teeth, twist in _patterns(angle, radius, height, root, tip):
@@ -220,7 +220,7 @@ def toothed_heights(surface: Surface, datum: Pose) -> tuple[float, float]:
     from scipy.ndimage import binary_closing, label
 
     _, radius, height = _points(surface, datum, -1e9, 1e9)
-    _, tip = _root_and_tip(radius)
+    _, tip = root_and_tip(radius)
     out = height[np.abs(radius - tip) < TIP_BAND]
     if out.size < 100:
         raise NotEnoughData("found no stretch of largest radius, need a toothing in view; pass --from-mm and --to-mm")
@@ -249,7 +249,7 @@ def _points(surface: Surface, datum: Pose, bottom: float, top: float) -> tuple[A
     return np.arctan2(points[:, 1], points[:, 0]), np.hypot(points[:, 0], points[:, 1]), points[:, 2]
 
 
-def _root_and_tip(radius: Array) -> tuple[float, float]:
+def root_and_tip(radius: Array) -> tuple[float, float]:
     """Radii of the root and of the tip: the outermost and the innermost radius at which many points lie."""
     bins = np.arange(0.0, float(np.quantile(radius, 0.999)) + 5.0, RADIUS_BIN)
     counts, _ = np.histogram(radius, bins)

@@ -32,6 +32,10 @@ LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
 """Rays that should meet a row of cells, over all teeth of a side, and share of them that don't, from which nothing is
 seen of it.
 """
+LEAST_IN_ROW = 15
+"""Cells of a flank's row that rays should meet, from which the row is empty if they meet none of them."""
+ROWS_BESIDE, LEAST_SHOWN = 2, 0.3
+"""Rows below and above one, and share of their cells that rays must meet, from which it should be shown, too."""
 AT_END = 2
 """Cells at the lower end of the evaluation range that are left out: rays may meet the flank below it."""
 
@@ -60,15 +64,38 @@ class Rays:
         expected = self.expected.sum(axis=(1, 3))
         return np.asarray(((expected >= LEAST_EXPECTED) & (self.lost[:, 0, :, 0] > NEARLY_ALL)).any(axis=1))
 
+    @property
+    def hidden_between(self) -> Mask:
+        """(2,): sides on which a row is hidden that has rows which are shown below and above: the floor of a groove
+        along the face of all teeth, whose rays meet its edge.
+        """
+        lost, beside = self.lost[:, 0, :, 0], range(1, ROWS_BESIDE + 1)
+        shown = np.pad(1.0 - lost, ((0, 0), (ROWS_BESIDE, ROWS_BESIDE))) > LEAST_SHOWN
+        below, above = (
+            np.logical_or.reduce([np.roll(shown, sign * k, axis=1) for k in beside])[:, ROWS_BESIDE:-ROWS_BESIDE]
+            for sign in (1, -1)
+        )
+        expected = self.expected.sum(axis=(1, 3)) >= LEAST_EXPECTED
+        return np.asarray((expected & (lost > NEARLY_ALL) & below & above).any(axis=1))
 
-def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> tuple[Rays, Rays]:
+    @property
+    def in_empty_rows(self) -> Mask:
+        """Cells (2, teeth, roll lengths, heights) of rows of a flank all of which are missed, though other teeth show
+        theirs: the floor of such a groove on this flank.
+        """
+        expected, missed = (cells.sum(axis=3) for cells in (self.expected, self.missed))
+        empty = (expected >= LEAST_IN_ROW) & (missed == expected) & (self.lost[..., 0] < 1.0 - LEAST_SHOWN)
+        return np.asarray(self.expected & empty[:, :, :, None])
+
+
+def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> tuple[Rays, Rays, Rays]:
     """``rays_on_flanks`` of all views: missed is a cell that none of those which should see it shows."""
     of_views = [
         rays_on_flanks(grid, surface, part_of(flanks, views, k), view.scan, view.calibration)
         for k, view in enumerate(views)
     ]
-    first, second = (_of_any(list(of_kind)) for of_kind in zip(*of_views, strict=True))
-    return first, second
+    first, second, third = (_of_any(list(of_kind)) for of_kind in zip(*of_views, strict=True))
+    return first, second, third
 
 
 def _of_any(rays: list[Rays]) -> Rays:
@@ -85,13 +112,14 @@ def _of_any(rays: list[Rays]) -> Rays:
 
 def rays_on_flanks(
     grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calibration: Calibration
-) -> tuple[Rays, Rays]:
+) -> tuple[Rays, Rays, Rays]:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
     heights that stand elsewhere as a whole: in a groove along the profile.
 
     Missed, in the first, are those about which no reading lies along the roll length; in the second, those whose own
-    profile has no reading as near along the height as it usually has. On flanks seen well, readings beside a narrow
-    groove hide it from the first; on steep ones, readings of one profile are too far apart for the second.
+    profile has no reading as near along the height as it usually has; in the third, those in whose own cell none lies.
+    On flanks seen well, readings beside a narrow groove hide it from the first; on steep ones, readings of one profile
+    are too far apart for the second; and where the rays that should meet its floor meet its edge, only the third tells.
     """
     (low, high), shape = grid.nominal.profile_range, grid.delta.shape
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
@@ -107,7 +135,9 @@ def rays_on_flanks(
     missed = away > _usual_columns_away(away, found.flank // shape[1] * shape[2] + row)
     cell = (found.flank * shape[2] + row) * shape[3] + found.column
     expected, shown = (np.bincount(at, minlength=grid.delta.size).reshape(shape) > 0 for at in (cell, cell[~missed]))
-    return Rays(expected, expected & ~_beside(grid.seen)), Rays(expected, expected & ~shown)
+    kinds = (~_beside(grid.seen), ~shown, ~grid.seen)
+    first, second, third = (Rays(expected, expected & not_shown) for not_shown in kinds)
+    return first, second, third
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Contribution
 from truestand.core.harmonics import fit_harmonics_robustly
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
+from truestand.core.message import Message
 from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.surface import Surface
 from truestand.gear.flanks import END_MARGIN, Toothing, blocks, toothed_zone
@@ -146,6 +147,18 @@ def teeth_there(folded: FoldedMap, nominal: Involute) -> Mask:
     drawn[np.array(gear.missing_teeth, dtype=np.intp) - 1] = True
     as_drawn = drawn.any() and any(np.array_equal(missing, np.roll(drawn, k)) for k in range(gear.teeth))
     return ~missing if as_drawn else np.ones(gear.teeth, dtype=bool)
+
+
+def other_teeth(folded: FoldedMap, nominal: Involute) -> tuple[Message, ...]:
+    """Why nothing may be decided where the part has teeth that the drawing leaves out; empty where it has none."""
+    drawn, missing = len(set(nominal.gear.missing_teeth)), int(missing_teeth(folded, nominal).sum())
+    if missing >= drawn:
+        return ()
+    text = (
+        f"the drawing leaves out {drawn} of {nominal.gear.teeth} teeth, the part misses {missing}: check "
+        "missing_teeth, or it is another part"
+    )
+    return (Message("other_teeth", text),)
 
 
 def tip_and_root(folded: FoldedMap, nominal: Involute, radial: tuple[Contribution, ...]) -> tuple[Diameter, ...]:

@@ -40,6 +40,8 @@ MOST_LEVELLED = 0.0005
 MOST_STEPS, MOST_CELLS = 3.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
+HOLE = 1.0
+"""mm of height over which a gap counts."""
 MOST_APART = 1.6
 """Steps of the table, two cells at least, that readings at the middle of the face may be apart along a profile: an
 eccentric gear is met 1.4 steps apart near its root; farther, all columns lost some."""
@@ -104,6 +106,9 @@ class Traces:
     """(flanks, heights, roll lengths) mm of the cells seen; NaN elsewhere."""
     heights: Array
     """(flanks, heights) mm in C of the helix' points; NaN where not seen."""
+    across: Array
+    """(flanks,) mm of roll length: the widest gap between the readings on either side of the circle, over ``HOLE`` of
+    height."""
     circle: Reading
     """On the measuring circle."""
     ball: Reading
@@ -141,7 +146,8 @@ def traces_of(
     on_circle = reading(place)
     share = np.abs(on_circle.weights)
     widest = MOST_STEPS * float(step_on_flank(nominal, place, step)) + grid.size[0]
-    near = on_circle.seen & (_gap(rolls - place) <= widest)
+    gap = _gap(rolls - place)
+    near = on_circle.seen & (gap <= widest)
     heights = (share * _columns(grid.height)).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300)
     at = np.where(near, heights, np.nan)
     band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
@@ -160,7 +166,17 @@ def traces_of(
     between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
     ball = reading(nominal.ball_roll) if circle is None else on_circle
     shorter = grid.size[0], profile(grid.size[0])
-    return Traces(nominal, band, rolls, at, on_circle, ball, profile(0.0), shorter, between, helix(0.0), other_ends)
+    across = _widest_over(np.where(np.isfinite(gap), gap, 0.0), max(1, round(HOLE / grid.size[1])))
+    return Traces(
+        nominal, band, rolls, at, across, on_circle, ball, profile(0.0), shorter, between, helix(0.0), other_ends
+    )
+
+
+def _widest_over(gap: Array, columns: int) -> Array:
+    """The widest gap (flanks,) that so many ``columns`` beside each other, of gaps (flanks, heights), have at least."""
+    from scipy.ndimage import minimum_filter1d
+
+    return np.asarray(minimum_filter1d(gap, min(columns, gap.shape[1]), axis=1, mode="constant").max(axis=1))
 
 
 def _too_far_apart(rolls: Array, nominal: Involute, step: float, cell: float) -> Mask:
@@ -273,7 +289,7 @@ def profile_bend(delta: Array, traces: Traces) -> Array:
 
 
 def profile_unsampled(shape: Array, grid: Grid, traces: Traces) -> Array:
-    """By how much (flanks,) mm profiles are off between their readings where ``shape`` (2, roll lengths, heights) mm,
+    """By how much profiles (flanks, POINTS) mm are off between their readings where ``shape`` (2, rolls, heights) mm,
     which all teeth share, is theirs as well; NaN: not known.
     """
     band, points = shape[:, :, traces.band], profile_points(traces.nominal)
@@ -284,8 +300,7 @@ def profile_unsampled(shape: Array, grid: Grid, traces: Traces) -> Array:
             cells[side] = np.interp(grid.roll[side], grid.rolls[known], along[side, known])
             whole[side] = np.interp(points, grid.rolls[known], along[side, known])
     read = profile_of(cells, traces)
-    apart = np.abs(read - np.broadcast_to(whole, (*cells.shape[:2], points.size)).reshape(read.shape))
-    return np.asarray(np.nan_to_num(apart).max(axis=1))
+    return np.asarray(read - np.broadcast_to(whole, (*cells.shape[:2], points.size)).reshape(read.shape))
 
 
 def helix_bend(delta: Array, traces: Traces) -> Array:

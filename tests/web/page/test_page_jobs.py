@@ -116,6 +116,21 @@ def test_a_nonconforming_part_says_why(open_tab, stand):
     assert tab.locator(".stamp .word").bounding_box()["height"] >= 60
 
 
+def test_a_result_that_could_not_be_read_at_once_is_asked_for_again(open_tab, stand):
+    stand.will_measure("inspect", stored_results.partly_seen(inspection(stand)))
+    tab, refused = open_tab("#/", expect=["503"]), []
+
+    def refuse_once(route):
+        refused.append(route.request.url)
+        route.fulfill(status=503) if len(refused) == 1 else route.fallback()
+
+    tab.route(re.compile(r"/api/results/\d+$"), refuse_once)
+    stand.run(kind="inspect", part="gear")
+    tab.goto(stand.url + "#/job")
+    tab.locator(".decisive").wait_for()
+    assert len(refused) > 1
+
+
 def test_calibrate_and_verify(open_tab, stand):
     stand.will_measure("calibrate", stored_results.read(stand.made, "calibration"))
     stand.will_measure("verify", stored_results.read(stand.made, "verification"))

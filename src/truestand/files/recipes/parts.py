@@ -17,6 +17,7 @@ from truestand.core.temperature import Temperature
 from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import Positive, build, read_toml
 from truestand.files.shapes.meshes import read_mesh
+from truestand.gear.damage import LEAST_DEPTH
 from truestand.gear.drawing import Evaluation, Gear, Modification
 from truestand.gear.evaluate import NEVER_NEGATIVE
 from truestand.gear.match import MODULES, IdentifiedGear, is_standard
@@ -101,6 +102,12 @@ class LimitsRecipe(Recipe):
         for key, limit in self:
             if isinstance(limit, tuple) and not limit[0] < limit[1]:
                 raise ValueError(f"{key}: found {list(limit)}, need [lower, upper]")
+        depth = self.defect_depth_um
+        if depth is not None and depth < UM * LEAST_DEPTH:
+            raise ValueError(
+                f"defect_depth_um: found {depth:g}, need {UM * LEAST_DEPTH:g} or more: damage that is shallower is not "
+                "told from a sound flank"
+            )
         return self
 
     def by_name(self) -> dict[str, tuple[float | None, float | None]]:

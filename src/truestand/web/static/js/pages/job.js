@@ -13,6 +13,7 @@ import { decisive } from "../lines.js";
 import { names as calibrationSteps } from "./calibrate.js";
 import { names as inspectionSteps } from "./inspect.js";
 
+const ASK_AGAIN_MS = 2000;
 const TONES = { waiting: "none", running: "busy", done: "good", failed: "bad" };
 
 export async function show(page, _, signal) {
@@ -167,6 +168,7 @@ async function ended(page, first, signal) {
   const job = store.job;
   const result = job.number && (await get(`api/results/${job.number}`, signal).catch(() => null));
   if (signal.aborted || store.job.id !== job.id) return; // the next job may have begun
+  if (job.number && !result) setTimeout(() => signal.aborted || ended(page, first, signal), ASK_AGAIN_MS);
   const key = JSON.stringify([job.id, result?.entry]);
   if (page.dataset.ended === key) return;
   page.dataset.ended = key;
