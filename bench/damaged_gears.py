@@ -109,7 +109,7 @@ def errors_of(gear: Gear, rng: np.random.Generator) -> GearErrors:
     """Of a gear about class 8."""
     left, right = (FlankErrors(float(rng.normal(0, 0.005)), float(rng.normal(0, 0.005))) for _ in range(2))
     return GearErrors(
-        phase=radians(float(rng.uniform(1, 13))),
+        phase=radians(float(rng.uniform(1, 12))),
         pitch_left=tuple(rng.normal(0, 0.005, gear.teeth)),
         pitch_right=tuple(rng.normal(0, 0.005, gear.teeth)),
         thickness=float(rng.normal(-0.03, 0.01)),

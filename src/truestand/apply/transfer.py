@@ -76,7 +76,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
     limit = MOST_ARC_MM / _outside(scan, calibration)
     checks = _moved(band)
-    calibration = _moved_out(calibration, band)
+    calibration = replace(_moved_out(calibration, band), wobble=band.wobble)
     unknown = calibration.angle_zero == "unknown"
     by_index = scan.angle_zero == calibration.angle_zero == "index"
     if by_index or band.angle_U > limit:  # the band only checks what ties the scan already
@@ -127,17 +127,22 @@ def with_sensor_as_calibrated(surface: Surface) -> Surface:
 
 
 def transfer_remarks(calibration: Calibration) -> tuple[Message, ...]:
-    """What ``transfer`` did to a calibration, for the reader of an inspection."""
-    if abs(calibration.moved_out) < NOTICEABLE_MM:
-        return ()
-    where = "out" if calibration.moved_out > 0 else "in"
-    return (
-        Message(
-            "sensor_followed",
+    """What ``transfer`` found of a calibration, for the reader of an inspection."""
+    found, wobble = [], calibration.wobble
+    if abs(calibration.moved_out) >= NOTICEABLE_MM:
+        where = "out" if calibration.moved_out > 0 else "in"
+        text = (
             f"by the shaft in view the sensor stands {1000 * abs(calibration.moved_out):.1f} um farther {where} than "
-            "at the calibration: taken into account",
-        ),
-    )
+            "at the calibration: taken into account"
+        )
+        found.append(Message("sensor_followed", text))
+    if wobble is not None and wobble.amplitude >= NOTICEABLE_MM:
+        text = (
+            f"the shaft in view shows a wave of {1000 * wobble.amplitude:.1f} um {wobble.waves} times a turn that the "
+            "calibration does not know: it stands in U; sensor or table wobble, or the shaft has such a form"
+        )
+        found.append(Message("wobble", text))
+    return tuple(found)
 
 
 def _with_reasons(calibration: Calibration, reasons: tuple[Message, ...], scan: Scan) -> Calibration:

@@ -15,10 +15,10 @@ from truestand.calibration.robust_wave import robust_wave
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.artefact import Cylinder
 from truestand.core.assumptions import COAXIALITY_U, K
-from truestand.core.calibration import Calibration
+from truestand.core.calibration import Calibration, Wobble
 from truestand.core.frames import axis_sensitivity, in_table, shaft_parameters
 from truestand.core.harmonics import wrap
-from truestand.core.robust import row_medians, tukey_fit
+from truestand.core.robust import robust_sd, row_medians, tukey_fit
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, table_angle
 
@@ -45,6 +45,8 @@ SETTLED_RAD = 1e-7
 MOST_STEPS = 20
 LEAST_LIMIT_MM = 1e-7
 """Deviations below it are no outliers, however alike all others are."""
+MOST_WAVES, NO_NOISE = 60, 5.0
+"""Waves a turn that are looked for; standard deviations of its size from which a wave is none of noise."""
 BEARING_CHANGE_U = 2e-4
 """mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
 
@@ -65,6 +67,8 @@ class Witness:
     drift: float
     """By how much it moves outwards, or inwards, while the scan is taken,"""
     drift_U: float
+    wobble: Wobble | None
+    """The strongest wave that the calibration does not know."""
     eccentricity_change: tuple[float, float]
     """Axis of the shaft against the calibration's, x and y in R, at the scan's own zero of the angle."""
     eccentricity_size: float
@@ -120,6 +124,7 @@ class _Fit:
     """mm by which the sensor moves from the scan's first profile to its last,"""
     drift_variance: float
     """mm^2."""
+    wobble: Wobble | None
 
 
 def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
@@ -205,7 +210,20 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
     over_time = np.column_stack([design, design[:, 0] * (row / scan.profiles - 0.5)])
     drifting, drift_covariance = _robust_fit(over_time, -trace, sectors)
     middle = float(np.mean(np.concatenate(heights)))
-    return _Fit(move, covariance, middle, float(drifting[3]), float(drift_covariance[3, 3]))
+    wobble = _wobble(-trace - over_time @ drifting, angle[row])
+    return _Fit(move, covariance, middle, float(drifting[3]), float(drift_covariance[3, 3]), wobble)
+
+
+def _wobble(rest: Array, angle: Array) -> Wobble | None:
+    """The strongest wave a turn, of those that noise does not make, in the ``rest`` (n,) mm of a band at table angles
+    (n,) rad: the sensor or the table wobbles, or the shaft has form that the calibration left aside.
+    """
+    spread = max(robust_sd(rest), LEAST_LIMIT_MM)
+    waves = np.arange(2, MOST_WAVES + 1)
+    sizes = 2 * np.abs(np.exp(-1j * np.outer(waves, angle)) @ np.clip(rest, -4 * spread, 4 * spread)) / rest.size
+    strongest = int(np.argmax(sizes))
+    noise = spread * sqrt(2.0 / rest.size)
+    return Wobble(int(waves[strongest]), float(sizes[strongest])) if sizes[strongest] > NO_NOISE * noise else None
 
 
 def _deviation(surface: Surface, band: _Band, calibration: Calibration) -> Array:
@@ -259,6 +277,7 @@ def _witness_of(fit: _Fit, shift: float, calibration: Calibration, bands: list[_
         radial_U=K * sqrt(float(fit.covariance[0, 0])),
         drift=fit.drift,
         drift_U=K * sqrt(fit.drift_variance),
+        wobble=fit.wobble,
         eccentricity_change=(float(moved[0]), float(moved[1])),
         eccentricity_size=more,
         eccentricity_U=K * sqrt(float(along @ covariance @ along)),

@@ -207,6 +207,16 @@ class JointCovariance:
 
 
 @dataclass(frozen=True, slots=True)
+class Wobble:
+    """A radial wave of a part's scan that its calibration does not know."""
+
+    waves: int
+    """A turn."""
+    amplitude: float
+    """mm."""
+
+
+@dataclass(frozen=True, slots=True)
 class Calibration:
     """What the stand is like today."""
 
@@ -253,6 +263,8 @@ class Calibration:
     valid_until: str | None = None
     moved_out: float = 0.0
     """mm by which the sensor stands farther out than when it was calibrated, taken into account by ``transfer``."""
+    wobble: Wobble | None = None
+    """What the shaft in view of a part's scan tells ``transfer`` of how sensor or table wobble."""
     followed: bool = False
     """Whether shaft in view of a part's scan told ``moved_out``; else the sensor may have moved unseen."""
     part_growth: float = 0.0

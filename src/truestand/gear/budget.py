@@ -320,6 +320,7 @@ def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[In
         cells.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         cells.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
         *_of_stability(scan, calibration, cells),
+        *_of_wobble(calibration, cells),
     ]
 
 
@@ -327,6 +328,18 @@ def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> lis
     """The radial zero of the sensor since it was calibrated."""
     since, name = stability_of(calibration, scan), stability_name(calibration.stand.sensor)
     return [cells.influence(name, _moved_out(calibration, cells, since), since / 2)] if since else []
+
+
+def _of_wobble(calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """The radial wave that the shaft in view of the part's scan shows, in and out of step with it."""
+    wobble = calibration.wobble
+    if wobble is None:
+        return []
+    out, name = _moved_out(calibration, cells, wobble.amplitude), f"wobble, {wobble.waves} times per turn"
+    return [
+        cells.influence(name, out * wave(wobble.waves * cells.theta)[:, None], wobble.amplitude / 2)
+        for wave in (np.cos, np.sin)
+    ]
 
 
 def _of_shaft(calibration: Calibration, cells: SeenCells) -> list[Influence]:

@@ -12,7 +12,7 @@ from truestand.core.scan import Scan
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import Measures, mean_seen, slope_length
-from truestand.gear.flanks import Flanks
+from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
 from truestand.gear.teeth import Diameter
@@ -22,6 +22,8 @@ SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
 OTHER_DIAMETER = 0.1
 """Modules by which tip and root may be larger or smaller than drawn without a word."""
+OTHER_THICKNESS = 0.06
+"""Modules by which teeth may be thicker or thinner than drawn without a word: backlash is made so."""
 MOST_REGIONS = 12
 """Damaged regions that are named."""
 OR_THE_GEAR = "or the gear is made so"
@@ -45,6 +47,7 @@ def remarks_of(
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
+        *_other_thickness(flanks.toothing),
         *dict.fromkeys(remark for view in views for remark in _angle_source(view)),
         *_slopes(measures, nominal),
     )
@@ -131,6 +134,21 @@ def _other_diameters(diameters: tuple[Diameter, ...], nominal: Involute) -> tupl
             text = f"the {what} diameter is {d.value:.2f} mm, the drawing's is {drawn:g} mm: check {key}"
             found.append(Message("other_diameter", text))
     return tuple(found)
+
+
+def _other_thickness(toothing: Toothing) -> tuple[Message, ...]:
+    """Teeth that are thicker or thinner than another profile shift would make them by slip."""
+    nominal = toothing.nominal
+    left, right = mean_seen(toothing.offsets.reshape(2, -1))
+    thicker = float(left + right) * nominal.arc_per_delta
+    if not abs(thicker) > OTHER_THICKNESS * nominal.gear.module:  # NaN: one side was not seen
+        return ()
+    how = "thicker" if thicker > 0 else "thinner"
+    text = (
+        f"the teeth are {abs(thicker):.3f} mm {how} than drawn, on the measuring circle: check profile_shift, or state "
+        "limits for s_mm"
+    )
+    return (Message("other_thickness", text),)
 
 
 def _angle_source(view: GearView) -> tuple[Message, ...]:

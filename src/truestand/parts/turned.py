@@ -60,6 +60,8 @@ PLAINLY = 3.0
 FINE_HEIGHT, SPACINGS, FINE_SPACINGS = 0.25, 2.0, 1.5
 """mm of height, and points of a profile at least, by which it is told what was seen; and points by which it is told
 what higher cells flatten."""
+END_BIN, END_FILLED = 0.25, 0.3
+"""mm of height, and share of the usual number of its readings, from which the part reaches there."""
 END_SHARE = 1e-3
 """Of a section's readings: those beyond its ends as seen may be strays."""
 TREND_PASSES = 2
@@ -253,6 +255,8 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
         flats.append(near[on] + first * width)
         places.append(points[on])
     (x, y, z), flat = np.concatenate(places).T, np.concatenate(flats)
+    clear = _clear_of_end_faces(z, low, high)
+    x, y, z, flat = x[clear], y[clear], z[clear], flat[clear]
     off = np.hypot(x, y) - section.diameter / 2
     lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, inspected.angle)
     seen = _Seen(flat, off, np.arctan2(y, x), z, lone, low, high, LEVEL)
@@ -260,6 +264,20 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
         mean = patches_of(seen.grid, seen.readings(seen.grid), REACH).mean
         seen = replace(seen, trend=trend_of(low, high, seen.grid.angle, seen.grid.height, mean))
     return seen
+
+
+def _clear_of_end_faces(height: Array, low: float, high: float) -> Mask:
+    """Which of the readings at heights (n,) mm lie clear of the part's ends, where it ends before the section does: its
+    end faces are no part of it.
+    """
+    counts, edges = np.histogram(height, max(round((high - low) / END_BIN), 1), (low, high))
+    if not counts.any():
+        return np.ones(height.size, dtype=bool)
+    filled = np.flatnonzero(counts > END_FILLED * np.median(counts[counts > 0]))
+    first, last = edges[filled[0]], edges[filled[-1] + 1]
+    bottom = first + MARGIN if filled[0] > 0 else low
+    top = last - MARGIN if filled[-1] < counts.size - 1 else high
+    return np.asarray((height >= bottom) & (height <= top))
 
 
 def _grid(inspected: _Inspected, seen: _Seen, height: float, per_wave: int, readings_per_cell: int) -> Grid:
