@@ -6,6 +6,12 @@ from typing import Any
 import pytest
 
 
-def tried(first: Iterable[Any], *more: Any) -> list[Any]:
-    """Parameters, tuples where there are several names, of which only the ``first`` ones are run by default."""
-    return [*first, *(pytest.param(*(m if isinstance(m, tuple) else (m,)), marks=pytest.mark.more) for m in more)]
+def tried(first: Iterable[Any], *more: Any, rarely: Iterable[Any] = ()) -> list[Any]:
+    """Parameters, tuples where there are several names, of which only the ``first`` ones are run by default, and those
+    that are tried ``rarely`` only among the slow ones.
+    """
+    return [*first, *_marked(more, pytest.mark.more), *_marked(rarely, pytest.mark.slow)]
+
+
+def _marked(values: Iterable[Any], mark: pytest.MarkDecorator) -> list[Any]:
+    return [pytest.param(*(v if isinstance(v, tuple) else (v,)), marks=mark) for v in values]

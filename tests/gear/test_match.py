@@ -45,8 +45,8 @@ def wrong_by(calibration, radial=0.0, offset=0.0, eccentric=0.0):
 
 
 @pytest.mark.parametrize(
-    "gear", tried([SPUR, helical(15.0)], helical(-20.0), FINE, SHIFTED, STEEP),
-    ids=["spur", "15 right", "20 left", "fine", "shifted", "25 degrees"],
+    "gear", tried([SPUR, helical(15.0)], SHIFTED, STEEP, rarely=[helical(-20.0), FINE]),
+    ids=["spur", "15 right", "shifted", "25 degrees", "20 left", "fine"],
 )  # fmt: skip
 def test_a_gear_is_identified(gear):
     seen = identify(surface_of(gear), ON_C, gear.face_from, gear.face_to)

@@ -60,8 +60,17 @@ def _region(tooth, depth, width, clear=True):
     )
 
 
-def _of(*damage, teeth=24):
-    return SimpleNamespace(damage=damage, nominal=SimpleNamespace(thickness=3.0), there=np.ones(teeth, dtype=bool))
+def _of(*damage, teeth=24, open_end=0.0):
+    """Of a gear whose helices were seen, but for so many mm at their upper end."""
+    evaluation = SimpleNamespace(narrowest_damage=None, resolution=0.25)
+    nominal = SimpleNamespace(
+        thickness=3.0, profile_range=(3.0, 14.0), helix_range=(6.0, 24.0), gear=SimpleNamespace(evaluation=evaluation)
+    )
+    ends = np.stack([np.zeros((2, teeth)), np.full((2, teeth), open_end)])
+    coverage = SimpleNamespace(helix_ends=ends, profile_gap=np.zeros((2, teeth)), helix_gap=np.zeros((2, teeth)))
+    return SimpleNamespace(
+        damage=damage, nominal=nominal, there=np.ones(teeth, dtype=bool), coverage=coverage, open_end=0.12
+    )
 
 
 def test_what_may_hide_in_a_gap_is_as_deep_as_narrow_damage_elsewhere():
@@ -85,10 +94,19 @@ def test_a_gear_is_often_damaged_where_more_than_a_twentieth_of_its_teeth_clearl
 def test_damage_may_hide_at_an_end_of_the_face_that_was_not_seen(lacks, damaged, doubt):
     """A crater of 250 um at the upper end, a tenth of which was out of view: f_fbeta 2.2 ± 1.6, *conforms*."""
     a = _of(*(_region(tooth, 0.06, 1.0) for tooth in range(damaged)))
-    a.coverage = SimpleNamespace(profile_gap=np.zeros((2, 24)), helix_gap=np.full((2, 24), lacks))
-    a.nominal.gear = SimpleNamespace(evaluation=SimpleNamespace(narrowest_damage=None))
+    a.coverage.helix_gap = np.full((2, 24), lacks)
     read = Characteristic("f_fbeta", 0.002, 0.002, "left", 5)
     assert _may_hide(read, a, "f_fbeta", (0, 4)) == doubt
+
+
+@pytest.mark.parametrize(("open_end", "reaches", "doubt"), [(0.3, 24.5, 0.06), (0.3, 23.0, 0.0), (0.1, 24.5, 0.0)])
+def test_an_open_end_may_have_what_other_flanks_have_there(open_end, reaches, doubt):
+    """However few they are: what lies at an end of a face lies there on other teeth as well."""
+    band = _region(3, 0.06, 1.0)
+    band.heights = (22.5, reaches)
+    read = Characteristic("f_fbeta", 0.002, 0.002, "left", 5)
+    assert _may_hide(read, _of(band, open_end=open_end), "f_fbeta", (0, 4)) == doubt
+    assert _may_hide(replace(read, name="f_falpha"), _of(band, open_end=open_end), "f_falpha", (0, 4)) == 0.0
 
 
 NOT_KNOWN = {
@@ -195,7 +213,7 @@ def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_heli
             assert abs(c.value - true[name, "left", tooth]) < c.U, (name, tooth)
 
 
-@pytest.mark.parametrize("seed", tried([0], 1))
+@pytest.mark.parametrize("seed", tried([0], rarely=[1]))
 def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     """They are far wider along a trace's box than across themselves, and their walls hide them: 83 um read 23 +- 11."""
     rng = np.random.default_rng(seed)
@@ -252,7 +270,7 @@ def test_a_groove_aslant_is_as_deep_as_it_is_on_the_measuring_circle():
         assert abs(c.value - true[name, "right", 5]) < 8 * UM and c.verdict != "conforms", name
 
 
-@pytest.mark.parametrize("cell", tried([0.8], 0.3))
+@pytest.mark.parametrize("cell", tried([0.8], rarely=[0.3]))
 def test_speckle_that_goes_on_is_noise(cell):
     """It went on for three cells of height, and 8 % of lines were beyond 1.5 U, some beyond 3 U; none may now."""
     found, true = inspected(SOUND, GEAR, simulation(4400, speckle=0.01, speckle_cell=cell), 320), truth(SOUND)
@@ -346,7 +364,7 @@ def test_what_no_ray_shows_on_any_tooth_is_not_seen():
     assert all(c.reason for c in lines)
 
 
-@pytest.mark.parametrize(("depth", "width"), tried([(0.3, 0.42)], (0.2, 0.28)))
+@pytest.mark.parametrize(("depth", "width"), tried([(0.3, 0.42)], rarely=[(0.2, 0.28)]))
 def test_a_chamfer_beside_the_profile_stands_in_u(depth, width):
     """0.2 mm beyond the end of its range: f_falpha read 5.7 +- 1.05 for 0. One of 0.3 mm made it another gear."""
     begins = involute(GEAR).profile_range[1] + 0.2
@@ -371,7 +389,7 @@ def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
         assert abs(c.value - true[c.name, "left", c.tooth]) <= 1.5 * c.U, (c.name, c.tooth)
 
 
-@pytest.mark.parametrize("seed", tried([1], *range(2, 9)))
+@pytest.mark.parametrize("seed", tried([1], 8, rarely=range(2, 8)))
 @pytest.mark.parametrize(("kind", "names"), [("profile", PROFILE), ("helix", HELIX)])
 def test_edges_that_run_along_a_trace_stand_in_u(kind, names, seed):
     """An outsider's gears had f_falpha 43 to 69 where 0 to 30 is true, *does not conform*, and f_fbeta was 4 U off: at

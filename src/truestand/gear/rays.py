@@ -6,7 +6,7 @@ it and no reading lies, that is no gap between two profiles: the flank is broken
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, tau
+from math import ceil, floor, log, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,10 +32,10 @@ LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
 """Rays that should meet a row of cells, over all teeth of a side, and share of them that don't, from which nothing is
 seen of it.
 """
-LEAST_IN_ROW = 15
-"""Cells of a flank's row that rays should meet, from which the row is empty if they meet none of them."""
-ROWS_BESIDE, LEAST_SHOWN = 2, 0.3
-"""Rows below and above one, and share of their cells that rays must meet, from which it should be shown, too."""
+LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
+"""Cells of a flank's row that rays should meet, and probability that they meet none of them, from which it is empty."""
+ROWS_BESIDE, SELDOM = 2, 0.25
+"""Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
 AT_END = 2
 """Cells at the lower end of the evaluation range that are left out: rays may meet the flank below it."""
 
@@ -66,25 +66,24 @@ class Rays:
 
     @property
     def hidden_between(self) -> Mask:
-        """(2,): sides on which a row is hidden that has rows which are shown below and above: the floor of a groove
-        along the face of all teeth, whose rays meet its edge.
+        """(2,): sides on which a row is hidden of which plainly more is shown both below and above: the floor of a
+        groove along the face of all teeth, whose rays meet its edge.
         """
-        lost, beside = self.lost[:, 0, :, 0], range(1, ROWS_BESIDE + 1)
-        shown = np.pad(1.0 - lost, ((0, 0), (ROWS_BESIDE, ROWS_BESIDE))) > LEAST_SHOWN
+        shown = np.pad(1.0 - self.lost[:, 0, :, 0], ((0, 0), (ROWS_BESIDE, ROWS_BESIDE)))
         below, above = (
-            np.logical_or.reduce([np.roll(shown, sign * k, axis=1) for k in beside])[:, ROWS_BESIDE:-ROWS_BESIDE]
-            for sign in (1, -1)
+            np.maximum.reduce([np.roll(shown, sign * k, axis=1) for k in range(1, ROWS_BESIDE + 1)]) for sign in (1, -1)
         )
-        expected = self.expected.sum(axis=(1, 3)) >= LEAST_EXPECTED
-        return np.asarray((expected & (lost > NEARLY_ALL) & below & above).any(axis=1))
+        hidden = (shown < SELDOM * np.minimum(below, above))[:, ROWS_BESIDE:-ROWS_BESIDE]
+        return np.asarray((hidden & (self.expected.sum(axis=(1, 3)) >= LEAST_EXPECTED)).any(axis=1))
 
     @property
     def in_empty_rows(self) -> Mask:
-        """Cells (2, teeth, roll lengths, heights) of rows of a flank all of which are missed, though other teeth show
-        theirs: the floor of such a groove on this flank.
+        """Cells (2, teeth, roll lengths, heights) of rows of a flank all of which are missed, as chance does not: the
+        floor of such a groove on this flank.
         """
         expected, missed = (cells.sum(axis=3) for cells in (self.expected, self.missed))
-        empty = (expected >= LEAST_IN_ROW) & (missed == expected) & (self.lost[..., 0] < 1.0 - LEAST_SHOWN)
+        by_chance = expected * np.log(np.maximum(self.lost[..., 0], 1e-6))
+        empty = (expected >= LEAST_IN_ROW) & (missed == expected) & (by_chance < log(EMPTY_BY_CHANCE))
         return np.asarray(self.expected & empty[:, :, :, None])
 
 

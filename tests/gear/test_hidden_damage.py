@@ -1,0 +1,87 @@
+"""Damage that no ray reaches where figures are read: another outsider's finds, each *conforms* and far wrong."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+
+from damaged import FORM_LINES, PROFILE, SOUND, inspected, line, truth
+from gears import SPUR, helical, simulation
+from truestand.gear.geometry import involute
+from truestand.sim import Dent, Worn
+from variants import tried
+
+FACE = (4.0, 26.0)
+HELICAL = replace(helical(10.0), accuracy_class=9)
+WELL_KNOWN = simulation(4000, upright=True, noise=0.004)
+
+
+def groove(teeth, above, width=0.6, depth=0.12):
+    """Along the face of right flanks, so many mm of roll length above the lower end of the profile."""
+    begins = involute(HELICAL).profile_range[0] + above
+    return replace(SOUND, worn=tuple(Worn(t, "right", (begins, begins + width), FACE, depth, 0.1) for t in teeth))
+
+
+def wrong(found, true):
+    """Lines of teeth whose verdict says the opposite of the truth, farther from the limit than U."""
+    return [
+        (c.name, c.flank, c.tooth, c.value, c.U, true[c.name, c.flank, c.tooth])
+        for c in found.characteristics
+        if c.tooth
+        and c.name in FORM_LINES
+        and c.verdict in ("conforms", "does_not_conform")
+        and (c.verdict == "conforms") != (true[c.name, c.flank, c.tooth] <= c.limits[1])
+        and abs(true[c.name, c.flank, c.tooth] - c.limits[1]) > c.U
+    ]
+
+
+@pytest.mark.parametrize("above", tried([2.0], 3.0, 4.5))
+def test_a_groove_of_all_teeth_whose_floor_no_ray_reaches_is_not_seen(above):
+    """Rays that should meet its floor meet its edge: F_alpha 5.4 +- 6.1 for 120, and 304 of 304 lines decided."""
+    errors = groove(range(1, 25), above)
+    found = inspected(errors, HELICAL, WELL_KNOWN, 320)
+    assert not wrong(found, truth(errors, HELICAL))
+    sides = [c for c in found.characteristics if c.name in PROFILE and c.flank == "right"]
+    assert sides and all(c.verdict != "conforms" for c in sides)
+
+
+def test_such_a_groove_of_one_tooth_is_told_by_the_row_that_no_ray_meets():
+    errors = groove([8], 2.0)
+    found = inspected(errors, HELICAL, WELL_KNOWN, 320)
+    assert not wrong(found, truth(errors, HELICAL))
+    others = [c.verdict for c in found.characteristics if c.tooth and (c.tooth, c.flank) != (8, "right")]
+    assert others.count("conforms") > 0.88 * len(others)  # as without it
+
+
+def test_slopes_are_no_surer_than_the_forms_of_the_same_trace():
+    """f_Halpha 7.9 +- 2.5, *conforms*, for 51.6 where F_alpha was 14.6 +- 72."""
+    errors = groove(range(1, 25), 0.5, 0.96, 0.1)
+    found = inspected(errors, HELICAL, WELL_KNOWN, 320)
+    true = truth(errors, HELICAL)
+    slopes = [c for c in found.characteristics if c.name == "f_Halpha" and c.tooth and c.verdict == "conforms"]
+    assert not [c for c in slopes if abs(c.value - true[c.name, c.flank, c.tooth]) > 1.5 * c.U]
+
+
+def test_a_helix_that_was_not_seen_to_its_end_may_have_what_others_have_there():
+    """Bands at the end of the face of a helical gear: F_beta 3.6 +- 3.0, *conforms*, for 36."""
+    gear = replace(helical(18.0), accuracy_class=7)
+    top = involute(gear).helix_range[1]
+    bands = tuple(Worn(t, "left", (0.0, 40.0), (top - 0.3 + 0.02 * (t % 9), 30.0), 0.06, 0.3) for t in range(1, 25))
+    errors = replace(SOUND, worn=bands)
+    found = inspected(errors, gear, simulation(2500, upright=True), 320)
+    assert not wrong(found, truth(errors, gear))
+
+
+def test_a_dent_between_the_profiles_beside_the_measuring_circle_is_not_seen():
+    """1.5 mm of roll length lay between them: F_beta 2.3 +- 1.4, *conforms*, for 57."""
+    gear = replace(SPUR, accuracy_class=9)
+    roll = involute(gear).measuring_roll
+    rng = np.random.default_rng(4)
+    dents = tuple(
+        Dent(t, "left", roll + rng.uniform(-0.5, 0.5), rng.uniform(8.0, 22.0), 0.45, 0.11) for t in range(1, 25, 3)
+    )
+    errors = replace(SOUND, dents=dents, phase=radians(2.0))
+    found = inspected(errors, gear, simulation(850), 320)
+    assert not wrong(found, truth(errors, gear))
+    assert line(found, "F_beta", 2).verdict == "undecided"
