@@ -64,7 +64,7 @@ def _of(*damage, teeth=24, open_end=0.0):
     """Of a gear whose helices were seen, but for so many mm at their upper end."""
     evaluation = SimpleNamespace(narrowest_damage=None, resolution=0.25)
     nominal = SimpleNamespace(
-        thickness=3.0, profile_range=(3.0, 14.0), helix_range=(6.0, 24.0), gear=SimpleNamespace(evaluation=evaluation)
+        thickness=3.0, profile_range=(3.0, 20.0), helix_range=(6.0, 24.0), gear=SimpleNamespace(evaluation=evaluation)
     )
     ends = np.stack([np.zeros((2, teeth)), np.full((2, teeth), open_end)])
     coverage = SimpleNamespace(helix_ends=ends, profile_gap=np.zeros((2, teeth)), helix_gap=np.zeros((2, teeth)))
