@@ -1,9 +1,11 @@
 """A gear by two sensors: inspected as one, each flank by the views that saw it."""
 
+import json
 from dataclasses import replace
 from functools import cache
 from math import radians
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -11,15 +13,19 @@ from gears import UPRIGHT, WORN, helical, simulation
 from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
+from truestand.core.calibration import ScanSummary
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
 from truestand.core.inspection import Seam
 from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration
+from truestand.files.records.inspection_record import inspection_record
+from truestand.files.records.schemas import schema_text
 from truestand.gear.inspect import inspect_gear
 from truestand.gear.seams import contradictions
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.inspect import inspect
+from truestand.report.inspection import inspection_report
 from truestand.sim import VirtualGear, paper_shaft, simulate
 from truestand.sim.gear_truth import gear_figures
 from views import AZIMUTH, two_sensors
@@ -98,6 +104,16 @@ def test_views_agree_within_their_seams():
     assert {s.views for s in found().seams} == {("front", "rear")}
     assert all(s.ok and abs(s.difference) < s.U for s in found().seams)
     assert found().reasons == contradictions(found().seams) == ()
+
+
+def test_report_and_record_show_the_seams():
+    scan = ScanSummary("", 1, 1, 1.0, 1.0)
+    record = inspection_record(found(), calibrated(), (scan, scan), "", "2026-11-25")
+    jsonschema.validate(record, json.loads(schema_text("inspection")))
+    assert [s["views"] for s in record["seams"]] == [["front", "rear"]] * 2 and len(record["scans"]) == 2
+    assert record["characteristics"][0]["views"] == ["front", "rear"]
+    page = inspection_report(found(), calibrated())
+    assert "<h2>Seams</h2>" in page and "sensors front, rear" in page
 
 
 def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():

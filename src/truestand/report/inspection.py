@@ -55,7 +55,7 @@ def inspection_report(
     values = true_values(inspection, truth) or None
     results = {"gear": gear_parts, "turned": _turned, "cad": _cad}[inspection.kind]
     parts = [
-        _head(inspection, calibration, company), *results(inspection, values),
+        _head(inspection, calibration, company), *results(inspection, values), tables.seams(inspection),
         *_inputs(inspection, calibration), tables.settings(inspection), _glossary(inspection),
     ]  # fmt: skip
     note = "Lengths in the frame of the shaft; deviations positive where there is material in excess."
@@ -88,7 +88,9 @@ def _facts(inspection: Inspection, calibration: Calibration | None) -> list[str]
     if "datum" in inspection.settings:
         facts.append(f"datum: {inspection.settings['datum']}")
     if calibration is not None:
-        facts += [f"sensor {calibration.stand.sensor.name}", f"calibration {calibration.status}"]
+        views = sorted({view for c in inspection.characteristics for view in c.views})
+        sensors = f"sensors {', '.join(views)}" if views else f"sensor {calibration.stand.sensor.name}"
+        facts += [sensors, f"calibration {calibration.status}"]
         facts += [f"calibrated {calibration.created}"] if calibration.created else []
         if calibration.scan is not None and calibration.scan.sha256:
             facts.append(f"calibration scan {calibration.scan.sha256[:12]}")

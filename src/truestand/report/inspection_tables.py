@@ -28,6 +28,7 @@ from truestand.report.page import not_measured
 from truestand.report.true_values import Key, true_value
 
 U_HEAD = "<i>U</i><small>k = 2</small>"
+AGREE = {True: "agree", False: "<b>contradict each other</b>"}
 LEAST_SHARE = 0.02
 """Of U: smaller lines of a budget stand in the record."""
 MOST_LISTED = 8
@@ -170,6 +171,22 @@ def _budget(c: Characteristic) -> str:
     )
     total = f'<tr><th>{line_name(c)}</th><th class="n">{two_digits(shown(c, U))}</th><th>{unit(c)}</th></tr>'
     return f'<table class="budget"><thead>{total}</thead><tbody>{rows}</tbody></table>'
+
+
+def seams(inspection: Inspection) -> str:
+    """What views differ by on the flanks that both saw, with its heading; empty of one view."""
+    rows = "".join(
+        f"<tr><th>{escape(' – '.join(seam.views))}</th><td>{escape(seam.flank or '')}</td>"
+        f"{cell(with_u(um(seam.difference), um(seam.U)))}<td>{AGREE[seam.ok]}</td></tr>"
+        for seam in inspection.seams
+    )
+    if not rows:
+        return ""
+    head = '<tr><th>views</th><th>flanks</th><th class="n">difference, µm</th><th></th></tr>'
+    return (
+        "<h2>Seams</h2><p>What is left of the difference between two views of the same flanks when all others have "
+        f"told where the views stand; beyond 1.5 <i>U</i> they contradict each other.</p>{table(head, rows)}"
+    )
 
 
 def settings(inspection: Inspection) -> str:
