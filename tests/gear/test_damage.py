@@ -156,7 +156,7 @@ def test_with_two_readings_a_cell_and_as_many_outliers_hardly_a_line_is_doubted(
     found = inspected(SOUND, GEAR, simulation(outliers=0.4, dropouts=0.6), 640)
     judged = [c.verdict for c in found.characteristics if c.verdict is not None]
     assert found.verdict != "does_not_conform"
-    assert judged.count("undecided") < 0.5 * len(judged)  # most of them: too little was seen of their trace
+    assert judged.count("undecided") < 0.6 * len(judged)  # most of them: too little was seen of their trace
 
 
 def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():

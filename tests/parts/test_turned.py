@@ -68,6 +68,21 @@ def budget(c):
     return {b.name: b.U for b in c.budget}
 
 
+@pytest.mark.parametrize("face", [True, False], ids=["its end face in view", "hidden"])
+def test_a_part_that_ends_before_its_section_has_its_diameter(face):
+    """Readings of the end face made it 36 um too small, *does not conform*."""
+    scan, known = scanned("round")
+    surface = apply_calibration(scan, known)
+    radius, rng = np.hypot(surface.x, surface.y), np.random.default_rng(1)
+    at_end = (surface.z > -0.6) & (surface.z < 0.0) & (np.abs(radius - 12.5) < 0.5)
+    shrunk = np.where(at_end & face, rng.uniform(0.93, 1.0, radius.shape), 1.0)  # all over the rim of the face
+    z = np.where(at_end & face, rng.normal(-0.02, 0.005, radius.shape), surface.z)
+    ended = replace(surface, x=surface.x * shrunk, y=surface.y * shrunk, z=z)
+    drawn = Section("base", -14.0, 3.0, 25.0, diameter_limits=(24.99, 25.01))
+    d = line(inspect_turned(ended, Turned((drawn,))), "base", "d")
+    assert d.value == pytest.approx(25.0, abs=d.U) and d.verdict != "does_not_conform"
+
+
 def test_a_round_shaft_has_its_diameter_and_no_form():
     """A hundred thousand readings of 5 um: 0.1 um in d at k = 4; form stays below what noise alone reads as such."""
     found = inspected("round")

@@ -62,6 +62,9 @@ FINE_HEIGHT, SPACINGS, FINE_SPACINGS = 0.25, 2.0, 1.5
 what higher cells flatten."""
 END_BIN, END_FILLED = 0.25, 0.3
 """mm of height, and share of the usual number of its readings, from which the part reaches there."""
+END_FACE, END_FACE_SHARE, MORE_AT_END = 0.05, 0.05, 2.0
+"""mm off the section's median; share of the readings next to an end that are so, and how many times that of the others,
+from which some are of its end face."""
 END_SHARE = 1e-3
 """Of a section's readings: those beyond its ends as seen may be strays."""
 TREND_PASSES = 2
@@ -255,9 +258,9 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
         flats.append(near[on] + first * width)
         places.append(points[on])
     (x, y, z), flat = np.concatenate(places).T, np.concatenate(flats)
-    clear = _clear_of_end_faces(z, low, high)
-    x, y, z, flat = x[clear], y[clear], z[clear], flat[clear]
     off = np.hypot(x, y) - section.diameter / 2
+    clear = _clear_of_end_faces(z, off, low, high)
+    x, y, z, flat, off = x[clear], y[clear], z[clear], flat[clear], off[clear]
     lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, inspected.angle)
     seen = _Seen(flat, off, np.arctan2(y, x), z, lone, low, high, LEVEL)
     for _ in range(TREND_PASSES):
@@ -266,18 +269,24 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
     return seen
 
 
-def _clear_of_end_faces(height: Array, low: float, high: float) -> Mask:
-    """Which of the readings at heights (n,) mm lie clear of the part's ends, where it ends before the section does: its
-    end faces are no part of it.
+def _clear_of_end_faces(height: Array, off: Array, low: float, high: float) -> Mask:
+    """Which of the readings (n,) at heights and ``off`` the drawing, mm, lie clear of the part's ends, where it ends
+    before the section does: its end faces are no part of it. Where the sensor's view ends, there are none.
     """
     counts, edges = np.histogram(height, max(round((high - low) / END_BIN), 1), (low, high))
+    on = np.ones(height.size, dtype=bool)
     if not counts.any():
-        return np.ones(height.size, dtype=bool)
+        return on
     filled = np.flatnonzero(counts > END_FILLED * np.median(counts[counts > 0]))
-    first, last = edges[filled[0]], edges[filled[-1] + 1]
-    bottom = first + MARGIN if filled[0] > 0 else low
-    top = last - MARGIN if filled[-1] < counts.size - 1 else high
-    return np.asarray((height >= bottom) & (height <= top))
+    far = np.abs(off - np.median(off)) > END_FACE
+    for end, inwards, ends_inside in (
+        (edges[filled[0]], 1.0, filled[0] > 0),
+        (edges[filled[-1] + 1], -1.0, filled[-1] < counts.size - 1),
+    ):
+        beyond = inwards * (height - end) < MARGIN
+        if ends_inside and far[beyond].mean() > END_FACE_SHARE + MORE_AT_END * far[~beyond].mean():
+            on &= ~beyond
+    return on
 
 
 def _grid(inspected: _Inspected, seen: _Seen, height: float, per_wave: int, readings_per_cell: int) -> Grid:
