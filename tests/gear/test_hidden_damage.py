@@ -36,7 +36,7 @@ def wrong(found, true):
     ]
 
 
-@pytest.mark.parametrize("above", tried([2.0], 3.0, 4.5))
+@pytest.mark.parametrize("above", tried([2.0], rarely=[3.0, 4.5]))
 def test_a_groove_of_all_teeth_whose_floor_no_ray_reaches_is_not_seen(above):
     """Rays that should meet its floor meet its edge: F_alpha 5.4 +- 6.1 for 120, and 304 of 304 lines decided."""
     errors = groove(range(1, 25), above)

@@ -389,7 +389,7 @@ def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
         assert abs(c.value - true[c.name, "left", c.tooth]) <= 1.5 * c.U, (c.name, c.tooth)
 
 
-@pytest.mark.parametrize("seed", tried([1], 8, rarely=range(2, 8)))
+@pytest.mark.parametrize("seed", tried([1], rarely=range(2, 9)))
 @pytest.mark.parametrize(("kind", "names"), [("profile", PROFILE), ("helix", HELIX)])
 def test_edges_that_run_along_a_trace_stand_in_u(kind, names, seed):
     """An outsider's gears had f_falpha 43 to 69 where 0 to 30 is true, *does not conform*, and f_fbeta was 4 U off: at
