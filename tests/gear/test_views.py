@@ -117,7 +117,7 @@ def test_report_and_record_show_the_seams():
 
 
 def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():
-    """A helix tells height from azimuth no better than a screw does, and needs neither alone."""
+    """On one side of helical teeth height and azimuth act alike; the figures need only what both do together."""
     first, rear = calibrated().views
     wrong = replace(calibrated(), views=(first, replace(rear, height=rear.height + 0.8)))
     again = inspect_gear(roll_views(scans(VirtualGear(GEAR, WORN)), wrong), GEAR)

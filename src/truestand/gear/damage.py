@@ -148,7 +148,8 @@ def damage_of(
     above = (far_off & (rest > 0)) | _departing(cell[depth < -DEPARTS * spread], grid)
     *by_neighbours, by_cell = rays
     not_seen = [_not_seen(told, there) for told in by_neighbours]
-    not_seen.append((by_cell.in_empty_rows, by_cell.in_empty_rows.astype(np.float64)))
+    in_empty_rows = by_cell.in_empty_rows
+    not_seen.append((in_empty_rows, in_empty_rows.astype(np.float64)))
     unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
     missed = np.maximum.reduce([weight for _, weight in not_seen])
     for sign, departing, marked, weight in (

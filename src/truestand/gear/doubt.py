@@ -209,8 +209,7 @@ def _unknown_depth(regions: tuple[Damage, ...], a: Assessment, name: str) -> flo
     """By how much (mm) delta may be off, where a figure reads it, because damage may be deeper than it was seen.
 
     As deep as half a tooth where its bottom is hidden, by as much again where few profiles cross it, or a helix has no
-    point. Areal figures read
-    the smooth flank, which damage has no part in.
+    point. Areal figures read the smooth flank, which damage has no part in.
     """
     if name.endswith(AREAL):
         return 0.0

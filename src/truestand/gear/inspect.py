@@ -94,7 +94,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
     nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
-    surfaces, seams = tied_roughly(surfaces, find_toothing(stacked(surfaces), nominal, datum))
+    surfaces, seams = tied_roughly(surfaces, nominal, datum)
     whole = stacked(surfaces)
     views = views_of(surfaces, find_toothing(whole, nominal, datum))
     reasons = _reasons(whole, views)

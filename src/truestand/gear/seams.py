@@ -11,6 +11,7 @@ from math import sqrt
 
 import numpy as np
 
+from truestand.apply.datum import Datum
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
 from truestand.core.frames import (
@@ -30,7 +31,7 @@ from truestand.core.robust import robust_sd
 from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.budget import joint_covariance, of_sensor, seen_cells
 from truestand.gear.flanks import Flanks, Toothing, find_toothing, flank_offsets
-from truestand.gear.geometry import FLANKS
+from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, cell_of, grid_of
 from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.influence import unknowns_of
@@ -75,7 +76,9 @@ class _Difference:
     """(errors of all sensors,) mm, standard."""
 
 
-def tied_roughly(surfaces: tuple[Surface, ...], toothing: Toothing) -> tuple[tuple[Surface, ...], tuple[Seam, ...]]:
+def tied_roughly(
+    surfaces: tuple[Surface, ...], nominal: Involute, datum: Datum
+) -> tuple[tuple[Surface, ...], tuple[Seam, ...]]:
     """The surfaces of several views, those whose flanks lie farther apart than a gate allows moved onto each other; and
     their seams, where they contradict each other.
 
@@ -84,7 +87,7 @@ def tied_roughly(surfaces: tuple[Surface, ...], toothing: Toothing) -> tuple[tup
     covariance = joint_covariance([s.origin[1] for s in surfaces]) if len(surfaces) > 1 else None
     if covariance is None:
         return surfaces, ()
-    nominal = toothing.nominal
+    toothing = find_toothing(stacked(surfaces), nominal, datum)
     shape = (2, nominal.gear.teeth, PLACES)
     roll, height = np.full(shape, nominal.measuring_roll), np.linspace(*nominal.helix_range, PLACES)
     seen = [_seen(s, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]

@@ -116,7 +116,7 @@ def inspection_table(
 
 
 def seams_table(seams: Sequence[Seam]) -> Table:
-    """What views differ by on the flanks that both saw, before the inspection laid them onto each other."""
+    """What two views of the same flanks differ by when all others have told where the views stand."""
     table = _table("Seams", ("views", "flanks"), ("difference ± U (k = 2), um",), ("agree",))
     for seam in seams:
         difference = with_u(um(seam.difference), um(seam.U))
