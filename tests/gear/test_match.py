@@ -14,7 +14,7 @@ from truestand.core.surface import apply_calibration
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.gear.match import identify, toothed_heights
-from truestand.sim import GearErrors
+from truestand.sim import GearErrors, Worn
 from variants import tried
 
 ON_C = Pose.from_matrix(np.eye(4))
@@ -118,3 +118,11 @@ def test_a_wrong_drawing_is_refused(change):
 )
 def test_a_bad_gear_is_not_another_gear(errors):
     inspect_gear(surface_of(SPUR, errors), SPUR)
+
+
+def test_teeth_worn_alike_are_not_of_another_pressure_angle():
+    """A step of 80 um on all flanks: the drawing was refused, *saw 22.5 degrees*."""
+    worn = tuple(Worn(None, flank, (8.5, 20.0), (0.0, 30.0), 0.08, 0.15) for flank in ("left", "right"))
+    found = inspect_gear(surface_of(SPUR, replace(PERFECT, worn=worn)), SPUR)
+    said = [c.verdict for c in found.characteristics if c.name == "F_alpha" and c.tooth]
+    assert "conforms" not in said and said.count("does_not_conform") > 0.9 * len(said)

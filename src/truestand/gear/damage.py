@@ -18,7 +18,7 @@ from truestand.core.robust import nan_median, robust_sd
 from truestand.gear.evaluate import Evaluator
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, grid_of, step_on_flank
+from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, step_on_flank
 from truestand.gear.rays import Rays
 from truestand.gear.smooth_flanks import SmoothFlanks, residuals, shared_shape
 from truestand.gear.traces import Traces, helix_of, helix_points, profile_points, stretches_inside
@@ -35,7 +35,7 @@ LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
 LEAST_LOST, MOST_LOST = 1e-3, 0.05
 """Share of rays that get lost on sound flanks at least, and share from which only their number counts."""
-RARELY_LOST = 1e-4
+RARELY_LOST = 1e-3
 """So seldom a ray must get lost for a cell without it to weigh as much as one that departs."""
 DEPTH_QUANTILE = 0.98
 """Quantile of a region's readings that is its depth: the last few may be outliers."""
@@ -65,8 +65,8 @@ NEIGHBOURS = (-2, -1, 1, 2)
 """Teeth beside one that say what is usual there."""
 PASSES = 3
 """In which teeth with more of them are left out of what is usual."""
-MOST_BETWEEN = 9
-"""Cells along the height that may lie between two rays."""
+BETWEEN, MOST_BETWEEN = 2, 8
+"""Cells along the height that may lie between two rays of one region, and where many are missed."""
 OFTEN = 0.2
 """Share of a region's rows in which it must end within the middle of the face for that to count."""
 ROWS_ACROSS = 3
@@ -121,9 +121,11 @@ class Damage:
         return f"{where}: readings {least}{1000 * abs(self.depth):.0f} um {side} the flank"
 
 
-def with_deep_damage(flanks: Flanks) -> Flanks:
-    """The flanks with the readings outside the gate where they stand instead of the flank's: it is broken there."""
-    grid, outside = grid_of(flanks), flanks.outside_gate
+def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
+    """The flanks, whose cells are ``grid``, with the readings outside the gate where they stand instead of the flank's:
+    it is broken there.
+    """
+    outside = flanks.outside_gate
     cut = _cut(flanks, grid)
     cell = cell_of(outside, grid.nominal, grid.rolls.size, grid.edges)
     return flanks.joined([outside.select(cut.reshape(-1)[cell])]) if cut.any() else flanks
@@ -156,7 +158,7 @@ def damage_of(
         (1, below, below | unseen, np.maximum(below, missed)), (-1, above, above, above),
     ):  # fmt: skip
         marked = marked & grid.in_ranges & there[:, None, None]
-        bridged = bridge_gaps(marked, grid, step)
+        bridged = _with_those_between(bridge_gaps(marked, grid, step), grid.seen, BETWEEN)
         for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
@@ -334,15 +336,18 @@ def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
     too_often = rays.missed & _missed_too_often(rays, there)
     weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(RARELY_LOST), 1.0)
     single = rays.missed & on_most & (rays.lost <= MOST_LOST)
-    return single | _with_those_between(too_often, rays), np.where(too_often, 1.0, np.where(single, weight, 0.0))
+    not_seen = single | _with_those_between(too_often, rays.expected & ~rays.missed, MOST_BETWEEN)
+    return not_seen, np.where(too_often, 1.0, np.where(single, weight, 0.0))
 
 
-def _with_those_between(missed: Mask, rays: Rays) -> Mask:
-    """The same cells (2, teeth, roll lengths, heights) and those between them along the height that no ray shows."""
+def _with_those_between(cells: Mask, shown: Mask, most: int) -> Mask:
+    """The same cells (2, teeth, roll lengths, heights) and those not ``shown`` between them, at ``most`` so many along
+    the height.
+    """
     from scipy.ndimage import binary_closing
 
-    closed = binary_closing(missed, np.ones((1, 1, 1, MOST_BETWEEN), dtype=bool))
-    return np.asarray(missed | (closed & ~(rays.expected & ~rays.missed)))
+    closed = binary_closing(cells, np.ones((1, 1, 1, most + 1), dtype=bool))
+    return np.asarray(cells | (closed & ~shown))
 
 
 def _missed_too_often(rays: Rays, there: Mask) -> Mask:

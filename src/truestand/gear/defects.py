@@ -16,7 +16,7 @@ from truestand.core.inspection import Defect, Verdict, decide
 from truestand.core.robust import MAD_TO_SD, robust_sd
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
-from truestand.gear.flanks import TIP_MARGIN, Flanks, flank_heights
+from truestand.gear.flanks import Flanks, flank_heights
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of
 from truestand.gear.smooth_flanks import residuals, smooth_flanks
@@ -38,8 +38,6 @@ LEAST_CELLS = 2
 """Cells that must bear a defect out: one alone may be outliers."""
 FULL, LEAST_POINTS = 0.5, 2
 """Share of the flank's usual number of points, and points, that a cell needs."""
-TIP_SIGMA = 4.0
-"""Standard deviations of noise by which flank points keep from the tip's land."""
 SINGLE_SIGMA, SINGLE_RATIO = 6.0, 3.0
 """Robust standard deviations from which a cell stands out, and how often as much as any cell beside it makes it a
 single one, an outlier."""
@@ -59,11 +57,11 @@ class DefectMap:
 
 
 def find_defects(
-    flanks: Flanks, folded: FoldedMap, there: Mask, coverage: Coverage, scatter: float
+    flanks: Flanks, folded: FoldedMap, there: Mask, coverage: Coverage
 ) -> tuple[tuple[Defect, ...], DefectMap | None]:
     """Defects of teeth and flanks, highest score first, and the map of the flanks (None where no flank was seen).
 
-    ``there`` (teeth,): teeth that the drawing has; ``scatter``: standard deviation of a flank's points, mm.
+    ``there`` (teeth,): teeth that the drawing has.
     """
     nominal = flanks.toothing.nominal
     of_teeth = tooth_defects(folded, nominal, flank_heights(flanks))
@@ -71,7 +69,7 @@ def find_defects(
     of_teeth = tuple(d for d in of_teeth if d.tooth is None or there[d.tooth - 1])
     if not coverage.position.any():
         return of_teeth, None
-    grid = grid_of(_below_tips(flanks, folded, scatter), HEIGHT_CELL)
+    grid = grid_of(flanks, HEIGHT_CELL)
     rest = residuals(grid.median, smooth_flanks(grid, whole_flank=True))
     residual = _without_outliers(np.where(_full(grid), rest, np.nan))
     found_map = DefectMap(residual, _scores(residual, grid), grid.rolls, grid.heights)
@@ -136,15 +134,6 @@ def _of_region(d: Damage, kind: str, limit: float, verdict: Verdict) -> Defect:
     (a, b), (c, e), depth = d.rolls, d.heights, d.depth or 0.0
     place, extent, score = ((a + b) / 2, (c + e) / 2), max(b - a, e - c), abs(depth) / limit * SIGNIFICANT
     return Defect(d.tooth + 1, FLANKS[d.side], *place, depth, extent, kind, score, U=d.depth_U, verdict=verdict)
-
-
-def _below_tips(flanks: Flanks, folded: FoldedMap, scatter: float) -> Flanks:
-    """Without what may be the tip's land: it is seldom just where the drawing has it, and noise makes it thick."""
-    nominal = flanks.toothing.nominal
-    tips = folded.tip_radius(nominal)
-    tips = np.where(np.isfinite(tips), tips, nominal.gear.tip_diameter / 2)
-    margin = max(TIP_MARGIN, TIP_SIGMA * scatter * nominal.gear.tip_diameter / 2 / nominal.tip_roll)
-    return flanks.select(nominal.radius(flanks.roll) < tips[flanks.flank % nominal.gear.teeth] - margin)
 
 
 def _without_outliers(residual: Array) -> Array:

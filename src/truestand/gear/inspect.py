@@ -55,7 +55,7 @@ from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.seams import contradictions, tied, tied_roughly
 from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
-from truestand.gear.teeth import FoldedMap, fold, other_teeth, teeth_there, tip_and_root
+from truestand.gear.teeth import FoldedMap, below_tips, fold, other_teeth, teeth_there, tip_and_root
 from truestand.gear.views import GearView, joined, views_of, with_views
 
 HIDDEN_SHOULDER_U = 0.5
@@ -101,9 +101,10 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     views = with_correct_angles(views)
     views, seams = (views, seams) if seams else tied(views)
     flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
-    complete = with_deep_damage(flanks)
+    folded, grid = fold(stacked([view.surface for view in views]), flanks.toothing), grid_of(flanks)
+    flanks = below_tips(flanks, folded, grid.scatter)
+    complete = with_deep_damage(flanks, grid)
     evaluator, measures = evaluate_flanks(complete, step)
-    folded = fold(stacked([view.surface for view in views]), flanks.toothing)
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
@@ -112,7 +113,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     unseen = unseen_in_traces(evaluator.grid, evaluator.traces, step)
     assessment = _assess(views, complete, evaluator, step, measures, coverage, (*damage, *unseen), there)
-    defects, defect_map = find_defects(flanks, folded, there, coverage, evaluator.grid.scatter)
+    defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)

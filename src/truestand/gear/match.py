@@ -21,6 +21,8 @@ LEAST_MATCHED = 0.55
 """Share of the points near the measuring circle that must lie on the drawing's flanks."""
 MOST_SLOPE = 0.1
 """mm over the flank: a mean slope beyond it is another pressure angle, module or helix, and no deviation."""
+STRETCHES = 12
+"""Of a flank, whose slopes are compared."""
 MOST_THICKNESS = 0.2
 """Modules by which the teeth may be thicker or thinner than drawn."""
 CERTAIN, MOST_FLANKS = 0.8, 0.6
@@ -133,7 +135,10 @@ def _moved(seen: IdentifiedGear, drawn: Gear) -> str:
 
 
 def _steepest(flanks: Flanks) -> float:
-    """The largest mean slope of a side, over its control length or face, mm, without the tips: chamfers are there."""
+    """The largest slope of a side, over its control length or face, mm, without the tips: chamfers are there.
+
+    Another pressure angle, module or helix slopes evenly; a worn band is a step.
+    """
     nominal, steepest = flanks.toothing.nominal, 0.0
     evaluated = flanks.roll < nominal.profile_range[1]
     for side in range(2):
@@ -141,11 +146,16 @@ def _steepest(flanks: Flanks) -> float:
         if np.count_nonzero(on) < 1000:
             continue
         few = np.flatnonzero(on)[:: max(1, int(on.sum() / 50_000))]
-        roll, height = flanks.roll[few], flanks.height[few]
-        design = np.stack([np.ones(few.size), roll - roll.mean(), height - height.mean()], axis=1)
-        _, by_roll, by_height = np.linalg.lstsq(design, flanks.delta[few], rcond=None)[0]
+        by_roll, by_height = (_even_slope(at[few], flanks.delta[few]) for at in (flanks.roll, flanks.height))
         steepest = max(steepest, abs(by_roll) * nominal.control_length, abs(by_height) * nominal.gear.face_width)
     return steepest
+
+
+def _even_slope(at: Array, delta: Array) -> float:
+    """Median slope of delta (n,) mm from one stretch of places (n,) mm to the next."""
+    stretches = np.array_split(np.argsort(at), STRETCHES)
+    place, height = (np.array([np.median(of[s]) for s in stretches]) for of in (at, delta))
+    return float(np.median(np.diff(height) / np.diff(place)))
 
 
 def identify(surface: Surface, datum: Pose, bottom: float, top: float) -> IdentifiedGear:

@@ -11,7 +11,7 @@ from math import ceil, floor, log, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
@@ -26,8 +26,6 @@ MOST_OFF = 0.1
 """mm of delta that a smooth flank may say where nothing was seen of it."""
 BESIDE = 1
 """Cells of roll length beside the one in which a ray should meet the flank where its reading may lie."""
-USUALLY = 0.99
-"""Share of the rays whose reading lies no farther away than is usual."""
 LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
 """Rays that should meet a row of cells, over all teeth of a side, and share of them that don't, from which nothing is
 seen of it.
@@ -36,8 +34,9 @@ LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
 """Cells of a flank's row that rays should meet, and probability that they meet none of them, from which it is empty."""
 ROWS_BESIDE, SELDOM = 2, 0.25
 """Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
-AT_END = 2
-"""Cells at the lower end of the evaluation range that are left out: rays may meet the flank below it."""
+STANDS_WITHIN = 0.01
+"""mm of delta within which it is known where a flank stands: rays that meet it as near to the lower end of the
+evaluation range as that explains are left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,86 +114,58 @@ def rays_on_flanks(
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
     heights that stand elsewhere as a whole: in a groove along the profile.
 
-    Missed, in the first, are those about which no reading lies along the roll length; in the second, those whose own
-    profile has no reading as near along the height as it usually has; in the third, those in whose own cell none lies.
-    On flanks seen well, readings beside a narrow groove hide it from the first; on steep ones, readings of one profile
-    are too far apart for the second; and where the rays that should meet its floor meet its edge, only the third tells.
+    Missed, in the first, are those about which no reading lies along the roll length; in the second, those of which
+    more readings are missing, between others of a profile, than are there; in the third, those in which none lies.
+    Readings beside a narrow dent hide it from the first; where the rays that should meet the floor of a groove meet its
+    edge, only the third tells.
     """
-    (low, high), shape = grid.nominal.profile_range, grid.delta.shape
+    nominal = grid.nominal
+    low, high = nominal.profile_range
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
     stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
     stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF)
     met = _met_at(flanks.toothing, calibration, grid, rows, stands)
-    found = _meetings(
-        table_angle(scan, calibration), np.asarray(np.isfinite(scan.z).any(axis=1)), met, grid.rolls[rows]
-    )
-    found = found.select((found.roll > low + AT_END * grid.size[0]) & (found.roll < high))
-    away = _columns_away(found, flanks, grid, scan)
-    row = bin_index(found.roll, grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
-    missed = away > _usual_columns_away(away, found.flank // shape[1] * shape[2] + row)
-    cell = (found.flank * shape[2] + row) * shape[3] + found.column
-    expected, shown = (np.bincount(at, minlength=grid.delta.size).reshape(shape) > 0 for at in (cell, cell[~missed]))
-    kinds = (~_beside(grid.seen), ~shown, ~grid.seen)
-    first, second, third = (Rays(expected, expected & not_shown) for not_shown in kinds)
-    return first, second, third
+    angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
+    end = low + STANDS_WITHIN * float(np.square(nominal.radius(np.asarray(low)) / low))
+    expected = _expected(angle, met, grid, rows, (end, high))
+    first, third = (Rays(expected, expected & ~seen) for seen in (_beside(grid.seen), grid.seen))
+    return first, _between_readings(flanks, grid, scan.x.shape[1]), third
 
 
-@dataclass(frozen=True, slots=True)
-class _Meetings:
-    """Where profiles should meet flanks, (n,) each."""
-
-    flank: Ints
-    """side * teeth + tooth."""
-    column: Ints
-    """Of cells along the height."""
-    profile: Ints
-    """Its row in the scan."""
-    roll: Array
-    """mm."""
-
-    def select(self, on: Mask) -> "_Meetings":
-        return _Meetings(self.flank[on], self.column[on], self.profile[on], self.roll[on])
-
-
-def _meetings(angle: Array, seen: Mask, met: Array, rolls: Array) -> _Meetings:
-    """Where profiles at table angles (profiles,) rad, ``seen`` if they have readings, should meet flanks.
-
-    ``met`` (2, teeth, k, heights) rad: table angle at which they are met at ``rolls`` (k,) mm; NaN: never.
+def _between_readings(flanks: Flanks, grid: Grid, points: int) -> Rays:
+    """Cells between two readings that a profile, of so many ``points``, has on a flank; missed are those of which more
+    readings are missing than there are.
     """
-    order = np.argsort(angle)
-    order = order[seen[order]]
-    met = met.swapaxes(2, 3).reshape(-1, met.shape[3], rolls.size)
-    found: list[tuple[Ints, Ints, Ints, Array]] = []
-    for flank, column in np.ndindex(met.shape[:2]):
-        which, roll = _rolls_met(angle[order], met[flank, column], rolls)
-        found.append((np.full(roll.size, flank), np.full(roll.size, column), order[which], roll))
-    return _Meetings(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    order = np.lexsort((flanks.index, flanks.flank))
+    flank, index = flanks.flank[order], flanks.index[order]
+    together = (np.diff(flank) == 0) & (np.diff(index // points) == 0)
+    number = np.where(together, np.diff(index) - 1, 0)
+    at = np.repeat(np.arange(number.size), number)
+    share = (1 + np.arange(at.size) - (np.cumsum(number) - number)[at]) / (1 + number[at])
+
+    def between(values: Array) -> Array:
+        return np.asarray((1.0 - share) * values[order[at]] + share * values[order[at + 1]])
+
+    row = bin_index(between(flanks.roll), grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
+    column = column_of(between(flanks.height), grid.edges)
+    cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
+    missing = np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape)
+    return Rays(grid.seen | (missing > 0), missing > grid.count)
 
 
-def _columns_away(met: _Meetings, flanks: Flanks, grid: Grid, scan: Scan) -> Ints:
-    """How many columns (n,) away, along the height, the nearest reading lies that the same profile has on the flank;
-    as many as there are where it has none.
+def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float]) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) in which profiles at increasing table angles (n,) rad should meet flanks,
+    at roll lengths within ``limits`` (mm).
+
+    ``met`` (2, teeth, k, heights) rad: table angle at which they are met in these ``rows`` of cells; NaN: never.
     """
-    columns, profiles = grid.heights.size, scan.x.shape[0]
-    of_profile = flanks.flank.astype(np.int64) * profiles + flanks.index // scan.x.shape[1]
-    reading = np.unique(of_profile * columns + column_of(flanks.height, grid.edges))
-    here = met.flank * profiles + met.profile
-    away = np.full(here.size, columns)
-    behind = np.searchsorted(reading, here * columns + met.column)
-    for at in (np.maximum(behind - 1, 0), np.minimum(behind, reading.size - 1)):
-        same = reading[at] // columns == here
-        away = np.minimum(away, np.where(same, np.abs(reading[at] % columns - met.column), columns))
-    return away
-
-
-def _usual_columns_away(away: Ints, row: Ints) -> Ints:
-    """How far (n,) columns the nearest reading usually is at most, in the same ``row`` (n,) of a side's cells: the
-    steeper a flank is seen, the farther apart its readings are.
-    """
-    limit = np.zeros(int(row.max(initial=0)) + 1, dtype=np.int64)
-    for of in np.unique(row):
-        limit[of] = int(np.quantile(away[row == of], USUALLY, method="lower"))
-    return np.asarray(limit[row])
+    shape, nominal = grid.delta.shape, grid.nominal
+    expected = np.zeros(shape, dtype=bool)
+    for side, tooth, column in np.ndindex(shape[0], shape[1], shape[3]):
+        roll = _rolls_met(angle, met[side, tooth, :, column], grid.rolls[rows])
+        roll = roll[(roll > limits[0]) & (roll < limits[1])]
+        expected[side, tooth, bin_index(roll, nominal.control_roll, nominal.tip_roll, shape[2]), column] = True
+    return expected
 
 
 def _met_at(toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDArray[np.intp], delta: Array) -> Array:
@@ -204,20 +175,19 @@ def _met_at(toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDAr
     return np.asarray(np.unwrap(seen_at(calibration, points).reshape(delta.shape), axis=2))
 
 
-def _rolls_met(angle: Array, met: Array, rolls: Array) -> tuple[Ints, Array]:
-    """Which profiles (m,), of some at increasing table angles (n,) rad, meet a flank, and at which roll lengths (mm).
+def _rolls_met(angle: Array, met: Array, rolls: Array) -> Array:
+    """Roll lengths (m,) mm at which profiles at increasing table angles (n,) rad meet a flank.
 
     ``met`` (k,) rad: table angle at which it is met at ``rolls`` (k,) mm; NaN: never.
     """
-    which, roll = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+    roll = [np.zeros(0)]
     if angle.size and np.isfinite(met).all():
         upward = slice(None, None, 1 if met[-1] >= met[0] else -1)
         low, high = float(met.min()), float(met.max())
         for turn in range(floor((angle[0] - high) / tau), ceil((angle[-1] - low) / tau) + 1):
             first, last = np.searchsorted(angle, [low + tau * turn, high + tau * turn])
-            which.append(np.arange(first, last))
             roll.append(np.interp(angle[first:last] - tau * turn, met[upward], rolls[upward]))
-    return np.concatenate(which), np.concatenate(roll)
+    return np.concatenate(roll)
 
 
 def _beside(seen: Mask) -> Mask:

@@ -17,7 +17,7 @@ from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.message import Message
 from truestand.core.robust import medians, nan_median, robust_sd
 from truestand.core.surface import Surface
-from truestand.gear.flanks import END_MARGIN, Toothing, blocks, toothed_zone
+from truestand.gear.flanks import END_MARGIN, TIP_MARGIN, Flanks, Toothing, blocks, toothed_zone
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import bin_index, centres_of
 
@@ -38,6 +38,8 @@ MISSING_SHARE = 0.6
 """Share of the tooth's height, as drawn, that must be missing for the tooth to be missing."""
 TOOTH_DEPTH = 0.1
 """mm of radius by which a tooth's tip may be lower than the other teeth's (CONTRACT.md, Verdicts)."""
+TIP_SIGMA = 4.0
+"""Standard deviations of noise by which flank points keep from the tip's land."""
 LEAST_TIP_U = 0.005
 """mm, k = 2: the depth of a broken tip is not known better."""
 ALIKE = 0.5
@@ -194,6 +196,18 @@ def _diameter(name: str, radius: Array, radial: tuple[Contribution, ...]) -> Dia
     u = float(radii.std()) / np.sqrt(radii.size)
     lines = tuple(sorted((*radial, Contribution("scatter of the teeth", 4 * u, u)), key=lambda c: -c.U))
     return Diameter(name, 2 * float(radii.mean()), hypot(*(c.U for c in lines)), float(seen.mean()), lines)
+
+
+def below_tips(flanks: Flanks, folded: FoldedMap, scatter: float) -> Flanks:
+    """Without what may be the tip's land: it is seldom just where the drawing has it, and noise makes it thick.
+
+    ``scatter``: standard deviation of a flank's points, mm. A broken tooth ends like the others.
+    """
+    nominal = flanks.toothing.nominal
+    usual, tips = _usual_tips(folded, nominal, missing_teeth(folded, nominal)), folded.tip_radius(nominal)
+    tips = np.where(np.abs(tips - usual) < TOOTH_DEPTH, tips, usual)
+    margin = max(TIP_MARGIN, TIP_SIGMA * scatter * nominal.gear.tip_diameter / 2 / nominal.tip_roll)
+    return flanks.select(nominal.radius(flanks.roll) < tips[flanks.flank % nominal.gear.teeth] - margin)
 
 
 def tooth_defects(folded: FoldedMap, nominal: Involute, face: tuple[float, float]) -> tuple[Defect, ...]:
