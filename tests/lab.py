@@ -97,8 +97,8 @@ class Lab:
 
 @contextmanager
 def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=True, rate=200.0, acquire="",
-        part=None, **device):  # fmt: skip
-    """The starter stand with few points, on ports and loopback addresses of its own.
+        part=None, views="", **device):  # fmt: skip
+    """The starter stand with few points, on ports and loopback addresses of its own; ``views``: [[simulation.view]]s.
 
     Sensors wait for their heartbeat as long as they can, for a busy machine may hold up this process for a second.
     """
@@ -111,7 +111,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     server.start()
     recipe = folder / "stand.toml"
     recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
-                              acquire, {"heartbeat_ms": 10_000, **device}))  # fmt: skip
+                              acquire, {"heartbeat_ms": 10_000, **device}) + views)  # fmt: skip
     described = read_stand(recipe)
     simulation = simulation_from(read_simulation(recipe))
     shaft = read_shaft(folder / "shaft.toml")
@@ -121,7 +121,8 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     try:
         for i, address in enumerate(addresses):
             one = type(described)(described.table, described.sensors[i : i + 1], described.y, described.counts_per_turn)
-            source = SimulatedSource(one, simulation, shaft, table, (0.002, 95.0), virtual, seed=i)
+            seen = simulation.seen_from(sensors[i])
+            source = SimulatedSource(one, seen, shaft, table, (0.002, 95.0), virtual, seed=i)
             source.mount(False)
             devices.append(GigeDevice(Identity(address, serial=f"V{i}"), source, clock, faults, points=points))
             devices[-1].start()

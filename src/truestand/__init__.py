@@ -15,7 +15,7 @@ from truestand._version import __version__
 
 if TYPE_CHECKING:
     from truestand.apply.transfer import Transfer, roll, transfer
-    from truestand.apply.verify import Verification, verify
+    from truestand.apply.verify import Verification, verify, verify_views
     from truestand.apply.views import roll_views
     from truestand.calibration.calibrate import calibrate
     from truestand.calibration.positions import calibrate_positions
@@ -72,6 +72,7 @@ _MODULES = {
     "roll_views": "apply.views",
     "transfer": "apply.transfer",
     "verify": "apply.verify",
+    "verify_views": "apply.verify",
     "write_calibration": "files.records.calibration_record",
     "write_cloud": "files.shapes.clouds",
 }
@@ -111,6 +112,7 @@ __all__ = [
     "roll_views",
     "transfer",
     "verify",
+    "verify_views",
     "write_calibration",
     "write_cloud",
 ]

@@ -10,9 +10,11 @@ import pytest
 from gears import SPUR, STEEP, WORN, simulation
 from truestand.apply.datum import datum_of
 from truestand.apply.transfer import roll
+from truestand.apply.verify import SENSOR_MOVED, verify_views
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import interpret
 from truestand.files.shapes.clouds import Cloud, open_cloud, write_clouds
@@ -103,3 +105,25 @@ def test_the_cloud_tells_the_view_of_each_point(tmp_path):
         assert np.bincount(data["view"]).tolist() == seen
     write_clouds(tmp_path / "one.ply", clouds[:1])
     assert "view" not in open_cloud(tmp_path / "one.ply").dtype.names
+
+
+def test_a_view_that_moved_is_named_and_the_others_hold():
+    known = calibrated()
+    found = verify_views(scans(), known, paper_shaft(), 0.1)
+    assert found.verdict == "holds" and {c.view for c in found.changes} == {"front", "rear"} and len(found.scans) == 2
+    rear = known.of_view("rear")
+    out = Pose(rear.table_from_sensor.rotation, rear.table_from_sensor.translation + np.array([0.3, 0.0, 0.0]))
+    first, other = known.views
+    moved = verify_views(
+        scans(), replace(known, views=(first, replace(other, table_from_sensor=out))), paper_shaft(), 0.1
+    )
+    assert moved.verdict == "does_not_hold"
+    assert {c.view for c in moved.changes if c.verdict == "does_not_hold"} == {"rear"}
+    assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, radially: {SENSOR_MOVED}"]
+    with pytest.raises(BadRecipe, match="need another view for each"):
+        verify_views((scans()[0], scans()[0]), known, paper_shaft())
+
+
+def test_nothing_is_no_part():
+    with pytest.raises(BadRecipe, match="found no surface"):
+        inspect([], SPUR)

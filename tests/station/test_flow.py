@@ -57,7 +57,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path,
 
 def test_a_job_evaluates_its_scan_without_reading_the_file(tmp_path, no_reading):
     with lab(tmp_path, pace=2.0, turns=0.1) as stand:
-        scan = jobs._scan(
+        (scan,) = jobs._scans(
             jobs.Job("calibrate", stand.recipe, tmp_path / "job"), jobs.Observer(), tmp_path / "job" / "shaft.h5"
         )
     no_reading.undo()

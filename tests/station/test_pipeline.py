@@ -56,13 +56,13 @@ def copied(scan):
     def take(job, observer, path):
         path.parent.mkdir()
         shutil.copy(scan, path)
-        return read_scan(path)
+        return (read_scan(path),)
 
     return take
 
 
 def test_an_inspection_keeps_what_had_changed_in_the_recipes_since_its_calibration(shop, tmp_path, monkeypatch):
-    monkeypatch.setattr(jobs, "_scan", copied(shop / "k1.h5"))
+    monkeypatch.setattr(jobs, "_scans", copied(shop / "k1.h5"))
     monkeypatch.setattr(drawing, "svg", lambda fig: "")
     for name, old, new in (("stand", "linearity_U_um = 20.0", "linearity_U_um = 30.0"),
                            ("shaft", "diameter_mm = 25.0", "diameter_mm = 25.5")):  # fmt: skip
@@ -85,7 +85,7 @@ def test_an_inspection_keeps_what_had_changed_in_the_recipes_since_its_calibrati
 
 @pytest.mark.parametrize("kind", ROLES)
 def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, monkeypatch, kind):
-    monkeypatch.setattr(jobs, "_scan", copied(shop / "k1.h5"))
+    monkeypatch.setattr(jobs, "_scans", copied(shop / "k1.h5"))
     monkeypatch.setattr(drawing, "svg", lambda fig: "")  # half the time of a report
     paths = {name: shop / f"{name}.toml" for name in ("stand", "artefact", "part")} | {"artefact": shop / "shaft.toml"}
     job = Job(kind, folder=tmp_path / "job", calibration=shop / "calibration.json", **paths)
@@ -114,7 +114,7 @@ def test_a_job_and_a_command_give_the_same_record_and_evidence(shop, tmp_path, m
     ],
 )
 def test_a_job_without_an_input_is_refused_before_any_scan(shop, tmp_path, monkeypatch, kind, lacking):
-    monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
+    monkeypatch.setattr(jobs, "_scans", lambda *given: pytest.fail("took a scan"))
     part = None if lacking == "the part's recipe" else shop / "part.toml"
     calibration = shop / "calibration.json" if part is None else None
     with pytest.raises(BadRecipe, match=lacking):
@@ -122,7 +122,7 @@ def test_a_job_without_an_input_is_refused_before_any_scan(shop, tmp_path, monke
 
 
 def test_an_unreadable_recipe_is_refused_before_any_scan(shop, tmp_path, monkeypatch):
-    monkeypatch.setattr(jobs, "_scan", lambda *given: pytest.fail("took a scan"))
+    monkeypatch.setattr(jobs, "_scans", lambda *given: pytest.fail("took a scan"))
     logo = '[company]\nlogo = "none.png"\n'
     (tmp_path / "stand.toml").write_text((shop / "stand.toml").read_text() + logo)
     job = Job("calibrate", tmp_path / "stand.toml", tmp_path / "job", shop / "shaft.toml")

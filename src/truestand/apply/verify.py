@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
+from truestand.apply.views import demand_one_each
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.positions import calibrate_on_axes
@@ -55,6 +56,8 @@ class Change:
     limit: float
     verdict: Verdict
     advice: str
+    view: str | None = None
+    """Of several views, the one that moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +68,35 @@ class Verification:
     changes: tuple[Change, ...]
     reasons: tuple[Message, ...]
     calibration: Calibration | None
-    """None where the scan shows too little of the artefact to be calibrated."""
-    scan: ScanSummary
+    """None where the scan shows too little of the artefact to be calibrated, or there are several."""
+    scans: tuple[ScanSummary, ...]
+    """One of each view."""
     by: By
     """Whether the artefact was calibrated again, or judged by the shaft in view beside a part."""
+
+
+def verify_views(
+    scans: tuple[Scan, ...], old: Calibration, artefact: Artefact, limit: float = LIMIT, start_stated: bool = False
+) -> Verification:
+    """Hold the calibration of several views against a new scan by each (``verify``): which of them has moved is named.
+
+    Raises:
+        NotEnoughData: as ``verify``.
+        BadRecipe: two scans of one view, or one of a view of which the calibration is not.
+    """
+    demand_one_each(scans)
+    found = [verify(scan, old, artefact, limit, start_stated) for scan in scans]
+    if len(found) == 1:
+        return found[0]
+    named = list(zip((scan.view for scan in scans), found, strict=True))
+    return Verification(
+        _worst({v.verdict for v in found}),
+        tuple(replace(c, name=f"{name}: {c.name}", view=name) for name, v in named for c in v.changes),
+        tuple(r.prefixed(f"view {name!r}: ") for name, v in named for r in v.reasons),
+        None,
+        tuple(v.scans[0] for v in found),
+        "calibration" if all(v.by == "calibration" for v in found) else "witness",
+    )
 
 
 def verify(
@@ -123,11 +151,15 @@ def _verification(
     changes: list[Change], undecided: tuple[Message, ...], by: By, scan: Scan, new: Calibration | None
 ) -> Verification:
     """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``."""
-    worst: Verdict = next(v for v in WORST_FIRST if v in {c.verdict for c in changes})
+    worst = _worst({c.verdict for c in changes})
     reasons = tuple(_reason(c) for c in changes if c.verdict != "holds")
     if undecided:
         worst, reasons = "undecided", undecided
-    return Verification(worst, tuple(changes), reasons, new, ScanSummary.of(scan), by)
+    return Verification(worst, tuple(changes), reasons, new, (ScanSummary.of(scan),), by)
+
+
+def _worst(verdicts: set[Verdict]) -> Verdict:
+    return next(v for v in WORST_FIRST if v in verdicts)
 
 
 def _reason(c: Change) -> Message:

@@ -30,10 +30,19 @@ def transfer_views(
     Raises:
         BadRecipe: as ``roll_views``.
     """
+    demand_one_each(scans)
+    return tuple(transfer(scan, calibration, start_stated) for scan in scans)
+
+
+def demand_one_each(scans: tuple[Scan, ...]) -> None:
+    """Refuse several scans of one view.
+
+    Raises:
+        BadRecipe: two scans of one view.
+    """
     names = [scan.view for scan in scans]
     if len(set(names)) < len(names):
         raise BadRecipe(f"found scans of the views {', '.join(names)}, need another view for each; see --view")
-    return tuple(transfer(scan, calibration, start_stated) for scan in scans)
 
 
 def placed(transferred: Transfer, calibration: Calibration) -> Surface:

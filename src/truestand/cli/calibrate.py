@@ -107,7 +107,9 @@ def _clamping_angles(scans: list[Path], stated: str | None, method: Method) -> t
 
 
 def verify(
-    scan: Annotated[Path, typer.Argument(metavar="SCAN", help="A new scan of the artefact.")],
+    scans: Annotated[
+        list[Path], typer.Argument(metavar="SCAN...", help="A new scan of the artefact, one by each view.")
+    ],
     calibration: Annotated[
         Path, typer.Option("--calibration", metavar="CALIBRATION.json", help="The calibration to hold against it.")
     ],
@@ -127,14 +129,14 @@ def verify(
     as_json: JsonOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Hold an old calibration against a new scan of the artefact: 0 holds, 1 does not, 3 undecided.
+    """Hold a calibration against a new scan of the artefact, or one by each view: 0 holds, 1 does not, 3 undecided.
 
     Example: truestand verify k2.csv --calibration calibration.json
     """
     results = results_folder(store, stand)
     reader = scan_reader(stand, start_angle_deg, quiet, view)
     outcome = verify_job(
-        Inputs((scan,), stand, artefact, calibration), Outputs(output), reader.when_asked(scan),
+        Inputs(tuple(scans), stand, artefact, calibration), Outputs(output), reader.when_asked(*scans),
         step_progress("Verifying", quiet), limit=mm_from_um(limit_um), start_stated=reader.start_stated,
     )  # fmt: skip
     verification = outcome.result

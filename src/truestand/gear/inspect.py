@@ -125,7 +125,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
         kind="gear",
         name=gear.name,
         characteristics=with_views(characteristics_of(assessment, diameters), flanks, views),
-        without_damage=without_damage_of(assessment),
+        without_damage=with_views(without_damage_of(assessment), flanks, views),
         defects=defects,
         reasons=tuple(dict.fromkeys([*reasons, *_further_reasons(whole, views, folded, seams)])),
         remarks=remarks_of(views, coverage, damage, measures, diameters),

@@ -34,6 +34,7 @@ def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
         BadRecipe: a surface doesn't say from which scan and calibration it comes, or several of a part that is no gear.
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    demand_views(len(surfaces), part)
     if isinstance(part, Turned) and _is_shaft(part, surfaces[0].origin[1].artefact):
         surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:
@@ -41,6 +42,21 @@ def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
     inspection = _inspected(surfaces, part)
     followed = dict.fromkeys(remark for s in surfaces for remark in transfer_remarks(s.origin[1]))
     return replace(inspection, remarks=(*followed, *inspection.remarks))
+
+
+def demand_views(number: int, part: Part) -> None:
+    """Refuse what can't be inspected by so many views.
+
+    Raises:
+        BadRecipe: none, or several of a part that is no gear.
+    """
+    if number > 1 and not isinstance(part, Gear):
+        raise BadRecipe(
+            f"found {number} views of a part that is no gear, need one; inspect each by itself, or roll them up into "
+            "one cloud"
+        )
+    if not number:
+        raise BadRecipe("found no surface, need one of each view")
 
 
 def _at_reference_temperature(surface: Surface, temperature: Temperature) -> Surface:
@@ -61,11 +77,6 @@ def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:
 def _inspected(surfaces: tuple[Surface, ...], part: Part) -> Inspection:
     if isinstance(part, Gear):
         return inspect_gear(surfaces, part)
-    if len(surfaces) > 1:
-        raise BadRecipe(
-            f"found {len(surfaces)} views of a part that is no gear, need one; inspect each by itself, or roll them up "
-            "into one cloud"
-        )
     if isinstance(part, Turned):
         return inspect_turned(surfaces[0], part)
     return inspect_cad(surfaces[0], part)

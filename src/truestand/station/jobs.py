@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from truestand.core.errors import BadRecipe, DeviceError, Fault
+from truestand.core.errors import DeviceError, Fault
 from truestand.core.scan import Scan, interpret
 from truestand.station.acquire import Live
 from truestand.station.pipeline import Inputs, Outcome, Outputs, TakeScans, calibrate_job, inspect_job, verify_job
 from truestand.station.recipe import read_devices, scan_settings
-from truestand.station.scan import take_scan
+from truestand.station.scan import output_path, take_scan
 
 Kind = Literal["calibrate", "inspect", "verify"]
 STEPS: dict[Kind, tuple[tuple[str, str], ...]] = {
@@ -69,26 +69,31 @@ def run_job(job: Job, observer: Observer) -> Outcome[Any]:
     folder, report = job.folder, job.folder / "report.html"
     shaft, part = folder / "shaft.h5", folder / "part.h5"
 
+    sensors = [sensor.name for sensor in read_devices(job.stand)[1].sensor]
+
+    def scans(path: Path) -> tuple[Path, ...]:
+        return tuple(output_path(path, sensor, len(sensors)) for sensor in sensors)
+
     def take(path: Path) -> TakeScans:
-        return lambda stand: (_scan(job, observer, path),)
+        return lambda stand: _scans(job, observer, path)
 
     if job.kind == "calibrate":
-        inputs, outputs = Inputs((shaft,), job.stand, job.artefact), Outputs(folder / "calibration.json", report=report)
+        inputs, outputs = (
+            Inputs(scans(shaft), job.stand, job.artefact),
+            Outputs(folder / "calibration.json", report=report),
+        )
         return calibrate_job(inputs, outputs, take(shaft), observer.during)
     if job.kind == "inspect":
-        inputs = Inputs((part,), job.stand, job.artefact, job.calibration, job.part)
+        inputs = Inputs(scans(part), job.stand, job.artefact, job.calibration, job.part)
         outputs = Outputs(folder / "inspection.json", folder / "cloud.ply", report)
         return inspect_job(inputs, outputs, take(part), observer.during, identity=job.identity)
-    inputs = Inputs((shaft,), job.stand, job.artefact, job.calibration)
+    inputs = Inputs(scans(shaft), job.stand, job.artefact, job.calibration)
     return verify_job(inputs, Outputs(folder / "verification.json"), take(shaft), observer.during)
 
 
-def _scan(job: Job, observer: Observer, path: Path) -> Scan:
-    """A complete scan with the stand's one sensor; an incomplete one is an error."""
+def _scans(job: Job, observer: Observer, path: Path) -> tuple[Scan, ...]:
+    """A complete scan by each of the stand's sensors; an incomplete one is an error."""
     stand, devices = read_devices(job.stand)
-    if len(devices.sensor) > 1:
-        names = ", ".join(s.name for s in devices.sensor)
-        raise BadRecipe(f"found sensors {names}, a job takes one; use `truestand acquire` for several")
     job.folder.mkdir(parents=True, exist_ok=True)
     with observer.during("acquire"):
         outcome = take_scan(job.stand, stand, devices, scan_settings(stand, devices.acquire), path, observer.live)
@@ -98,4 +103,4 @@ def _scan(job: Job, observer: Observer, path: Path) -> Scan:
             raise Fault(f"{outcome.fault}; mend the cause, then reset the stand")
         if not outcome.complete:
             raise DeviceError("; ".join(reason for w in outcome.written for reason in w.scan.reasons))
-    return interpret(outcome.written[0].scan.recording)
+    return tuple(interpret(one.scan.recording) for one in outcome.written)

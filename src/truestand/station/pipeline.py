@@ -152,11 +152,12 @@ def inspect_job(
     """
     from truestand.files.recipes.parts import read_identity, read_part
     from truestand.files.records.inspection_record import inspection_record
-    from truestand.parts.inspect import inspect
+    from truestand.parts.inspect import demand_views, inspect
 
     outputs.check()
     recipe, record_path = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
     part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
+    demand_views(len(inputs.scans), part)
     sha256 = sha256_of(record_path)
     changes = _changes(inputs)
     scans = take(calibration.whole_stand)
@@ -177,13 +178,14 @@ def verify_job(
     inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     limit: float | None = None, start_stated: bool = False,
 ) -> "Outcome[Verification]":  # fmt: skip
-    """Hold a calibration against a new scan of the artefact; ``limit`` (mm) is the usual one where none is given.
+    """Hold a calibration against a new scan of the artefact, or one by each view; ``limit`` (mm) is the usual one where
+    none is given.
 
     Raises:
-        BadRecipe: before any scan is taken.
+        BadRecipe: before any scan is taken, or as ``verify_views``.
         NotEnoughData: as ``verify``.
     """
-    from truestand.apply.verify import LIMIT, verify
+    from truestand.apply.verify import LIMIT, verify_views
     from truestand.files.records.calibration_record import verification_record
 
     record_path = _needed(inputs.calibration, "a calibration")
@@ -191,9 +193,9 @@ def verify_job(
     artefact = calibration.artefact if inputs.artefact is None else read_shaft(inputs.artefact)
     if artefact is None:
         raise BadRecipe(f"{record_path.name} carries no artefact; need the shaft's recipe (--artefact SHAFT.toml)")
-    (scan,) = take(calibration.whole_stand)
+    scans = take(calibration.whole_stand)
     with during("evaluate"):
-        verification = verify(scan, calibration, artefact, LIMIT if limit is None else limit, start_stated)
+        verification = verify_views(scans, calibration, artefact, LIMIT if limit is None else limit, start_stated)
         record = verification_record(verification, now(), sha256)
         _write_record(outputs, record)
     return Outcome(verification, record, inputs.evidence())

@@ -191,7 +191,7 @@ def verification_record(verification: "Verification", created: str, calibration_
         "created": created,
         "software": SOFTWARE,
         "calibration": {"sha256": calibration_sha256},
-        "scan": scan_record(v.scan),
+        "scan": scan_record(v.scans[0]),
         "by": v.by,
         "changes": [
             {
@@ -202,10 +202,13 @@ def verification_record(verification: "Verification", created: str, calibration_
                 "limit_um": UM * c.limit,
                 "verdict": c.verdict,
                 "advice": c.advice,
+                **({} if c.view is None else {"view": c.view}),
             }
             for c in v.changes
         ],
     }
+    if len(v.scans) > 1:
+        record["scans"] = [scan_record(scan) for scan in v.scans]
     return without_nan(record)
 
 

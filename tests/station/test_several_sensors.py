@@ -1,0 +1,55 @@
+"""A stand with two sensors: each job takes a scan by each at once, and evaluates them together."""
+
+import pytest
+
+from lab import lab
+from truestand.core.errors import BadRecipe
+from truestand.files.scans.read import read_scan
+from truestand.station import jobs
+from truestand.station.jobs import Job, Observer, run_job
+
+VIEWS = """
+[[simulation.view]]
+name = "front"
+laser_plane_offset_mm = 0.15
+
+[[simulation.view]]
+name = "rear"
+azimuth_deg = 120.0
+laser_plane_offset_mm = -0.2
+"""
+TURNED = 'kind = "turned"\n[[section]]\nname = "a"\nfrom_mm = 2.0\nto_mm = 8.0\ndiameter_mm = 20.0\n'
+
+
+@pytest.mark.stand
+def test_jobs_take_and_evaluate_a_scan_by_each_sensor(tmp_path):
+    with lab(tmp_path, turns=1.1, points=160, pace=4.0, sensors=("front", "rear"), views=VIEWS) as stand:
+
+        def job(kind, **given):
+            return run_job(Job(kind, stand.recipe, tmp_path / kind, tmp_path / "shaft.toml", **given), Observer())
+
+        calibrated = job("calibrate")
+        assert [s["name"] for s in calibrated.record["sensors"]] == ["front", "rear"]
+        assert abs(calibrated.record["sensors"][1]["azimuth_deg"] - 120.0) < 0.1
+        assert {path.name for path in calibrated.evidence.values()} >= {"shaft-front.h5", "shaft-rear.h5"}
+        known = tmp_path / "calibrate" / "calibration.json"
+        verified = job("verify", calibration=known)
+        assert {c["view"] for c in verified.record["changes"]} == {"front", "rear"} and len(
+            verified.record["scans"]
+        ) == 2
+        assert verified.record["verdict"] != "does_not_hold", verified.record["reasons"]
+        stand.put("gear.toml")
+        inspected = job("inspect", calibration=known, part=tmp_path / "gear.toml")
+        assert {tuple(c["views"]) for c in inspected.record["characteristics"]} >= {("front", "rear")}
+        assert inspected.record["seams"] and all(s["ok"] for s in inspected.record["seams"])
+        assert read_scan(tmp_path / "inspect" / "part-rear.h5").view == "rear"
+
+
+def test_a_part_that_several_sensors_can_not_inspect_is_refused_before_any_scan(tmp_path, monkeypatch):
+    monkeypatch.setattr(jobs, "_scans", lambda *given: pytest.fail("took a scan"))
+    monkeypatch.setattr("truestand.station.pipeline.read_calibration", lambda path: None)
+    with lab(tmp_path, sensors=("front", "rear"), views=VIEWS) as stand:
+        (tmp_path / "part.toml").write_text(TURNED)
+        job = Job("inspect", stand.recipe, tmp_path / "job", None, tmp_path / "part.toml", tmp_path / "c.json")
+        with pytest.raises(BadRecipe, match="2 views of a part that is no gear"):
+            run_job(job, Observer())
