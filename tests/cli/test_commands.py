@@ -372,6 +372,18 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
 
 
+@pytest.mark.stand
+def test_the_demo_with_two_sensors_measures_both_sides_of_a_helical_gear(tmp_path):
+    done = run_process("demo", "--views", "2", "--out", tmp_path / "demo")
+    assert done.returncode == 0, done.stderr
+    assert "Views" in done.stdout and "gear-rear.h5" in done.stdout
+    record = json.loads((tmp_path / "demo" / "inspection.json").read_text())
+    pitch = {c["flank"]: c for c in record["characteristics"] if c["name"] == "F_p"}
+    assert {c["status"] for c in pitch.values()} == {"measured"} and pitch.keys() == {"left", "right"}
+    assert all(s["ok"] for s in record["seams"]) and len(record["scans"]) == 2
+    assert "<h2>Sensors</h2>" in (tmp_path / "demo" / "report.html").read_text()
+
+
 @pytest.mark.parametrize(
     ("command", "kept", "named"),
     [

@@ -1,13 +1,13 @@
 """stand.toml and shaft.toml: exact keys, and a typo is an error that knows the right word."""
 
-from math import radians
+from math import cos, degrees, radians
 
 import pytest
 
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.files.recipes.changes import differences
-from truestand.files.recipes.parts import part_of
+from truestand.files.recipes.parts import part_of, read_part
 from truestand.files.recipes.recipes import (
     read_shaft,
     read_simulation,
@@ -167,6 +167,14 @@ def test_the_starters_are_valid_and_never_overwritten_unasked(tmp_path):
     with pytest.raises(BadRecipe, match="--force"):
         write_starters(tmp_path)
     assert paths[0].read_text() == "mine"
+
+
+def test_the_starters_of_two_sensors_see_a_helical_gear(tmp_path):
+    stand, _, gear = write_starters(tmp_path, views=2)
+    assert [s.name for s in read_stand(stand).sensors] == ["front", "rear"]
+    assert [view["name"] for view in read_simulation(stand)["view"]] == ["front", "rear"]
+    assert degrees(read_part(gear).helix_angle) == pytest.approx(15.0)
+    assert read_part(gear).tip_diameter == pytest.approx(48 / cos(radians(15.0)) + 4.0, abs=0.01)
 
 
 GEAR = {

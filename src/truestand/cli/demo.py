@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from truestand.cli.options import QuietOption
+from truestand.cli.options import QuietOption, SensorsOption
 from truestand.cli.terminal import print_table, scan_progress, step_progress
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, DeviceError, DeviceLost
@@ -24,25 +24,35 @@ from truestand.files.atomic import write_json_atomic, write_text_atomic
 from truestand.files.recipes.recipes import STARTERS, write_starters
 from truestand.files.records.calibration_record import write_calibration
 from truestand.files.records.record import read_json
-from truestand.report.terminal import inspection_table, summary_table
+from truestand.report.terminal import inspection_table, summary_table, views_table
 from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
 from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
-from truestand.station.scan import take_scan
+from truestand.station.scan import output_path, take_scan
 from truestand.station.stand_lock import state_path
 
+SHAFT, GEAR = "k1.h5", "gear.h5"
+"""Scans; with several sensors their names are added."""
 PACE = 20.0
 """Times real time; the virtual stand is slower where the machine can't draw as fast."""
 RESULTS = (
-    "k1.h5", "truth.json", "calibration.json", "calibration-paper.json", "cloud.ply", "report.html",
-    "gear.h5", "gear-truth.json", "inspection.json", "gear.ply", "gear-report.html",
-)  # fmt: skip
+    "truth.json",
+    "calibration.json",
+    "calibration-paper.json",
+    "cloud.ply",
+    "report.html",
+    "gear-truth.json",
+    "inspection.json",
+    "gear.ply",
+    "gear-report.html",
+)
 
 
 def demo(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Where to write everything.")] = Path(
         "truestand-demo"
     ),
+    views: SensorsOption = 1,
     open_report: Annotated[bool, typer.Option("--open", help="Open the reports in the browser.")] = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -53,15 +63,19 @@ def demo(
     Example: truestand demo --open
     """
     _refuse_real_scans(out)
-    write_starters(out, force=True)
+    write_starters(out, True, views)
     stand = _demo_stand(out, quiet)
     with interrupted_by_signals(), _virtual_stand(out):
         calibration, paper, truth = _calibrate(stand)
         inspection, gear_truth = _inspect(stand)
     if not quiet:
         print_table(summary_table(calibration, paper, truth))
+        if calibration.views:
+            print_table(views_table(calibration.views))
         print_table(inspection_table(inspection, gear_truth, calibration))
-        for name in (*STARTERS, *RESULTS):
+        for path in (*(out / name for name in STARTERS), *stand.paths(SHAFT), *stand.paths(GEAR)):
+            typer.echo(path)
+        for name in RESULTS:
             typer.echo(out / name)
     if open_report:
         for name in ("report.html", "gear-report.html"):
@@ -77,8 +91,13 @@ class DemoStand:
     devices: DevicesRecipe
     quiet: bool
 
-    def scan(self, name: str, description: str) -> Scan:
-        """Take a scan with the stand at its addresses, into the folder."""
+    def paths(self, name: str) -> tuple[Path, ...]:
+        """Of the scans by that name, one by each sensor."""
+        sensors = self.devices.sensor
+        return tuple(output_path(self.out / name, sensor.name, len(sensors)) for sensor in sensors)
+
+    def scan(self, name: str, description: str) -> tuple[Scan, ...]:
+        """Take a scan by each sensor of the stand at its addresses, into the folder."""
         settings = scan_settings(self.stand, self.devices.acquire)
         with scan_progress(self.quiet, description) as show:
             outcome = take_scan(self.out / "stand.toml", self.stand, self.devices, settings, self.out / name, show)
@@ -87,21 +106,21 @@ class DemoStand:
         if not outcome.complete:
             reasons = "; ".join(r for w in outcome.written for r in w.scan.reasons)
             raise DeviceError(f"the virtual stand gave no complete scan: {reasons}; close other programs and try again")
-        return interpret(outcome.written[0].scan.recording)
+        return tuple(interpret(one.scan.recording) for one in outcome.written)
 
     def mount_part(self) -> None:
         """Put the gear on the shaft."""
-        device = self.devices.sensor[0]
-        with closing(Camera(device.name, device.address, device.heartbeat_ms)) as camera:
-            camera.nodes.set("VirtualMounted", "Part")
+        for device in self.devices.sensor:
+            with closing(Camera(device.name, device.address, device.heartbeat_ms)) as camera:
+                camera.nodes.set("VirtualMounted", "Part")
 
 
 def _demo_stand(out: Path, quiet: bool) -> DemoStand:
     _move_to_free_addresses(out / "stand.toml")
     state_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
     stand, devices = read_devices(out / "stand.toml")
-    for earlier in ("k1.h5", "k1.log", "gear.h5", "gear.log"):
-        (out / earlier).unlink(missing_ok=True)
+    for earlier in (*out.glob("k1*.h5"), *out.glob("gear*.h5"), out / "k1.log", out / "gear.log"):
+        earlier.unlink(missing_ok=True)
     return DemoStand(out, stand, devices, quiet)
 
 
@@ -110,10 +129,12 @@ def _move_to_free_addresses(recipe: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         table = f"127.0.0.1:{free.getsockname()[1]}"
     number = os.getpid() % 65_000
-    sensor = f"127.77.{number // 250}.{number % 250 + 1}" if sys.platform == "linux" else "127.0.0.1"
-    text = recipe.read_text(encoding="utf-8")
-    text = text.replace('address = "127.0.0.1:5020"', f'address = "{table}"')
-    write_text_atomic(recipe, text.replace('address = "127.0.0.1"', f'address = "{sensor}"'))
+    text = recipe.read_text(encoding="utf-8").replace('address = "127.0.0.1:5020"', f'address = "{table}"')
+    if sys.platform == "linux":  # elsewhere no other address of this machine answers
+        for last in (1, 2):
+            sensor = f"127.{76 + last}.{number // 250}.{number % 250 + 1}"
+            text = text.replace(f'address = "127.0.0.{last}"', f'address = "{sensor}"')
+    write_text_atomic(recipe, text)
 
 
 @contextmanager
@@ -142,9 +163,9 @@ def _calibrate(stand: DemoStand) -> tuple[Calibration, Calibration, dict[str, An
     truth.pop("part")
     write_json_atomic(out / "truth.json", truth)
     outcome = calibrate_job(
-        Inputs((out / "k1.h5",), out / "stand.toml", out / "shaft.toml"),
+        Inputs(stand.paths(SHAFT), out / "stand.toml", out / "shaft.toml"),
         Outputs(out / "calibration.json", out / "cloud.ply", out / "report.html"),
-        lambda _: (stand.scan("k1.h5", "Scanning the shaft"),), step_progress("Calibrating", stand.quiet), truth=truth,
+        lambda _: stand.scan(SHAFT, "Scanning the shaft"), step_progress("Calibrating", stand.quiet), truth=truth,
     )  # fmt: skip
     calibration, published = outcome.result
     assert published is not None
@@ -158,14 +179,15 @@ def _inspect(stand: DemoStand) -> tuple[Inspection, dict[str, Any]]:
     stand.mount_part()
     truth = read_json(out / "gear-truth.json")
     outcome = inspect_job(
-        Inputs((out / "gear.h5",), out / "stand.toml", calibration=out / "calibration.json", part=out / "gear.toml"),
+        Inputs(stand.paths(GEAR), out / "stand.toml", calibration=out / "calibration.json", part=out / "gear.toml"),
         Outputs(out / "inspection.json", out / "gear.ply", out / "gear-report.html"),
-        lambda _: (stand.scan("gear.h5", "Scanning the gear"),), step_progress("Inspecting", stand.quiet), truth=truth,
+        lambda _: stand.scan(GEAR, "Scanning the gear"), step_progress("Inspecting", stand.quiet), truth=truth,
     )  # fmt: skip
     return outcome.result, truth
 
 
 def _refuse_real_scans(out: Path) -> None:
     """Raw scans are never overwritten: one without a truth beside it was not made by a demo."""
-    if (out / "k1.h5").exists() and not (out / "truth.json").exists():
-        raise BadRecipe(f"{out} holds a scan k1.h5 that no demo made; choose another --out")
+    scans = sorted(out.glob("k1*.h5"))
+    if scans and not (out / "truth.json").exists():
+        raise BadRecipe(f"{out} holds a scan {scans[0].name} that no demo made; choose another --out")

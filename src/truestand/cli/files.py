@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from truestand.cli.options import ForceOption, JsonOption, QuietOption, StandOption, output_option
+from truestand.cli.options import ForceOption, JsonOption, QuietOption, SensorsOption, StandOption, output_option
 from truestand.cli.terminal import hint, print_json, progress
 from truestand.core.errors import BadRecipe
 from truestand.files.recipes.recipes import read_stand, write_starters
@@ -29,6 +29,7 @@ PointsOption = Annotated[int | None, typer.Option("--points", help="Points in a 
 
 def init(
     directory: Annotated[Path, typer.Argument(metavar="[DIR]", help="Where to write them.")] = Path(),
+    views: SensorsOption = 1,
     force: ForceOption = False,
     quiet: QuietOption = False,
 ) -> None:
@@ -36,7 +37,7 @@ def init(
 
     Example: truestand init my-stand
     """
-    for path in write_starters(directory, force=force):
+    for path in write_starters(directory, force, views):
         if not quiet:
             typer.echo(path)
 

@@ -40,7 +40,7 @@ COMMANDS = {
     ),
     "verify": (
         "calibrate:verify",
-        "Hold an old calibration against a new scan of the artefact: 0 holds, 1 does not, 3 undecided.",
+        "Hold a calibration against a new scan of the artefact, or one by each view: 0 holds, 1 does not, 3 undecided.",
     ),
     "roll": ("inspect:roll", "Roll a scan up into a point cloud in the shaft's own coordinates."),
     "inspect": (

@@ -93,6 +93,9 @@ ViewOption = Annotated[
         help="Several sensors: the name of the one that took the scan, one each; default: the scan carries it.",
     ),
 ]  # fmt: skip
+SensorsOption = Annotated[
+    int, typer.Option("--views", min=1, max=2, help="Sensors of the stand; with two the gear is a helical one.")
+]
 TruthOption = Annotated[
     Path | None, typer.Option("--truth", metavar="TRUTH.json", help="Simulated scans: compare with the truth.")
 ]

@@ -17,15 +17,13 @@ from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
 from truestand.core.surface import seen_at, table_angle
 from truestand.gear.flanks import Flanks, Toothing
-from truestand.gear.grid import Grid, bin_index, column_of
+from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
 from truestand.gear.views import GearView, part_of
 
 KNOTS = 12
 """Roll lengths at which it is worked out when a flank is met."""
 MOST_OFF = 0.1
 """mm of delta that a smooth flank may say where nothing was seen of it."""
-BESIDE = 1
-"""Cells of roll length beside the one in which a ray should meet the flank where its reading may lie."""
 LEAST_EXPECTED, NEARLY_ALL = 20, 0.9
 """Rays that should meet a row of cells, over all teeth of a side, and share of them that don't, from which nothing is
 seen of it.
@@ -35,8 +33,8 @@ LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
 ROWS_BESIDE, SELDOM = 2, 0.25
 """Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
 STANDS_WITHIN = 0.01
-"""mm of delta within which it is known where a flank stands: rays that meet it as near to the lower end of the
-evaluation range as that explains are left out."""
+"""mm of delta within which it is known where a flank stands. A reading may lie as far along the roll length from where
+its ray should meet the flank as that explains, and a cell at least."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,9 +124,10 @@ def rays_on_flanks(
     stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF)
     met = _met_at(flanks.toothing, calibration, grid, rows, stands)
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
-    end = low + STANDS_WITHIN * float(np.square(nominal.radius(np.asarray(low)) / low))
-    expected = _expected(angle, met, grid, rows, (end, high))
-    first, third = (Rays(expected, expected & ~seen) for seen in (_beside(grid.seen), grid.seen))
+    turned = STANDS_WITHIN / nominal.base_radius
+    expected = _expected(angle, met, grid, rows, (low + float(step_on_flank(nominal, low, turned)), high))
+    beside = bridge_gaps(grid.seen, grid, 2 * turned)
+    first, third = (Rays(expected, expected & ~seen) for seen in (beside, grid.seen))
     return first, _between_readings(flanks, grid, scan.x.shape[1]), third
 
 
@@ -188,12 +187,3 @@ def _rolls_met(angle: Array, met: Array, rolls: Array) -> Array:
             first, last = np.searchsorted(angle, [low + tau * turn, high + tau * turn])
             roll.append(np.interp(angle[first:last] - tau * turn, met[upward], rolls[upward]))
     return np.concatenate(roll)
-
-
-def _beside(seen: Mask) -> Mask:
-    """The same cells (2, teeth, roll lengths, heights) and those beside them along the roll length."""
-    wider = seen.copy()
-    for k in range(1, BESIDE + 1):
-        wider[:, :, k:] |= seen[:, :, :-k]
-        wider[:, :, :-k] |= seen[:, :, k:]
-    return wider

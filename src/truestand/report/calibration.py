@@ -46,6 +46,7 @@ def calibration_report(
         _not_identifiable(calibration, rows),
         tables.tiles(rows, calibration),
         K_NOTE if exact else NO_U_NOTE,
+        _sensors(calibration),
         "<h2>Published method and exact model</h2>"
         "<p>The same scan through both. The published method (Klarák et al., Sensors 2022, 22, 5306) knows no tilt and "
         "no laser plane; a dash says that it has no answer. It states no uncertainty.</p>",
@@ -88,6 +89,15 @@ def _head(c: Calibration, company: Company | None) -> str:
     mark, word, meaning = STATUS[c.status]
     return head("Calibration report", "Calibration of the stand", facts, company) + stamp(
         c.status, mark, word, meaning, c.reasons
+    )
+
+
+def _sensors(c: Calibration) -> str:
+    if not c.views:
+        return ""
+    return (
+        "<h2>Sensors</h2><p>Where each stands about the axis and how high, in the frame of the first. The numbers "
+        f"above and the figures below are those of sensor {escape(c.name)}.</p>" + tables.sensors(c.views)
     )
 
 

@@ -1,5 +1,6 @@
 """The tables of a calibration report, as HTML. Every text from outside is escaped."""
 
+from collections.abc import Sequence
 from html import escape
 
 from truestand.core.calibration import Calibration, Positions
@@ -7,6 +8,7 @@ from truestand.core.units import degrees, um
 from truestand.report.inspection_tables import table
 from truestand.report.notation import number, places, two_digits, with_u
 from truestand.report.quantities import Quantity
+from truestand.report.several_sensors import COLUMNS, view_rows
 
 MOST_HARMONICS = 12
 LEAST_AMPLITUDE_MM = 5e-5
@@ -112,6 +114,16 @@ def positions(found: Positions) -> str:
     head = '<th>what</th><th class="n">µm</th><th class="n">U (k = 2), µm</th>'
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f"<p>Shaft clamped at {angles}° for the scans, in this order.</p>{table}{note}"
+
+
+def sensors(views: Sequence[Calibration]) -> str:
+    """Where each of several sensors stands in the frame of the first, U with k = 2."""
+    head = "".join(f'<th class="n">{title}</th>' for title in COLUMNS)
+    body = "".join(
+        f"<tr><td>{escape(name)}</td>" + "".join(f'<td class="n">{text}</td>' for text in texts) + "</tr>"
+        for name, *texts in view_rows(views)
+    )
+    return table(f"<tr><th>sensor</th>{head}</tr>", body)
 
 
 def checks(calibration: Calibration) -> str:

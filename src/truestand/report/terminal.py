@@ -16,6 +16,7 @@ from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.inspection_tables import main_lines
 from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, result_text, unit, with_u
 from truestand.report.quantities import main_budgets, quantities
+from truestand.report.several_sensors import COLUMNS, view_rows
 from truestand.report.true_values import true_value, true_values
 from truestand.statistics.gage import GageStudy
 from truestand.uncertainty.causes import Cause, causes_of
@@ -63,22 +64,10 @@ def positions_table(positions: Positions) -> Table:
 
 def views_table(views: Sequence[Calibration]) -> Table:
     """Where each of several sensors stands in the frame of the first, with U (k = 2)."""
-    table = _table("Views", ("view",), ("azimuth, °", "height, mm", "phi, °", "plane offset, mm", "plane tilt, °"))
-    for c in views:
-        place = ("0", "0") if c is views[0] else (_with_u(c, "azimuth_deg", degrees(c.azimuth)),
-                                                  _with_u(c, "height_mm", c.height))  # fmt: skip
-        tilt = None if c.plane_tilt is None else degrees(c.plane_tilt)
-        table.add_row(
-            c.name, *place, _with_u(c, "phi_deg", degrees(c.phi)),
-            _with_u(c, "laser_plane_offset_mm", c.plane_offset), _with_u(c, "laser_plane_tilt_deg", tilt),
-        )  # fmt: skip
+    table = _table("Views", ("view",), COLUMNS)
+    for row in view_rows(views):
+        table.add_row(*row)
     return table
-
-
-def _with_u(c: Calibration, key: str, value: float | None) -> str:
-    if value is None or key in c.not_identifiable:
-        return "not identifiable"
-    return with_u(value, c.uncertainty[key].U)
 
 
 def inspection_table(

@@ -127,12 +127,13 @@ def calibrate_job(
         record = calibration_record(calibration, created)
         _write_record(outputs, record)
     with during("report"):
-        _write_cloud(outputs.cloud, scans[-1], calibration)
+        shown = scans[0] if calibration.views else scans[-1]  # of several clampings the last gives the shaft's pose
+        _write_cloud(outputs.cloud, shown, calibration)
         if outputs.report is not None:
             from truestand.calibration.evidence import gather
             from truestand.report.calibration import calibration_report
 
-            evidence = gather(scans[-1], artefact, calibration, published)
+            evidence = gather(shown, artefact, calibration, published)
             write_report(outputs.report, calibration_report(calibration, evidence, published, truth, company))
     return Outcome((calibration, published), record, inputs.evidence() | outputs.evidence())
 

@@ -22,6 +22,12 @@ from truestand.files.checking import R, Recipe, checked
 
 Positive = Annotated[float, Field(gt=0)]
 STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
+HELICAL = (
+    ("helix_angle_deg = 0.0 ", "helix_angle_deg = 15.0"),
+    ("tip_diameter_mm = 52.0", "tip_diameter_mm = 53.69"),
+    ("root_diameter_mm = 43.0", "root_diameter_mm = 44.69"),
+)
+"""What makes the starter's gear a helical one."""
 MOST_LOGO_BYTES = 1_000_000
 PNG_START = b"\x89PNG\r\n\x1a\n"
 SVG_TAG = "{http://www.w3.org/2000/svg}svg"
@@ -268,8 +274,9 @@ def shaft_recipe(artefact: Artefact) -> dict[str, Any]:
     return recipe.model_dump(mode="json", exclude_none=True)
 
 
-def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
-    """Write the commented starter recipes; returns their paths.
+def write_starters(directory: Path | str, force: bool = False, views: int = 1) -> list[Path]:
+    """Write the commented starter recipes; returns their paths. With two ``views``, of a stand with two sensors and a
+    helical gear.
 
     Raises:
         BadRecipe: one of them exists and ``force`` is not set; nothing is written then.
@@ -279,9 +286,22 @@ def write_starters(directory: Path | str, force: bool = False) -> list[Path]:
     if existing and not force:
         raise BadRecipe(f"found {', '.join(existing)} already there; choose another folder or pass --force")
     for path in paths:
-        source = files("truestand.files").joinpath("starters", path.name)
-        write_text_atomic(path, source.read_text(encoding="utf-8"))
+        text = _starter(path.name)
+        if views > 1:
+            text = text + _starter("second-sensor.toml") if path.name == "stand.toml" else _helical(text)
+        write_text_atomic(path, text)
     return paths
+
+
+def _starter(name: str) -> str:
+    return files("truestand.files").joinpath("starters", name).read_text(encoding="utf-8")
+
+
+def _helical(text: str) -> str:
+    """The starter's gear with a helix; the starter's shaft as it is."""
+    for spur, helical in HELICAL:
+        text = text.replace(spur, helical)
+    return text
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:
