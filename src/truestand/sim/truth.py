@@ -23,6 +23,8 @@ UM = 1000.0
 """Per mm."""
 FIXED_POINT_STEPS = 6
 """They bring a point of the surface to a wanted radius and height: each gains three digits."""
+BALL_STEP = 0.05
+"""mm: balls have diameters in such steps."""
 LINE_POINTS = 81
 """Along a profile or helix line."""
 FLANKS = ((LEFT, "left"), (RIGHT, "right"))
@@ -163,7 +165,7 @@ def _gear_record(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) ->
         "shaft_from_part": s.shaft_from_gear.tolist(),
         "measuring_diameter_mm": measuring,
         "thickness_um": _um(np.nanmean(position[LEFT] - position[RIGHT])),
-        **_runout(s.nominal, excess[LEFT], excess[RIGHT], measuring / 2),
+        **_runout(s, measuring / 2),
     }
     for side, name in FLANKS:
         record |= _pitch(position[side], name)
@@ -190,16 +192,23 @@ def _pitch(position: Array, name: str) -> dict[str, Any]:
     }
 
 
-def _runout(nominal: GearSurface, left: Array, right: Array, measuring: float) -> dict[str, Any]:
-    """F_r by a ball in every space: excess of both flanks moves it outwards."""
-    gear, c = nominal.gear, nominal.circles
+def _runout(s: StandingGear, measuring: float) -> dict[str, Any]:
+    """F_r by a ball in every space: excess of both flanks, where it touches them, moves it outwards."""
+    gear, c = s.nominal.gear, s.nominal.circles
     cos_base = 1.0 / sqrt(1.0 + (c.twist * c.base) ** 2)
-    ball = gear.evaluation.ball_diameter
-    if ball is None:  # the ball that touches at the measuring circle
-        angle = pi / gear.teeth - c.half_tooth + c.roll(measuring) / c.base
-        ball = 2 * (c.base * tan(angle) - c.roll(measuring)) * cos_base
-    else:
+
+    def touching(ball: float) -> tuple[float, float]:
+        """Transverse pressure angle at the ball's centre, and the roll length at which it touches."""
         angle = _involute_angle(c.half_tooth - pi / gear.teeth + ball / (2 * c.base * cos_base))
+        return angle, c.base * tan(angle) - ball / 2 * cos_base
+
+    ball = gear.evaluation.ball_diameter
+    if ball is None:  # the one that touches nearest to the measuring circle
+        sizes = BALL_STEP * np.arange(1, int(4 * gear.module / BALL_STEP))
+        ball = float(min(sizes, key=lambda size: abs(touching(size)[1] - c.roll(measuring))))
+    angle, roll = touching(ball)
+    touched, middle = np.array([np.hypot(c.base, roll)]), np.array([s.nominal.middle])
+    left, right = (s.excess(side, touched, middle)[:, 0] for side in (LEFT, RIGHT))
     outwards = (left + np.roll(right, -1)) / (2 * sin(angle))
     seen = np.isfinite(outwards).any()
     return {
