@@ -12,6 +12,8 @@ from jsonschema import Draft202012Validator
 from command import run, run_process
 from exports import scancontrol
 from truestand.cli import main
+from truestand.cli.demo import _demo_stand
+from truestand.files.recipes.recipes import write_starters
 from truestand.files.shapes.ply import ply_vertices
 
 LOG = Path(__file__).parents[1] / "data" / "joescan" / "log.raw"
@@ -410,13 +412,23 @@ def test_a_folder_is_no_output(bench, output):
     assert refused.returncode == 2 and "is a directory" in refused.stderr
 
 
-def test_the_demo_never_overwrites_a_real_scan(tmp_path):
-    (tmp_path / "k1.h5").write_bytes(b"precious")
+@pytest.mark.parametrize("name", ["k1.h5", "gear.h5", "gear-rear.h5"])
+def test_the_demo_never_overwrites_a_real_scan(tmp_path, name):
+    (tmp_path / name).write_bytes(b"precious")
     done = run("demo", "--out", tmp_path)
     assert done.returncode == 2
     assert "--out" in done.stderr
-    assert (tmp_path / "k1.h5").read_bytes() == b"precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["k1.h5"]
+    assert (tmp_path / name).read_bytes() == b"precious"
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_the_demo_leaves_other_scans_in_its_folder_alone(tmp_path):
+    """It took all that begin with *k1* and *gear* for its own."""
+    write_starters(tmp_path)
+    for name in ("gear.h5", "gear-1234.h5", "k10.h5"):
+        (tmp_path / name).write_bytes(b"precious")
+    _demo_stand(tmp_path, quiet=True)
+    assert {p.name for p in tmp_path.glob("*.h5")} == {"gear-1234.h5", "k10.h5"}
 
 
 def test_form_of_points_and_of_a_calibrated_scan(bench, tmp_path):

@@ -25,7 +25,7 @@ from truestand.station.convert import convert
 from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.log import load_log
 from truestand.station.recipe import read_devices, scan_settings
-from truestand.station.scan import ScanOutcome, output_path, take_scan, write_scans
+from truestand.station.scan import ScanOutcome, output_paths, take_scan, write_scans
 
 
 def acquire(
@@ -52,8 +52,8 @@ def acquire(
     described, devices = read_devices(stand)
     results = results_folder(store, stand)
     settings = scan_settings(described, devices.acquire, turns)
-    for sensor in devices.sensor:
-        check_output(output_path(output, sensor.name, len(devices.sensor)), force)
+    for path in output_paths(output, devices.names):
+        check_output(path, force)
     with interrupted_by_signals(), scan_progress(quiet) as show:
         outcome = take_scan(stand, described, devices, settings, output, show, keep_log)
     if outcome.written:

@@ -28,11 +28,13 @@ from truestand.report.terminal import inspection_table, summary_table, views_tab
 from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
 from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
-from truestand.station.scan import output_path, take_scan
+from truestand.station.scan import output_paths, take_scan
 from truestand.station.stand_lock import state_path
 
 SHAFT, GEAR = "k1.h5", "gear.h5"
-"""Scans; with several sensors their names are added."""
+"""Scans; with two sensors their names are added."""
+SCANS = (SHAFT, GEAR, "k1-front.h5", "k1-rear.h5", "gear-front.h5", "gear-rear.h5")
+"""All that a demo may write."""
 PACE = 20.0
 """Times real time; the virtual stand is slower where the machine can't draw as fast."""
 RESULTS = (
@@ -93,8 +95,7 @@ class DemoStand:
 
     def paths(self, name: str) -> tuple[Path, ...]:
         """Of the scans by that name, one by each sensor."""
-        sensors = self.devices.sensor
-        return tuple(output_path(self.out / name, sensor.name, len(sensors)) for sensor in sensors)
+        return output_paths(self.out / name, self.devices.names)
 
     def scan(self, name: str, description: str) -> tuple[Scan, ...]:
         """Take a scan by each sensor of the stand at its addresses, into the folder."""
@@ -119,8 +120,8 @@ def _demo_stand(out: Path, quiet: bool) -> DemoStand:
     _move_to_free_addresses(out / "stand.toml")
     state_path(out / "stand.toml").unlink(missing_ok=True)  # of the virtual stand of a demo that was broken off
     stand, devices = read_devices(out / "stand.toml")
-    for earlier in (*out.glob("k1*.h5"), *out.glob("gear*.h5"), out / "k1.log", out / "gear.log"):
-        earlier.unlink(missing_ok=True)
+    for earlier in (*SCANS, "k1.log", "gear.log"):
+        (out / earlier).unlink(missing_ok=True)
     return DemoStand(out, stand, devices, quiet)
 
 
@@ -188,6 +189,6 @@ def _inspect(stand: DemoStand) -> tuple[Inspection, dict[str, Any]]:
 
 def _refuse_real_scans(out: Path) -> None:
     """Raw scans are never overwritten: one without a truth beside it was not made by a demo."""
-    scans = sorted(out.glob("k1*.h5"))
-    if scans and not (out / "truth.json").exists():
-        raise BadRecipe(f"{out} holds a scan {scans[0].name} that no demo made; choose another --out")
+    found = next((name for name in SCANS if (out / name).exists()), None)
+    if found is not None and not (out / "truth.json").exists():
+        raise BadRecipe(f"{out} holds a scan {found} that no demo made; choose another --out")

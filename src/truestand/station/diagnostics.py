@@ -284,7 +284,7 @@ def identify_device(stand: Stand, devices: DevicesRecipe, name: str) -> None:
         BadRecipe: there is no such device.
         DeviceError: it doesn't answer or obey.
     """
-    names = ["table", *(s.name for s in devices.sensor)]
+    names = ["table", *devices.names]
     if name not in names:
         raise BadRecipe(f"found device {name!r}, need one of {', '.join(names)}")
     with _checked_station(stand, devices) as station:

@@ -11,7 +11,7 @@ from truestand.core.scan import Scan, interpret
 from truestand.station.acquire import Live
 from truestand.station.pipeline import Inputs, Outcome, Outputs, TakeScans, calibrate_job, inspect_job, verify_job
 from truestand.station.recipe import read_devices, scan_settings
-from truestand.station.scan import output_path, take_scan
+from truestand.station.scan import output_paths, take_scan
 
 Kind = Literal["calibrate", "inspect", "verify"]
 STEPS: dict[Kind, tuple[tuple[str, str], ...]] = {
@@ -68,20 +68,17 @@ def run_job(job: Job, observer: Observer) -> Outcome[Any]:
     """
     folder, report = job.folder, job.folder / "report.html"
     shaft, part = folder / "shaft.h5", folder / "part.h5"
-
-    sensors = [sensor.name for sensor in read_devices(job.stand)[1].sensor]
+    _, devices = read_devices(job.stand)
 
     def scans(path: Path) -> tuple[Path, ...]:
-        return tuple(output_path(path, sensor, len(sensors)) for sensor in sensors)
+        return output_paths(path, devices.names)
 
     def take(path: Path) -> TakeScans:
         return lambda stand: _scans(job, observer, path)
 
     if job.kind == "calibrate":
-        inputs, outputs = (
-            Inputs(scans(shaft), job.stand, job.artefact),
-            Outputs(folder / "calibration.json", report=report),
-        )
+        inputs = Inputs(scans(shaft), job.stand, job.artefact)
+        outputs = Outputs(folder / "calibration.json", report=report)
         return calibrate_job(inputs, outputs, take(shaft), observer.during)
     if job.kind == "inspect":
         inputs = Inputs(scans(part), job.stand, job.artefact, job.calibration, job.part)

@@ -33,9 +33,14 @@ class DevicesRecipe(Recipe):
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
     acquire: AcquireRecipe = AcquireRecipe()
 
+    @property
+    def names(self) -> list[str]:
+        """Of the sensors."""
+        return [s.name for s in self.sensor]
+
     @model_validator(mode="after")
     def _names_differ(self) -> "DevicesRecipe":
-        names = [s.name for s in self.sensor]
+        names = self.names
         if len(set(names)) < len(names):
             raise ValueError(f"sensor: found the names {', '.join(names)}, need a different one for each")
         return self

@@ -1,6 +1,6 @@
 """One scan from its settings to its files: the stand's lock, the guard, the recording, the native files."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,6 +51,11 @@ class ScanOutcome:
 def output_path(output: Path, sensor: str, sensors: int) -> Path:
     """Where a sensor's scan goes: with several sensors its name is added."""
     return output if sensors == 1 else output.with_name(f"{output.stem}-{sensor}{output.suffix}")
+
+
+def output_paths(output: Path, sensors: Sequence[str]) -> tuple[Path, ...]:
+    """Where the scans of sensors by these names go, in their order."""
+    return tuple(output_path(output, name, len(sensors)) for name in sensors)
 
 
 def take_scan(
