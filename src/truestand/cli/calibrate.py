@@ -151,7 +151,8 @@ def verify(
 
 
 def _print_changes(verification: Verification) -> None:
-    typer.echo(f"{'the calibration':24}{verification.verdict.replace('_', ' ')}")
+    width = max(24, *(len(c.name) + 2 for c in verification.changes))
+    typer.echo(f"{'the calibration':{width}}{verification.verdict.replace('_', ' ')}")
     for c in verification.changes:
         moved = f"{um(c.value):7.2f} um  U {um(c.U):6.2f}  limit {um(c.limit):6.2f}"
-        typer.echo(f"{c.name:24}{moved}  {c.verdict.replace('_', ' ')}")
+        typer.echo(f"{c.name:{width}}{moved}  {c.verdict.replace('_', ' ')}")

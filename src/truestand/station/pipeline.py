@@ -47,15 +47,16 @@ class Inputs:
     calibration: Path | None = None
     part: Path | None = None
 
-    def evidence(self) -> dict[str, Path]:
-        """The files by role; of several scans the last one gives the shaft's pose. With a part comes its CAD model."""
-        earlier = {f"scan {k + 1}": path for k, path in enumerate(self.scans[:-1])}
+    def evidence(self, main: int = 0) -> dict[str, Path]:
+        """The files by role; ``main``: which of several scans is the record's own. With a part comes its CAD model."""
+        own = self.scans[main]
+        further = {f"scan {k + 1}": path for k, path in enumerate(self.scans) if path != own}
         others = {"artefact": self.artefact, "stand": self.stand, "calibration": self.calibration, "part": self.part}
         if self.part is not None:
             from truestand.files.recipes.parts import model_of
 
             others["model"] = model_of(self.part)
-        return {"scan": self.scans[-1], **earlier, **{role: path for role, path in others.items() if path is not None}}
+        return {"scan": own, **further, **{role: path for role, path in others.items() if path is not None}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +120,7 @@ def calibrate_job(
     """
     outputs.check()
     artefact, company = read_shaft(_needed(inputs.artefact, "the shaft's recipe (shaft.toml)")), _company(inputs)
+    main = -1 if clamped else 0  # of several clampings the last gives the shaft's pose
     scans = take(None)
     with during("evaluate"):
         calibration, published = _calibrated(scans, artefact, method, clamped, outputs.report is not None)
@@ -127,15 +129,14 @@ def calibrate_job(
         record = calibration_record(calibration, created)
         _write_record(outputs, record)
     with during("report"):
-        shown = scans[0] if calibration.views else scans[-1]  # of several clampings the last gives the shaft's pose
-        _write_cloud(outputs.cloud, shown, calibration)
+        _write_cloud(outputs.cloud, scans[main], calibration)
         if outputs.report is not None:
             from truestand.calibration.evidence import gather
             from truestand.report.calibration import calibration_report
 
-            evidence = gather(shown, artefact, calibration, published)
+            evidence = gather(scans[main], artefact, calibration, published)
             write_report(outputs.report, calibration_report(calibration, evidence, published, truth, company))
-    return Outcome((calibration, published), record, inputs.evidence() | outputs.evidence())
+    return Outcome((calibration, published), record, inputs.evidence(main) | outputs.evidence())
 
 
 def inspect_job(
