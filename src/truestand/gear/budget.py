@@ -218,22 +218,12 @@ def lines_of(
 
 def seen_cells(calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> SeenCells:
     """Places of the nominal flanks, at roll lengths and heights (2, teeth, ...) mm, as a view sees them."""
-    nominal, pose = toothing.nominal, toothing.datum.pose
     side, tooth = np.indices(roll.shape).reshape(roll.ndim, -1)[:2]
     point = toothing.points((side, tooth), roll.reshape(-1), height.reshape(-1), np.zeros(side.size))
-    gradient = _gradient(nominal, pose(point), SIGMA[side]) @ pose.rotation
+    gradient = toothing.gradient(point, SIGMA[side])
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
     return SeenCells(point, x, z, theta, gradient, roll.shape)
-
-
-def _gradient(nominal: Involute, points: Array, side: Array) -> Array:
-    """Of delta over ``points`` (n, 3) in the datum's frame: sigma rb dtheta + sin alpha dr - sigma rb twist dz."""
-    rb, radius = nominal.base_radius, np.hypot(points[:, 0], points[:, 1])
-    c, s = points[:, 0] / radius, points[:, 1] / radius
-    sine = np.sqrt(np.maximum(1.0 - (rb / radius) ** 2, 0.0))
-    around = side * rb / radius
-    return np.stack([sine * c - around * s, sine * s + around * c, -side * rb * nominal.twist], axis=1)
 
 
 def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:

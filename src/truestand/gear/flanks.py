@@ -80,6 +80,18 @@ class Toothing:
         in_datum = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
         return np.asarray(self.datum.pose.inverse(in_datum))
 
+    def gradient(self, points: Array, sigma: Array) -> Array:
+        """Of delta (n, 3) over the place of ``points`` (n, 3) mm in C, on flanks of a ``SIGMA`` (n,): sigma rb dtheta +
+        sin alpha dr - sigma rb twist dz.
+        """
+        nominal, in_datum = self.nominal, self.datum.pose(points)
+        rb, radius = nominal.base_radius, np.hypot(in_datum[:, 0], in_datum[:, 1])
+        c, s = in_datum[:, 0] / radius, in_datum[:, 1] / radius
+        sine = np.sqrt(np.maximum(1.0 - (rb / radius) ** 2, 0.0))
+        around = sigma * rb / radius
+        gradient = np.stack([sine * c - around * s, sine * s + around * c, -sigma * rb * nominal.twist], axis=1)
+        return np.asarray(gradient @ self.datum.pose.rotation)
+
 
 @dataclass(frozen=True, slots=True)
 class FlankPoints:

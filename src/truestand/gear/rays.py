@@ -15,8 +15,9 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
-from truestand.core.surface import seen_at, table_angle
+from truestand.core.surface import seen_at, sensor_origins, table_angle
 from truestand.gear.flanks import Flanks, Toothing
+from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
 from truestand.gear.views import GearView, part_of
 
@@ -32,6 +33,8 @@ LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
 """Cells of a flank's row that rays should meet, and probability that they meet none of them, from which it is empty."""
 ROWS_BESIDE, SELDOM = 2, 0.25
 """Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
+STEPS_OF_INCIDENCE = 20
+"""In which it is told how many rays get lost: as many rays in each."""
 STANDS_WITHIN = 0.01
 """mm of delta within which it is known where a flank stands. A reading may lie as far along the roll length from where
 its ray should meet the flank as that explains, and a cell at least."""
@@ -44,14 +47,28 @@ class Rays:
     expected: Mask
     missed: Mask
     """Those of them that show nothing of it."""
+    facing: Array
+    """Cosine of the ray's incidence on each; NaN: never met."""
+
+    @property
+    def lost_in_row(self) -> Array:
+        """Share (2, 1, roll lengths, 1) of the cells of each side and roll length that are missed."""
+        expected, missed = (n.sum(axis=(1, 3), keepdims=True) for n in (self.expected, self.missed))
+        return np.asarray(missed / np.maximum(expected, 1))
 
     @property
     def lost(self) -> Array:
-        """Share (2, 1, roll lengths, 1) of the cells of each side and roll length that are missed: the steeper a flank
-        is seen, the more readings get lost on sound ones too.
+        """Share (2, teeth, roll lengths, heights) of the cells like each that are missed, of its row or of those seen
+        as steeply: the steeper a flank is seen, the more readings get lost on sound ones too.
         """
-        expected, missed = (n.sum(axis=(1, 3), keepdims=True) for n in (self.expected, self.missed))
-        return np.asarray(missed / np.maximum(expected, 1))
+        shares = np.broadcast_to(self.lost_in_row, self.expected.shape).copy()
+        for share, expected, missed, facing in zip(shares, self.expected, self.missed, self.facing, strict=True):
+            if expected.any():
+                edges = np.quantile(facing[expected], np.linspace(0.0, 1.0, STEPS_OF_INCIDENCE + 1)[1:-1])
+                step = np.searchsorted(edges, facing)
+                of, lost = (np.bincount(step[c], minlength=STEPS_OF_INCIDENCE) for c in (expected, missed))
+                np.maximum(share, (lost / np.maximum(of, 1))[step], out=share)
+        return shares
 
     @property
     def hidden(self) -> Mask:
@@ -59,19 +76,27 @@ class Rays:
         worn on all of them, or seen too steeply, the flanks stand out of view there.
         """
         expected = self.expected.sum(axis=(1, 3))
-        return np.asarray(((expected >= LEAST_EXPECTED) & (self.lost[:, 0, :, 0] > NEARLY_ALL)).any(axis=1))
+        return np.asarray(((expected >= LEAST_EXPECTED) & (self.lost_in_row[:, 0, :, 0] > NEARLY_ALL)).any(axis=1))
 
     @property
     def hidden_between(self) -> Mask:
         """(2,): sides on which a row is hidden of which plainly more is shown both below and above: the floor of a
-        groove along the face of all teeth, whose rays meet its edge.
+        groove along the face of all teeth, whose rays meet its edge. Near the root, where nothing is shown below
+        either, it must be far less than above.
         """
-        shown = np.pad(1.0 - self.lost[:, 0, :, 0], ((0, 0), (ROWS_BESIDE, ROWS_BESIDE)))
+        expected = self.expected.sum(axis=(1, 3))
+        often = expected >= LEAST_EXPECTED
+        shown = np.where(often, 1.0 - self.lost_in_row[:, 0, :, 0], 0.0)
+        beside = np.pad(shown, ((0, 0), (ROWS_BESIDE, ROWS_BESIDE)))
         below, above = (
-            np.maximum.reduce([np.roll(shown, sign * k, axis=1) for k in range(1, ROWS_BESIDE + 1)]) for sign in (1, -1)
+            np.maximum.reduce([np.roll(beside, sign * k, axis=1) for k in range(1, ROWS_BESIDE + 1)])[
+                :, ROWS_BESIDE:-ROWS_BESIDE
+            ]
+            for sign in (1, -1)
         )
-        hidden = (shown < SELDOM * np.minimum(below, above))[:, ROWS_BESIDE:-ROWS_BESIDE]
-        return np.asarray((hidden & (self.expected.sum(axis=(1, 3)) >= LEAST_EXPECTED)).any(axis=1))
+        lower = np.maximum.accumulate(shown, axis=1)
+        near_root = (lower < SELDOM**2 * above) & (expected * above > LEAST_IN_ROW)
+        return np.asarray((often & (near_root | (shown < SELDOM * np.minimum(below, above)))).any(axis=1))
 
     @property
     def in_empty_rows(self) -> Mask:
@@ -79,7 +104,7 @@ class Rays:
         floor of such a groove on this flank.
         """
         expected, missed = (cells.sum(axis=3) for cells in (self.expected, self.missed))
-        by_chance = expected * np.log(np.maximum(self.lost[..., 0], 1e-6))
+        by_chance = expected * np.log(np.maximum(self.lost_in_row[..., 0], 1e-6))
         empty = (expected >= LEAST_IN_ROW) & (missed == expected) & (by_chance < log(EMPTY_BY_CHANCE))
         return np.asarray(self.expected & empty[:, :, :, None])
 
@@ -98,12 +123,13 @@ def _of_any(rays: list[Rays]) -> Rays:
     """The rays of several views, but for those of a view that loses most of them where another one doesn't."""
     if len(rays) == 1:
         return rays[0]
-    seen = [of_view.lost <= NEARLY_ALL for of_view in rays]
+    seen = [of_view.lost_in_row <= NEARLY_ALL for of_view in rays]
     by_none = ~np.logical_or.reduce(seen)
     expected = [of_view.expected & (able | by_none) for of_view, able in zip(rays, seen, strict=True)]
     shown = np.logical_or.reduce([own & ~of_view.missed for own, of_view in zip(expected, rays, strict=True)])
     any_expected = np.logical_or.reduce(expected)
-    return Rays(any_expected, any_expected & ~shown)
+    facing = np.fmax.reduce([of_view.facing for of_view in rays])
+    return Rays(any_expected, any_expected & ~shown, facing)
 
 
 def rays_on_flanks(
@@ -122,18 +148,23 @@ def rays_on_flanks(
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
     stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
     stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF)
-    met = _met_at(flanks.toothing, calibration, grid, rows, stands)
+    met, facing = _met_at(flanks.toothing, calibration, grid, rows, stands)
+    facing = _along_roll(facing, rows, grid.rolls.size)
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
-    expected = _expected(angle, met, grid, rows, (low + float(step_on_flank(nominal, low, turned)), high))
+    limits = low + float(step_on_flank(nominal, low, turned)), high
+    expected = _expected(angle, met, grid, rows, limits)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
-    first, third = (Rays(expected, expected & ~seen) for seen in (beside, grid.seen))
-    return first, _between_readings(flanks, grid, scan.x.shape[1]), third
+    between, missed_between = _between_readings(flanks, grid, scan.x.shape[1], limits)
+    kinds = (expected, expected & ~beside), (between, missed_between), (expected, expected & ~grid.seen)
+    first, second, third = (Rays(of, missed, facing) for of, missed in kinds)
+    return first, second, third
 
 
-def _between_readings(flanks: Flanks, grid: Grid, points: int) -> Rays:
-    """Cells between two readings that a profile, of so many ``points``, has on a flank; missed are those of which more
-    readings are missing than there are.
+def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[float, float]) -> tuple[Mask, Mask]:
+    """Cells (2, teeth, roll lengths, heights) between two readings that a profile, of so many ``points``, has on a
+    flank, at roll lengths within ``limits`` (mm): all of them, and those of which more readings are missing than there
+    are.
     """
     order = np.lexsort((flanks.index, flanks.flank))
     flank, index = flanks.flank[order], flanks.index[order]
@@ -149,7 +180,8 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int) -> Rays:
     column = column_of(between(flanks.height), grid.edges)
     cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
     missing = np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape)
-    return Rays(grid.seen | (missing > 0), missing > grid.count)
+    within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
+    return within & (grid.seen | (missing > 0)), within & (missing > grid.count)
 
 
 def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float]) -> Mask:
@@ -167,11 +199,28 @@ def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limi
     return expected
 
 
-def _met_at(toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDArray[np.intp], delta: Array) -> Array:
-    """Table angle (2, teeth, rows, heights) rad at which flanks at ``delta`` (same shape) mm come into the plane."""
+def _met_at(
+    toothing: Toothing, calibration: Calibration, grid: Grid, rows: NDArray[np.intp], delta: Array
+) -> tuple[Array, Array]:
+    """Table angle (2, teeth, rows, heights) rad at which flanks at ``delta`` (same shape) mm come into the plane, and
+    the cosine of their rays' incidence there.
+    """
     side, tooth, i, j = np.indices(delta.shape).reshape(4, -1)
     points = toothing.points((side, tooth), grid.rolls[rows][i], grid.heights[j], delta.reshape(-1))
-    return np.asarray(np.unwrap(seen_at(calibration, points).reshape(delta.shape), axis=2))
+    angle = seen_at(calibration, points)
+    normal = toothing.gradient(points, SIGMA[side])
+    to_sensor = sensor_origins(calibration, angle) - points
+    length = np.linalg.norm(normal, axis=1) * np.linalg.norm(to_sensor, axis=1)
+    facing = (normal * to_sensor).sum(axis=1) / length
+    return np.asarray(np.unwrap(angle.reshape(delta.shape), axis=2)), facing.reshape(delta.shape)
+
+
+def _along_roll(values: Array, rows: NDArray[np.intp], number: int) -> Array:
+    """Values (2, teeth, k, heights) of these ``rows`` of cells, for all rows: (2, teeth, number, heights)."""
+    every = np.arange(number)
+    behind = np.clip(np.searchsorted(rows, every), 1, rows.size - 1)
+    share = ((every - rows[behind - 1]) / (rows[behind] - rows[behind - 1]))[:, None]
+    return np.asarray((1.0 - share) * values[:, :, behind - 1] + share * values[:, :, behind])
 
 
 def _rolls_met(angle: Array, met: Array, rolls: Array) -> Array:
