@@ -7,8 +7,13 @@ from dataclasses import replace
 from functools import lru_cache
 from math import radians
 
+import numpy as np
+
 from gears import POINTS, SPUR, scan_of, simulation, true_calibration
+from truestand.apply.datum import datum_of
 from truestand.core.surface import apply_calibration
+from truestand.gear.flanks import find_flanks, find_toothing
+from truestand.gear.geometry import FLANKS, involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import GearErrors, VirtualGear, Worn, paper_shaft
 from truestand.sim.gear_truth import gear_figures
@@ -31,13 +36,29 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @lru_cache(maxsize=4)
-def inspected(errors, gear=GEAR, how=None, points=POINTS):
-    """A sensor that reads steep flanks to 5 um and a good encoder."""
+def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=()):
+    """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
+    roll length, height, radius) each.
+    """
     scan = scan_of(gear, errors, how or simulation(), points)
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
     stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
-    return inspect_gear(apply_calibration(replace(scan, stand=stand), known), gear)
+    surface = apply_calibration(replace(scan, stand=stand), known)
+    return inspect_gear(without_readings(surface, gear, blind) if blind else surface, gear)
+
+
+def without_readings(surface, gear, spots):
+    """The surface as if nothing had come back from some spots."""
+    nominal, z = involute(gear), surface.z.copy()
+    flanks = find_flanks(surface, find_toothing(surface, nominal, datum_of(surface.origin[1], gear.datum, 0.0)))
+    for tooth, flank, roll, height, radius in spots:
+        own = flanks.flank == FLANKS.index(flank) * gear.teeth + tooth - 1
+        gone = own & (np.hypot(flanks.roll - roll, flanks.height - height) < radius)
+        z.reshape(-1)[flanks.index[gone]] = np.nan
+    seen = np.isfinite(z)
+    scan = replace(surface.scan, z=np.where(seen, surface.scan.z, np.nan))
+    return apply_calibration(scan, surface.calibration)
 
 
 @lru_cache(maxsize=4)

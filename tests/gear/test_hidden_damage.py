@@ -1,14 +1,15 @@
 """Damage that no ray reaches where figures are read: another outsider's finds, each *conforms* and far wrong."""
 
 from dataclasses import replace
+from itertools import product
 from math import radians
 
 import numpy as np
 import pytest
 
-from damaged import FORM_LINES, PROFILE, SOUND, inspected, line, truth
+from damaged import FORM_LINES, GEAR, HELIX, PROFILE, SOUND, WILD, inspected, line, truth, verdict
 from gears import SPUR, helical, simulation
-from truestand.gear.geometry import involute
+from truestand.gear.geometry import FLANKS, involute
 from truestand.sim import Dent, Worn
 from variants import tried
 
@@ -117,3 +118,30 @@ def test_the_land_of_an_eccentric_gear_is_no_flank():
     profiles = [c for c in found.characteristics if c.tooth and c.name in (*PROFILE, "f_Halpha")]
     off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) for c in profiles])
     assert (off < [c.U for c in profiles]).all() and off.max() < 0.005
+
+
+@pytest.mark.parametrize(("inside", "points"), tried([(0.3, 160)], (0.15, 320)))
+def test_a_tooth_broken_off_just_inside_the_helix_range_was_not_seen_to_its_end(inside, points):
+    """No ray shows the break, readings only end a little sooner: F_beta 0.0 +- 12.3, *conforms*, for 1186."""
+    top = involute(GEAR).helix_range[1]
+    broken = replace(SOUND, worn=tuple(Worn(7, f, (0.0, 20.0), (top - inside, 26.0), 1.2, 0.02) for f in FLANKS))
+    found = inspected(broken, points=points)
+    for flank, name in product(FLANKS, HELIX):
+        assert verdict(found, name, 7, flank) == "undecided" and "no reading" in line(found, name, 7, flank).reason
+    assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6  # F, f_f and f_H of both flanks
+
+
+@pytest.mark.parametrize("radius", tried([0.25], 0.4))
+def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_lost(radius):
+    """A profile or two cross it, and lack a few readings: f_p 10.5 +- 0.3 for 82, and the gear conformed."""
+    middle = involute(GEAR).measuring_roll
+    found = inspected(SOUND, points=640, blind=((7, "left", middle, 15.0, radius),))
+    for name in (*PROFILE, *HELIX):
+        assert verdict(found, name, 7) == "undecided" and verdict(found, name, 8) == "conforms", name
+        assert "no reading shows the flank" in line(found, name, 7).reason, name
+    assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6
+
+
+def test_long_runs_of_lost_readings_are_usual_where_many_get_lost():
+    """As long as they are on every fourth flank, chance makes them."""
+    assert inspected(SOUND, how=WILD, points=320).verdict == "conforms"

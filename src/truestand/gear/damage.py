@@ -19,7 +19,7 @@ from truestand.gear.evaluate import Evaluator
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, step_on_flank
-from truestand.gear.rays import Rays
+from truestand.gear.rays import FlankRays, Rays
 from truestand.gear.smooth_flanks import SmoothFlanks, residuals, shared_shape
 from truestand.gear.traces import Traces, helix_of, helix_points, profile_points, stretches_inside
 
@@ -132,7 +132,7 @@ def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, evaluator: Evaluator, rays: tuple[Rays, ...], step: float, radial: float, there: Mask
+    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask
 ) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
@@ -148,14 +148,10 @@ def damage_of(
     found = []
     below = (far_off & (rest < 0)) | _departing(cell[depth > DEPARTS * spread], grid)
     above = (far_off & (rest > 0)) | _departing(cell[depth < -DEPARTS * spread], grid)
-    *by_neighbours, by_cell = rays
-    not_seen = [_not_seen(told, there) for told in by_neighbours]
-    in_empty_rows = by_cell.in_empty_rows
-    not_seen.append((in_empty_rows, in_empty_rows.astype(np.float64)))
-    unseen = np.logical_or.reduce([cells for cells, _ in not_seen])
-    missed = np.maximum.reduce([weight for _, weight in not_seen])
+    unseen, missed = _unseen(rays, there)
+    unusual = np.maximum(missed, IN_ONE_ROW * rays.in_runs.missed)
     for sign, departing, marked, weight in (
-        (1, below, below | unseen, np.maximum(below, missed)), (-1, above, above, above),
+        (1, below, below | unseen, np.maximum(below, unusual)), (-1, above, above, above),
     ):  # fmt: skip
         marked = marked & grid.in_ranges & there[:, None, None]
         bridged = _with_those_between(bridge_gaps(marked, grid, step), grid.seen, BETWEEN)
@@ -167,6 +163,7 @@ def damage_of(
                     int(side), int(tooth), region, sign, sign * depth[own[on[cell[own] % region.size]]], spread,
                     evaluator.noise.ratio(side, tooth, rest[side, tooth], region),
                     float(missed[side, tooth][region].sum()),
+                    float(unusual[side, tooth][region].sum()) >= LEAST_CELLS,
                 ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
@@ -204,10 +201,8 @@ def unseen_in_traces(grid: Grid, traces: Traces, step: float) -> tuple[Damage, .
         half = grid.size[axis] / 2
         for flank, first, last in stretches_inside(seen):
             region = zone & (centres[axis] > at[first] - half) & (centres[axis] < at[last] + half)
-            rolls = _extent(grid.rolls, grid.size[0], region.any(axis=1))
-            heights = _extent(grid.heights, grid.size[1], region.any(axis=0))
             side, tooth = divmod(flank, grid.delta.shape[1])
-            found.append(_unseen(side, tooth, region, rolls, heights))
+            found.append(unseen_region(side, tooth, region, grid))
     return tuple(found)
 
 
@@ -245,7 +240,9 @@ class _Region:
     ratio: float
     """Sum of the cells over what noise makes of it."""
     not_met: float
-    """Weight of the rays that did not meet it."""
+    """Weight of the rays that did not meet it,"""
+    unseen: bool
+    """and whether they alone would make a region of it."""
 
 
 def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
@@ -254,9 +251,9 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
     rolls = _extent(grid.rolls, grid.size[0], np.asarray(cells.any(axis=1)))
     heights = _extent(grid.heights, grid.size[1], np.asarray(cells.any(axis=0)))
     about = bridge_gaps(cells[None, None], grid, step)[0, 0]
-    if not region.depths.size:
-        return _unseen(*at, about, rolls, heights)
-    depth = region.sign * float(np.quantile(region.depths, DEPTH_QUANTILE))
+    depth = region.sign * float(np.quantile(region.depths, DEPTH_QUANTILE)) if region.depths.size else 0.0
+    if not region.depths.size or (abs(depth) <= LEAST_DEPTH and region.unseen):
+        return replace(unseen_region(region.side, region.tooth, about, grid), rolls=rolls, heights=heights)
     width, middle = _widest(cells, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     shadow = depth * _shadow(grid.nominal, middle, radial)
@@ -276,11 +273,12 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
     )
 
 
-def _unseen(side: int, tooth: int, cells: Mask, rolls: tuple[float, float], heights: tuple[float, float]) -> Damage:
-    """A region of a flank that no reading shows."""
+def unseen_region(side: int, tooth: int, cells: Mask, grid: Grid) -> Damage:
+    """A region of a flank, ``cells`` (roll lengths, heights), that no reading shows."""
     return Damage(
         side, tooth, cells, depth=None, depth_U=None, clear=False, resolved=False, hidden=True, ends_at_middle=False,
-        rolls=rolls, heights=heights,
+        rolls=_extent(grid.rolls, grid.size[0], np.asarray(cells.any(axis=1))),
+        heights=_extent(grid.heights, grid.size[1], np.asarray(cells.any(axis=0))),
     )  # fmt: skip
 
 
@@ -322,6 +320,15 @@ def _cut(flanks: Flanks, grid: Grid) -> Mask:
     outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
     enough = np.maximum(CONFIRMED * grid.usual, FEW)
     return np.asarray((outside >= enough) & (grid.count < enough) & grid.in_ranges)
+
+
+def _unseen(rays: FlankRays, there: Mask) -> tuple[Mask, Array]:
+    """Cells (2, teeth, roll lengths, heights) that rays of any kind show nothing of, and how much each of them
+    weighs.
+    """
+    in_empty_rows, in_runs = rays.own.in_empty_rows, rays.in_runs.missed
+    (first, by_first), (second, by_second) = (_not_seen(told, there) for told in (rays.beside, rays.between))
+    return first | second | in_runs | in_empty_rows, np.maximum.reduce([by_first, by_second, in_empty_rows])
 
 
 def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:

@@ -31,6 +31,7 @@ from truestand.gear.damage import (
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
 from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
+from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import (
     DRAWS,
     FEW_DRAWS,
@@ -108,10 +109,11 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
-    coverage = coverage_of(evaluator, measures, step, rays[0].hidden | rays[2].hidden_between)
+    coverage = coverage_of(evaluator, measures, step, rays.beside.hidden | rays.own.hidden_between)
     damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     unseen = unseen_in_traces(evaluator.grid, evaluator.traces, step)
+    unseen = (*unseen, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
     assessment = _assess(views, complete, evaluator, step, measures, coverage, (*damage, *unseen), there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))

@@ -11,7 +11,7 @@ from math import ceil, floor, log, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array, Mask
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
@@ -33,6 +33,10 @@ LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
 """Cells of a flank's row that rays should meet, and probability that they meet none of them, from which it is empty."""
 ROWS_BESIDE, SELDOM = 2, 0.25
 """Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
+USUALLY, LONGER, LEAST_RUN = 0.75, 2.5, 4
+"""Quantile of the longest runs of readings that flanks of a side lack, how many times as long one must be to be none of
+the usual, and by how many readings more.
+"""
 STEPS_OF_INCIDENCE = 20
 """In which it is told how many rays get lost: as many rays in each."""
 STANDS_WITHIN = 0.01
@@ -109,14 +113,31 @@ class Rays:
         return np.asarray(self.expected & empty[:, :, :, None])
 
 
-def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> tuple[Rays, Rays, Rays]:
+@dataclass(frozen=True, slots=True)
+class FlankRays:
+    """The same rays, held to be missed for one reason or another.
+
+    Readings beside a narrow dent hide it from the first; where the rays that should meet the floor of a groove meet its
+    edge, only the last tells.
+    """
+
+    beside: Rays
+    """Missed where no reading lies about it along the roll length,"""
+    between: Rays
+    """where more readings are missing, between others of a profile, than are there,"""
+    in_runs: Rays
+    """those of them where a profile lacks far more readings on end than is usual,"""
+    own: Rays
+    """and where no reading lies in the cell."""
+
+
+def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> FlankRays:
     """``rays_on_flanks`` of all views: missed is a cell that none of those which should see it shows."""
     of_views = [
         rays_on_flanks(grid, surface, part_of(flanks, views, k), view.scan, view.calibration)
         for k, view in enumerate(views)
     ]
-    first, second, third = (_of_any(list(of_kind)) for of_kind in zip(*of_views, strict=True))
-    return first, second, third
+    return FlankRays(*(_of_any([getattr(rays, kind) for rays in of_views]) for kind in FlankRays.__slots__))
 
 
 def _of_any(rays: list[Rays]) -> Rays:
@@ -132,16 +153,9 @@ def _of_any(rays: list[Rays]) -> Rays:
     return Rays(any_expected, any_expected & ~shown, facing)
 
 
-def rays_on_flanks(
-    grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calibration: Calibration
-) -> tuple[Rays, Rays, Rays]:
+def rays_on_flanks(grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calibration: Calibration) -> FlankRays:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
     heights that stand elsewhere as a whole: in a groove along the profile.
-
-    Missed, in the first, are those about which no reading lies along the roll length; in the second, those of which
-    more readings are missing, between others of a profile, than are there; in the third, those in which none lies.
-    Readings beside a narrow dent hide it from the first; where the rays that should meet the floor of a groove meet its
-    edge, only the third tells.
     """
     nominal = grid.nominal
     low, high = nominal.profile_range
@@ -155,16 +169,17 @@ def rays_on_flanks(
     limits = low + float(step_on_flank(nominal, low, turned)), high
     expected = _expected(angle, met, grid, rows, limits)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
-    between, missed_between = _between_readings(flanks, grid, scan.x.shape[1], limits)
-    kinds = (expected, expected & ~beside), (between, missed_between), (expected, expected & ~grid.seen)
-    first, second, third = (Rays(of, missed, facing) for of, missed in kinds)
-    return first, second, third
+    between, missed, in_runs = _between_readings(flanks, grid, scan.x.shape[1], limits)
+    return FlankRays(
+        Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
+        Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
+    )  # fmt: skip
 
 
-def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[float, float]) -> tuple[Mask, Mask]:
+def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[float, float]) -> tuple[Mask, Mask, Mask]:
     """Cells (2, teeth, roll lengths, heights) between two readings that a profile, of so many ``points``, has on a
-    flank, at roll lengths within ``limits`` (mm): all of them, and those of which more readings are missing than there
-    are.
+    flank, at roll lengths within ``limits`` (mm): all of them, those of which more readings are missing than there are,
+    and those where unusually many are missing on end.
     """
     order = np.lexsort((flanks.index, flanks.flank))
     flank, index = flanks.flank[order], flanks.index[order]
@@ -180,8 +195,25 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[flo
     column = column_of(between(flanks.height), grid.edges)
     cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
     missing = np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape)
+    middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
+    in_range = np.where((middle > limits[0]) & (middle < limits[1]), number, 0).astype(np.int64)
+    in_runs = np.bincount(
+        cell[_longer_than_usual(in_range, flank[1:].astype(np.int64), grid)[at]], minlength=grid.count.size
+    )
     within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
-    return within & (grid.seen | (missing > 0)), within & (missing > grid.count)
+    seen_between = grid.seen | (missing > 0)
+    return within & seen_between, within & (missing > grid.count), in_runs.reshape(missing.shape) > 0
+
+
+def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:
+    """Which of some ``runs`` (n,), each so many readings that a profile lacks on end on its ``flank`` (n,), are longer
+    than chance makes the longest one of a flank.
+    """
+    teeth = grid.delta.shape[1]
+    longest = np.zeros(2 * teeth)
+    np.maximum.at(longest, flank, runs)
+    usual = np.quantile(longest.reshape(2, teeth), USUALLY, axis=1)
+    return np.asarray((runs >= LEAST_RUN) & (runs >= LONGER * usual[flank // teeth] + LEAST_RUN))
 
 
 def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float]) -> Mask:
