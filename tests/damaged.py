@@ -8,6 +8,7 @@ from functools import lru_cache
 from math import radians
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from gears import POINTS, SPUR, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
@@ -36,16 +37,24 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @lru_cache(maxsize=4)
-def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=()):
+def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0):
     """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
-    roll length, height, radius) each.
+    roll length, height, radius) each; ``shaking``: mm rms by which whole profiles are off, those beside each other
+    alike.
     """
     scan = scan_of(gear, errors, how or simulation(), points)
+    scan = replace(scan, z=scan.z + shaking * _shaken(scan.z.shape[0])[:, None]) if shaking else scan
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
     stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
     surface = apply_calibration(replace(scan, stand=stand), known)
     return inspect_gear(without_readings(surface, gear, blind) if blind else surface, gear)
+
+
+def _shaken(profiles):
+    """Noise (profiles,) of standard deviation 1, alike over two profiles or three."""
+    noise = gaussian_filter1d(np.random.default_rng(6).standard_normal(profiles), 1.7, mode="wrap")
+    return noise / noise.std()
 
 
 def without_readings(surface, gear, spots):

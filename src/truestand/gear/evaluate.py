@@ -48,6 +48,8 @@ BEND_DRAWS, STRETCHES = 24, 5
 """Of what lies between the profiles beside the measuring circle, and in how many stretches of the face."""
 NOISE_U = 0.1
 """How well (k = 2) the size of the noise is known, as a share of it."""
+SHAKEN = "vibration, or form of single flanks"
+"""Line of what single flanks have along their profiles and others don't."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
 MEAN = " mean"
@@ -339,7 +341,10 @@ def bias_of(base: Figures, evaluator: Evaluator, draws: int) -> Bias:
     """What the noise of the cells does to the figures: it is drawn once more on them, and what that adds to the square
     of a figure is what it has added already (as ``statistics.noise`` does, Cook and Stefanski 1994).
     """
-    drawn = _drawn(evaluator, draws, evaluator.noise.draw)
+    return _bias(base, _drawn(evaluator, draws, evaluator.noise.draw))
+
+
+def _bias(base: Figures, drawn: Figures) -> Bias:
     grows = [name for name in base if name.removesuffix(MEAN) in NEVER_NEGATIVE]
     lifted = {name: np.maximum(drawn[name].mean(axis=0) ** 2 - base[name] ** 2, 0.0) for name in grows}
     return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()})
@@ -350,6 +355,16 @@ def steepness_of(evaluator: Evaluator) -> Figures:
     unevenness = np.sqrt(evaluator.noise.unevenness)
     drawn = _drawn(evaluator, STEEP_DRAWS, lambda rng: unevenness * rng.standard_normal(unevenness.shape))
     return {name: stack.std(axis=0) for name, stack in drawn.items()}
+
+
+def shaken(base: Figures, evaluator: Evaluator) -> Figures:
+    """U (k = 2, mm) of the figures as they are read: what single flanks have along their profiles and others don't may
+    be form of theirs, or none of the part's.
+    """
+    bias = _bias(base, _drawn(evaluator, STEEP_DRAWS, evaluator.noise.draw_profiles))
+    U = {name: 2 * sd for name, sd in bias.sd.items()}
+    lowest = bias.corrected({n: np.maximum(v - U[n], 0.0) if n in bias.lifted else v for n, v in base.items()})
+    return {n: np.fmax(U[n], v - lowest[n]) for n, v in base.items()}
 
 
 def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array]) -> Figures:

@@ -35,6 +35,7 @@ from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import (
     DRAWS,
     FEW_DRAWS,
+    SHAKEN,
     Evaluator,
     Figures,
     Measures,
@@ -44,6 +45,7 @@ from truestand.gear.evaluate import (
     figures_of,
     pitch_extremes,
     sampling_of,
+    shaken,
     steepness_of,
 )
 from truestand.gear.face import other_diameters, other_face
@@ -219,7 +221,11 @@ def _assess(
         _without(damage, evaluator, step) if any(d.depth for d in damage) else corrected,
         _without(on_top, evaluator, step) if on_top else corrected,
         expanded(influences, evaluator)
-        | {"noise": noise.expanded(figures, steepness_of(evaluator)), BETWEEN_READINGS: sampling_of(evaluator)},
+        | {
+            "noise": noise.expanded(figures, steepness_of(evaluator)),
+            BETWEEN_READINGS: sampling_of(evaluator),
+            SHAKEN: shaken(corrected, evaluator),
+        },
         influences,
         coverage,
         damage,

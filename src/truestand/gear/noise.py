@@ -18,7 +18,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.robust import MAD_TO_SD, nan_median, robust_sd
-from truestand.gear.grid import Grid
+from truestand.gear.grid import TRACE_SHARE, Grid
 
 LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
@@ -40,6 +40,8 @@ LEAST_WAVE_CELLS, MOST_WAVES, FINER = 200, 8, 2
 """Cells of a flank that show a wave; waves that are looked for; and how much finer than by whole waves."""
 MOST_LEFT = 0.85
 """Share of the scatter that the cells may still have without a wave: of noise that goes on, one takes less."""
+PROFILE_LAGS = (1, 2, 4, 8)
+"""Cells of roll length over which profiles are compared with those beside them."""
 MOST_SD = 3.0
 """Standard deviations to which noise is cut where its correlation or its mean square is looked at: damage is more."""
 
@@ -93,6 +95,11 @@ class CellNoise:
     """Shared by the cells of one flank and height."""
     waves: Array
     """(2, teeth, roll lengths, heights) mm of the flanks' waves, which are no noise; 0 where there are none."""
+    of_profile: float = 0.0
+    """What single flanks have along the roll length at the middle of the face and others don't: form of theirs, or
+    profiles that are off as a whole, because the sensor or the table shakes. Nothing tells one from the other."""
+    along_profile: float = 0.0
+    """Its correlation, 0..1, with the next cell of the roll length."""
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Noise (2, teeth, roll lengths, heights) mm as the cells may have it once more."""
@@ -100,6 +107,12 @@ class CellNoise:
         rows, columns = rng.standard_normal((sides, teeth, rolls, 1)), rng.standard_normal((sides, teeth, 1, heights))
         own = np.sqrt(self.variance) * self.correlation.draw(rng, self.variance.shape)
         return np.asarray(own + self.of_row * rows + self.of_column * columns)
+
+    def draw_profiles(self, rng: np.random.Generator) -> Array:
+        """Profiles (2, teeth, roll lengths, 1) mm that may be off as a whole."""
+        sides, teeth, rolls, _ = self.variance.shape
+        factor = _factor(rolls, self.along_profile)
+        return np.asarray(self.of_profile * (factor @ rng.standard_normal((sides, teeth, rolls, 1))))
 
     def ratio(self, side: int, tooth: int, rest: Array, cells: Mask) -> float:
         """What the ``rest`` (roll lengths, heights) mm of one flank sums up to over some ``cells``, in standard
@@ -125,7 +138,7 @@ def _factor(number: int, coefficient: float) -> Array:
 def noise_of_cells(grid: Grid) -> CellNoise:
     """The noise of a grid's cells."""
     inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
-    waves = waves_of(inside)
+    whole, waves = inside, waves_of(inside)
     inside = inside - waves
     count = np.maximum(grid.count, 1.0)
     farthest = _farthest(grid)
@@ -139,6 +152,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
         _shared(inside, variance * more, at, along)
         for more, at, along in zip(correlation.of_means[::-1], (grid.roll, grid.height), (2, 3), strict=True)
     )
+    of_profile, along_profile = _of_profiles(whole, variance * correlation.of_means[1], grid)
     return CellNoise(
         np.where(grid.count > 0, variance, 0.0),
         np.where(grid.count > 0, _unevenness(inside + waves) / count, 0.0),
@@ -146,7 +160,25 @@ def noise_of_cells(grid: Grid) -> CellNoise:
         of_row,
         of_column,
         waves,
+        of_profile,
+        along_profile,
     )
+
+
+def _of_profiles(cells: Array, variance: Array, grid: Grid) -> tuple[float, float]:
+    """What profiles of single flanks have at the middle of the face (mm, standard deviation), and its correlation with
+    the next cell; ``variance``: of cells, as their means along the height have it.
+    """
+    nominal = grid.nominal
+    band = np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width
+    rest = (cells - nan_median(cells, axis=1)[:, None])[..., band]
+    lags = [lag for lag in PROFILE_LAGS if 2 * lag < rest.shape[2]]
+    told = [_shared(rest, variance[..., band], grid.roll[..., band], 2, lag) for lag in lags]
+    shown = np.array([_shown(1.0, ALONG_ROLL, lag) for lag in lags]) / 1.5
+    square = np.square(told)[:, None]
+    variances = (shown * square).sum(axis=0) / np.square(shown).sum(axis=0)
+    best = int(np.square(shown * variances - square).sum(axis=0).argmin())
+    return float(np.sqrt(variances[best])), float(ALONG_ROLL[best])
 
 
 def waves_of(cells: Array) -> Array:
@@ -325,8 +357,10 @@ def _by_flank(ratios: Array) -> Array:
     return np.asarray(beside[:, :, None, None])
 
 
-def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
-    """Standard deviation (mm) that the cells of a row (``along`` the roll length, 2) or a column (3) have in common."""
+def _shared(cells: Array, variance: Array, at: Array, along: int, lag: int = 1) -> float:
+    """Standard deviation (mm) that the cells of a row (``along`` the roll length, 2) or a column (3) have in common, by
+    those ``lag`` cells before and behind.
+    """
     across = 5 - along
     seen = np.isfinite(cells)
     number = np.maximum(seen.sum(axis=across, keepdims=True), 1)
@@ -335,7 +369,7 @@ def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
         total = np.where(seen, values, 0.0).sum(axis=across, keepdims=True) / number**power
         return np.asarray(np.where(seen.any(axis=across, keepdims=True), total, np.nan))
 
-    rest, known, factor = _second_differences(mean(cells), mean(variance, 2), mean(at), along)
+    rest, known, factor = _second_differences(mean(cells), mean(variance, 2), mean(at), along, lag)
     told = np.isfinite(rest)
     if np.count_nonzero(told) < LEAST_DIFFERENCES:
         return 0.0
