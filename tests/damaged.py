@@ -37,13 +37,14 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @lru_cache(maxsize=4)
-def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0):
+def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0):
     """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
     roll length, height, radius) each; ``shaking``: mm rms by which whole profiles are off, those beside each other
-    alike.
+    alike; ``strays``: share of the readings that are half a millimetre off, one way or the other.
     """
     scan = scan_of(gear, errors, how or simulation(), points)
     scan = replace(scan, z=scan.z + shaking * _shaken(scan.z.shape[0])[:, None]) if shaking else scan
+    scan = replace(scan, z=scan.z + _strayed(scan.z.shape, strays)) if strays else scan
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
     stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
@@ -55,6 +56,12 @@ def _shaken(profiles):
     """Noise (profiles,) of standard deviation 1, alike over two profiles or three."""
     noise = gaussian_filter1d(np.random.default_rng(6).standard_normal(profiles), 1.7, mode="wrap")
     return noise / noise.std()
+
+
+def _strayed(shape, share):
+    """mm (profiles, points) by which a share of the readings is off, 0.5 rms."""
+    rng = np.random.default_rng(8)
+    return np.where(rng.random(shape) < share, rng.normal(0.0, 0.5, shape), 0.0)
 
 
 def without_readings(surface, gear, spots):

@@ -1,20 +1,24 @@
 """What the shaft in view of a part's scan tells of a wobble that its calibration does not know."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
-from gears import SPUR, calibrated, scan_of
+from gears import SPUR, calibrated, scan_of, simulation, stand
 from truestand.apply.transfer import roll, transfer, transfer_remarks
+from truestand.calibration.calibrate import calibrate
+from truestand.core.scan import interpret
 from truestand.gear.inspect import inspect_gear
+from truestand.sim import paper_shaft, simulate
 
 UM = 1e-3
 
 
-def wobbling(amplitude, waves=7):
-    """The gear's scan with all readings farther away and nearer, ``waves`` times a turn; mm."""
-    scan = scan_of()
+def wobbling(amplitude, waves=7, scan=None):
+    """A scan, the gear's, with all readings farther away and nearer, ``waves`` times a turn; mm."""
+    scan = scan or scan_of()
     by = amplitude * np.cos(waves * scan.angle)[:, None]
     # along T's X, as seen by the sensor
     x, _, z = calibrated().table_from_sensor.rotation.T @ np.array([1.0, 0.0, 0.0])
@@ -37,6 +41,21 @@ def test_pitch_of_a_wobbling_scan_is_within_its_u():
     for key in (("f_p", "left"), ("f_p", "right"), ("F_p", "left"), ("F_p", "right"), ("F_r", None)):
         a, b = still[key], moved[key]
         assert abs(b.value - a.value) < b.U and b.U > a.U
+
+
+def test_a_bearing_that_wobbled_in_the_shafts_scan_as_well_stands_in_u():
+    """It passes for form of the shaft, and the part's scan shows nothing new: F_p was 5.4 U off."""
+    shaft = simulate(stand(), simulation(5500), paper_shaft(), 0)
+    of_both = replace(calibrate(wobbling(6 * UM, 4, interpret(shaft.recording, stand())), paper_shaft()), reasons=())
+    assert [w.waves for w in of_both.shared_waves if w.amplitude > UM] == [4]
+    assert not [w for w in calibrated().shared_waves if w.amplitude > 0.3 * UM]
+    still, moved = (
+        {(c.name, c.flank): c for c in inspect_gear(roll(scan, known), SPUR).characteristics if c.tooth is None}
+        for scan, known in ((scan_of(), replace(calibrated(), reasons=())), (wobbling(6 * UM, 4), of_both))
+    )
+    for key in product(("f_p", "F_p"), ("left", "right")):
+        assert abs(moved[key].value - still[key].value) < moved[key].U
+        assert "bearing, or form of the shaft, 4 times per turn" in {b.name for b in moved[key].budget}
 
 
 def test_a_still_scan_has_none():

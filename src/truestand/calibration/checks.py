@@ -11,6 +11,7 @@ from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
+from truestand.core.harmonics import shared_waves
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
 
@@ -35,7 +36,7 @@ MOST_BEARING_MM = 0.005
 """rms: no table's bearing differs that much from turn to turn; an angle that is stated wrong does."""
 MOST_COMMON_OUTLIERS = 0.02
 """Share of the profiles."""
-MOST_SHARED_MM, ALIKE = 0.002, 0.25
+MOST_SHARED_MM = 0.002
 """Amplitude; and how far, as a share of the common wave, the surfaces' waves may lie from it to be called the same."""
 MOST_UNEVEN_MM = 0.001
 """rms: a ground shaft is as round at one end as at the other."""
@@ -124,10 +125,7 @@ def shared_form(fit: Refined) -> float:
         return 0.0
     p, model = fit.solution.parameters, fit.model
     waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
-    complex_waves = waves[:, 0] + 1j * waves[:, 1]
-    common = complex_waves.mean(axis=0)
-    alike = np.abs(complex_waves - common).max(axis=0) < ALIKE * np.abs(common)
-    return float(np.abs(common[alike]).max(initial=0.0))
+    return float(shared_waves(waves[:, 0] + 1j * waves[:, 1]).max(initial=0.0))
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:

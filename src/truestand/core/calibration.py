@@ -1,7 +1,7 @@
 """What a calibration is: poses, what remains, how well each number is known, and what could not be known."""
 
 from dataclasses import dataclass, field, replace
-from math import atan2, hypot, inf
+from math import atan2, cos, hypot, inf, sin
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,7 @@ from truestand.core.frames import (
     sensor_parameters,
     shaft_parameters,
 )
+from truestand.core.harmonics import shared_waves
 from truestand.core.message import Message
 from truestand.core.scan import AngleSource, AngleZero, Scan
 from truestand.core.stand import Stand
@@ -390,6 +391,20 @@ class Calibration:
             if h.surface == surface:
                 form += h.amplitude * np.cos(h.upr * angle - h.phase)
         return form
+
+    @property
+    def shared_waves(self) -> tuple[Wobble, ...]:
+        """Waves that all surfaces of the shaft have alike: its form, or the table's bearing, which a part's scan has as
+        well.
+        """
+        of_surface: dict[str, dict[int, complex]] = {}
+        for h in self.harmonics:
+            of_surface.setdefault(h.surface, {})[h.upr] = h.amplitude * complex(cos(h.phase), sin(h.phase))
+        if len(of_surface) < 2:
+            return ()
+        orders = sorted(set.intersection(*(set(waves) for waves in of_surface.values())))
+        sizes = shared_waves(np.array([[waves[n] for n in orders] for waves in of_surface.values()]))
+        return tuple(Wobble(n, float(size)) for n, size in zip(orders, sizes, strict=True) if size > 0)
 
     def _known(self, key: str, value: float) -> float | None:
         return None if key in self.not_identifiable or self.method == "paper" else value

@@ -14,6 +14,8 @@ from truestand.core.errors import NotEnoughData
 
 RIDGE = 1e-14
 """Share of a normal matrix's trace that is added to its diagonal."""
+ALIKE = 0.25
+"""Share of a wave by which those of several surfaces may differ and be the same one."""
 SETTLED = 1e-6
 """Change of a robust fit's coefficients, as a share of ``least``, below which it is settled."""
 
@@ -36,6 +38,13 @@ class Harmonics:
         """The series at ``angle`` (rad)."""
         phases = np.multiply.outer(np.asarray(angle, dtype=np.float64), np.array(self.orders, dtype=np.float64))
         return self.mean + np.cos(phases) @ self.cos + np.sin(phases) @ self.sin
+
+
+def shared_waves(waves: Array) -> Array:
+    """Amplitudes (n,) of those complex ``waves`` (surfaces, n) that all surfaces have alike; 0 for the others."""
+    common = waves.mean(axis=0)
+    alike = np.abs(waves - common).max(axis=0) < ALIKE * np.abs(common)
+    return np.where(alike, np.abs(common), 0.0)
 
 
 def fit_harmonics(angle: Array, trace: Array, orders: tuple[int, ...] = (1,)) -> Harmonics:

@@ -321,13 +321,16 @@ def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> lis
 
 
 def _of_wobble(calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """The radial wave that the shaft in view of the part's scan shows, in and out of step with it."""
-    wobble = calibration.wobble
-    if wobble is None:
-        return []
-    out, name = _moved_out(calibration, cells, wobble.amplitude), f"wobble, {wobble.waves} times per turn"
+    """Radial waves that the shaft in view of the part's scan shows, or may hide, in and out of step with them."""
+    waves = [] if calibration.wobble is None else [("wobble", calibration.wobble)]
+    waves += [("bearing, or form of the shaft", wave) for wave in calibration.shared_waves]
     return [
-        cells.influence(name, out * wave(wobble.waves * cells.theta)[:, None], wobble.amplitude / 2)
+        cells.influence(
+            f"{name}, {wobble.waves} times per turn",
+            _moved_out(calibration, cells, wobble.amplitude) * wave(wobble.waves * cells.theta)[:, None],
+            wobble.amplitude / 2,
+        )
+        for name, wobble in waves
         for wave in (np.cos, np.sin)
     ]
 

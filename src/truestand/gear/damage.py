@@ -45,6 +45,8 @@ DEPTH_SHARE_U = 0.1
 """Of a region's depth: U (k = 2) of the depth beside noise."""
 CONFIRMED = 0.5
 """Of a cell's usual readings: with fewer on the flank and as many outside the gate, the cell is not confirmed."""
+LEAST_OUTSIDE = 4
+"""Readings outside the gate in a cell and those beside it from which they are no outliers."""
 ON_MOST = 0.75
 """Share of a cell's rays, over all teeth, that must meet the flank for it to be missed on the others."""
 STEPS_ACROSS = 3.0
@@ -316,10 +318,14 @@ def _departing(cell: NDArray[np.int64], grid: Grid) -> Mask:
 
 def _cut(flanks: Flanks, grid: Grid) -> Mask:
     """Cells (2, teeth, roll lengths, heights) where readings lie outside the gate instead of on the flank."""
+    from scipy.ndimage import uniform_filter
+
     at = cell_of(flanks.outside_gate, grid.nominal, grid.rolls.size, grid.edges)
     outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
     enough = np.maximum(CONFIRMED * grid.usual, FEW)
-    return np.asarray((outside >= enough) & (grid.count < enough) & grid.in_ranges)
+    together = 15 * uniform_filter(outside.astype(np.float64), (1, 1, 5, 3), mode="constant")
+    cut = (outside >= enough) & (grid.count < enough) & (together > LEAST_OUTSIDE - 0.5)
+    return np.asarray(cut & grid.in_ranges)
 
 
 def _unseen(rays: FlankRays, there: Mask) -> tuple[Mask, Array]:

@@ -40,8 +40,10 @@ LEAST_WAVE_CELLS, MOST_WAVES, FINER = 200, 8, 2
 """Cells of a flank that show a wave; waves that are looked for; and how much finer than by whole waves."""
 MOST_LEFT = 0.85
 """Share of the scatter that the cells may still have without a wave: of noise that goes on, one takes less."""
-PROFILE_LAGS = (1, 2, 4, 8)
-"""Cells of roll length over which profiles are compared with those beside them."""
+PROFILE_LAGS, ALONG_PROFILE = (1, 2, 4, 8), np.linspace(0.0, 0.8, 17)
+"""Cells of roll length over which profiles are compared with those beside them; coefficients that are tried."""
+SURE = 3.0
+"""Standard deviations by which they must differ by more than noise does."""
 MOST_SD = 3.0
 """Standard deviations to which noise is cut where its correlation or its mean square is looked at: damage is more."""
 
@@ -171,14 +173,16 @@ def _of_profiles(cells: Array, variance: Array, grid: Grid) -> tuple[float, floa
     """
     nominal = grid.nominal
     band = np.abs(grid.heights - nominal.middle) < TRACE_SHARE * nominal.gear.face_width
-    rest = (cells - nan_median(cells, axis=1)[:, None])[..., band]
-    lags = [lag for lag in PROFILE_LAGS if 2 * lag < rest.shape[2]]
-    told = [_shared(rest, variance[..., band], grid.roll[..., band], 2, lag) for lag in lags]
-    shown = np.array([_shown(1.0, ALONG_ROLL, lag) for lag in lags]) / 1.5
-    square = np.square(told)[:, None]
-    variances = (shown * square).sum(axis=0) / np.square(shown).sum(axis=0)
-    best = int(np.square(shown * variances - square).sum(axis=0).argmin())
-    return float(np.sqrt(variances[best])), float(ALONG_ROLL[best])
+    lags = [lag for lag in PROFILE_LAGS if 2 * lag < cells.shape[2]]
+    squares = [
+        _shared_square(cells[..., band], variance[..., band], grid.roll[..., band], 2, lag, single=True) for lag in lags
+    ]
+    told = np.array([square if square > SURE * sd else 0.0 for square, sd, _ in squares])[:, None]
+    number = np.array([number for *_, number in squares])[:, None]
+    shown = np.array([_shown(1.0, ALONG_PROFILE, lag) for lag in lags]) / 1.5
+    variances = (number * shown * told).sum(axis=0) / np.maximum((number * np.square(shown)).sum(axis=0), 1e-300)
+    best = int((number * np.square(shown * variances - told)).sum(axis=0).argmin())
+    return float(np.sqrt(variances[best])), float(ALONG_PROFILE[best])
 
 
 def waves_of(cells: Array) -> Array:
@@ -357,24 +361,34 @@ def _by_flank(ratios: Array) -> Array:
     return np.asarray(beside[:, :, None, None])
 
 
-def _shared(cells: Array, variance: Array, at: Array, along: int, lag: int = 1) -> float:
-    """Standard deviation (mm) that the cells of a row (``along`` the roll length, 2) or a column (3) have in common, by
-    those ``lag`` cells before and behind.
+def _shared(cells: Array, variance: Array, at: Array, along: int) -> float:
+    """Standard deviation (mm) that the cells of a row (``along`` the roll length, 2) or a column (3) have in common."""
+    return float(np.sqrt(max(_shared_square(cells, variance, at, along, 1)[0], 0.0)))
+
+
+def _shared_square(
+    cells: Array, variance: Array, at: Array, along: int, lag: int, single: bool = False
+) -> tuple[float, float, int]:
+    """Its square by the cells ``lag`` before and behind, less than 0 by chance, that square's standard deviation, and
+    the number of differences that tell it; 0 where they are too few. ``single``: without what all flanks of a side
+    have.
     """
     across = 5 - along
     seen = np.isfinite(cells)
-    number = np.maximum(seen.sum(axis=across, keepdims=True), 1)
+    count = np.maximum(seen.sum(axis=across, keepdims=True), 1)
 
     def mean(values: Array, power: int = 1) -> Array:
-        total = np.where(seen, values, 0.0).sum(axis=across, keepdims=True) / number**power
+        total = np.where(seen, values, 0.0).sum(axis=across, keepdims=True) / count**power
         return np.asarray(np.where(seen.any(axis=across, keepdims=True), total, np.nan))
 
     rest, known, factor = _second_differences(mean(cells), mean(variance, 2), mean(at), along, lag)
+    rest = rest - nan_median(rest, axis=1)[:, None] if single else rest
     told = np.isfinite(rest)
-    if np.count_nonzero(told) < LEAST_DIFFERENCES:
-        return 0.0
-    square = robust_sd(rest[told] / np.sqrt(factor[told])) ** 2 - float(np.median(known[told] / factor[told]))
-    return float(np.sqrt(max(square, 0.0)))
+    number = int(np.count_nonzero(told))
+    if number < LEAST_DIFFERENCES:
+        return 0.0, 0.0, 0
+    square = robust_sd(rest[told] / np.sqrt(factor[told])) ** 2
+    return square - float(np.median(known[told] / factor[told])), square * float(np.sqrt(2.0 / number)), number
 
 
 def _second_differences(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
-from truestand.core.robust import medians, robust_sd
+from truestand.core.robust import MAD_TO_SD, medians, robust_sd
 
 IN_PROFILE, ACROSS = (-3, -2, -1, 1, 2, 3), (-1, 0, 1)
 """Points by which readings of the same profile are beside one, and of the profiles before and after it,"""
@@ -32,6 +32,10 @@ ALIKE = 4.0
 """Standard deviations of the difference of two readings within which they are alike."""
 SAME_PLACE = 0.25
 """Steps of the table within which a profile of another turn meets the same place."""
+BY_CHANCE, HIGHEST = 0.5, 0.4
+"""Outliers of a scan that may bear each other out by chance; density of a normal distribution at its middle, times its
+standard deviation.
+"""
 LEAST_SPREAD = 5e-4
 """mm: the scatter of readings is not taken for less: sensors count in steps."""
 
@@ -55,7 +59,8 @@ def lone_readings(
     image[row + ROWS, column + MARGIN] = delta
     reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
     seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
-    farther = reach + ALONG * np.abs(delta - _median_of(surface, delta))
+    off = np.abs(delta - _median_of(surface, delta))
+    farther = reach + ALONG * off
     beside = [(0, c) for c in IN_PROFILE]
     beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
     in_row = {}
@@ -77,12 +82,33 @@ def lone_readings(
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
         shown |= np.isfinite(low)
     alone = (alike < np.where(seen < FEW, 1, LEAST_ALIKE)) & (along < LEAST_ALONG)
+    least_alike, least_along = _needed(off[alone], delta.size, reach, len(beside))
+    alone |= (off > reach) & (alike < least_alike) & (along < least_along)
     number, total = np.count_nonzero(alone), alone.size
     if number**2 < total:  # two outliers side by side are not to be expected,
         alone &= ~(in_row[-1] | in_row[1])
     elif number**3 < total**2:  # or not three
         alone &= ~((in_row[-2] & in_row[-1]) | (in_row[-1] & in_row[1]) | (in_row[1] & in_row[2]))
     return np.asarray(alone | (shown & ~repeated))
+
+
+def _needed(off: Array, total: int, reach: float, beside: int) -> tuple[int, int]:
+    """How many of the readings ``beside`` one that is off the surface must be like it, and how many must go along with
+    it, for outliers not to do so by chance: the more of them there are, the more.
+
+    ``off`` (n,) mm by which those are off that are alone, of a ``total``; ``reach``: mm within which two are alike.
+    """
+    from scipy.special import bdtrc
+
+    spread = max(float(np.median(off)) * MAD_TO_SD, reach) if off.size else reach
+    each = off.size / max(total, 1) * HIGHEST / spread  # outliers a reading and mm
+    windows = 2 * reach, 2 * (reach + ALONG * spread)
+    needed = []
+    for window, least in zip(windows, (LEAST_ALIKE, LEAST_ALONG), strict=True):
+        numbers = np.arange(least, beside + 1)
+        by_chance = off.size * bdtrc(numbers - 1, beside, min(each * window, 1.0))
+        needed.append(int(numbers[np.argmax(by_chance < BY_CHANCE)]) if (by_chance < BY_CHANCE).any() else beside)
+    return needed[0], needed[1]
 
 
 def _spread(image: Image) -> float:

@@ -31,6 +31,7 @@ MEASURED = {
     "drift": "let the sensor warm up",
     "table speed": "use an encoder",
     "between readings": "scan with more profiles a turn and more points a profile",
+    "vibration": "keep sensor and part from shaking, or scan more turns",
     "shape within": "scan with more profiles a turn and more points a profile",
     "scatter of the teeth": "nothing: the teeth differ",
     "bore clearance": "clamp the part without play, and state bore_clearance_mm in the part's recipe",
