@@ -9,7 +9,7 @@ import pytest
 
 from damaged import FORM_LINES, GEAR, HELIX, PROFILE, SOUND, WILD, inspected, line, truth, verdict
 from gears import SPUR, helical, simulation
-from truestand.gear.evaluate import SHAKEN
+from truestand.gear.evaluate import VIBRATION
 from truestand.gear.geometry import FLANKS, involute
 from truestand.sim import Dent, Worn
 from variants import tried
@@ -157,7 +157,7 @@ def test_a_stand_that_shakes_makes_no_sound_gear_fail():
     off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in profiles])
     assert (off < 1.0).mean() > 0.95 and off.max() < 2.0
     assert "does_not_conform" not in {c.verdict for c in found.characteristics}
-    of_shaking = [[b.U for c in of.characteristics for b in c.budget if b.name == SHAKEN] for of in (still, found)]
+    of_shaking = [[b.U for c in of.characteristics for b in c.budget if b.name == VIBRATION] for of in (still, found)]
     assert 3 * np.median(of_shaking[0]) < np.median(of_shaking[1])
 
 

@@ -37,7 +37,7 @@ MOST_BEARING_MM = 0.005
 MOST_COMMON_OUTLIERS = 0.02
 """Share of the profiles."""
 MOST_SHARED_MM = 0.002
-"""Amplitude; and how far, as a share of the common wave, the surfaces' waves may lie from it to be called the same."""
+"""Amplitude of a wave that all surfaces have alike."""
 MOST_UNEVEN_MM = 0.001
 """rms: a ground shaft is as round at one end as at the other."""
 MOST_RESIDUAL_MM = 0.1

@@ -48,7 +48,7 @@ BEND_DRAWS, STRETCHES = 24, 5
 """Of what lies between the profiles beside the measuring circle, and in how many stretches of the face."""
 NOISE_U = 0.1
 """How well (k = 2) the size of the noise is known, as a share of it."""
-SHAKEN = "vibration, or form of single flanks"
+VIBRATION = "vibration, or form of single flanks"
 """Line of what single flanks have along their profiles and others don't."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
@@ -345,6 +345,7 @@ def bias_of(base: Figures, evaluator: Evaluator, draws: int) -> Bias:
 
 
 def _bias(base: Figures, drawn: Figures) -> Bias:
+    """What noise does to figures (by name, mm), of which it makes these when it is ``drawn`` on the cells."""
     grows = [name for name in base if name.removesuffix(MEAN) in NEVER_NEGATIVE]
     lifted = {name: np.maximum(drawn[name].mean(axis=0) ** 2 - base[name] ** 2, 0.0) for name in grows}
     return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()})
@@ -357,7 +358,7 @@ def steepness_of(evaluator: Evaluator) -> Figures:
     return {name: stack.std(axis=0) for name, stack in drawn.items()}
 
 
-def shaken(base: Figures, evaluator: Evaluator) -> Figures:
+def vibration_of(base: Figures, evaluator: Evaluator) -> Figures:
     """U (k = 2, mm) of the figures as they are read: what single flanks have along their profiles and others don't may
     be form of theirs, or none of the part's.
     """

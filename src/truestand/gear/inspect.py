@@ -35,7 +35,7 @@ from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import (
     DRAWS,
     FEW_DRAWS,
-    SHAKEN,
+    VIBRATION,
     Evaluator,
     Figures,
     Measures,
@@ -45,8 +45,8 @@ from truestand.gear.evaluate import (
     figures_of,
     pitch_extremes,
     sampling_of,
-    shaken,
     steepness_of,
+    vibration_of,
 )
 from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
@@ -224,7 +224,7 @@ def _assess(
         | {
             "noise": noise.expanded(figures, steepness_of(evaluator)),
             BETWEEN_READINGS: sampling_of(evaluator),
-            SHAKEN: shaken(corrected, evaluator),
+            VIBRATION: vibration_of(corrected, evaluator),
         },
         influences,
         coverage,

@@ -157,7 +157,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
     of_profile, along_profile = _of_profiles(whole, variance * correlation.of_means[1], grid)
     return CellNoise(
         np.where(grid.count > 0, variance, 0.0),
-        np.where(grid.count > 0, _unevenness(inside + waves) / count, 0.0),
+        np.where(grid.count > 0, _unevenness(whole) / count, 0.0),
         correlation,
         of_row,
         of_column,
