@@ -4,6 +4,7 @@ import pytest
 
 import stored_results
 from lab import lab
+from truestand.store import Store
 from truestand.web.routes.files import STATIC
 from web_lab import PASSWORD
 
@@ -119,6 +120,19 @@ def test_results_are_filtered_and_paged(open_tab):
     tab.locator(".row").nth(stored_results.CALIBRATIONS).wait_for(state="detached")
     expect_soon(tab.locator(".row")).to_have_count(stored_results.CALIBRATIONS)
     assert tab.locator(".row .verdict").all_inner_texts().count("not trusted") == 1
+
+
+def test_older_results_come_where_a_new_one_came_first(open_tab, stand):
+    tab, held = open_tab("#/results"), []
+    expect_soon(tab.locator(".row")).to_have_count(30)
+    tab.route("**/api/results?*before=*", lambda route: route.continue_() if held else held.append(route))
+    with tab.expect_request("**/api/results?*before=*"):
+        tab.get_by_role("button", name="Show older ones").click()
+    record = stored_results.read(stand.made, "inspection")
+    Store.open(stand.folder / "results").add("inspection", stored_results.of_part(record, "demo wheel", "A-0077"))
+    expect_soon(tab.locator(".row").first).to_contain_text("A-0077")
+    held[0].continue_()
+    tab.locator(".row").nth(stored_results.CALIBRATIONS + stored_results.INSPECTIONS + 1).wait_for()
 
 
 def test_result_says_first_what_was_not_measurable(open_tab, stand):

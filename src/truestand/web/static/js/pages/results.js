@@ -21,8 +21,8 @@ export async function show(page, _, signal) {
   let entries = [];
   add(page, heading(t("results.title"), store.engineer && button(t("audit.run"), check, { kind: "quiet" })), audit, filters, list, more);
   filter();
-  store.onChange(refresh, signal);
-  await load();
+  store.onChange(() => renew().catch(() => {}), signal); // the frame says that the stand does not answer
+  await renew();
 
   function filter() {
     put(filters, segments(t("results.kind"), KINDS.map((value) => ({ value, label: t(value ? `kinds.${value}` : "results.every") })), wanted.kind, (kind) => change({ kind })),
@@ -32,24 +32,24 @@ export async function show(page, _, signal) {
   async function change(choice) {
     Object.assign(wanted, choice);
     entries = [];
-    await load();
+    await renew();
   }
 
-  async function load() {
+  async function addOlder() {
     const shown = entries;
     const before = shown.at(-1)?.number;
     const found = await ask(MANY, before && { before });
-    if (entries === shown) draw(shown.concat(found), found.length === MANY); // else something newer was drawn meanwhile
+    if (entries === shown) draw(shown.concat(found), found.length === MANY);
+    else await addOlder(); // something newer was drawn meanwhile
   }
 
   /** The same ones as they are now, and those that came. */
-  async function refresh() {
+  async function renew() {
     const shown = entries;
     const limit = Math.min(Math.max(MANY, shown.length), MOST);
-    const found = await ask(limit).catch(() => null); // the frame says that the stand does not answer
-    if (!found) return;
+    const found = await ask(limit);
     if (entries === shown) draw(found, found.length === limit);
-    else await refresh();
+    else await renew();
   }
 
   function ask(limit, from = {}) {
@@ -60,7 +60,7 @@ export async function show(page, _, signal) {
   function draw(found, older) {
     entries = found;
     put(list, entries.length ? rows(entries) : empty(t(wanted.kind || wanted.part ? "results.none_such" : "results.none")));
-    put(more, older ? button(t("results.more"), load) : "");
+    put(more, older ? button(t("results.more"), addOlder) : "");
   }
 
   async function check(event) {
