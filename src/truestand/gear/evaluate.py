@@ -358,14 +358,16 @@ def steepness_of(evaluator: Evaluator) -> Figures:
     return {name: stack.std(axis=0) for name, stack in drawn.items()}
 
 
-def vibration_of(base: Figures, evaluator: Evaluator) -> Figures:
-    """U (k = 2, mm) of the figures as they are read: what single flanks have along their profiles and others don't may
-    be form of theirs, or none of the part's.
+def vibration_of(figures: Figures, corrected: Figures, evaluator: Evaluator) -> Figures:
+    """U (k = 2, mm) of the ``corrected`` figures: what single flanks have along their profiles and others don't may be
+    form of theirs, or none of the part's. ``figures``: as they are read.
     """
-    bias = _bias(base, _drawn(evaluator, STEEP_DRAWS, evaluator.noise.draw_profiles))
-    U = {name: 2 * sd for name, sd in bias.sd.items()}
-    lowest = bias.corrected({n: np.maximum(v - U[n], 0.0) if n in bias.lifted else v for n, v in base.items()})
-    return {n: np.fmax(U[n], v - lowest[n]) for n, v in base.items()}
+    if not evaluator.noise.of_profile:
+        return {n: np.zeros_like(v) for n, v in figures.items()}
+    bias = _bias(figures, _drawn(evaluator, STEEP_DRAWS, evaluator.noise.draw_profiles))
+    U = {n: 2 * sd for n, sd in bias.sd.items()}
+    lowest = bias.corrected({n: np.maximum(v - U[n], 0.0) if n in bias.lifted else v for n, v in corrected.items()})
+    return {n: np.fmax(U[n], v - lowest[n]) for n, v in corrected.items()}
 
 
 def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array]) -> Figures:

@@ -224,7 +224,7 @@ def _assess(
         | {
             "noise": noise.expanded(figures, steepness_of(evaluator)),
             BETWEEN_READINGS: sampling_of(evaluator),
-            VIBRATION: vibration_of(corrected, evaluator),
+            VIBRATION: vibration_of(figures, corrected, evaluator),
         },
         influences,
         coverage,
