@@ -40,7 +40,7 @@ LEAST_WAVE_CELLS, MOST_WAVES, FINER = 200, 8, 2
 """Cells of a flank that show a wave; waves that are looked for; and how much finer than by whole waves."""
 MOST_LEFT = 0.85
 """Share of the scatter that the cells may still have without a wave: of noise that goes on, one takes less."""
-PROFILE_LAGS, ALONG_PROFILE = (1, 2, 4, 8), np.linspace(0.0, 0.8, 17)
+PROFILE_LAGS, ALONG_PROFILE = (1, 2, 4, 8), np.linspace(0.0, 0.9, 19)
 """Cells of roll length over which profiles are compared with those beside them; coefficients that are tried."""
 SURE = 3.0
 """Standard deviations by which they must differ by more than noise does."""
