@@ -53,12 +53,10 @@ def _enough(flanks: Flanks, points: int) -> int:
     """Readings that no flank lacks at its end by chance: profiles begin and end anywhere within the distance of two
     readings, and some get lost. So many ``points`` a profile.
     """
-    order = np.lexsort((flanks.index, flanks.flank))
-    flank, index = flanks.flank[order], flanks.index[order]
-    together = (np.diff(flank) == 0) & (np.diff(index // points) == 0)
-    apart = np.diff(index)[together]
-    lost = 1.0 - apart.size / max(int(apart.sum()), 1)
-    crossing = int(np.count_nonzero(~together)) / max(np.unique(flank).size, 1)
+    _, apart = flanks.along_profiles(points)
+    within = apart[apart > 0]
+    lost = 1.0 - within.size / max(int(within.sum()), 1)
+    crossing = (apart.size - within.size) / max(np.unique(flanks.flank).size, 1)
     elsewhere = float(crossing * (1.0 - BY_CHANCE ** (1.0 / max(crossing, 1.0))))
     return ceil(max(elsewhere, log(BY_CHANCE) / log(max(lost, LEAST_LOST))))
 

@@ -114,6 +114,15 @@ class FlankPoints:
         """Some of the points, by a mask (n,)."""
         return replace(self, **{name: getattr(self, name)[mask] for name in COLUMNS})
 
+    def along_profiles(self, points: int) -> tuple[Indices, NDArray[np.int64]]:
+        """The order (n,) in which profiles, of so many ``points``, have them flank by flank, and how many readings each
+        of these lies before the next one (n - 1,); 0: that one is of another profile or flank.
+        """
+        order = np.lexsort((self.index, self.flank))
+        flank, index = self.flank[order], self.index[order]
+        together = (np.diff(flank) == 0) & (np.diff(index // points) == 0)
+        return order, np.where(together, np.diff(index), 0)
+
     def joined(self, others: Sequence["FlankPoints"]) -> Self:
         """These points and others, one after the other."""
         return replace(self, **{n: np.concatenate([getattr(p, n) for p in (self, *others)]) for n in COLUMNS})

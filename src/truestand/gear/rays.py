@@ -181,10 +181,8 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[flo
     flank, at roll lengths within ``limits`` (mm): all of them, those of which more readings are missing than there are,
     and those where unusually many are missing on end.
     """
-    order = np.lexsort((flanks.index, flanks.flank))
-    flank, index = flanks.flank[order], flanks.index[order]
-    together = (np.diff(flank) == 0) & (np.diff(index // points) == 0)
-    number = np.where(together, np.diff(index) - 1, 0)
+    order, apart = flanks.along_profiles(points)
+    flank, number = flanks.flank[order], np.maximum(apart - 1, 0)
     at = np.repeat(np.arange(number.size), number)
     share = (1 + np.arange(at.size) - (np.cumsum(number) - number)[at]) / (1 + number[at])
 
@@ -196,7 +194,7 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[flo
     cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
     missing = np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape)
     middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
-    in_range = np.where((middle > limits[0]) & (middle < limits[1]), number, 0).astype(np.int64)
+    in_range = np.where((middle > limits[0]) & (middle < limits[1]), number, 0)
     in_runs = np.bincount(
         cell[_longer_than_usual(in_range, flank[1:].astype(np.int64), grid)[at]], minlength=grid.count.size
     )
