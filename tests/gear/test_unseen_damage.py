@@ -355,6 +355,16 @@ def test_feed_marks_are_form_and_no_noise():
     assert "conforms" not in {c.verdict for c in lines if c.name == "f_fbeta"}
 
 
+def test_short_feed_marks_are_read_whole():
+    """Waves 0.9 mm long, which the low-pass halves at 0.67 mm and cells of 0.25 mm smooth once more."""
+    marks = replace(SOUND, feed_marks=0.006, feed_mark_spacing=0.9)
+    found, true = inspected(marks, GEAR, simulation(4400), 320), truth(marks, GEAR)
+    lines = [c for c in found.characteristics if c.tooth and c.name in ("f_fbeta", "F_beta")]
+    off = np.array([c.value - true[c.name, c.flank, c.tooth] for c in lines])
+    assert np.mean(np.abs(off) < [c.U for c in lines]) > 0.93
+    assert abs(np.median(off)) < 0.15 * true["f_fbeta", "left", 1]
+
+
 def test_what_no_ray_shows_on_any_tooth_is_not_seen():
     """Relieved near the root on all teeth alike, the flanks there stand out of view: 50 um of form conformed."""
     relieved = tuple(Worn(t, flank, (0.0, 5.0), FACE, 0.15, 2.5) for t in range(1, 25) for flank in ("left", "right"))

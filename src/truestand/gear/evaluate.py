@@ -142,7 +142,8 @@ def helix_line(trace: Array, evaluator: Evaluator, longer: float = 0.0) -> Line:
     nominal, width = evaluator.grid.nominal, evaluator.grid.nominal.gear.face_width
     cells = evaluator.traces.circle.seen.sum(axis=1)
     return line_of(
-        trace, helix_points(nominal, longer), cells, slope_length(nominal, along_profile=False), width, width
+        trace, helix_points(nominal, longer), cells, slope_length(nominal, along_profile=False), width, width,
+        evaluator.grid.size[1],
     )  # fmt: skip
 
 

@@ -55,6 +55,9 @@ TINY = 1e-12
 """mm: a cell at the place itself is the one before it."""
 GAUSS = sqrt(log(2.0) / pi)
 """Width of the weighting function over the wavelength that it halves (ISO 16610-21)."""
+SMOOTHED = 2 * pi / GAUSS**2 * (1 / 12 + 1 / 6)
+"""Square of a wavelength, in cells, by which the means of cells and straight lines between them are smoother already:
+variances of the weighting functions of a box and a triangle, over the Gaussian's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,11 +350,14 @@ class Line:
     """(flanks, POINTS): the trace after the low-pass."""
 
 
-def line_of(trace: Array, at: Array, cells: Ints, slope_length: float, whole: float, cutoff_of: float) -> Line:
+def line_of(
+    trace: Array, at: Array, cells: Ints, slope_length: float, whole: float, cutoff_of: float, cell: float = 0.0
+) -> Line:
     """The figures of traces (flanks, POINTS) at places (POINTS,).
 
     ``cells`` (flanks,): how many it rests on; ``whole``: control length or face (mm); ``cutoff_of``: length
-    (mm) whose share is the low-pass's wavelength.
+    (mm) whose share is the low-pass's wavelength; ``cell``: length (mm) of cells whose means, and straight lines
+    between them, the trace is.
     """
     seen = np.isfinite(trace)
     able = (cells >= LEAST_CELLS) & (seen.mean(axis=1) > LEAST_REACH)
@@ -361,7 +367,8 @@ def line_of(trace: Array, at: Array, cells: Ints, slope_length: float, whole: fl
     square = np.maximum((x * x).sum(axis=1), 1e-300)
     slope = (x * values).sum(axis=1) / square
     rest = np.where(seen, values - (values.sum(axis=1) / number)[:, None] - slope[:, None] * x, 0.0)
-    filtered = _low_pass(rest, weight, at, max(cutoff_of * CUTOFF_SHARE, LEAST_CUTOFF))
+    cutoff = max(cutoff_of * CUTOFF_SHARE, LEAST_CUTOFF)
+    filtered = _low_pass(rest, weight, at, sqrt(max(cutoff**2 - SMOOTHED * cell**2, TINY)))
     full = filtered + values - rest
     bend = np.where(seen, x * x - (square / number)[:, None], 0.0)
     bend = bend - np.where(seen, ((bend * x).sum(axis=1) / square)[:, None] * x, 0.0)
