@@ -45,6 +45,7 @@ def test_where_many_flanks_are_damaged_what_no_reading_shows_is_doubted():
     assert {c.verdict for c in one.characteristics if c.tooth and (c.tooth, c.flank) != (5, "left")} == {"conforms"}
 
 
+@pytest.mark.more
 def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
     """Beside three shallow grooves: U of sound flanks was 1,260 um."""
     grooves = tuple(Worn(tooth, "left", (8.5, 9.5), FACE, 0.012, 0.1) for tooth in (3, 12, 20))
@@ -200,6 +201,7 @@ def test_a_narrow_groove_at_grazing_incidence_is_not_overlooked(helix, flank):
     assert len(overlooked) <= 2
 
 
+@pytest.mark.more
 def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_helix():
     """Between the profiles on either side of the circle its wall may stand anywhere: 88 um were read for 1."""
     teeth, begins = range(2, 24, 3), involute(GEAR).measuring_roll
@@ -213,7 +215,7 @@ def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_heli
             assert abs(c.value - true[name, "left", tooth]) < c.U, (name, tooth)
 
 
-@pytest.mark.parametrize("seed", tried([0], rarely=[1]))
+@pytest.mark.parametrize("seed", tried([], 0, rarely=[1]))
 def test_narrow_grooves_aslant_on_every_flank_are_right_or_undecided(seed):
     """They are far wider along a trace's box than across themselves, and their walls hide them: 83 um read 23 +- 11."""
     rng = np.random.default_rng(seed)
@@ -270,7 +272,7 @@ def test_a_groove_aslant_is_as_deep_as_it_is_on_the_measuring_circle():
         assert abs(c.value - true[name, "right", 5]) < 8 * UM and c.verdict != "conforms", name
 
 
-@pytest.mark.parametrize("cell", tried([0.8], rarely=[0.3]))
+@pytest.mark.parametrize("cell", tried([], 0.8, rarely=[0.3]))
 def test_speckle_that_goes_on_is_noise(cell):
     """It went on for three cells of height, and 8 % of lines were beyond 1.5 U, some beyond 3 U; none may now."""
     found, true = inspected(SOUND, GEAR, simulation(4400, speckle=0.01, speckle_cell=cell), 320), truth(SOUND)
@@ -279,6 +281,7 @@ def test_speckle_that_goes_on_is_noise(cell):
     assert (np.array([c.verdict for c in found.characteristics if c.tooth]) == "conforms").mean() > 0.9
 
 
+@pytest.mark.more
 def test_a_dent_that_one_profile_crosses_is_no_outlier():
     """Three readings of 49 um deep, 0.8 mm wide, were left out as single ones: 22 um of form read 4.2 +- 1.3."""
     dents = replace(SOUND, dents=tuple(Dent(t, "left", 8.0 + t / 50, 19.83, 0.42, 0.049) for t in range(2, 24, 4)))
@@ -288,6 +291,7 @@ def test_a_dent_that_one_profile_crosses_is_no_outlier():
         assert abs(c.value - true["f_fbeta", "left", tooth]) < 1.5 * c.U, tooth
 
 
+@pytest.mark.more
 def test_reflections_in_every_tooth_space_leave_the_lines_beside_them_decided():
     """One spot of 1 mm on one flank of each: within a step of a trace it makes the trace's lines undecided."""
     rng = np.random.default_rng(3)
@@ -307,6 +311,7 @@ def _spot(tooth, rng):
     return Worn(tooth, flank, (roll, roll + 1.0), (height, height + 1.0), -rng.uniform(0.02, 0.15), 0.1)
 
 
+@pytest.mark.more
 def test_a_groove_of_all_teeth_stands_in_u_of_those_whose_profiles_miss_it():
     """1 mm wide near the root, where a step of the table is 0.8 mm: 50 um read 23 +- 9 on 8 of 24 teeth, *conforms*."""
     grooves = replace(SOUND, worn=tuple(Worn(t, "left", (4.7, 5.7), FACE, 0.05, 0.1) for t in range(1, 25)))
@@ -319,6 +324,7 @@ def test_a_groove_of_all_teeth_stands_in_u_of_those_whose_profiles_miss_it():
     assert max(off) < 1.5 and np.mean(np.array(off) < 1.0) > 0.9
 
 
+@pytest.mark.more
 def test_what_profiles_are_too_far_apart_for_is_not_seen_where_the_drawing_says_so():
     """Near the root they are 1 to 3 mm apart: a groove of 0.8 mm between two of them shows nowhere."""
     gear = replace(GEAR, evaluation=replace(GEAR.evaluation, narrowest_damage=0.8))
@@ -374,7 +380,7 @@ def test_what_no_ray_shows_on_any_tooth_is_not_seen():
     assert all(c.reason for c in lines)
 
 
-@pytest.mark.parametrize(("depth", "width"), tried([(0.3, 0.42)], rarely=[(0.2, 0.28)]))
+@pytest.mark.parametrize(("depth", "width"), tried([], (0.3, 0.42), rarely=[(0.2, 0.28)]))
 def test_a_chamfer_beside_the_profile_stands_in_u(depth, width):
     """0.2 mm beyond the end of its range: f_falpha read 5.7 +- 1.05 for 0. One of 0.3 mm made it another gear."""
     begins = involute(GEAR).profile_range[1] + 0.2
