@@ -34,11 +34,8 @@ class Coverage:
     helix_gap: Array
     """mm: what of the helix was not seen, along the height, or across the measuring circle if the readings beside it
     lie farther apart."""
-    profile_ends: Array
-    """(2 ends, 2, teeth) mm of roll length between the ends of its range, lower and upper, and the nearest readings at
-    mid-face, where these are more than half a step of the table; else 0."""
     helix_ends: Array
-    """The same of height, to the nearest points of the helix, where it is more than half a cell."""
+    """(2 ends, 2, teeth) mm of height between the ends of the range, lower and upper, and the nearest points."""
     hidden: Mask
     """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
 
@@ -70,8 +67,7 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, hidden: M
         helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
         np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
-        _open_profiles(evaluator.traces, step).reshape(2, *near.shape),
-        _open_helices(evaluator.traces, grid.size[1]).reshape(2, *near.shape),
+        _open_ends(evaluator.traces).reshape(2, *near.shape),
         hidden,
     )
 
@@ -82,26 +78,11 @@ def _share_seen(trace: Array, at: Array, reach: Array) -> Array:
     return np.asarray(((np.isfinite(trace).astype(np.float64) @ near.T.astype(np.float64)) > 0).mean(axis=2))
 
 
-def _open_profiles(traces: Traces, step: float) -> Array:
-    """``Coverage.profile_ends`` (2 ends, flanks)."""
-    nominal = traces.nominal
-    at = traces.rolls[:, traces.band].reshape(traces.rolls.shape[0], -1)
-    return _open_ends(at, nominal.profile_range, step_on_flank(nominal, np.array(nominal.profile_range), step) / 2)
-
-
-def _open_helices(traces: Traces, cell: float) -> Array:
-    """``Coverage.helix_ends`` (2 ends, flanks)."""
-    return _open_ends(traces.heights, traces.nominal.helix_range, np.full(2, cell / 2))
-
-
-def _open_ends(at: Array, limits: tuple[float, float], usual: Array) -> Array:
-    """How far (2 ends, flanks) mm readings ``at`` (flanks, n) mm, NaN: none, end before a range does; 0 where it is no
-    more than ``usual`` (2,) mm.
-    """
-    low, high = limits
-    lowest, highest = (np.where(np.isfinite(at), at, sign * np.inf) for sign in (1, -1))
-    gaps = np.stack([lowest.min(axis=1) - low, high - highest.max(axis=1)])
-    return np.where(gaps > usual[:, None], gaps, 0.0)
+def _open_ends(traces: Traces) -> Array:
+    """How far (2 ends, flanks) mm the helix' points end before its range does."""
+    low, high = traces.nominal.helix_range
+    lowest, highest = (np.where(np.isfinite(traces.heights), traces.heights, sign * np.inf) for sign in (1, -1))
+    return np.maximum([lowest.min(axis=1) - low, high - highest.max(axis=1)], 0.0)
 
 
 def _widest_gap(traces: Traces) -> Array:

@@ -68,6 +68,11 @@ class Assessment:
         """Half a cell's height over the height of the middle of the face."""
         return self.cell_height / (4 * TRACE_SHARE * self.nominal.gear.face_width)
 
+    @property
+    def open_end(self) -> float:
+        """mm before the end of its range at which a helix that was seen to its end may have its last point."""
+        return self.cell_height / 2
+
 
 def with_damage(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     """The line with what is not known of damage in its U, and the verdict that is left of it: of damage that it reads,
@@ -124,16 +129,19 @@ def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...
 
 
 def _at_open_ends(a: Assessment, name: str, at: tuple[int, ...]) -> float:
-    """How deep (mm) damage like that at the same end of other flanks may be where a trace was not seen to its end."""
-    profile = name in PROFILE_NAMES
-    low, high = a.nominal.profile_range if profile else a.nominal.helix_range
-    gone, deepest = [d for d in a.damage if d.depth and d.clear and not d.on_top], 0.0
-    for end, gaps in enumerate(a.coverage.profile_ends if profile else a.coverage.helix_ends):
+    """How deep (mm) damage like that at the same end of other flanks may be where a helix was not seen to its end."""
+    if name in PROFILE_NAMES:
+        return 0.0
+    (low, high), deepest = a.nominal.helix_range, 0.0
+    for end, gaps in enumerate(a.coverage.helix_ends):
         gap = float(gaps[at[0], at[1] if len(at) > 1 else a.there].max(initial=0.0))
-        for damage in gone if gap else ():
-            first, last = damage.rolls if profile else damage.heights
-            if last > high - gap if end else first < low + gap:
-                deepest = max(deepest, damage.depth or 0.0)
+        reaching = [
+            d.depth
+            for d in a.damage
+            if d.depth and d.clear and not d.on_top and (d.heights[1] > high - gap if end else d.heights[0] < low + gap)
+        ]
+        if gap > a.open_end:
+            deepest = max(deepest, *reaching, 0.0)
     return min(deepest, a.nominal.thickness / 2)
 
 
