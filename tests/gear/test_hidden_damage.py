@@ -134,6 +134,25 @@ def test_a_tooth_broken_off_just_inside_the_helix_range_was_not_seen_to_its_end(
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6  # F, f_f and f_H of both flanks
 
 
+def test_teeth_that_all_end_inside_the_helix_range_were_not_seen_to_its_end():
+    """Beside none of them is one that goes on: f_fbeta 0.0 +- 0.5 for 494 on every flank, and the gear conformed."""
+    narrow = replace(GEAR, face_width=12.0)
+    bottom = involute(narrow).helix_range[0]
+    short = tuple(Worn(t, f, (0.0, 20.0), (4.0, bottom + 0.5), 0.5, 0.02) for t, f in product(range(1, 25), FLANKS))
+    found = inspected(replace(SOUND, worn=short), narrow, points=320)
+    assert not found.reasons
+    assert "conforms" not in {c.verdict for c in found.characteristics if c.name in (*HELIX, "f_Hbeta")}
+
+
+def test_a_pit_seen_by_a_row_of_cells_is_damage_where_many_readings_say_so():
+    """Its floor is in the shadow of its rim: F_alpha 8.6 +- 3.9 for 46, and conformed."""
+    fine = replace(GEAR, teeth=40, module=0.8, tip_diameter=33.6, root_diameter=30.0)
+    pit = Dent(15, "right", involute(fine).measuring_roll - 0.3, 15.0, 0.35, 0.15)
+    found = inspected(replace(SOUND, dents=(pit,)), fine, simulation(8000, noise=0.003), 200)
+    assert {verdict(found, name, 15, "right") for name in PROFILE} <= {"undecided", "does_not_conform"}
+    assert {verdict(found, name, 16, "right") for name in PROFILE} == {"conforms"}
+
+
 @pytest.mark.parametrize("radius", tried([0.25], 0.4))
 def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_lost(radius):
     """A profile or two cross it, and lack a few readings: f_p 10.5 +- 0.3 for 82, and the gear conformed."""
@@ -143,6 +162,14 @@ def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_
         assert verdict(found, name, 7) == "undecided" and verdict(found, name, 8) == "conforms", name
         assert "no reading shows the flank" in line(found, name, 7).reason, name
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6
+
+
+def test_such_pits_on_every_flank_are_not_usual():
+    """At one place of all of them: f_fbeta 0.5 +- 0.6 for 137, on every flank, and the gear conformed."""
+    middle = involute(GEAR).measuring_roll
+    pits = tuple((t, f, middle, 15.0, 0.3) for t, f in product(range(1, 25), FLANKS))
+    lines = [c for c in inspected(SOUND, points=640, blind=pits).characteristics if c.tooth]
+    assert not [(c.name, c.flank, c.tooth) for c in lines if c.name in FORM_LINES and c.verdict == "conforms"]
 
 
 def test_long_runs_of_lost_readings_are_usual_where_many_get_lost():

@@ -125,10 +125,7 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     size = plain in SIZES
     coverage = _coverage(a, plain, at)
     status = status_of(coverage)
-    narrowest = a.nominal.gear.evaluation.narrowest_damage
-    too_wide = narrowest is not None and gap_of(a, plain, at) > narrowest
-    hidden = plain in PROFILE_NAMES and bool(a.coverage.hidden[at[0]])
-    if status == "measured" and (too_wide or hidden):
+    if status == "measured" and plain in MEANS and not _seen_whole(a, plain, at):
         status = "partial"
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))
@@ -148,6 +145,19 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
         standard=standard,
         budget=budget,
     )
+
+
+def _seen_whole(a: Assessment, name: str, at: tuple[int, ...]) -> bool:
+    """Whether the traces that a figure reads were seen to their ends, without a gap in which damage may hide; those of
+    a mean, on every tooth.
+    """
+    narrowest = a.nominal.gear.evaluation.narrowest_damage
+    if narrowest is not None and gap_of(a, name, at) > narrowest:
+        return False
+    if name in PROFILE_NAMES:
+        return not a.coverage.hidden[at[0]]
+    of_teeth = (slice(None), at[0], at[1] if len(at) > 1 else a.there)
+    return bool((a.coverage.helix_ends[of_teeth] < a.cell_height).all())
 
 
 def _coverage(a: Assessment, name: str, at: tuple[int, ...]) -> float:

@@ -148,23 +148,24 @@ def damage_of(
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
     spread = max(grid.scatter, robust_sd(depth) if depth.size else 0.0)  # speckle is alike within a cell
     found = []
-    below = (far_off & (rest < 0)) | _departing(cell[depth > DEPARTS * spread], grid)
-    above = (far_off & (rest > 0)) | _departing(cell[depth < -DEPARTS * spread], grid)
+    lower, higher = (_number(cell[sign * depth > DEPARTS * spread], grid) for sign in (1, -1))
+    below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
     unseen, missed = _unseen(rays, there)
-    unusual = np.maximum(missed, IN_ONE_ROW * rays.in_runs.missed)
-    for sign, departing, marked, weight in (
-        (1, below, below | unseen, np.maximum(below, unusual)), (-1, above, above, above),
+    unusual, not_met = (np.maximum(missed, weight * rays.in_runs.missed) for weight in (IN_ONE_ROW, 1))
+    for sign, departing, number, marked, weight in (
+        (1, below, lower, below | unseen, np.maximum(below, unusual)), (-1, above, higher, above, above),
     ):  # fmt: skip
         marked = marked & grid.in_ranges & there[:, None, None]
         bridged = _with_those_between(bridge_gaps(marked, grid, step), grid.seen, BETWEEN)
         for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
-            for region in _regions(marked[side, tooth], weight[side, tooth], bridged[side, tooth]):
+            of_flank = (cells[side, tooth] for cells in (marked, weight, number, bridged))
+            for region in _regions(*of_flank):
                 on = (region & departing[side, tooth]).reshape(-1)
                 found.append(_damage(_Region(
                     int(side), int(tooth), region, sign, sign * depth[own[on[cell[own] % region.size]]], spread,
                     evaluator.noise.ratio(side, tooth, rest[side, tooth], region),
-                    float(missed[side, tooth][region].sum()),
+                    float(not_met[side, tooth][region].sum()),
                     float(unusual[side, tooth][region].sum()) >= LEAST_CELLS,
                 ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
@@ -310,9 +311,13 @@ def _shadow(nominal: Involute, roll: float, radial: float) -> float:
     return sqrt(1.0 - facing**2) / max(facing, 1e-3)
 
 
-def _departing(cell: NDArray[np.int64], grid: Grid) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) of which many a reading departs, by the cells (n,) of those that do."""
-    number = np.bincount(cell, minlength=grid.delta.size).reshape(grid.delta.shape)
+def _number(cell: NDArray[np.int64], grid: Grid) -> Array:
+    """How many readings each cell (2, teeth, roll lengths, heights) has, by the cells (n,) of readings."""
+    return np.bincount(cell, minlength=grid.delta.size).reshape(grid.delta.shape).astype(np.float64)
+
+
+def _departing(number: Array, grid: Grid) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) of which many a reading departs, by the ``number`` of those that do."""
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
 
 
@@ -416,13 +421,20 @@ def _deviance(number: Array, of: Array, share: Array) -> Array:
     return np.asarray(np.sign(found - share) * np.sqrt(np.maximum(square, 0.0)))
 
 
-def _regions(cells: Mask, weight: Array, bridged: Mask) -> list[Mask]:
-    """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and weigh enough."""
+def _regions(cells: Mask, weight: Array, departing: Array, bridged: Mask) -> list[Mask]:
+    """Stretches of cells (roll lengths, heights) that hang together in ``bridged`` and weigh enough, or of which
+    readings enough are ``departing``: where profiles lie close, a row of few cells has many.
+    """
     from scipy.ndimage import label
 
     marked, number = label(bridged, np.ones((3, 3)))
     regions = (cells & (marked == n) for n in range(1, number + 1))
-    return [r for r in regions if weight[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)]
+    return [
+        r
+        for r in regions
+        if weight[r].sum() >= (IN_ONE_ROW if r.any(axis=1).sum() == 1 else LEAST_CELLS)
+        or departing[r].sum() >= IN_ONE_ROW
+    ]
 
 
 def _extent(centres: Array, size: float, on: Mask) -> tuple[float, float]:

@@ -37,6 +37,10 @@ USUALLY, LONGER, LEAST_RUN = 0.75, 2.5, 4
 """Quantile of the longest runs of readings that flanks of a side lack, how many times as long one must be to be none of
 the usual, and by how many readings more.
 """
+RUN_BY_CHANCE, LEAST_CHANCE_RUN = 0.01, 3
+"""Probability that any run of a side is as long by chance, and readings that such a run has at least."""
+LEAST_SHARE_LOST, MOST_SHARE_LOST = 1e-3, 0.9
+"""Share of the readings of a side that get lost, at least and at most."""
 STEPS_OF_INCIDENCE = 20
 """In which it is told how many rays get lost: as many rays in each."""
 STANDS_WITHIN = 0.01
@@ -205,13 +209,18 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[flo
 
 def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:
     """Which of some ``runs`` (n,), each so many readings that a profile lacks on end on its ``flank`` (n,), are longer
-    than chance makes the longest one of a flank.
+    than chance makes the longest one of a flank: than most flanks have it, and, as most may be damaged alike, than it
+    is where readings get lost one by one as often as they do on that side.
     """
     teeth = grid.delta.shape[1]
     longest = np.zeros(2 * teeth)
     np.maximum.at(longest, flank, runs)
-    usual = np.quantile(longest.reshape(2, teeth), USUALLY, axis=1)
-    return np.asarray((runs >= LEAST_RUN) & (runs >= LONGER * usual[flank // teeth] + LEAST_RUN))
+    usual = LONGER * np.quantile(longest.reshape(2, teeth), USUALLY, axis=1) + LEAST_RUN
+    side = flank // teeth
+    lost, seen = np.bincount(side, runs, minlength=2), np.bincount(side, minlength=2)
+    share = np.clip(lost / np.maximum(lost + seen, 1.0), LEAST_SHARE_LOST, MOST_SHARE_LOST)
+    by_chance = np.log(RUN_BY_CHANCE / np.maximum(seen, 1)) / np.log(share)
+    return np.asarray(runs >= np.minimum(usual, np.maximum(by_chance, LEAST_CHANCE_RUN))[side])
 
 
 def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float]) -> Mask:
