@@ -326,9 +326,9 @@ def _cut(flanks: Flanks, grid: Grid) -> Mask:
     from scipy.ndimage import uniform_filter
 
     at = cell_of(flanks.outside_gate, grid.nominal, grid.rolls.size, grid.edges)
-    outside = np.bincount(at, minlength=grid.delta.size).reshape(grid.delta.shape)
+    outside = _number(at, grid)
     enough = np.maximum(CONFIRMED * grid.usual, FEW)
-    together = 15 * uniform_filter(outside.astype(np.float64), (1, 1, 5, 3), mode="constant")
+    together = 15 * uniform_filter(outside, (1, 1, 5, 3), mode="constant")
     cut = (outside >= enough) & (grid.count < enough) & (together > LEAST_OUTSIDE - 0.5)
     return np.asarray(cut & grid.in_ranges)
 
