@@ -1,38 +1,44 @@
 """Checks that a scan passes or fails, on fits made by hand."""
 
-from types import SimpleNamespace
+from cmath import phase
 
-import numpy as np
 import pytest
 
 from truestand.calibration.calibrate import calibrate
-from truestand.calibration.checks import shared_form
-from truestand.calibration.model import Model
+from truestand.core.calibration import TABLE_BEARING, Harmonic, shared_waves_of
 from truth import scan_of, shaft
 
 
-def fit_with_form(*waves, orders=4):
-    """A fit of two surfaces whose harmonics are (surface, upr, cosine mm, sine mm) alone."""
-    model = Model((12.5, 6.97), (-10.0, 15.0), -71.0, 0.0, orders, (0.0, 1.0), ((70.0, 95.0), (95.0, 121.0)))
-    parameters = np.zeros(model.size)
-    for surface, upr, cosine, sine in waves:
-        start = model.form_slice(surface).start + upr - 2
-        parameters[start], parameters[start + orders - 1] = cosine, sine
-    return SimpleNamespace(model=model, solution=SimpleNamespace(parameters=parameters))
+def shared(*waves):
+    """Of waves (surface, upr, complex mm) on two surfaces that have little else; (waves a turn, mm)."""
+    rest = tuple(Harmonic(s, n, 1e-6, 0.0) for s in ("base", "step") for n in range(2, 6))
+    found = shared_waves_of(rest + tuple(Harmonic(s, n, abs(w), phase(w)) for s, n, w in waves))
+    return [(w.waves, pytest.approx(w.amplitude)) for w in found]
 
 
 def test_form_of_one_size_and_phase_on_all_surfaces_is_shared():
-    fit = fit_with_form((0, 3, 0.003, -0.004), (1, 3, 0.003, -0.004), (0, 2, 0.02, 0.0))
-    assert shared_form(fit) == pytest.approx(0.005)
+    assert shared(("base", 3, 3e-3 - 4e-3j), ("step", 3, 3e-3 - 4e-3j), ("base", 2, 0.02)) == [(3, 0.005)]
 
 
 def test_form_of_one_surface_or_of_another_phase_is_not_shared():
-    assert shared_form(fit_with_form((0, 2, 0.02, 0.0))) == 0.0
-    assert shared_form(fit_with_form((0, 2, 0.02, 0.0), (1, 2, 0.0, 0.02))) == 0.0
+    assert shared(("base", 2, 0.02)) == []
+    assert shared(("base", 2, 0.02), ("step", 2, 0.02j)) == []
 
 
-def test_a_fit_without_form_shares_none():
-    assert shared_form(fit_with_form(orders=1)) == 0.0
+def test_a_wave_of_the_bearing_is_shared_whatever_the_form():
+    assert shared((TABLE_BEARING, 4, 3e-3j), ("base", 4, 0.02)) == [(4, 0.003)]
+
+
+def test_what_of_a_wave_of_the_bearing_passes_for_form_counts_with_it():
+    """Table angle and polar angle run against each other."""
+    of_form = 1e-3 - 2e-3j
+    assert shared((TABLE_BEARING, 4, 2e-3 + 1e-3j), ("base", 4, of_form), ("step", 4, of_form)) == [
+        (4, abs(3e-3 + 3e-3j))
+    ]
+
+
+def test_one_surface_shares_nothing():
+    assert shared_waves_of((Harmonic("base", 2, 0.02, 0.0), Harmonic(TABLE_BEARING, 2, 0.01, 0.0))) == ()
 
 
 def test_a_wave_that_all_surfaces_share_is_in_u_of_the_eccentricity():

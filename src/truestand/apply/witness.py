@@ -195,7 +195,8 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
     angle = table_angle(turned, calibration)
     rows, traces, heights, azimuths = [], [], [], []
     for band in bands:
-        trace = row_medians(_deviation(surface, band, calibration), band.on, LEAST_READINGS)
+        deviation = _deviation(surface, band, calibration) - calibration.bearing_at(angle)[:, None]
+        trace = row_medians(deviation, band.on, LEAST_READINGS)
         seen = np.flatnonzero(np.isfinite(trace))
         x, y = (np.where(band.on[seen], part[seen], 0.0).sum(axis=1) for part in (surface.x, surface.y))
         rows.append(seen)

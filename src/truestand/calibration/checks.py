@@ -11,7 +11,6 @@ from truestand.calibration.repeated import repeated_share
 from truestand.calibration.segment import LEAST_CONFIDENCE, LEAST_EXPLAINED, Segments
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Check, Residuals, StaticProfile
-from truestand.core.harmonics import shared_waves
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
 
@@ -51,10 +50,12 @@ def checks_of(
     residuals: Residuals,
     static: tuple[StaticProfile, ...],
     uneven: float,
+    shared: float,
 ) -> tuple[Check, ...]:
     """All checks of one calibration, the gravest first.
 
-    ``uneven``: mm, rms, by which form changes along the shaft.
+    ``uneven``: mm, rms, by which form changes along the shaft; ``shared``: mm, the largest wave that all surfaces have
+    alike.
     """
     share = max(residuals.rejected / max(residuals.points, 1), outlier_share(scan, fit))
     repeated, most_repeated = repeated_share(scan)
@@ -84,12 +85,12 @@ def checks_of(
                          "let sensor and table warm up; check that nothing is loose"),
         Check.at_most_um("form_changes_along_shaft", "form changes along the shaft, um", uneven, MOST_UNEVEN_MM,
                          "clean the shaft: oil and dirt look like that; it stands in U"),
-        *_angle_checks(scan, fit),
+        *_angle_checks(scan, fit, shared),
         *_static_checks(scan, artefact, fit, static),
     )  # fmt: skip
 
 
-def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
+def _angle_checks(scan: Scan, fit: Refined, shared: float) -> list[Check]:
     """What a wrong table angle, or a table whose bearing errs, does to all surfaces alike."""
     checks = []
     source = "angle" if scan.free_speed else "bearing"
@@ -112,20 +113,11 @@ def _angle_checks(scan: Scan, fit: Refined) -> list[Check]:
             "counter, or start the scan later",
         ))  # fmt: skip
     checks.append(Check.at_most_um(
-        f"form_shared_{source}", f"form shared by all surfaces ({source}), um", shared_form(fit), MOST_SHARED_MM,
+        f"form_shared_{source}", f"form shared by all surfaces ({source}), um", shared, MOST_SHARED_MM,
         "the table's bearing, or an angle that is not what it seems (lost profiles, uneven turning), shows on "
         "all surfaces alike: record the angle, or clamp the shaft at another angle to tell which it is",
     ))  # fmt: skip
     return checks
-
-
-def shared_form(fit: Refined) -> float:
-    """The largest amplitude (mm) of a form harmonic that all surfaces share in size and phase; 0 with one surface."""
-    if len(fit.model.radii) < 2:
-        return 0.0
-    p, model = fit.solution.parameters, fit.model
-    waves = np.stack([p[model.form_slice(k)].reshape(2, -1) for k in range(len(model.radii))])
-    return float(shared_waves(waves[:, 0] + 1j * waves[:, 1]).max(initial=0.0))
 
 
 def _static_checks(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> list[Check]:

@@ -90,7 +90,7 @@ class FlatMap:
     paper: Array | None
     stand: Array
     residual: Array
-    """After the fitted form."""
+    """After the fitted form, and the bearing's waves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def gather(scan: Scan, artefact: Artefact, calibration: Calibration, paper: Cali
         projection=_projection(part, calibration, surfaces[2], tuple(seen)),
         wave=wave,
         spectrum=spectrum,
-        maps=tuple(_flat(c, surfaces, turns, calibration) for c in seen),
+        maps=tuple(_flat(c, surfaces, turns, calibration, calibration.bearing_at(angle)) for c in seen),
         rolled=tuple(_rolled(c, surfaces) for c in seen),
     )
 
@@ -202,14 +202,18 @@ def _signal(uncentred: Surface, angle: Array, turns: Array, cylinder: Cylinder, 
 
 
 def _flat(
-    cylinder: Cylinder, surfaces: tuple[Surface, Surface | None, Surface], turns: Array, calibration: Calibration
+    cylinder: Cylinder,
+    surfaces: tuple[Surface, Surface | None, Surface],
+    turns: Array,
+    calibration: Calibration,
+    bearing: Array,
 ) -> FlatMap:
     before, paper, stand = surfaces
     on = _on(stand, cylinder)
     low, high = float(stand.z[on].min()), float(stand.z[on].max())
     at = np.broadcast_to(turns[:, None], on.shape)[on]
     columns = max(1, round(MAP_ANGLES * min(float(turns[-1]), 5.0)))
-    form = calibration.form_of(cylinder.name, stand.angle)
+    form = calibration.form_of(cylinder.name, stand.angle) + bearing[:, None]
 
     def mapped(deviation: Array) -> Array:
         return _binned(deviation[on], stand.z[on], at, (low, high), float(turns[-1]), columns)

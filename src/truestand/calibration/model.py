@@ -1,12 +1,13 @@
 """The exact model of the stand: what a reading (x, z) at table angle theta says about the shaft.
 
-    p_T = (u - static(s), d + v sin(alpha), v cos(alpha))      u, v: radial and axial position in the laser plane
+    p_T = (u - static(s) - bearing(theta), d + v sin(alpha), v cos(alpha))
     p_R = Rz(-theta) p_T
     residual = (distance of p_R to the cylinder's axis - R - form(psi)) / cosine of the normal to T's X
 
-Unknowns: the sensor's phi, radial position, laser-plane offset d and tilt alpha; the shaft's eccentricity and tilt;
-optionally the table speed; a linear drift; per further cylinder its axis against the base's (with the certificate's
-prior); per cylinder form harmonics 2..n and a free static profile. The static profile absorbs whatever does not turn
+u, v: radial and axial position in the laser plane. Unknowns: the sensor's phi, radial position, laser-plane offset d
+and tilt alpha; the shaft's eccentricity and tilt; optionally the table speed; a linear drift; per further cylinder its
+axis against the base's (with the certificate's prior); per cylinder form harmonics 2..n and a free static profile;
+waves 2..n of the table's bearing, which move all cylinders alike. The static profile absorbs whatever does not turn
 with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
 (docs/theory.md, *What the data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands
 at the end of this file.
@@ -62,6 +63,7 @@ STEEP_ENOUGH = 0.3
 MOUNTING = "mounting of the laser plane"
 COAXIALITY = "coaxiality of the steps"
 WEAK = "form and static profile"
+BEARING = "waves of the table's bearing"
 CLAMPING_U = 0.04
 """rad, k = 2: no shaft runs more tilted than this."""
 DRIFT_U = 0.1
@@ -73,6 +75,8 @@ FIXED_U = 1e-10
 STATIC_U = 0.1
 """mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
 of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
+BEARING_WAVE_U = 0.01
+"""mm, k = 2, of each wave of the bearing: what can't be told from form that all cylinders share passes for form."""
 CONSIDERED_U = 1e-7
 """mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
@@ -111,7 +115,7 @@ class Model:
     start_angle: float
     """rad: table angle of the first profile, from which a wrong speed counts."""
     orders: int
-    """Form harmonics 2..orders per cylinder."""
+    """Form harmonics 2..orders per cylinder, and waves of the bearing."""
     static_axis: tuple[float, float]
     """Direction (along x, along z) of the sensor coordinate over which the static profile runs."""
     static_spans: tuple[tuple[float, float], ...]
@@ -125,7 +129,7 @@ class Model:
     @property
     def size(self) -> int:
         """Number of unknowns, p."""
-        return int(self.form_slice(len(self.radii)).start)
+        return int(self.bearing_slice.stop)
 
     def static_degrees(self, cylinder: int) -> list[int]:
         """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
@@ -151,6 +155,16 @@ class Model:
         terms = 2 * max(self.orders - 1, 0)
         start = self.static_slice(len(self.radii)).start + terms * cylinder
         return slice(start, start + terms)
+
+    @property
+    def forms_slice(self) -> slice:
+        """Form of all cylinders, one behind the other."""
+        return slice(self.form_slice(0).start, self.form_slice(len(self.radii)).start)
+
+    @property
+    def bearing_slice(self) -> slice:
+        """Radial waves of the table's bearing: cos 2..orders, then sin 2..orders (mm) of the table's angle."""
+        return self.form_slice(len(self.radii))
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
@@ -190,7 +204,7 @@ class Model:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
         at = self._geometry(p, r, k)
         coefficients = p[self.form_slice(k)]
-        cosines, sines = _waves(at.normal, self.orders)
+        cosines, sines = _waves(at.normal[0], at.normal[1], self.orders)
         a, b = np.split(coefficients, 2)
         residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
         if jacobian is None:
@@ -205,6 +219,7 @@ class Model:
             jacobian[:, axis : axis + 2] = jacobian[:, ECCENTRICITY]
             jacobian[:, axis + 2 : axis + 4] = jacobian[:, TILT] - self.middles[k] * jacobian[:, ECCENTRICITY]
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
+        jacobian[:, self.bearing_slice] = -np.vstack(at.bearing).T * jacobian[:, RADIAL, None]
         jacobian[:, self.form_slice(k)] = -np.vstack([cosines, sines]).T
         jacobian /= at.facing[:, None]
         return np.asarray(residual)
@@ -214,11 +229,13 @@ class Model:
         offset, tilt = p[PLANE_OFFSET], p[PLANE_TILT]
         across, along = LaserPlane(p[PHI]).to_uv(r.x, r.z)
         static = self.static_basis(r.x, r.z, k)
-        u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)]
         v = along + self.height
         y, z = offset + sin(tilt) * v, cos(tilt) * v
         angle = self.angle(p, r.angle)
         c, s = np.cos(angle), np.sin(angle)
+        bearing = _waves(c, s, self.orders)
+        waves = p[self.bearing_slice] @ np.vstack(bearing)
+        u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)] - waves
         point = np.stack([c * u + s * y, c * y - s * u, z])
         ex, ey, tx, ty = _axis(self, p, k)
         length = np.sqrt(tx * tx + ty * ty + 1.0)
@@ -228,7 +245,9 @@ class Model:
         distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
         normal /= distance
         towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
-        return _ReadingGeometry(across, along, static, v, c, s, point, lengthwise / length, normal, distance, towards)
+        return _ReadingGeometry(
+            across, along, static, bearing, v, c, s, point, lengthwise / length, normal, distance, towards
+        )
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
@@ -244,7 +263,14 @@ class Model:
         jacobian[:, TILT_X], jacobian[:, TILT_Y] = -at.lever * gradient[0], -at.lever * gradient[1]
         jacobian[:, DRIFT] = across * r.time
         turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
-        jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
+        jacobian[:, SPEED] = (turning - across * self._bearing_slope(p, at)) * (r.angle - self.start_angle)
+
+    def _bearing_slope(self, p: Array, at: "_ReadingGeometry") -> Array:
+        """Slope (n,) of the bearing's waves over the table's angle, mm/rad."""
+        n = np.arange(2, self.orders + 1)
+        a, b = np.split(p[self.bearing_slice], 2)
+        cosines, sines = at.bearing
+        return np.asarray((n * b) @ cosines - (n * a) @ sines)
 
     def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, which: Ints) -> Array:
         """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm on the
@@ -268,6 +294,8 @@ class _ReadingGeometry:
     across: Array
     along: Array
     static: Array
+    bearing: tuple[Array, Array]
+    """cos and sin (orders - 1, n) of 2..orders times the table's angle."""
     v: Array
     c: Array
     s: Array
@@ -301,9 +329,10 @@ def _axis(model: Model, p: Array, k: int) -> tuple[float, float, float, float]:
     return float(ex), float(ey), float(tx), float(ty)
 
 
-def _waves(normal: Array, orders: int) -> tuple[Array, Array]:
-    """cos and sin (orders - 1, n) of harmonics 2..orders at the polar angle of normals (3, n)."""
-    c, s = normal[:2] / np.hypot(normal[0], normal[1])
+def _waves(c: Array, s: Array, orders: int) -> tuple[Array, Array]:
+    """cos and sin (orders - 1, n) of harmonics 2..orders at the polar angle of directions (c, s), each (n,)."""
+    size = np.hypot(c, s)
+    c, s = c / size, s / size
     cosines, sines = np.empty((2, max(orders, 1), c.size))
     cosines[0], sines[0] = c, s
     for n in range(1, orders):
@@ -360,6 +389,8 @@ def carried(before: Model, after: Model, parameters: Array) -> Array:
     for k in range(len(before.radii)):
         old = parameters[before.form_slice(k)].reshape(2, -1)
         p[after.form_slice(k)].reshape(2, -1)[:, : old.shape[1]] = old
+    old = parameters[before.bearing_slice].reshape(2, -1)
+    p[after.bearing_slice].reshape(2, -1)[:, : old.shape[1]] = old
     return p
 
 
@@ -409,6 +440,9 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             priors.append(Prior(WEAK, (i,), u))
         if forms.stop > forms.start:
             priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
+    bearing = model.bearing_slice
+    if bearing.stop > bearing.start:
+        priors.append(Prior(BEARING, tuple(range(bearing.start, bearing.stop)), BEARING_WAVE_U / 2))
     return tuple(priors)
 
 

@@ -20,7 +20,15 @@ from truestand.calibration.segment import segment
 from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import ASSUMED, CLAMPED_U, K
-from truestand.core.calibration import Calibration, Check, Harmonic, Positions, Separated, StepAxis
+from truestand.core.calibration import (
+    TABLE_BEARING,
+    Calibration,
+    Check,
+    Harmonic,
+    Positions,
+    Separated,
+    StepAxis,
+)
 from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import RADIAL
 from truestand.core.harmonics import wrap
@@ -323,17 +331,22 @@ def _form_and_bearing(
         if table:
             weights = np.array([1.0 / max(U, 1e-9) ** 2 for _, U in table])
             mean = complex(weights @ np.array([v for v, _ in table]) / weights.sum())
-            bearing.append(_separated("table bearing", n, mean, 1.0 / sqrt(float(weights.sum()))))
+            bearing.append(_separated(TABLE_BEARING, n, mean, 1.0 / sqrt(float(weights.sum()))))
             difference = max(difference, *(abs(v - mean) - U for v, U in table))
     return tuple(form), tuple(bearing), tuple(inseparable), difference
 
 
 def _wave(fit: Refined, k: int, n: int) -> tuple[complex, float]:
-    """Harmonic n on a surface as the complex w of Re(w exp(i n psi)), mm, and the variance of one of its parts."""
-    form = fit.model.form_slice(k)
-    a, b = fit.solution.parameters[form].reshape(2, -1)[:, n - 2]
-    variances = np.diag(_covariance(fit))[form].reshape(2, -1)[:, n - 2]
-    return complex(a, -b), float(variances.sum()) / 2
+    """Harmonic n that a surface shows as the complex w of Re(w exp(i n psi)), mm, and the variance of one of its parts.
+
+    Form and bearing of the single fit together: what one scan can tell of them apart is not used here.
+    """
+    # At table angle theta the sensor sees the surface at psi = -theta: the bearing's sines change sign.
+    shown, sine = np.zeros((2, fit.model.size)), fit.model.orders - 1
+    for place, turned in ((fit.model.form_slice(k), 1.0), (fit.model.bearing_slice, -1.0)):
+        shown[0, place.start + n - 2], shown[1, place.start + sine + n - 2] = 1.0, turned
+    a, b = shown @ fit.solution.parameters
+    return complex(a, -b), float(np.trace(shown @ _covariance(fit) @ shown.T)) / 2
 
 
 def _separated(surface: str, n: int, w: complex, U: float) -> Separated:

@@ -23,8 +23,10 @@ from truestand.calibration.segment import Segments
 from truestand.calibration.start import WHOLE_TURN, RoughStand, repeats_within
 from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import BEARING_U, K
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import PHI, RADIAL, LaserPlane
+from truestand.core.harmonics import shared_waves
 from truestand.core.robust import TUKEY, robust_sd
 from truestand.core.scan import Scan
 
@@ -47,7 +49,7 @@ SIGNIFICANT = 4.0
 LEAST_HARMONIC_MM = 5e-5
 """Smaller ones change no result that is reported."""
 MOST_CHI_SQUARE = 25.0
-"""Chi-square of two unknowns up to which they are as stated. Not the 11.8 of three standard deviations: over one turn u
+"""Chi-square of unknowns up to which they are as stated. Not the 11.8 of three standard deviations: over one turn u
 comes out 1.4 times too small (12 scans), and 11.8 frees them in one scan of twelve that has neither."""
 
 
@@ -145,20 +147,48 @@ def _with_covariance(fit: Refined) -> Refined:
 
 
 def _steady(fit: Refined) -> Refined:
-    """The fit with drift and table speed held as stated, their u considered, where the scan shows no others.
+    """The fit with drift and table speed held as stated, and with a bearing as good as most, where the scan shows no
+    others.
 
-    Over a single turn the two take up each other's noise: free, they scatter the eccentricity by 0.05 um; held, by
-    0.004, if the table does run as stated. From 5e-5 off its speed the scan shows it and they stay free.
+    Over a single turn drift and speed take up each other's noise: free, they scatter the eccentricity by 0.05 um; held,
+    by 0.004, if the table does run as stated. From 5e-5 off its speed the scan shows it and they stay free. Slow waves
+    of the bearing, free, take up the noise of the laser plane's offset.
     """
-    both = [DRIFT, SPEED]
-    covariance = np.asarray(sum(fit.covariance.values()))[np.ix_(both, both)]
-    estimate = fit.solution.parameters[both]
-    if estimate @ np.linalg.solve(covariance, estimate) > MOST_CHI_SQUARE:
-        return fit
-    u = dict(zip(both, np.sqrt(np.diag(covariance)), strict=True))
-    return fit.held_by(
-        tuple(replace(q, u=float(u[q.index[0]]), considered=True) if q.index[0] in u else q for q in fit.priors)
-    )
+    steady = (DRIFT, SPEED)
+    if not _shown(fit, steady):
+        covariance = np.diag(np.asarray(sum(fit.covariance.values())))
+        fit = _with_u(fit, {at: float(np.sqrt(covariance[at])) for at in steady}, considered=True)
+    bearing = fit.model.bearing_slice
+    waves = tuple(range(bearing.start, bearing.stop))
+    if waves and not _shown(fit, waves):
+        # What all surfaces share may be the bearing's nevertheless.
+        u = np.tile(np.maximum(_shared(fit), BEARING_U) / K, 2)
+        fit = _with_u(fit, dict(zip(waves, u.tolist(), strict=True)))
+    return fit
+
+
+def _shown(fit: Refined, unknowns: tuple[int, ...]) -> bool:
+    """Whether the scan shows that these are not zero."""
+    covariance = np.asarray(sum(fit.covariance.values()))[np.ix_(unknowns, unknowns)]
+    estimate = fit.solution.parameters[list(unknowns)]
+    return bool(estimate @ np.linalg.solve(covariance, estimate) > MOST_CHI_SQUARE)
+
+
+def _with_u(fit: Refined, u: dict[int, float], considered: bool = False) -> Refined:
+    """The fit with other standard uncertainties ``u`` of some unknowns beforehand."""
+    priors: list[Prior] = []
+    for prior in fit.priors:
+        others = tuple(at for at in prior.index if at not in u)
+        priors += [replace(prior, index=others)] if others else []
+        priors += [replace(prior, index=(at,), u=u[at], considered=considered) for at in prior.index if at in u]
+    return fit.held_by(tuple(priors))
+
+
+def _shared(fit: Refined) -> Array:
+    """Amplitude (orders - 1,) mm of each wave of form that all surfaces have alike."""
+    forms = [fit.solution.parameters[fit.model.form_slice(k)].reshape(2, -1) for k in range(len(fit.model.radii))]
+    waves = np.array([cosines + 1j * sines for cosines, sines in forms])
+    return shared_waves(waves) if len(waves) > 1 else np.zeros(waves.shape[1])
 
 
 def _fit(

@@ -5,7 +5,7 @@ from math import degrees, hypot, sqrt
 
 import numpy as np
 
-from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of, shared_form
+from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of
 from truestand.calibration.covariance import weigh
 from truestand.calibration.model import GEOMETRY, SPEED, Readings
 from truestand.calibration.refine import Refined
@@ -23,12 +23,14 @@ from truestand.core.assumptions import (
     K,
 )
 from truestand.core.calibration import (
+    TABLE_BEARING,
     Calibration,
     Harmonic,
     Residuals,
     ScanSummary,
     StaticProfile,
     Uncertainty,
+    shared_waves_of,
 )
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -80,9 +82,11 @@ def calibration_with(scan: Scan, artefact: Artefact, fit: Refined, parts: dict[s
     geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in parts.items()}
     static = static_profiles(artefact, fit)
     stated = {q.name: q.u for q in reversed(fit.priors)}
-    budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static), _noise_dof(fit), stated)
+    harmonics = harmonics_of(artefact, fit)
+    shared = max((wave.amplitude for wave in shared_waves_of(harmonics)), default=0.0)
+    budget = budget_of(p[:UNKNOWNS], geometry, _inputs(scan, artefact, fit, static, shared), _noise_dof(fit), stated)
     residuals = residuals_of(scan, fit)
-    checks = checks_of(scan, artefact, fit, residuals, static, float(uneven.max()))
+    checks = checks_of(scan, artefact, fit, residuals, static, float(uneven.max()), shared)
     return Calibration(
         method="stand",
         table_from_sensor=table_from_sensor(p[PHI], p[RADIAL], fit.model.height, p[PLANE_TILT], p[PLANE_OFFSET]),
@@ -94,7 +98,7 @@ def calibration_with(scan: Scan, artefact: Artefact, fit: Refined, parts: dict[s
         rad_per_profile=None if scan.angle_source == "encoder" else _step(scan) * (1.0 + float(p[SPEED])),
         artefact=artefact,
         residuals=residuals,
-        harmonics=harmonics_of(artefact, fit),
+        harmonics=harmonics,
         static_profiles=static,
         uncertainty=budget,
         covariance_names=GEOMETRY[:UNKNOWNS],
@@ -128,11 +132,12 @@ def _step(scan: Scan) -> float:
 
 
 def harmonics_of(artefact: Artefact, fit: Refined) -> tuple[Harmonic, ...]:
-    """Form harmonics of every cylinder in use."""
+    """Form harmonics of every cylinder in use, then the table bearing's waves."""
+    names = [artefact.cylinders[band.cylinder].name for band in fit.segments.bands]
+    places = [fit.model.form_slice(k) for k in range(len(names))]
     harmonics = []
-    for k, band in enumerate(fit.segments.bands):
-        a, b = fit.solution.parameters[fit.model.form_slice(k)].reshape(2, -1)
-        name = artefact.cylinders[band.cylinder].name
+    for name, place in zip([*names, TABLE_BEARING], [*places, fit.model.bearing_slice], strict=True):
+        a, b = fit.solution.parameters[place].reshape(2, -1)
         harmonics += [
             Harmonic(name, n, float(hypot(c, s)), float(np.arctan2(s, c)))
             for n, c, s in zip(range(2, fit.model.orders + 1), a, b, strict=True)
@@ -194,7 +199,9 @@ def _noise_dof(fit: Refined) -> float:
     return float(max(used - fit.model.size, 1))
 
 
-def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...]) -> tuple[Input, ...]:
+def _inputs(
+    scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticProfile, ...], shared: float
+) -> tuple[Input, ...]:
     """What certificate, data sheet and stand leave open and one scan can't see."""
     sensor, p = scan.stand.sensor, fit.solution.parameters
     eccentricity, tilt = 1000.0 * hypot(*p[ECCENTRICITY]), hypot(*p[TILT])
@@ -205,7 +212,7 @@ def _inputs(scan: Scan, artefact: Artefact, fit: Refined, static: tuple[StaticPr
     lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     # Waves that all surfaces share come from bearing or angle; the first one looks like eccentricity.
-    bearing_U = max(BEARING_U, shared_form(fit))
+    bearing_U = max(BEARING_U, shared)
     bearing_name = "table bearing, once per turn" + (ASSUMED if bearing_U == BEARING_U else SHARED)
     bearing = {"eccentricity_um": 1000.0}
     if eccentricity > 1.0:

@@ -164,7 +164,7 @@ def _same_shaft(view: View, joint: Joint) -> Check:
     covariance = fit.covariance["noise"] + fit.covariance.get(COAXIALITY, 0.0)
     axis = np.stack([axis_sensitivity(b.middle) for b in fit.segments.bands])
     U = K * sqrt(float(np.einsum("kij,jl,kil->k", axis, covariance[:UNKNOWNS, :UNKNOWNS], axis).max()))
-    form = off[fit.model.form_slice(0).start :]
+    form = off[fit.model.forms_slice]
     return Check.at_most_um(
         "view_of_another_shaft", "sees the shaft otherwise than all views together, um",
         float(max(*np.linalg.norm(axis @ off[:UNKNOWNS], axis=1), np.abs(form).max(initial=0.0))),

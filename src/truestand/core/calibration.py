@@ -53,9 +53,18 @@ class Uncertainty:
     """Half-width that holds 95.45 % of the trials of the same inputs: what U should be."""
 
 
+TABLE_BEARING = "table bearing"
+"""Stands for a surface in the harmonics that are the table's."""
+LEAST_SHARED_MM = 1e-4
+"""The model is no truer than this: smaller waves that all surfaces share are left aside."""
+
+
 @dataclass(frozen=True, slots=True)
 class Harmonic:
-    """Form of one surface: amplitude cos(upr psi - phase), mm and rad, positive outwards; psi = polar angle in C."""
+    """Form of one surface: amplitude cos(upr psi - phase), mm and rad, positive outwards; psi = polar angle in C.
+
+    Of the table's bearing, which moves all surfaces alike, the same over the table's angle.
+    """
 
     surface: str
     upr: int
@@ -215,6 +224,25 @@ class Wobble:
     """A turn."""
     amplitude: float
     """mm."""
+
+
+def shared_waves_of(harmonics: tuple[Harmonic, ...]) -> tuple[Wobble, ...]:
+    """Waves that all surfaces have alike, and those that only the table's bearing can have made; none with one surface.
+
+    What can't be told from the bearing passes for form, on all surfaces the same.
+    """
+    of_surface: dict[str, dict[int, complex]] = {}
+    for h in harmonics:
+        of_surface.setdefault(h.surface, {})[h.upr] = h.amplitude * complex(cos(h.phase), sin(h.phase))
+    bearing = of_surface.pop(TABLE_BEARING, {})
+    if len(of_surface) < 2:
+        return ()
+    orders = sorted(set.intersection(*(set(waves) for waves in of_surface.values())))
+    of_table = np.array([bearing.get(n, 0.0) for n in orders])
+    # At table angle theta the sensor sees the surface at psi = -theta: the phases of form change sign.
+    together = of_table + np.array([[waves[n].conjugate() for n in orders] for waves in of_surface.values()])
+    sizes = np.maximum(shared_waves(together), np.abs(of_table))
+    return tuple(Wobble(n, float(size)) for n, size in zip(orders, sizes, strict=True) if size > LEAST_SHARED_MM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,19 +420,16 @@ class Calibration:
                 form += h.amplitude * np.cos(h.upr * angle - h.phase)
         return form
 
+    def bearing_at(self, angle: Array) -> Array:
+        """By how much (any shape) mm the bearing brings all surfaces nearer to the sensor at table angles (rad)."""
+        return self.form_of(TABLE_BEARING, angle)
+
     @property
     def shared_waves(self) -> tuple[Wobble, ...]:
         """Waves that all surfaces of the shaft have alike: its form, or the table's bearing, which a part's scan has as
         well.
         """
-        of_surface: dict[str, dict[int, complex]] = {}
-        for h in self.harmonics:
-            of_surface.setdefault(h.surface, {})[h.upr] = h.amplitude * complex(cos(h.phase), sin(h.phase))
-        if len(of_surface) < 2:
-            return ()
-        orders = sorted(set.intersection(*(set(waves) for waves in of_surface.values())))
-        sizes = shared_waves(np.array([[waves[n] for n in orders] for waves in of_surface.values()]))
-        return tuple(Wobble(n, float(size)) for n, size in zip(orders, sizes, strict=True) if size > 0)
+        return shared_waves_of(self.harmonics)
 
     def _known(self, key: str, value: float) -> float | None:
         return None if key in self.not_identifiable or self.method == "paper" else value
