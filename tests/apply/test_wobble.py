@@ -43,6 +43,22 @@ def test_pitch_of_a_wobbling_scan_is_within_its_u():
         assert abs(b.value - a.value) < b.U and b.U > a.U
 
 
+def test_a_bearing_moves_the_part_sideways_as_well():
+    """As far as to and fro, which the round shaft does not show: f_p was off by more than its U."""
+    waves, size = 7, 5 * UM
+    scan = wobbling(size, waves)
+    still, turned = scan_of(), scan.angle + size / (SPUR.module * SPUR.teeth / 2) * np.sin(waves * scan.angle)
+    round_about = calibrated().eccentricity  # the shaft, turned as well, would show a wave of e times the angle
+    assert size * round_about / (SPUR.module * SPUR.teeth / 2) < 0.3 * UM
+    known = replace(calibrated(), reasons=())
+    a, b = (
+        {(c.name, c.flank): c for c in inspect_gear(roll(s, known), SPUR).characteristics if c.tooth is None}
+        for s in (still, replace(scan, angle=turned))
+    )
+    for key in product(("f_p", "F_p"), ("left", "right")):
+        assert abs(b[key].value - a[key].value) < b[key].U
+
+
 def test_a_bearing_that_wobbled_in_the_shafts_scan_as_well_stands_in_u():
     """It passes for form of the shaft, and the part's scan shows nothing new: F_p was 5.4 U off."""
     shaft = simulate(stand(), simulation(5500), paper_shaft(), 0)

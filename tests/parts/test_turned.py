@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truestand.calibration.calibrate import calibrate
-from truestand.core.calibration import Calibration, Positions, StepAxis
+from truestand.core.calibration import Calibration, Positions, StepAxis, Wobble
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import interpret
@@ -100,6 +100,13 @@ def test_oval_has_a_roundness_of_twice_its_filtered_amplitude():
     expected = 2 * 0.030 * float(UprFilter(5).transmission(np.array([2]))[0])
     assert line(found, "base", "roundness").value == pytest.approx(expected, abs=0.001)
     assert line(found, "base", "runout").value == pytest.approx(expected, abs=0.001)
+
+
+def test_a_wave_of_the_bearing_is_no_form_beyond_u():
+    """What the shaft shows beside the part, or showed at the calibration, was not in U: 10 um of roundness +- 1."""
+    known = replace(scanned("oval")[1], wobble=Wobble(2, 0.030))
+    roundness = line(inspected("oval", known=known), "base", "roundness")
+    assert roundness.value - roundness.U < 0.001 and "table bearing" in budget(roundness)
 
 
 def test_filter_attenuates_short_waves():

@@ -8,6 +8,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import BEARING_U
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -55,8 +56,6 @@ class Uncertainty:
 
 TABLE_BEARING = "table bearing"
 """Stands for a surface in the harmonics that are the table's."""
-LEAST_SHARED_MM = 1e-4
-"""The model is no truer than this: smaller waves that all surfaces share are left aside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +241,7 @@ def shared_waves_of(harmonics: tuple[Harmonic, ...]) -> tuple[Wobble, ...]:
     # At table angle theta the sensor sees the surface at psi = -theta: the phases of form change sign.
     together = of_table + np.array([[waves[n].conjugate() for n in orders] for waves in of_surface.values()])
     sizes = np.maximum(shared_waves(together), np.abs(of_table))
-    return tuple(Wobble(n, float(size)) for n, size in zip(orders, sizes, strict=True) if size > LEAST_SHARED_MM)
+    return tuple(Wobble(n, float(size)) for n, size in zip(orders, sizes, strict=True) if size > 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -426,10 +425,10 @@ class Calibration:
 
     @property
     def shared_waves(self) -> tuple[Wobble, ...]:
-        """Waves that all surfaces of the shaft have alike: its form, or the table's bearing, which a part's scan has as
-        well.
+        """Waves that all surfaces of the shaft have alike, beyond a good bearing's: its form, or the table's bearing,
+        which a part's scan has as well.
         """
-        return shared_waves_of(self.harmonics)
+        return tuple(wave for wave in shared_waves_of(self.harmonics) if wave.amplitude > BEARING_U)
 
     def _known(self, key: str, value: float) -> float | None:
         return None if key in self.not_identifiable or self.method == "paper" else value

@@ -28,7 +28,7 @@ from truestand.core.assumptions import (
     TEMPERATURE_U,
 )
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, Contribution
-from truestand.core.frames import RADIAL, UNKNOWNS
+from truestand.core.frames import PLANE_OFFSET, RADIAL, UNKNOWNS
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
@@ -317,20 +317,25 @@ def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[In
 def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """The radial zero of the sensor since it was calibrated."""
     since, name = stability_of(calibration, scan), stability_name(calibration.stand.sensor)
-    return [cells.influence(name, _moved_out(calibration, cells, since), since / 2)] if since else []
+    return [cells.influence(name, _moved(calibration, cells, RADIAL, since), since / 2)] if since else []
 
 
 def _of_wobble(calibration: Calibration, cells: SeenCells) -> list[Influence]:
-    """Radial waves that the shaft in view of the part's scan shows, or may hide, in and out of step with them."""
+    """Waves that the shaft in view of the part's scan shows, or may hide, in and out of step with them.
+
+    The shaft shows what moves it towards the sensor. A bearing that moves it so moves it sideways as well, which no
+    round surface shows and pitch does.
+    """
     waves = [] if calibration.wobble is None else [("wobble", calibration.wobble)]
     waves += [("bearing, or form of the shaft", wave) for wave in calibration.shared_waves]
     return [
         cells.influence(
             f"{name}, {wobble.waves} times per turn",
-            _moved_out(calibration, cells, wobble.amplitude) * wave(wobble.waves * cells.theta)[:, None],
+            _moved(calibration, cells, unknown, wobble.amplitude) * wave(wobble.waves * cells.theta)[:, None],
             wobble.amplitude / 2,
         )
         for name, wobble in waves
+        for unknown in (RADIAL, PLANE_OFFSET)
         for wave in (np.cos, np.sin)
     ]
 
@@ -341,17 +346,17 @@ def _of_shaft(calibration: Calibration, cells: SeenCells) -> list[Influence]:
         return []
     base = calibration.artefact.base
     diameter, warm = expanded_diameter(base), base.radius * EXPANSION * TEMPERATURE_U
-    out, by_heat = (_moved_out(calibration, cells, by) for by in (diameter / 2, warm))
+    out, by_heat = (_moved(calibration, cells, RADIAL, by) for by in (diameter / 2, warm))
     return [
         cells.influence(diameter_name(base), out, diameter / 2),
         cells.influence(f"temperature of the artefact{ASSUMED}", by_heat, TEMPERATURE_U / 2, "rectangular"),
     ]
 
 
-def _moved_out(calibration: Calibration, cells: SeenCells, by: float) -> Array:
-    """How the points move (n, 3) mm when the sensor stands ``by`` mm farther out."""
+def _moved(calibration: Calibration, cells: SeenCells, unknown: int, by: float) -> Array:
+    """How the points move (n, 3) mm when one of the calibration's unknowns is larger ``by`` so much."""
     step = np.zeros(UNKNOWNS)
-    step[RADIAL] = by
+    step[unknown] = by
     return cells.moved(calibration, step)
 
 

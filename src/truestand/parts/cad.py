@@ -378,7 +378,7 @@ def _further(comparison: _Comparison, factor: float, radius: float, depth: float
         budget_lines.artefact_line(calibration, factor / 2),
         budget_lines.stability_line(calibration, comparison.scan, factor),
         budget_lines.temperature_line(factor * radius, comparison.part.temperature),
-        budget_lines.bearing_line(factor),
+        budget_lines.bearing_line(calibration, factor),
         budget_lines.zero_line(turning, factor),
     ]
     if fit != "all":  # a free fit takes up where the axis stands

@@ -494,7 +494,7 @@ def _budgets(
             ]  # fmt: skip
         else:
             lines += [
-                budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(2.0),
+                budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(calibration, 2.0),
                 budget_lines.scale_line(calibration, float(reading.statistics[i])),
             ]  # fmt: skip
         if name.endswith("runout"):

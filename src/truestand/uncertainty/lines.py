@@ -1,6 +1,6 @@
 """Lines of a part's budget that come with stand, sensor and calibration, whatever the part is."""
 
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from truestand.core.stand import Sensor
 from truestand.core.temperature import Temperature
 
 CALIBRATION = "calibration"
-BEARING = f"table bearing{ASSUMED}"
 ZERO = f"zero of the table angle{ASSUMED}"
 NOISE = "noise"
 
@@ -97,9 +96,12 @@ def temperature_line(length: float, temperature: Temperature) -> Contribution:
     return line(temperature.line, abs(length) * temperature.expanded_growth, "rectangular")
 
 
-def bearing_line(factor: float) -> Contribution:
-    """From the table bearing's error of higher order, ``factor`` times its amplitude."""
-    return line(BEARING, factor * BEARING_U)
+def bearing_line(calibration: Calibration, factor: float) -> Contribution:
+    """From the table bearing's error of higher order, ``factor`` times its amplitude: as assumed, with the waves that
+    the shaft shows at the calibration and beside the part.
+    """
+    shown = [w.amplitude for w in (*calibration.shared_waves, *filter(None, [calibration.wobble]))]
+    return line("table bearing" + ("" if shown else ASSUMED), factor * hypot(BEARING_U, *shown))
 
 
 def zero_line(radius: float, factor: float) -> Contribution:

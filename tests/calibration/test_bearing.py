@@ -1,0 +1,44 @@
+"""A table whose bearing moves the shaft to and fro, some times a turn, while it is scanned for the calibration."""
+
+from dataclasses import replace
+from functools import cache
+from math import degrees
+
+import numpy as np
+import pytest
+
+from truestand.calibration.calibrate import calibrate
+from truestand.core.frames import Pose
+from truth import scan_of, shaft, simulated
+from variants import tried
+
+UM, ON = 1e-3, "eccentric 2.5 mm"
+"""On so eccentric a shaft waves of the table are none of form: 20 a turn run ahead by 4 rad on the base."""
+
+
+@cache
+def calibrated(name, amplitude, waves):
+    """Of a named stand, its shaft moved towards the sensor and away by a wave."""
+    scan, truth = scan_of(name), simulated(name).truth
+    by = amplitude * np.cos(waves * scan.angle + 1.0)[:, None]
+    x, _, z = Pose.from_matrix(truth.table_from_sensor).rotation.T @ np.array([1.0, 0.0, 0.0])
+    return calibrate(replace(scan, x=scan.x + by * x, z=scan.z + by * z), shaft())
+
+
+def off(found, name):
+    """Laser plane's tilt (degrees) and offset (mm) from the truth."""
+    true = simulated(name).truth.simulation.mounting
+    return degrees(found.plane_tilt - true.plane_tilt), found.plane_offset - true.plane_offset
+
+
+@pytest.mark.parametrize("waves", tried([9, 19], 4, 6, 13, 16, 25))
+@pytest.mark.parametrize("name", tried(["encoder", ON], "any start angle", "clockwise"))
+def test_a_wave_of_the_bearing_draws_the_laser_plane_nowhere(name, waves):
+    """Taken for form of the shaft, it tilted the plane by up to 8 U, *valid*."""
+    still, found = calibrate(scan_of(name), shaft()), calibrated(name, 4 * UM, waves)
+    assert found.status == "valid"
+    U = [found.uncertainty[f"laser_plane_{key}"].U for key in ("tilt_deg", "offset_mm")]
+    assert np.all(np.abs(np.subtract(off(found, name), off(still, name))) < 0.1 * np.array(U))
+    assert found.uncertainty["laser_plane_tilt_deg"].U < 1.1 * still.uncertainty["laser_plane_tilt_deg"].U
+    strongest = max(found.shared_waves, key=lambda wave: wave.amplitude)
+    assert strongest.waves == waves and strongest.amplitude == pytest.approx(4 * UM, abs=0.5 * UM)
