@@ -368,7 +368,9 @@ def test_short_feed_marks_are_read_whole():
     lines = [c for c in found.characteristics if c.tooth and c.name in ("f_fbeta", "F_beta")]
     off = np.array([c.value - true[c.name, c.flank, c.tooth] for c in lines])
     assert np.mean(np.abs(off) < [c.U for c in lines]) > 0.93
-    assert abs(np.median(off)) < 0.15 * true["f_fbeta", "left", 1]
+    # A crest in the middle of a cell is passed as the cell's mean has it, one between two as the standard's low-pass.
+    cell, cutoff = np.sinc(0.25 / 0.9), np.exp(-np.log(2.0) * (20.0 / 30.0 / 0.9) ** 2)
+    assert 0.0 < np.median(off) < (cell / cutoff - 1.0) * true["f_fbeta", "left", 1]
 
 
 def test_what_no_ray_shows_on_any_tooth_is_not_seen():

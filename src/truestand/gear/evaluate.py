@@ -40,8 +40,8 @@ PER_TOOTH = ("F_alpha", "f_falpha", "f_Halpha", "F_beta", "f_fbeta", "f_Hbeta")
 MEANS = (*PER_TOOTH, "C_alpha", "C_beta")
 PITCH = ("f_p", "F_p", "F_pk", "f_u")
 NEVER_NEGATIVE = frozenset((*PITCH, "f_p_areal", "F_p_areal", "F_r", "F_alpha", "f_falpha", "F_beta", "f_fbeta"))
-DRAWS, FEW_DRAWS, STEEP_DRAWS = 64, 24, 24
-"""Of noise on the cells: for U; for the mean of what it adds; for cells on steep places."""
+DRAWS, FEW_DRAWS, STEEP_DRAWS, ALONE_DRAWS = 64, 24, 24, 12
+"""Of noise on the cells: for U; for the mean of what it adds; for cells on steep places; and of noise alone."""
 FIGURES_OF_LINE = ("slope", "form", "total", "crowning")
 """Of a ``Line``."""
 BEND_DRAWS, STRETCHES = 24, 5
@@ -341,21 +341,30 @@ class Bias:
 def bias_of(base: Figures, evaluator: Evaluator, draws: int) -> Bias:
     """What the noise of the cells does to the figures: it is drawn once more on them, and what that adds to the square
     of a figure is what it has added already (as ``statistics.noise`` does, Cook and Stefanski 1994).
+
+    It has added no less than the figure of noise alone: where a cell or two stick out by chance, noise once more seldom
+    adds to that.
     """
-    return _bias(base, _drawn(evaluator, draws, evaluator.noise.draw))
+    noise, cells = evaluator.noise.draw, evaluator.grid.delta
+    return _bias(
+        base, _drawn(evaluator, draws, noise, cells), _drawn(evaluator, ALONE_DRAWS, noise, np.zeros_like(cells))
+    )
 
 
-def _bias(base: Figures, drawn: Figures) -> Bias:
-    """What noise does to figures (by name, mm), of which it makes these when it is ``drawn`` on the cells."""
+def _bias(base: Figures, drawn: Figures, alone: Figures) -> Bias:
+    """What noise does to figures (by name, mm), of which it makes these when it is ``drawn`` on the cells, or stands
+    ``alone``.
+    """
     grows = [name for name in base if name.removesuffix(MEAN) in NEVER_NEGATIVE]
-    lifted = {name: np.maximum(drawn[name].mean(axis=0) ** 2 - base[name] ** 2, 0.0) for name in grows}
+    lifted = {n: np.fmax(drawn[n].mean(axis=0) ** 2 - base[n] ** 2, alone[n].mean(axis=0) ** 2) for n in grows}
     return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()})
 
 
 def steepness_of(evaluator: Evaluator) -> Figures:
     """Standard deviation (mm) of the figures from cells that are not known better than a flank rises in them."""
     unevenness = np.sqrt(evaluator.noise.unevenness)
-    drawn = _drawn(evaluator, STEEP_DRAWS, lambda rng: unevenness * rng.standard_normal(unevenness.shape))
+    cells = evaluator.grid.delta
+    drawn = _drawn(evaluator, STEEP_DRAWS, lambda rng: unevenness * rng.standard_normal(unevenness.shape), cells)
     return {name: stack.std(axis=0) for name, stack in drawn.items()}
 
 
@@ -365,14 +374,16 @@ def vibration_of(figures: Figures, corrected: Figures, evaluator: Evaluator) -> 
     """
     if not evaluator.noise.of_profile:
         return {n: np.zeros_like(v) for n, v in figures.items()}
-    bias = _bias(figures, _drawn(evaluator, STEEP_DRAWS, evaluator.noise.draw_profiles))
+    noise, cells = evaluator.noise.draw_profiles, evaluator.grid.delta
+    drawn = _drawn(evaluator, STEEP_DRAWS, noise, cells)
+    bias = _bias(figures, drawn, _drawn(evaluator, ALONE_DRAWS, noise, np.zeros_like(cells)))
     U = {n: 2 * sd for n, sd in bias.sd.items()}
     lowest = bias.corrected({n: np.maximum(v - U[n], 0.0) if n in bias.lifted else v for n, v in corrected.items()})
     return {n: np.fmax(U[n], v - lowest[n]) for n, v in corrected.items()}
 
 
-def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array]) -> Figures:
-    """The figures (draws, ...) with noise drawn on the cells."""
-    rng, delta = np.random.default_rng(1), np.nan_to_num(evaluator.grid.delta)
+def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array], cells: Array) -> Figures:
+    """The figures (draws, ...) with noise drawn on cells (2, teeth, roll lengths, heights)."""
+    rng, delta = np.random.default_rng(1), np.nan_to_num(cells)
     drawn = [figures_of(evaluate(delta + noise(rng), evaluator), evaluator.grid.nominal) for _ in range(draws)]
     return {name: np.stack([figures[name] for figures in drawn]) for name in drawn[0]}
