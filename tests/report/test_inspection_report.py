@@ -241,6 +241,11 @@ def test_texts_from_files_are_escaped():
     assert "nothing may be decided" in text
 
 
+def test_remarks_write_micrometres_as_tables_do():
+    text = inspection_report(replace(tables(), reasons=("5.1 um off",), remarks=("a wave of 3.0 um",)))
+    assert "5.1 µm off" in text and "a wave of 3.0 µm" in text
+
+
 def test_a_record_without_evidence_still_has_its_tables():
     text = inspection_report(tables())
     assert "Profile: mean of all teeth" in text

@@ -6,7 +6,7 @@ from html import escape
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.units import degrees, um
 from truestand.report.inspection_tables import table
-from truestand.report.notation import number, places, two_digits, with_u
+from truestand.report.notation import number, places, prose, two_digits, with_u
 from truestand.report.quantities import Quantity
 from truestand.report.several_sensors import COLUMNS, view_rows
 
@@ -131,9 +131,9 @@ def checks(calibration: Calibration) -> str:
     body = ""
     for c in calibration.checks:
         mark = '<span class="ok">✓ ok</span>' if c.ok else '<span class="bad">▲ look</span>'
-        advice = "" if c.ok else f"<small>{escape(c.advice)}</small>"
+        advice = "" if c.ok else f"<small>{prose(c.advice)}</small>"
         body += (
-            f'<tr><td>{mark}</td><td>{escape(c.name)}{advice}</td><td class="n">{_found(c.value)}</td>'
+            f'<tr><td>{mark}</td><td>{prose(c.name)}{advice}</td><td class="n">{_found(c.value)}</td>'
             f'<td class="n">{c.limit:.3g}</td></tr>'
         )
     head = '<th></th><th>check</th><th class="n">found</th><th class="n">limit</th>'

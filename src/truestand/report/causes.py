@@ -7,7 +7,7 @@ from math import degrees
 
 from truestand.core.assumptions import Assumption
 from truestand.report.inspection_tables import table
-from truestand.report.notation import NONE
+from truestand.report.notation import NONE, prose
 from truestand.uncertainty.causes import Cause
 
 NO_WAY = "no recipe states it"
@@ -72,8 +72,7 @@ def _shares(c: Cause) -> str:
 
 def _text(plain: str) -> str:
     """Plain text as HTML, what one types marked as such."""
-    micro = re.sub(r"\bum\b", "µm", escape(plain))
-    return KEYS.sub(lambda found: f"<code>{found[0]}</code>", micro)
+    return KEYS.sub(lambda found: f"<code>{found[0]}</code>", prose(plain))
 
 
 def _value_text(a: Assumption) -> str:

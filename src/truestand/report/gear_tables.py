@@ -18,7 +18,17 @@ from truestand.report.inspection_tables import (
     table,
     whole_part_lines,
 )
-from truestand.report.notation import NONE, limit_text, number, result_text, symbol, u_text, value_text, verdict_text
+from truestand.report.notation import (
+    NONE,
+    limit_text,
+    number,
+    prose,
+    result_text,
+    symbol,
+    u_text,
+    value_text,
+    verdict_text,
+)
 from truestand.report.true_values import FLANKS, Key
 
 MEAN_TRACES, WORST_SECTIONS = (tuple(name + behind for name in PER_TOOTH) for behind in (AREAL, WORST))
@@ -184,7 +194,7 @@ def _damage_row(c: Characteristic, without: Characteristic) -> str:
     place = cell(NONE if c.tooth is None else str(c.tooth))
     numbers = f"{cell(limit_text(c))}{cell(f'<b>{value_text(c)}</b>')}{cell(u_text(c))}"
     verdict = cell(verdict_text(c), "verdict-cell")
-    where = f"<td>{escape(c.reason or '')}</td>"
+    where = f"<td>{prose(c.reason or '')}</td>"
     return (
         f"<tr>{name_cell(c)}<td>{c.flank or NONE}</td>{place}{numbers}{verdict}{cell(value_text(without))}{where}</tr>"
     )

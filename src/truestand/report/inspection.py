@@ -15,7 +15,7 @@ from truestand.report import inspection_tables as tables
 from truestand.report import part_figures
 from truestand.report.causes import assumed, most_of_u
 from truestand.report.gear_page import gear_facts, gear_parts
-from truestand.report.notation import VERDICTS, limit_text, line_name, number
+from truestand.report.notation import VERDICTS, limit_text, line_name, number, prose
 from truestand.report.page import K_NOTE, framed, head, page, stamp
 from truestand.report.true_values import Key, true_values
 from truestand.uncertainty.assumed import assumptions_of
@@ -108,7 +108,7 @@ def _inputs(inspection: Inspection, calibration: Calibration | None) -> list[str
 
 
 def _remarks(inspection: Inspection) -> str:
-    items = "".join(f"<li>{escape(r)}</li>" for r in inspection.remarks)
+    items = "".join(f"<li>{prose(r)}</li>" for r in inspection.remarks)
     return f'<details class="remarks" open><summary>Remarks</summary><ul>{items}</ul></details>' if items else ""
 
 

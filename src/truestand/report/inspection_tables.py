@@ -12,6 +12,7 @@ from truestand.report.notation import (
     line_name,
     meaning,
     number,
+    prose,
     result_text,
     seen_text,
     shown,
@@ -192,7 +193,7 @@ def seams(inspection: Inspection) -> str:
 def settings(inspection: Inspection) -> str:
     """How it was evaluated, with its heading; empty where nothing is known."""
     rows = "".join(
-        f"<tr><th>{escape(key)}</th><td>{escape(text)}</td></tr>" for key, text in inspection.settings.items()
+        f"<tr><th>{escape(key)}</th><td>{prose(text)}</td></tr>" for key, text in inspection.settings.items()
     )
     table = f'<table class="settings"><tbody>{rows}</tbody></table>'
     return f"<h2>How it was evaluated</h2>{table}" if rows else ""

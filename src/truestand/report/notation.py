@@ -3,6 +3,7 @@
 Numbers as a metrologist writes them: the uncertainty to two digits, the value to the same place.
 """
 
+import re
 from html import escape
 from math import floor, isfinite, log10
 
@@ -81,6 +82,11 @@ def places(U: float | None) -> int:
     if U is None or not isfinite(U) or U <= 0:
         return 3
     return min(max(1 - floor(log10(U)), 0), 6)
+
+
+def prose(plain: str) -> str:
+    """Plain text as HTML, micrometres with their sign."""
+    return re.sub(r"\bum\b", "µm", escape(plain))
 
 
 def number(value: float | None, decimals: int = 3) -> str:
@@ -199,7 +205,7 @@ def seen_text(c: Characteristic) -> str:
 def verdict_text(c: Characteristic) -> str:
     """Mark and word of a line's verdict, as HTML; what can't be shown at all says so, a worst section where it is."""
     if c.name.endswith(WORST):
-        return f"<small>{escape(c.reason or '')}</small>"
+        return f"<small>{prose(c.reason or '')}</small>"
     if c.verdict is None:
         informative = c.standard is not None and "informative" in c.standard
         return '<span class="none">informative</span>' if informative else ""

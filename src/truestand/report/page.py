@@ -6,6 +6,7 @@ from importlib.resources import files
 
 from truestand._version import __version__
 from truestand.files.recipes.recipes import Company
+from truestand.report.notation import prose
 
 K_NOTE = '<p class="k">± <i>U</i>: expanded uncertainty, <i>k</i> = 2.</p>'
 
@@ -39,7 +40,7 @@ def _letterhead(company: Company | None) -> str:
 
 def stamp(kind: str, mark: str, word: str, meaning: str, reasons: Iterable[str] = ()) -> str:
     """The verdict in large type; its mark has a shape of its own, so that it is told apart without colour."""
-    items = "".join(f"<li>{escape(r)}</li>" for r in reasons)
+    items = "".join(f"<li>{prose(r)}</li>" for r in reasons)
     return (
         f'<section class="stamp {kind}"><div class="mark">{mark}</div><div><div class="word">{word}</div>'
         f"<div>{meaning}</div></div></section>" + (f'<ul class="reasons">{items}</ul>' if items else "")

@@ -51,6 +51,7 @@ def test_an_undecided_verification_is_shown_as_undecided(state, store, tab):
     with served(state) as port:
         tab.goto(f"http://127.0.0.1:{port}/")
         expect(tab.locator(".stamp.open .word")).to_have_text("Verification undecided")
+        expect(tab.locator(".stamp")).to_contain_text("found 9.80 µm with U 2.00 µm, limit 10.00 µm")
         expect(tab.locator(".task.primary")).to_have_text("Calibrate")
         tab.goto(f"http://127.0.0.1:{port}/#/inspect")
         expect(tab.locator(".notice.open")).to_contain_text("whether the calibration still holds is not known")

@@ -74,6 +74,14 @@ def test_a_job_whose_calibration_did_not_hold_does_not_end_green(state, store, t
         expect(tab.locator(".decisive")).to_contain_text("rests on calibration #1, which did not hold before")
 
 
+def test_an_undecided_line_says_why(state, store, tab):
+    line = inspection()["characteristics"][0] | {"verdict": "undecided", "reason": "a dent of 20 um may be hidden"}
+    number = store.add("inspection", CONFORMING | {"verdict": "undecided", "characteristics": [line]}).number
+    with served(state) as port:
+        tab.goto(f"http://127.0.0.1:{port}/#/results/{number}")
+        expect(tab.locator("tr.undecided")).to_contain_text("a dent of 20 µm may be hidden")
+
+
 def test_home_says_why_a_calibration_is_not_used(state, store, tab):
     store.add("calibration", calibration() | {"method": "paper"})
     with served(state) as port:

@@ -15,9 +15,9 @@ export function line(c) {
   return { ...c, size, unit, value: size ? c.value_mm : c.value_um, U: c.at_least ? null : size ? c.U_mm : c.U_um, bound: c.at_least ? "≥ " : "", low, high, limited: low !== null || high !== null, most: size ? 4 : 2 };
 }
 
-/** The sentence of a reason or remark; records of version 1 have it without a code. */
+/** The sentence of a reason or remark, micrometres with their sign; records of version 1 have it without a code. */
 export function sentence(message) {
-  return typeof message === "string" ? message : message.text;
+  return (typeof message === "string" ? message : message.text).replace(/\bum\b/g, "µm");
 }
 
 export function limitText({ low, high }) {
@@ -101,7 +101,7 @@ export function decisive(entry, record) {
   const deep = (record.defects ?? []).filter((d) => record.defect_limit_um !== null && d.depth_um > record.defect_limit_um);
   if (deep.length) items.push(h("li", { class: "bad" }, mark("bad"), t("result.deep", { n: deep.length, limit: short(record.defect_limit_um) })));
   const bad = (record.checks ?? []).filter((check) => !check.ok);
-  for (const check of bad) items.push(h("li", { class: "bad" }, mark("bad"), h("span", {}, h("strong", {}, check.name), ": ", check.advice)));
+  for (const check of bad) items.push(h("li", { class: "bad" }, mark("bad"), h("span", {}, h("strong", {}, sentence(check.name)), ": ", sentence(check.advice))));
   return items.length ? h("ul", { class: "decisive" }, items) : "";
 }
 

@@ -37,7 +37,7 @@ function characteristic(c) {
       c.status === "partial" && h("small", {}, t("word.partial", { share: Math.round(100 * c.coverage) }))),
     h("td", { class: "n" }, c.limited ? [limitText(c), h("span", { class: "unit" }, ` ${c.unit}`)] : h("span", { class: "none" }, "–")),
     h("td", { class: "used" }, bar(usage(c), c.verdict)),
-    h("td", {}, c.verdict ? [verdict(c.verdict), c.capable === false && !c.at_least && h("small", {}, t("word.not_capable"))] : h("span", { class: "none" }, c.limited && c.standard?.includes("informative") ? t("word.informative") : "")));
+    h("td", {}, c.verdict ? [verdict(c.verdict), c.capable === false && !c.at_least && h("small", {}, t("word.not_capable")), c.verdict === "undecided" && c.reason && h("small", {}, sentence(c.reason))] : h("span", { class: "none" }, c.limited && c.standard?.includes("informative") ? t("word.informative") : "")));
 }
 
 /** How much of the limit is used, with U as a whisker; the upright line is the limit. */
@@ -83,14 +83,14 @@ function calibration(record) {
 function checks(record) {
   const head = [[t("checks.check")], [t("checks.value"), "n"], [t("checks.limit"), "n"], [t("checks.result")]];
   return table(t("checks.title"), head, (record.checks ?? []).map((c) => h("tr", { class: c.ok ? "" : "does_not_conform" },
-    h("th", { scope: "row" }, c.name, !c.ok && h("small", {}, c.advice)), h("td", { class: "n" }, short(Number(c.value.toPrecision(4)))), h("td", { class: "n" }, short(c.limit)), h("td", {}, verdict(c.ok ? "kept" : "broken")))));
+    h("th", { scope: "row" }, sentence(c.name), !c.ok && h("small", {}, sentence(c.advice))), h("td", { class: "n" }, short(Number(c.value.toPrecision(4)))), h("td", { class: "n" }, short(c.limit)), h("td", {}, verdict(c.ok ? "kept" : "broken")))));
 }
 
 function verification(record) {
   const head = [[t("changes.what")], [t("changes.value"), "n"], [t("table.limit"), "n"], [t("table.used"), "used"], [t("table.verdict")]];
   const words = { holds: "conforms", does_not_hold: "does_not_conform", undecided: "undecided" };
   return [table(t("changes.title"), head, (record.changes ?? []).map((c) => h("tr", { class: words[c.verdict] },
-    h("th", { scope: "row" }, c.name, c.advice && h("small", {}, c.advice)), h("td", { class: "n" }, withU(c.value_um, c.U_um, "µm", 2)), h("td", { class: "n" }, `${short(c.limit_um)} µm`),
+    h("th", { scope: "row" }, c.name, c.advice && h("small", {}, sentence(c.advice))), h("td", { class: "n" }, withU(c.value_um, c.U_um, "µm", 2)), h("td", { class: "n" }, `${short(c.limit_um)} µm`),
     h("td", { class: "used" }, bar({ value: Math.abs(c.value_um) / c.limit_um, U: c.U_um / c.limit_um }, words[c.verdict])), h("td", {}, verdict(c.verdict))))), h("p", { class: "note" }, t("word.k2"))];
 }
 

@@ -3,6 +3,7 @@
 import { loadHome } from "../api.js";
 import { add, h, put } from "../dom.js";
 import { distance, when } from "../format.js";
+import { sentence } from "../lines.js";
 import { judged, mark } from "../marks.js";
 import { empty, heading, link, rows } from "../parts.js";
 import { store } from "../store.js";
@@ -39,7 +40,7 @@ function until(c) {
   else if (c.valid_until) lines.push(h("p", { class: "until" }, t(words, { time: when(c.valid_until), distance: distance(c.valid_until) })));
   else if (c.state === "valid") lines.push(h("p", { class: "until" }, t("home.until.open")));
   if (c.state === "none") lines.push(h("p", {}, t("home.never")));
-  for (const reason of [...c.reasons, ...c.changes]) lines.push(h("p", {}, reason));
+  for (const reason of [...c.reasons, ...c.changes]) lines.push(h("p", {}, sentence(reason)));
   if (c.not_in_force) lines.push(h("p", {}, h("a", { class: "plain", href: `#/results/${c.not_in_force}` }, t("home.not_in_force", { number: c.not_in_force, why: c.not_in_force_reason }))));
   const from = verdict ? c.verification : c.number;
   if (from) lines.push(h("p", {}, h("a", { class: "plain", href: `#/results/${from}` }, t(verdict ? "home.verification" : "home.calibration", { number: from, time: when(c.time) }))));

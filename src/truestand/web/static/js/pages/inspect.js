@@ -3,6 +3,7 @@
 import { get, loadHome, send } from "../api.js";
 import { add, h, put } from "../dom.js";
 import { when } from "../format.js";
+import { sentence } from "../lines.js";
 import { icon, judged, mark } from "../marks.js";
 import { alertBox, button, empty, field, heading, link, stepper } from "../parts.js";
 import { to } from "../router.js";
@@ -55,7 +56,7 @@ function notice() {
   if (state === "valid") return null;
   const { tone } = judged(state);
   return h("div", { class: `notice ${tone}`, role: "alert" }, mark(tone),
-    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), [...reasons, ...changes].map((reason) => h("p", {}, reason))),
+    h("div", {}, h("p", {}, t(`inspect.warning.${state}`, { time: when(verified) })), [...reasons, ...changes].map((reason) => h("p", {}, sentence(reason)))),
     link(t("home.calibrate"), "/calibrate", { kind: "primary go", sign: "calibrate" }));
 }
 
