@@ -9,20 +9,32 @@ import pytest
 
 from truestand.calibration.calibrate import calibrate
 from truestand.core.frames import Pose
-from truth import scan_of, shaft, simulated
+from truestand.core.scan import interpret
+from truestand.sim import simulate
+from truth import ROUND, Named, scan_of, shaft, simulated
 from variants import tried
 
 UM, ON = 1e-3, "eccentric 2.5 mm"
 """On so eccentric a shaft waves of the table are none of form: 20 a turn run ahead by 4 rad on the base."""
 
 
-@cache
-def calibrated(name, amplitude, waves):
-    """Of a named stand, its shaft moved towards the sensor and away by a wave."""
-    scan, truth = scan_of(name), simulated(name).truth
+LITTLE = Named(
+    {"plane_offset": -0.1, "plane_tilt": 0.004}, {"eccentricity": 0.1, "tilt": 0.001, "tilt_direction": 2.0}, ROUND,
+    {"noise": 0.002}, {"profiles": 1470, "columns": ("angle",)},
+)  # fmt: skip
+
+
+def moved(scan, truth, amplitude, waves):
+    """A scan whose shaft moves towards the sensor and away, some ``waves`` a turn; mm."""
     by = amplitude * np.cos(waves * scan.angle + 1.0)[:, None]
     x, _, z = Pose.from_matrix(truth.table_from_sensor).rotation.T @ np.array([1.0, 0.0, 0.0])
-    return calibrate(replace(scan, x=scan.x + by * x, z=scan.z + by * z), shaft())
+    return replace(scan, x=scan.x + by * x, z=scan.z + by * z)
+
+
+@cache
+def calibrated(name, amplitude, waves):
+    """Of a named stand."""
+    return calibrate(moved(scan_of(name), simulated(name).truth, amplitude, waves), shaft())
 
 
 def off(found, name):
@@ -42,3 +54,14 @@ def test_a_wave_of_the_bearing_draws_the_laser_plane_nowhere(name, waves):
     assert found.uncertainty["laser_plane_tilt_deg"].U < 1.1 * still.uncertainty["laser_plane_tilt_deg"].U
     strongest = max(found.shared_waves, key=lambda wave: wave.amplitude)
     assert strongest.waves == waves and strongest.amplitude == pytest.approx(4 * UM, abs=0.5 * UM)
+
+
+@pytest.mark.parametrize("waves", tried([13], 5, 9, 20, 28))
+def test_a_wave_that_nothing_tells_from_form_says_nothing_of_the_laser_plane(waves):
+    """On a shaft that hardly runs out, coaxial to 0.2 um: not turned along it, the wave said that nothing is tilted."""
+    base, step = shaft().cylinders
+    made = simulate(LITTLE.stand(), LITTLE.simulation(), shaft(), 0)
+    scan = moved(interpret(made.recording, LITTLE.stand()), made.truth, 5 * UM, waves)
+    found = calibrate(scan, replace(shaft(), cylinders=(base, replace(step, coaxiality_U=2e-4))))
+    U = found.uncertainty["laser_plane_tilt_deg"].U
+    assert found.status == "valid" and abs(degrees(found.plane_tilt - 0.004)) < U < 0.1

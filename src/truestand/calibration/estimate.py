@@ -91,9 +91,10 @@ def _improved(model: Model, cells: Cells, at: Solution, change: Array, precision
     """
     p, noise = at.parameters, at.noise
     before = SLACK + (1.0 + SLACK) * noise.cost(at.residuals, cells.weight, p, precision)
+    turned = model.turns(p, cells.readings)
 
     def cost(tried: Array) -> float:
-        return noise.cost(model.residuals(tried, cells.readings), cells.weight, tried, precision)
+        return noise.cost(model.residuals(tried, cells.readings, turned), cells.weight, tried, precision)
 
     for halvings in range(MOST_HALVINGS_A_STEP):
         tried = p + change

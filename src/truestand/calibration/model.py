@@ -177,43 +177,69 @@ class Model:
         full = legendre.legvander(np.clip(s, -1.1, 1.1), STATIC_DEGREE)
         return np.asarray(full[:, self.static_degrees(cylinder)], dtype=np.float64)
 
-    def residuals(self, parameters: Array, readings: Readings) -> Array:
+    def residuals(self, parameters: Array, readings: Readings, turned: Array | None = None) -> Array:
         """Distance (n,) mm of each reading from the modelled surface along T's X, positive outwards.
 
         Not the shortest distance: the sensor errs along its line of sight, and under a plane far off the axis the
-        shortest distances shrink with the noise in them, which would draw the plane there.
+        shortest distances shrink with the noise in them, which would draw the plane there. ``turned``: as ``turns`` of
+        other parameters has it (n,) rad; None: of these.
         """
         out = np.empty(readings.x.size)
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
-            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, None)
+            own = None if turned is None else turned[rows]
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, None, own)
+        return out
+
+    def turns(self, parameters: Array, readings: Readings) -> Array:
+        """By how much (n,) rad each reading meets its cylinder farther round than the cylinder's middle is met."""
+        out = np.empty(readings.x.size)
+        for k in range(len(self.radii)):
+            rows = _rows(readings, k)
+            at = self._geometry(parameters, readings.taken(rows), k)
+            across, beside = at.c * at.normal[0] - at.s * at.normal[1], at.s * at.normal[0] + at.c * at.normal[1]
+            out[rows] = np.arctan2(beside, across) - self._azimuth_of_middle(parameters, k, at)
         return out
 
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
-        """Residuals (n,) and their Jacobian (n, size)."""
+        """Residuals (n,) and their Jacobian (n, size), the ``turns`` as they are.
+
+        That form is turned along the shaft by a tilted plane or axis is no evidence of tilt: a wave of the bearing,
+        taken for form, is not, and would say that nothing is tilted. It is where form is larger than any such wave.
+        """
         out = np.empty(readings.x.size)
         jacobian = np.zeros((self.size, readings.x.size)).T  # it is filled column by column
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
             block = jacobian[rows]
-            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, block)
+            out[rows] = self._one_cylinder(parameters, readings.taken(rows), k, block, None)
             jacobian[rows] = block  # a copy where the cylinder's readings are scattered
         return out, jacobian
 
-    def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None) -> Array:
+    def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None, turned: Array | None) -> Array:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
         at = self._geometry(p, r, k)
         coefficients = p[self.form_slice(k)]
-        cosines, sines = _waves(at.normal[0], at.normal[1], self.orders)
+        waves = np.stack(_waves(at.normal[0], at.normal[1], self.orders))
         a, b = np.split(coefficients, 2)
+        firm = np.hypot(a, b) > BEARING_WAVE_U
+        if turned is not None:
+            towards = at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
+            waves = np.where(firm[:, None], waves, np.stack(_waves(*towards, self.orders)))
+        cosines, sines = waves
         residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
         if jacobian is None:
             return np.asarray(residual)
         n = np.arange(2, self.orders + 1)
+        of_firm, slope = ((n * which * b) @ cosines - (n * which * a) @ sines for which in (firm, ~firm))
         # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
-        lean = ((n * b) @ cosines - (n * a) @ sines) / at.distance
-        gradient = at.normal - lean * np.stack([-at.normal[1], at.normal[0], np.zeros_like(lean)])
-        self._fill_geometry(jacobian, p, r, at, gradient)
+        lean = of_firm / at.distance * np.stack([-at.normal[1], at.normal[0], np.zeros_like(slope)])
+        self._fill_geometry(jacobian, p, r, at, at.normal - lean)
+        over_geometry, over_angle = self._slopes_of_middle(p, k, at)
+        jacobian[:, :UNKNOWNS] -= slope[:, None] * over_geometry
+        # A table that turns on shows the next form, and the bearing's next move.
+        turned_on = slope * (1.0 - over_angle) - self._bearing_slope(p, at) * jacobian[:, RADIAL]
+        jacobian[:, SPEED] += turned_on * (r.angle - self.start_angle)
         if k:
             axis = self.axis_slice(k).start
             jacobian[:, axis : axis + 2] = jacobian[:, ECCENTRICITY]
@@ -263,7 +289,25 @@ class Model:
         jacobian[:, TILT_X], jacobian[:, TILT_Y] = -at.lever * gradient[0], -at.lever * gradient[1]
         jacobian[:, DRIFT] = across * r.time
         turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
-        jacobian[:, SPEED] = (turning - across * self._bearing_slope(p, at)) * (r.angle - self.start_angle)
+        jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
+
+    def _azimuth_of_middle(self, p: Array, k: int, at: "_ReadingGeometry") -> Array:
+        """Azimuth in T (n,) rad at which the middle of cylinder ``k`` is met: it runs ahead of what turns by."""
+        v, tilt = self.middles[k], p[PLANE_TILT]
+        ex, ey, tx, ty = _axis(self, p, k)
+        z = cos(tilt) * v
+        beside = p[PLANE_OFFSET] + sin(tilt) * v - at.s * (ex + tx * z) - at.c * (ey + ty * z)
+        return np.asarray(np.arcsin(np.clip(beside / self.radii[k], -1.0, 1.0)))
+
+    def _slopes_of_middle(self, p: Array, k: int, at: "_ReadingGeometry") -> tuple[Array, Array]:
+        """Slopes (n, UNKNOWNS) of ``_azimuth_of_middle`` over the geometry, and (n,) over the table's angle."""
+        z, slopes = cos(p[PLANE_TILT]) * self.middles[k], np.zeros((at.c.size, UNKNOWNS))
+        ex, ey, tx, ty = _axis(self, p, k)
+        slopes[:, PLANE_OFFSET], slopes[:, PLANE_TILT] = 1.0, z
+        slopes[:, ECCENTRICITY_X], slopes[:, ECCENTRICITY_Y] = -at.s, -at.c
+        slopes[:, TILT_X], slopes[:, TILT_Y] = -z * at.s, -z * at.c
+        lever = self.radii[k] * np.maximum(np.cos(self._azimuth_of_middle(p, k, at)), LEAST_COSINE)
+        return slopes / lever[:, None], (at.s * (ey + ty * z) - at.c * (ex + tx * z)) / lever
 
     def _bearing_slope(self, p: Array, at: "_ReadingGeometry") -> Array:
         """Slope (n,) of the bearing's waves over the table's angle, mm/rad."""
@@ -308,6 +352,11 @@ class _ReadingGeometry:
     distance: Array
     facing: Array
     """Cosine between the normal and T's X, along which the sensor errs."""
+
+    def on_shaft(self, azimuths: Array) -> tuple[Array, Array]:
+        """Direction (cosine and sine, (n,) each) in R of azimuths (n,) rad in T."""
+        across, beside = np.cos(azimuths), np.sin(azimuths)
+        return across * self.c + beside * self.s, beside * self.c - across * self.s
 
 
 def _rows(r: Readings, cylinder: int) -> slice | Ints:
