@@ -77,6 +77,8 @@ STATIC_U = 0.1
 of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
 BEARING_WAVE_U = 0.01
 """mm, k = 2, of each wave of the bearing: what can't be told from form that all cylinders share passes for form."""
+FIRM_MM = 3 * BEARING_WAVE_U
+"""From which amplitude on form is mostly form, whatever the bearing adds."""
 CONSIDERED_U = 1e-7
 """mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
@@ -205,7 +207,7 @@ class Model:
         """Residuals (n,) and their Jacobian (n, size), the ``turns`` as they are.
 
         That form is turned along the shaft by a tilted plane or axis is no evidence of tilt: a wave of the bearing,
-        taken for form, is not, and would say that nothing is tilted. It is where form is larger than any such wave.
+        taken for form, is not, and would say that nothing is tilted. Large form is evidence.
         """
         out = np.empty(readings.x.size)
         jacobian = np.zeros((self.size, readings.x.size)).T  # it is filled column by column
@@ -222,7 +224,7 @@ class Model:
         coefficients = p[self.form_slice(k)]
         waves = np.stack(_waves(at.normal[0], at.normal[1], self.orders))
         a, b = np.split(coefficients, 2)
-        firm = np.hypot(a, b) > BEARING_WAVE_U
+        firm = np.hypot(a, b) > FIRM_MM
         if turned is not None:
             towards = at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
             waves = np.where(firm[:, None], waves, np.stack(_waves(*towards, self.orders)))
