@@ -1,7 +1,7 @@
 """Random stands and random shafts: how often is the calibration right, and does it say so whenever it isn't?
 
 Run with the development environment: python bench/random_stands.py [--stands 1000] [--shafts 1000] [--first-seed 0]
-[--range-error-um 25] [--coaxiality-um 10] [--wrong-step-um 45]
+[--range-error-um 25] [--coaxiality-um 10] [--wrong-step-um 45] [--bearing-waves 2]
 """
 
 import argparse
@@ -56,6 +56,8 @@ class Outcome:
     e_U: float = np.nan
     phi: float = np.nan
     field: float = np.nan
+    plane: float = np.nan
+    """Offset or tilt of the laser plane off the truth, whichever is more of its U."""
     wrong: str = ""
 
 
@@ -150,6 +152,27 @@ def try_stand(seed: int, range_error: float = 0.0, coaxiality: float = 0.0, wron
     return _tried(seed, stand, simulation, shaft)
 
 
+def try_bearing(seed: int, waves: int) -> Outcome:
+    """A round shaft of little or much eccentricity, its steps coaxial to 0.2 um, on a table whose bearing moves it by
+    some waves of 1 to 7 um, 5 to 28 times a turn."""
+    rng = np.random.default_rng(seed)
+    stand, simulation, shaft = random_stand(rng)
+    eccentricity = float(np.exp(rng.uniform(np.log(0.05), np.log(1.5))))
+    simulation = replace(
+        simulation, optics=Optics(noise=0.002, dropouts=0.02), workpiece=Workpiece(),
+        running=replace(simulation.running, eccentricity=eccentricity),
+    )  # fmt: skip
+    base, bearing = shaft.cylinders
+    shaft = replace(shaft, cylinders=(base, replace(bearing, coaxiality_U=2e-4)))
+    made = simulate(stand, simulation, shaft, seed)
+    scan = interpret(made.recording, stand)
+    x, _, z = Pose.from_matrix(made.truth.table_from_sensor).rotation.T @ np.array([1.0, 0.0, 0.0])
+    by = np.zeros((scan.profiles, 1))
+    for n in rng.integers(5, 29, waves):
+        by += rng.uniform(0.001, 0.007) * np.cos(n * scan.angle + rng.uniform(0, 6.28))[:, None]
+    return _judged(seed, made, replace(scan, x=scan.x + by * x, z=scan.z + by * z), shaft)
+
+
 def try_shaft(seed: int) -> Outcome:
     stand, simulation, shaft = random_shaft(np.random.default_rng(seed))
     return _tried(seed, stand, simulation, shaft)
@@ -180,7 +203,23 @@ def _judged(seed: int, made: Simulated, scan: Scan, shaft: Artefact) -> Outcome:
     if height > 5.0:
         wrong.append(f"wrong cylinder, {height:.1f} mm")
     said = found.status if found.status == "valid" else f"untrusted: {found.reasons[0][:60]}"
-    return Outcome(seed, said, 1e3 * e, 1e3 * e_U, degrees(phi), 1e3 * field_error(found, made.truth), ", ".join(wrong))
+    plane = plane_error(found, made.truth)
+    if plane > 2.0:
+        wrong.append(f"laser plane {plane:.1f} U")
+    return Outcome(
+        seed, said, 1e3 * e, 1e3 * e_U, degrees(phi), 1e3 * field_error(found, made.truth), plane, ", ".join(wrong)
+    )
+
+
+def plane_error(found: Calibration, truth: Truth) -> float:
+    """Error of the laser plane's offset or tilt over its U, whichever is more; 0 where neither is known."""
+    mounting, U = truth.simulation.mounting, found.uncertainty
+    ratios = [0.0]
+    if found.plane_offset is not None:
+        ratios.append(abs(found.plane_offset - mounting.plane_offset) / U["laser_plane_offset_mm"].U)
+    if found.plane_tilt is not None:
+        ratios.append(degrees(abs(found.plane_tilt - mounting.plane_tilt)) / U["laser_plane_tilt_deg"].U)
+    return max(ratios)
 
 
 def shoulder_error(found: Calibration, truth: Truth, shaft: Artefact) -> float:
@@ -218,7 +257,8 @@ def study(what: Any, seeds: range, title: str, workers: int) -> None:
     table.add_row("valid / untrusted / refused", " / ".join(map(str, counts)))
     table.add_row("silently wrong", str(sum(bool(o.wrong) for o in valid)))
     for name, values in (("eccentricity, um", [o.e for o in valid]), ("phi, degrees", [o.phi for o in valid]),
-                         ("field, um rms", [o.field for o in valid])):  # fmt: skip
+                         ("field, um rms", [o.field for o in valid]),
+                         ("laser plane, of its U", [o.plane for o in valid])):  # fmt: skip
         q = np.quantile(values, [0.5, 0.95, 1.0]) if values else [np.nan] * 3
         table.add_row(f"{name}: median, 95 %, worst", "  ".join(f"{v:.4f}" for v in q))
     covered = np.mean([o.e <= o.e_U for o in valid]) if valid else np.nan
@@ -236,6 +276,7 @@ def main() -> None:
     parser.add_argument("--range-error-um", type=float, default=0.0)
     parser.add_argument("--coaxiality-um", type=float, default=0.0)
     parser.add_argument("--wrong-step-um", type=float, default=0.0)
+    parser.add_argument("--bearing-waves", type=int, default=0)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     a = parser.parse_args()
@@ -243,6 +284,8 @@ def main() -> None:
     what = partial(
         try_stand, range_error=um * a.range_error_um, coaxiality=um * a.coaxiality_um, wrong_step=um * a.wrong_step_um
     )
+    if a.bearing_waves:
+        what = partial(try_bearing, waves=a.bearing_waves)
     if a.stands:
         study(what, range(a.first_seed, a.first_seed + a.stands), "random stands", a.workers)
     if a.shafts:

@@ -51,7 +51,7 @@ def wait_for(condition, within=NOT_FOR_EVER):
 
 def test_a_job_goes_through_its_steps(running, folder):
     job = start(running, folder, "quick")
-    assert job["state"] == "running" and job["done"] == 0.0 and job["title"] == "shaft M"
+    assert job["state"] == "running" and job["done"] < 1.0 and job["title"] == "shaft M"
     assert [s["label"] for s in job["steps"]] == ["Scan the shaft", "Calibrate", "Write", "Keep"]
     done = ended(running)
     assert done["state"] == "done" and done["done"] == 1.0 and done["status"] == "valid"
