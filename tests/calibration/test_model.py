@@ -47,9 +47,11 @@ def on_the_surface(p, r):
     return Readings(x, z, r.angle, r.time, r.cylinder)
 
 
-def test_the_jacobian_is_that_of_the_residuals():
+@pytest.mark.parametrize("larger", [1.0, 5.0], ids=["form that may be the bearing's", "larger form"])
+def test_the_jacobian_is_that_of_the_residuals(larger):
     rng = np.random.default_rng(1)
     p, r = parameters(rng), readings(rng)
+    p[MODEL.forms_slice] *= larger
     r = on_the_surface(p, r)  # the share of the residual's own scale, 1 / cosine, is left out: zero there
     _, jacobian = MODEL.linearised(p, r)
     turned = MODEL.turns(p, r)

@@ -232,15 +232,16 @@ class Model:
         residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
         if jacobian is None:
             return np.asarray(residual)
-        n = np.arange(2, self.orders + 1)
-        of_firm, slope = ((n * which * b) @ cosines - (n * which * a) @ sines for which in (firm, ~firm))
+        of_firm, slope = (_slope(which * a, which * b, cosines, sines) for which in (firm, ~firm))
         # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
         lean = of_firm / at.distance * np.stack([-at.normal[1], at.normal[0], np.zeros_like(slope)])
         self._fill_geometry(jacobian, p, r, at, at.normal - lean)
         over_geometry, over_angle = self._slopes_of_middle(p, k, at)
         jacobian[:, :UNKNOWNS] -= slope[:, None] * over_geometry
         # A table that turns on shows the next form, and the bearing's next move.
-        turned_on = slope * (1.0 - over_angle) - self._bearing_slope(p, at) * jacobian[:, RADIAL]
+        a, b = np.split(p[self.bearing_slice], 2)
+        of_bearing = _slope(a, b, at.bearing[0], at.bearing[1])
+        turned_on = slope * (1.0 - over_angle) - of_bearing * jacobian[:, RADIAL]
         jacobian[:, SPEED] += turned_on * (r.angle - self.start_angle)
         if k:
             axis = self.axis_slice(k).start
@@ -310,13 +311,6 @@ class Model:
         slopes[:, TILT_X], slopes[:, TILT_Y] = -z * at.s, -z * at.c
         lever = self.radii[k] * np.maximum(np.cos(self._azimuth_of_middle(p, k, at)), LEAST_COSINE)
         return slopes / lever[:, None], (at.s * (ey + ty * z) - at.c * (ex + tx * z)) / lever
-
-    def _bearing_slope(self, p: Array, at: "_ReadingGeometry") -> Array:
-        """Slope (n,) of the bearing's waves over the table's angle, mm/rad."""
-        n = np.arange(2, self.orders + 1)
-        a, b = np.split(p[self.bearing_slice], 2)
-        cosines, sines = at.bearing
-        return np.asarray((n * b) @ cosines - (n * a) @ sines)
 
     def radial_position(self, parameters: Array, v: Array, nominal_angle: Array, time: Array, which: Ints) -> Array:
         """Where the sensor sees the modelled surface: u (n,) mm, drift included, for axial positions v (n,) mm on the
@@ -389,6 +383,12 @@ def _waves(c: Array, s: Array, orders: int) -> tuple[Array, Array]:
     for n in range(1, orders):
         cosines[n], sines[n] = cosines[n - 1] * c - sines[n - 1] * s, sines[n - 1] * c + cosines[n - 1] * s
     return cosines[1:], sines[1:]
+
+
+def _slope(a: Array, b: Array, cosines: Array, sines: Array) -> Array:
+    """Slope (n,) over the angle of waves 2..orders, a of their cosines and b of their sines, (orders - 1,) mm each."""
+    n = np.arange(2, a.size + 2)
+    return np.asarray((n * b) @ cosines - (n * a) @ sines)
 
 
 def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand) -> Model:

@@ -170,11 +170,11 @@ def _form(c: Calibration) -> str:
         return ""
     bars = framed(
         figures.form_bars(c),
-        "Form of the artefact's surfaces, fitted together with the geometry. One scan gives single harmonics no U of "
-        "their own; several clampings do.",
+        "Form of the artefact's surfaces and waves of the table's bearing, fitted together with the geometry. One scan "
+        "gives single harmonics no U of their own; several clampings do.",
     )
     apart = "" if c.positions is None else "<h2>What the clampings tell apart</h2>" + tables.positions(c.positions)
-    return "<h2>Form of the artefact</h2>" + bars + tables.harmonics(c) + apart
+    return "<h2>Form of the artefact, and bearing</h2>" + bars + tables.harmonics(c) + apart
 
 
 def _budget(c: Calibration, rows: list[Quantity]) -> str:
