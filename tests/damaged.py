@@ -94,7 +94,7 @@ MEASURED = {
     "groove across": (2, (8.5, 9.8), FACE, 0.06, 0.1, PROFILE),
     "groove along, off mid-face": (5, (0.0, 15.0), (19.0, 21.0), 0.06, 0.1, ("f_fbeta",)),
     "groove along": (8, (0.0, 15.0), (13.0, 17.0), 0.06, 0.1, ("f_fbeta",)),
-    "wear": (11, (7.0, 9.5), FACE, 0.045, 1.25, ("f_falpha",)),
+    "wear": (11, (7.0, 9.5), FACE, 0.05, 1.25, ("f_falpha",)),
     "step at the tip": (14, (10.0, 15.0), FACE, 0.09, 0.3, PROFILE),
     "shallow": (17, (8.0, 10.5), FACE, 0.012, 0.3, ()),
     "end of the face": (20, (0.0, 15.0), (21.0, 26.0), 0.08, 0.5, ("f_fbeta",)),

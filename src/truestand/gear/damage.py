@@ -226,6 +226,15 @@ def without_damage(grid: Grid, damages: tuple[Damage, ...]) -> Grid:
     return replace(grid, count=count, delta=delta)
 
 
+def clear_of(damages: tuple[Damage, ...], grid: Grid) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) of damage that stands out of all that noise looks like."""
+    cells = np.zeros(grid.delta.shape, dtype=bool)
+    for d in damages:
+        if d.clear:
+            cells[d.side, d.tooth] |= d.cells
+    return cells
+
+
 @dataclass(frozen=True, slots=True)
 class _Region:
     """Cells of a flank that depart together, or are not seen, and what readings and rays say of them."""

@@ -4,12 +4,12 @@ All of it is linear in the cells once it stands how the flanks are read, extreme
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid, step_on_flank
 from truestand.gear.noise import CellNoise, borne_out, noise_of_cells
@@ -94,11 +94,29 @@ def evaluator_of(grid: Grid, step: float) -> Evaluator:
     """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
     cells = noise_of_cells(grid)
     traces = traces_of(grid, cells, step)
-    near = np.abs(grid.rolls - grid.nominal.measuring_roll) < WIDE_STEPS[0] * step_on_flank(
-        grid.nominal, grid.nominal.measuring_roll, step
-    )
-    noise = borne_out(cells, grid, near, lambda delta: circle_points(delta, traces))
-    return Evaluator(grid, noise, smooth_flanks(grid), traces)
+    return Evaluator(grid, _borne_out_by_helices(cells, grid, traces, step), smooth_flanks(grid), traces)
+
+
+def with_noise_beside(damaged: Mask, evaluator: Evaluator, step: float) -> Evaluator:
+    """The same, its noise told by cells that are not ``damaged`` (2, teeth, roll lengths, heights).
+
+    Damage of most flanks, each elsewhere, is alike from flank to flank as noise is: a ridge on every flank of a side
+    was taken off their mean.
+    """
+    grid, traces = evaluator.grid, evaluator.traces
+    noise = _borne_out_by_helices(noise_of_cells(grid, damaged), grid, traces, step, damaged)
+    return replace(evaluator, noise=noise)
+
+
+def _borne_out_by_helices(
+    noise: CellNoise, grid: Grid, traces: Traces, step: float, damaged: Mask | None = None
+) -> CellNoise:
+    """The noise of cells with those near the measuring circle as helices show it."""
+    circle = grid.nominal.measuring_roll
+    near = np.abs(grid.rolls - circle) < WIDE_STEPS[0] * step_on_flank(grid.nominal, circle, step)
+    off = np.zeros(grid.delta.shape, dtype=bool) if damaged is None else damaged
+    beside = ~off[:, :, near].any(axis=2).reshape(traces.heights.shape)
+    return borne_out(noise, grid, near, lambda delta: np.where(beside, circle_points(delta, traces), np.nan))
 
 
 def evaluate(delta: Array, evaluator: Evaluator) -> Measures:

@@ -21,6 +21,7 @@ from truestand.gear.characteristics import characteristics_of, settings_of, with
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import (
     Damage,
+    clear_of,
     damage_of,
     unseen_in_traces,
     with_deep_damage,
@@ -47,6 +48,7 @@ from truestand.gear.evaluate import (
     sampling_of,
     steepness_of,
     vibration_of,
+    with_noise_beside,
 )
 from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
@@ -212,6 +214,8 @@ def _assess(
     """The figures, freed of the bias of noise, with every line of their budget."""
     nominal = evaluator.grid.nominal
     figures = figures_of(measures, nominal)
+    if (damaged := clear_of(damage, evaluator.grid)).any():
+        evaluator = with_noise_beside(damaged, evaluator, step)
     noise = bias_of(figures, evaluator, DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
     influences = influences_of(weighed(views, flanks, evaluator.grid), evaluator.grid, flanks.toothing)

@@ -137,11 +137,12 @@ def _factor(number: int, coefficient: float) -> Array:
     return np.asarray(np.linalg.cholesky(_alike(number, coefficient)), dtype=np.float64)
 
 
-def noise_of_cells(grid: Grid) -> CellNoise:
-    """The noise of a grid's cells."""
-    inside = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
-    whole, waves = inside, waves_of(inside)
-    inside = inside - waves
+def noise_of_cells(grid: Grid, damaged: Mask | None = None) -> CellNoise:
+    """The noise of a grid's cells; ``damaged`` ones (2, teeth, roll lengths, heights) have it too, but don't tell it."""
+    whole = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
+    waves = waves_of(whole)
+    sound = whole if damaged is None else np.where(damaged, np.nan, whole)
+    inside = sound - waves
     count = np.maximum(grid.count, 1.0)
     farthest = _farthest(grid)
     lags = sorted({max(1, farthest // n) for n in (16, 8, 4, 2, 1)})
@@ -154,7 +155,7 @@ def noise_of_cells(grid: Grid) -> CellNoise:
         _shared(inside, variance * more, at, along)
         for more, at, along in zip(correlation.of_means[::-1], (grid.roll, grid.height), (2, 3), strict=True)
     )
-    of_profile, along_profile = _of_profiles(whole, variance * correlation.of_means[1], grid)
+    of_profile, along_profile = _of_profiles(sound, variance * correlation.of_means[1], grid)
     return CellNoise(
         np.where(grid.count > 0, variance, 0.0),
         np.where(grid.count > 0, _unevenness(whole) / count, 0.0),
