@@ -326,7 +326,9 @@ class Bias:
     lifted: Figures
     """Square (mm^2) by which noise lifts the square of a figure that is the largest of many values."""
     sd: Figures
-    """Standard deviation of the figure as it is read, from noise."""
+    """Standard deviation of the figure as it is read, from noise,"""
+    added: Figures
+    """and by how much noise of the same size, once more, lifts it: mm."""
 
     def corrected(self, base: Figures) -> Figures:
         """The figures as they are without noise: the largest of many values reads too much even where all are zero."""
@@ -334,16 +336,19 @@ class Bias:
 
     def expanded(self, base: Figures, steep: Figures) -> Figures:
         """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U, or
-        when the noise is another by ``NOISE_U``, which single teeth hardly feel, but their mean does.
+        when the noise is another by ``NOISE_U``, which single teeth hardly feel, but their mean does; and as far as it
+        matters whether the squares of figures add or they themselves.
 
         ``steep``: standard deviation of the figures from cells that aren't known better than a flank rises in them.
         """
-        U = {n: 2 * np.hypot(self.sd[n], steep[n]) for n in base}
+        U, as_figures = {n: 2 * np.hypot(self.sd[n], steep[n]) for n in base}, self._corrected_as_figures(base)
         highest = {n: np.maximum(v, np.sqrt(self.lifted.get(n, 0.0))) + U[n] for n, v in base.items()}
         lowest = {n: np.maximum(v - U[n], 0.0) for n, v in base.items()}
         ends = self.corrected(highest), self.corrected(lowest)
         others = [
-            Bias({n: v * (1.0 + sign * NOISE_U) ** 2 for n, v in self.lifted.items()}, self.sd).corrected(base)
+            Bias({n: v * (1.0 + sign * NOISE_U) ** 2 for n, v in self.lifted.items()}, self.sd, self.added).corrected(
+                base
+            )
             for sign in (-1.0, 1.0)
         ]
 
@@ -351,9 +356,17 @@ class Bias:
             return np.asarray(np.fmax(*(np.abs(f[n] - from_) for f in figures)))
 
         return {
-            n: np.hypot(farthest(n, c, ends), farthest(n, c, others)) if n in self.lifted else U[n]
+            n: np.sqrt(farthest(n, c, ends) ** 2 + farthest(n, c, others) ** 2 + 4 / 3 * (as_figures[n] - c) ** 2)
+            if n in self.lifted
+            else U[n]
             for n, c in self.corrected(base).items()
         }
+
+    def _corrected_as_figures(self, base: Figures) -> Figures:
+        """The corrected figures if they, not their squares, add: where noise lies on one peak and a flat rest, it lifts
+        a figure in proportion to its standard deviation, which is sqrt 2 times as large with noise once more.
+        """
+        return {n: np.maximum(v - self.added[n] / (sqrt(2.0) - 1.0), 0.0) for n, v in base.items() if n in self.added}
 
 
 def bias_of(base: Figures, evaluator: Evaluator, draws: int) -> Bias:
@@ -375,7 +388,8 @@ def _bias(base: Figures, drawn: Figures, alone: Figures) -> Bias:
     """
     grows = [name for name in base if name.removesuffix(MEAN) in NEVER_NEGATIVE]
     lifted = {n: np.fmax(drawn[n].mean(axis=0) ** 2 - base[n] ** 2, alone[n].mean(axis=0) ** 2) for n in grows}
-    return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()})
+    added = {n: drawn[n].mean(axis=0) - base[n] for n in grows}
+    return Bias(lifted, {n: stack.std(axis=0) for n, stack in drawn.items()}, added)
 
 
 def steepness_of(evaluator: Evaluator) -> Figures:

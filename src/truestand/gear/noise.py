@@ -138,7 +138,7 @@ def _factor(number: int, coefficient: float) -> Array:
 
 
 def noise_of_cells(grid: Grid, damaged: Mask | None = None) -> CellNoise:
-    """The noise of a grid's cells; ``damaged`` ones (2, teeth, roll lengths, heights) have it too, but don't tell it."""
+    """The noise of a grid's cells; ``damaged`` ones (2, teeth, roll lengths, heights) have it but don't tell it."""
     whole = np.where(grid.in_ranges & grid.solid, grid.delta, np.nan)
     waves = waves_of(whole)
     sound = whole if damaged is None else np.where(damaged, np.nan, whole)
