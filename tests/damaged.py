@@ -10,8 +10,9 @@ from math import radians
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from gears import POINTS, SPUR, scan_of, simulation, true_calibration
+from gears import POINTS, SPUR, scanned, simulation, stand, true_calibration
 from truestand.apply.datum import datum_of
+from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration
 from truestand.gear.flanks import find_flanks, find_toothing
 from truestand.gear.geometry import FLANKS, involute
@@ -37,19 +38,26 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @lru_cache(maxsize=4)
-def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0):
+def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0, stuck=None):
     """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
     roll length, height, radius) each; ``shaking``: mm rms by which whole profiles are off, those beside each other
-    alike; ``strays``: share of the readings that are half a millimetre off, one way or the other.
+    alike; ``strays``: share of the readings that are half a millimetre off, one way or the other; ``stuck``: a point of
+    the sensor and the range that it reports.
     """
-    scan = scan_of(gear, errors, how or simulation(), points)
+    recording = scanned(gear, errors, how or simulation(), points).recording
+    scan = interpret(replace(recording, z=_stuck(recording.z, *stuck)) if stuck else recording, stand(points))
     scan = replace(scan, z=scan.z + shaking * _shaken(scan.z.shape[0])[:, None]) if shaking else scan
     scan = replace(scan, z=scan.z + _strayed(scan.z.shape, strays)) if strays else scan
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
-    stand = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
+    stated = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
-    surface = apply_calibration(replace(scan, stand=stand), known)
+    surface = apply_calibration(replace(scan, stand=stated), known)
     return inspect_gear(without_readings(surface, gear, blind) if blind else surface, gear)
+
+
+def _stuck(z, point, at):
+    """Ranges (profiles, points) mm of which one point reports the same all the time."""
+    return np.where(np.arange(z.shape[1]) == point, at, z)
 
 
 def _shaken(profiles):

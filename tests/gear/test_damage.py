@@ -150,6 +150,13 @@ def test_sound_gears_have_no_undecided_figure(how, points):
         assert found.defects == ()
 
 
+def test_a_stuck_point_of_the_sensor_is_no_damage():
+    """Its range was a hole in 28 flanks: a sound gear failed, and 227 lines were undecided."""
+    found = inspected(SOUND, points=320, stuck=(125, 90.985))
+    assert found.verdict != "does_not_conform" and not found.defects
+    assert sum(c.verdict == "undecided" for c in found.characteristics) < 10
+
+
 @pytest.mark.more
 def test_with_two_readings_a_cell_and_as_many_outliers_hardly_a_line_is_doubted():
     """40 % wild, 60 % lost, one turn: two outliers side by side pass for damage now and then."""

@@ -15,6 +15,7 @@ from truestand.core.arrays import Array, Ints
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
 from truestand.core.stand import Stand
+from truestand.core.stuck import without_stuck
 
 AngleSource = Literal["index", "time", "angle", "encoder"]
 AngleZero = Literal["index", "home", "witness", "unknown"]
@@ -68,6 +69,8 @@ class Scan:
     intensity: Array | None = None
     reasons: tuple[Message, ...] = ()
     """Why it is not proven complete; empty where it is, or where the recording does not say."""
+    remarks: tuple[Message, ...] = ()
+    """What else to know of it: points of the sensor that are stuck, and left out."""
 
     @property
     def view(self) -> str:
@@ -139,10 +142,10 @@ def interpret(
     stand = _seen_from(stand, recording, view)
     angle, source = table_angle(recording, stand, start_angle)
     x = -recording.x if stand.sensor.mirrored else recording.x
-    z = _within_range(recording.z, stand.sensor.range)
+    z, remarks = without_stuck(_within_range(recording.z, stand.sensor.range))
     return Scan(
         x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity,
-        _incomplete_reasons(recording),
+        _incomplete_reasons(recording), remarks,
     )  # fmt: skip
 
 

@@ -40,7 +40,10 @@ def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
     if part.temperature.growth:
         surfaces = tuple(_at_reference_temperature(s, part.temperature) for s in surfaces)
     inspection = _inspected(surfaces, part)
-    followed = dict.fromkeys(remark for s in surfaces for remark in transfer_remarks(s.origin[1]))
+    origins = [s.origin for s in surfaces]
+    followed = dict.fromkeys(
+        r for scan, calibration in origins for r in (*scan.remarks, *transfer_remarks(calibration))
+    )
     return replace(inspection, remarks=(*followed, *inspection.remarks))
 
 

@@ -1,0 +1,79 @@
+"""Points of a sensor that are stuck: they report one range, whatever is there.
+
+A bright spot of the sensor's image is taken for the laser's line where that is faint. A surface that stands still shows
+its range to one point, too, but goes on at the points beside it. On a gear, a stuck point is a hole in every flank.
+"""
+
+import numpy as np
+
+from truestand.core.arrays import Array, Ints
+from truestand.core.message import Message
+
+STEP = 0.02
+"""mm of range in which a stuck point stays."""
+SAMPLE = 1000
+"""Profiles, spread over the scan, that tell,"""
+LEAST_SHARE = 0.02
+"""and share of them at one range from which a point may be stuck there,"""
+OFTEN = 5.0
+"""where it has no range beside that one so often, nor have the points beside it on any line through it: an edge that
+moves to and fro, on an eccentric shaft, stays longest where it turns back."""
+STEEPEST = 100
+"""Steps from point to point of such a line."""
+MOST_POINTS = 0.02
+"""Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
+FARTHEST = 100.0
+"""mm from the middle of all ranges that are looked at."""
+
+
+def without_stuck(z: Array) -> tuple[Array, tuple[Message, ...]]:
+    """Ranges ``z`` (N, M) mm with those at which points are stuck marked as not seen, and a remark on each of these
+    points; the same array where there are none.
+    """
+    found = _stuck(z[:: max(1, z.shape[0] // SAMPLE)])
+    if not found:
+        return z, ()
+    out, remarks = z.copy(), []
+    for point, at in found:
+        there = np.abs(out[:, point] - at) < STEP
+        if there.mean() < LEAST_SHARE / 2:
+            continue  # left out already, as the step next to it
+        out[there, point] = np.nan
+        text = f"point {point + 1} of the sensor is stuck at {at:.2f} mm in {there.mean():.0%} of the profiles"
+        remarks.append(Message("point_stuck", f"{text}: left out there"))
+    return out, tuple(remarks)
+
+
+def _stuck(z: Array) -> list[tuple[int, float]]:
+    """Points and the range (mm) at which each is stuck, of profiles (N, M)."""
+    seen = z[np.isfinite(z)]
+    if not seen.size:
+        return []
+    middle = float(np.median(seen))
+    half = 3 + round(min(FARTHEST, float(np.abs(seen - middle).max())) / STEP)
+    number = _numbers(np.rint((z - middle) / STEP), half)
+    point, step = np.nonzero(number[:, 3:-3] > LEAST_SHARE * z.shape[0])
+    step += 3
+    own = number[point, step]
+    go_on = np.maximum(_through(number, point, step), np.max([number[point, step + k] for k in (-3, -2, 2, 3)], axis=0))
+    alone = own > OFTEN * go_on
+    stuck = [(int(p), middle + STEP * (int(s) - half)) for p, s in zip(point[alone], step[alone], strict=True)]
+    return stuck if len(set(point[alone])) <= MOST_POINTS * z.shape[1] else []
+
+
+def _numbers(steps: Array, half: int) -> Ints:
+    """How often (M, 2 half + 1) each point has each of the ``steps`` (N, M) from -half to half."""
+    seen, span = np.abs(steps) <= half, 2 * half + 1
+    cells = np.nonzero(seen)[1] * span + steps[seen].astype(np.int64) + half
+    return np.bincount(cells, minlength=steps.shape[1] * span).reshape(-1, span)
+
+
+def _through(number: Ints, point: Ints, step: Ints) -> Ints:
+    """How often (n,) a straight line through a ``step`` of a ``point`` is seen at two points beside it, at least."""
+    wide = 2 * STEEPEST + 1
+    near = np.pad(number, ((2, 2), (wide, wide)))
+    near = np.maximum(np.maximum(near[:, :-2], near[:, 1:-1]), near[:, 2:])
+    slopes = np.arange(-STEEPEST, STEEPEST + 1)[:, None]
+    beside = {p: near[point + 2 + p, step + wide - 1 + p * slopes] for p in (-2, -1, 1, 2)}
+    pairs = [np.minimum(beside[a], beside[b]) for a, b in ((-1, 1), (1, 2), (-1, -2))]
+    return np.asarray(np.max(pairs, axis=(0, 1), initial=0))

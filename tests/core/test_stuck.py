@@ -1,0 +1,49 @@
+"""Points of a sensor that are stuck are left out; what stands still, or turns back, is no stuck point."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gears import SPUR, scanned, stand
+from truestand.core.scan import interpret
+from truestand.core.stuck import without_stuck
+from truth import STANDS, simulated
+from variants import tried
+
+POINT, AT = 125, 92.0
+
+
+def with_stuck(z, share, width=0.001):
+    """The ranges with one point that reports the same in a share of the profiles."""
+    rng = np.random.default_rng(4)
+    there, z = rng.random(z.shape[0]) < share, z.copy()
+    z[there, POINT] = AT + rng.normal(0.0, width, np.count_nonzero(there))
+    return z, there
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 1.0])
+def test_a_stuck_point_is_left_out_where_it_is_stuck(share):
+    recording = scanned(SPUR, points=320).recording
+    z, there = with_stuck(recording.z, share)
+    scan = interpret(replace(recording, z=z), stand(320))
+    assert np.isnan(scan.z[there, POINT]).all()
+    lost = np.isnan(scan.z[~there, POINT]) & np.isfinite(recording.z[~there, POINT])
+    assert np.count_nonzero(lost) <= 0.02 * lost.size
+    others = np.arange(320) != POINT
+    np.testing.assert_array_equal(scan.z[:, others], recording.z[:, others])
+    (remark,) = scan.remarks
+    assert remark.code == "point_stuck" and f"point {POINT + 1} of the sensor is stuck at 9" in remark
+
+
+def test_a_shaft_that_stands_still_is_no_stuck_point():
+    z = 90.0 + 0.4 * np.arange(64) + np.zeros((500, 1))
+    assert without_stuck(z)[0] is z and without_stuck(np.full((4, 8), np.nan))[1] == ()
+
+
+@pytest.mark.parametrize("name", tried(["paper", "eccentric 2.5 mm", "centred"], *STANDS))
+def test_no_stand_has_a_stuck_point(name):
+    """Nor has a sensor that counts in steps of 2 or 50 um."""
+    z = simulated(name).recording.z
+    for of_range in (z, 0.002 * np.rint(z / 0.002), 0.05 * np.rint(z / 0.05)):
+        assert without_stuck(of_range)[0] is of_range
