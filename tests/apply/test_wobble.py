@@ -59,6 +59,17 @@ def test_a_bearing_moves_the_part_sideways_as_well():
         assert abs(b[key].value - a[key].value) < b[key].U
 
 
+@pytest.mark.parametrize(("stated", "name"), [(None, "sideways motion of the table (assumed)"),
+                                              (0.005, "sideways motion of the table")])  # fmt: skip
+def test_what_no_shaft_shows_of_the_bearing_is_assumed_or_stated(stated, name):
+    """A worm pushed the shaft across the laser plane only, 8 um: f_p was 9 U off."""
+    known, scan = replace(calibrated(), reasons=()), scan_of()
+    scan = replace(scan, stand=replace(scan.stand, table=replace(scan.stand.table, sideways_U=stated)))
+    lines = {(c.name, c.flank): c for c in inspect_gear(roll(scan, known), SPUR).characteristics if c.tooth is None}
+    part = {b.name: b.U for b in lines["f_p", "left"].budget}
+    assert part[name] == pytest.approx((stated or 1 * UM) * 1.5, rel=0.4)
+
+
 def test_a_bearing_that_wobbled_in_the_shafts_scan_as_well_stands_in_u():
     """It passes for form of the shaft, and the part's scan shows nothing new: F_p was 5.4 U off."""
     shaft = simulate(stand(), simulation(5500), paper_shaft(), 0)

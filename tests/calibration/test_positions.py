@@ -22,7 +22,7 @@ OFF = 0.02 * np.exp(0.7j)
 LEAN = 5e-4 * np.exp(2.1j)
 OWN = (FormWave("base", 2, 0.085, 0.4), FormWave("base", 3, 0.004, 1.0), FormWave("bearing", 3, 0.006, 2.0))
 BEARING = (2, 0.001, -1.0), (3, 0.002, 1.0)
-STAND = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 1000, "columns": ("angle",)})
+STAND = Named({"phi": ABOVE, **PLANE}, TILTED, acquisition={"profiles": 2000, "columns": ("angle",)})
 
 
 def artefact():
@@ -63,7 +63,7 @@ def test_two_clampings_take_coaxiality_out_of_the_laser_plane():
     _, _, _, tilt, offset = sensor_parameters(both.table_from_sensor)
     U = both.uncertainty["laser_plane_offset_mm"].U
     assert abs(offset - PLANE["plane_offset"]) < U < 0.003
-    assert degrees(abs(tilt - PLANE["plane_tilt"])) < both.uncertainty["laser_plane_tilt_deg"].U < 0.02
+    assert degrees(abs(tilt - PLANE["plane_tilt"])) < both.uncertainty["laser_plane_tilt_deg"].U < 0.025
     assert not both.not_identifiable
 
 
@@ -87,7 +87,8 @@ def test_form_and_bearing_are_separated():
     for wave in OWN:
         own = next(s for s in positions.form if (s.harmonic.surface, s.harmonic.upr) == (wave.surface, wave.upr))
         true = wave.amplitude * np.exp(-1j * (wave.phase + wave.upr * turn))
-        assert abs(own.harmonic.amplitude * np.exp(-1j * own.harmonic.phase) - true) < 1e-4
+        turned = 2e-3 * wave.upr * wave.amplitude  # by the laser plane of each scan alone, 30 um at a radius of 15 mm
+        assert abs(own.harmonic.amplitude * np.exp(-1j * own.harmonic.phase) - true) < 1e-4 + turned
     for upr, amplitude, phase in BEARING:
         table = next(s.harmonic for s in positions.bearing if s.harmonic.upr == upr)
         assert abs(table.amplitude * np.exp(-1j * table.phase) - amplitude * np.exp(-1j * phase)) < 1e-4

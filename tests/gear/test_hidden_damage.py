@@ -9,6 +9,7 @@ import pytest
 
 from damaged import FORM_LINES, GEAR, HELIX, PROFILE, SOUND, WILD, inspected, line, truth, verdict
 from gears import SPUR, helical, simulation
+from truestand.gear.damage import may_go_on
 from truestand.gear.evaluate import VIBRATION
 from truestand.gear.geometry import FLANKS, involute
 from truestand.sim import Dent, Worn
@@ -89,6 +90,30 @@ def test_a_dent_between_the_profiles_beside_the_measuring_circle_is_not_seen():
     found = inspected(errors, gear, simulation(850), 320)
     assert not wrong(found, truth(errors, gear))
     assert line(found, "F_beta", 2).verdict == "undecided"
+
+
+@pytest.mark.parametrize("every", tried([3], 1, 6))
+def test_a_crater_that_runs_out_of_the_lower_end_of_the_profile_is_not_seen(every):
+    """No reading returns from it, and none is missed between two others: F_alpha 0.0 +- 8.5, *conforms*, for 212."""
+    gear, teeth = replace(helical(20.0), accuracy_class=10), range(1, 25, every)
+    craters = tuple(Worn(t, "left", (3.6, 4.67), (15.1 + 0.03 * t, 21.8), 0.54, 0.2) for t in teeth)
+    errors = replace(SOUND, worn=craters)
+    found = inspected(errors, gear, simulation(upright=True), 320)
+    assert not wrong(found, truth(errors, gear))
+    assert {line(found, name, t).verdict for name in PROFILE for t in teeth} == {"undecided"}
+    sound = [c for c in found.characteristics if c.tooth and c.tooth not in teeth and c.flank == "left"]
+    assert all(c.verdict == "conforms" for c in sound)
+
+
+def test_damage_that_was_not_seen_whole_may_go_on_where_profiles_show_nothing():
+    """A crater showed itself beyond the middle of the face only: F_alpha 3.8 +- 35, *conforms*, for 223."""
+    region, seen = np.zeros((6, 9), dtype=bool), np.zeros((6, 9), dtype=bool)
+    region[1:5, 5:7] = True
+    seen[0], seen[5], seen[2, 3], seen[1:4, 1], seen[1:4, 8] = True, True, True, True, True
+    expected = np.zeros((6, 9), dtype=bool)
+    expected[1:5, 2:8] = True
+    expected[2, 3] = False
+    np.testing.assert_array_equal(may_go_on(region, seen), expected)
 
 
 @pytest.mark.parametrize("seed", tried([3], rarely=[1, 2]))

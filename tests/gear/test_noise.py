@@ -100,6 +100,18 @@ def test_what_noise_makes_of_flat_flanks_is_taken_off():
     assert np.mean(beyond) <= 0.005
 
 
+def test_what_is_taken_off_may_be_roughness():
+    """Of all flanks: single teeth allowed for it, and their mean read f_fbeta 0.0 +- 10.8 where 21 was true."""
+    rough = grid(noise=8 * UM, correlation=Correlation(1.0, 0.8, 0.8))
+    rough = replace(rough, delta=rough.delta - grid().delta)
+    evaluator = evaluator_of(rough, 2 * np.pi / 4400)
+    figures = figures_of(evaluate(rough.delta, evaluator), rough.nominal)
+    bias = bias_of(figures, evaluator, FEW_DRAWS)
+    value, U = bias.corrected(figures), bias.expanded(figures, steepness_of(evaluator))
+    for name in ("F_alpha mean", "f_falpha mean", "F_beta mean", "f_fbeta mean"):
+        assert np.all(value[name] < 0.5 * figures[name]) and np.all(value[name] + U[name] > figures[name]), name
+
+
 def test_damage_of_every_flank_is_no_noise():
     """A ridge of 18 um on each, elsewhere on each, was taken off as noise: F_beta mean 14.3 +- 2.2 um."""
     noisy, height, step = grid(noise=4 * UM), 18 * UM, 2 * np.pi / 4400

@@ -77,8 +77,6 @@ STATIC_U = 0.1
 of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
 BEARING_WAVE_U = 0.01
 """mm, k = 2, of each wave of the bearing: what can't be told from form that all cylinders share passes for form."""
-FIRM_MM = 3 * BEARING_WAVE_U
-"""From which amplitude on form is mostly form, whatever the bearing adds."""
 CONSIDERED_U = 1e-7
 """mm or rad: an unknown held this tightly stays where it is and still tells how the others would follow it."""
 
@@ -206,8 +204,8 @@ class Model:
     def linearised(self, parameters: Array, readings: Readings) -> tuple[Array, Array]:
         """Residuals (n,) and their Jacobian (n, size), the ``turns`` as they are.
 
-        That form is turned along the shaft by a tilted plane or axis is no evidence of tilt: a wave of the bearing,
-        taken for form, is not, and would say that nothing is tilted. Large form is evidence.
+        How form is turned along the shaft is no evidence of a tilted plane or axis: a wave of the bearing, taken for
+        form, is not turned, and lobes that are twisted along a printed or clamped shaft are.
         """
         out = np.empty(readings.x.size)
         jacobian = np.zeros((self.size, readings.x.size)).T  # it is filled column by column
@@ -221,21 +219,14 @@ class Model:
     def _one_cylinder(self, p: Array, r: Readings, k: int, jacobian: Array | None, turned: Array | None) -> Array:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
         at = self._geometry(p, r, k)
-        coefficients = p[self.form_slice(k)]
-        waves = np.stack(_waves(at.normal[0], at.normal[1], self.orders))
-        a, b = np.split(coefficients, 2)
-        firm = np.hypot(a, b) > FIRM_MM
-        if turned is not None:
-            towards = at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
-            waves = np.where(firm[:, None], waves, np.stack(_waves(*towards, self.orders)))
-        cosines, sines = waves
+        a, b = np.split(p[self.form_slice(k)], 2)
+        towards = at.normal[:2] if turned is None else at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
+        cosines, sines = _waves(towards[0], towards[1], self.orders)
         residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
         if jacobian is None:
             return np.asarray(residual)
-        of_firm, slope = (_slope(which * a, which * b, cosines, sines) for which in (firm, ~firm))
-        # A sideways move changes psi, hence the form seen there: the gradient leans by the form's slope.
-        lean = of_firm / at.distance * np.stack([-at.normal[1], at.normal[0], np.zeros_like(slope)])
-        self._fill_geometry(jacobian, p, r, at, at.normal - lean)
+        slope = _slope(a, b, cosines, sines)
+        self._fill_geometry(jacobian, p, r, at, at.normal)
         over_geometry, over_angle = self._slopes_of_middle(p, k, at)
         jacobian[:, :UNKNOWNS] -= slope[:, None] * over_geometry
         # A table that turns on shows the next form, and the bearing's next move.

@@ -35,6 +35,10 @@ TEMPERATURE_U, EXPANSION = 2.0, 11.5e-6
 """K, of artefact and part against 20 degrees Celsius; 1/K, steel."""
 BEARING_U = 5e-4
 """mm: once-per-turn error of a good table bearing, which one scan can't tell from eccentricity."""
+SIDEWAYS_U = 1e-3
+"""mm: error motion of an ordinary table across the laser plane, beyond once a turn, which no round shaft shows;"""
+SIDEWAYS_SHARE = 3.0
+"""and how many times as much as what the shaft shows towards the sensor: a worm or a belt pushes one way."""
 ANGLE_ZERO_U = 2e-4
 """rad: where a scan starts against the zero of the table's angle."""
 ENCODER_U, STEADY_U = 5e-5, 2e-4
@@ -101,6 +105,8 @@ ASSUMPTIONS = (
     Assumption("temperature of the part", TEMPERATURE_U, "K", "a room that is not controlled",
                f"part_temperature_U_C, with part_temperature_C, {PART}", "measure the part's temperature better"),
     Assumption("table bearing", BEARING_U, "mm", "once a turn, of a good bearing"),
+    Assumption("sideways motion of the table", SIDEWAYS_U, "mm", "an ordinary bearing's, twice a turn and more",
+               "sideways_U_um under [table] in stand.toml"),
     Assumption("zero of the table angle", ANGLE_ZERO_U, "rad", "repeatability of a home switch or an index",
                otherwise="keep some shaft in view of the part's scan: it shows the zero"),
     ENCODER,

@@ -21,6 +21,8 @@ class Table:
     """Whether every scan starts at the same table position: nobody knows where nobody says."""
     angle_U: float | None = None
     """rad, expanded (k = 2): error of the angle that repeats once a turn."""
+    sideways_U: float | None = None
+    """mm, expanded (k = 2): error motion of the axis across the laser plane, beyond once a turn."""
 
     @property
     def sign(self) -> float:

@@ -24,6 +24,8 @@ from truestand.core.assumptions import (
     EXPANSION,
     INCIDENCE_U,
     SCALE_U,
+    SIDEWAYS_SHARE,
+    SIDEWAYS_U,
     SPEED,
     TEMPERATURE_U,
 )
@@ -323,21 +325,33 @@ def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> lis
 def _of_wobble(calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """Waves that the shaft in view of the part's scan shows, or may hide, in and out of step with them.
 
-    The shaft shows what moves it towards the sensor. A bearing that moves it so moves it sideways as well, which no
-    round surface shows and pitch does.
+    The shaft shows what moves it towards the sensor. A bearing that moves it so moves it sideways as well, or more,
+    which no round surface shows and pitch does.
     """
     waves = [] if calibration.wobble is None else [("wobble", calibration.wobble)]
     waves += [("bearing, or form of the shaft", wave) for wave in calibration.shared_waves]
     return [
-        cells.influence(
-            f"{name}, {wobble.waves} times per turn",
-            _moved(calibration, cells, unknown, wobble.amplitude) * wave(wobble.waves * cells.theta)[:, None],
-            wobble.amplitude / 2,
-        )
+        influence
         for name, wobble in waves
-        for unknown in (RADIAL, PLANE_OFFSET)
-        for wave in (np.cos, np.sin)
+        for unknown, share in ((RADIAL, 1.0), (PLANE_OFFSET, SIDEWAYS_SHARE))
+        for influence in _of_wave(
+            f"{name}, {wobble.waves} times per turn",
+            calibration,
+            cells,
+            unknown,
+            wobble.waves,
+            share * wobble.amplitude,
+        )
     ]
+
+
+def _of_wave(
+    name: str, calibration: Calibration, cells: SeenCells, unknown: int, waves: int, amplitude: float
+) -> list[Influence]:
+    """One of the calibration's unknowns that moves by an ``amplitude`` so many times a turn, in any phase."""
+    moved = _moved(calibration, cells, unknown, amplitude)
+    phases = [wave(waves * cells.theta)[:, None] for wave in (np.cos, np.sin)]
+    return [cells.influence(name, moved * phase, amplitude / 2) for phase in phases]
 
 
 def _of_shaft(calibration: Calibration, cells: SeenCells) -> list[Influence]:
@@ -381,7 +395,7 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
 
 def _of_table(view: GearView, cells: SeenCells, nominal: Involute) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn, which are taken for no less than by
-    what turns disagreed.
+    what turns disagreed; and how the axis moves across the laser plane.
     """
     calibration, teeth = view.calibration, nominal.gear.teeth
     uneven = 2 * (view.before_rms or 0.0) / nominal.base_radius
@@ -394,6 +408,9 @@ def _of_table(view: GearView, cells: SeenCells, nominal: Involute) -> list[Influ
         U = max(U, uneven)
     faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
     waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
+    stated = view.scan.stand.table.sideways_U
+    sideways = SIDEWAYS_U if stated is None else stated
+    sideways_name = "sideways motion of the table" + (ASSUMED if stated is None else "")
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
     zero_name = "zero of the table angle" + (ASSUMED if calibration.angle_U is None else "")
     return [
@@ -404,6 +421,7 @@ def _of_table(view: GearView, cells: SeenCells, nominal: Involute) -> list[Influ
             for n, name in waves
             for wave in (np.cos, np.sin)
         ),
+        *(wave for n in (2, faster) for wave in _of_wave(sideways_name, calibration, cells, PLANE_OFFSET, n, sideways)),
     ]
 
 

@@ -273,7 +273,7 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
     hidden = depth > 0 and (steps < LEAST_STEPS or shadow > MOST_SHADOW * width or not mostly_met)
     return Damage(
         *at,
-        about if hidden else cells,
+        about | may_go_on(about, grid.seen[at]) if hidden else cells,
         depth,
         depth_U=hypot(DEPTH_SHARE_U * depth, 2 * region.spread),
         clear=abs(region.ratio) > CLEAR,
@@ -283,6 +283,18 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
         rolls=rolls,
         heights=heights,
     )
+
+
+def may_go_on(region: Mask, seen: Mask) -> Mask:
+    """Cells (roll lengths, heights) to which a region may go on along the height: of its roll lengths, at heights next
+    to it and to one another of which profiles show less than ``CONFIRMED`` of those.
+    """
+    from scipy.ndimage import binary_propagation
+
+    rows, heights = np.asarray(region.any(axis=1)), np.asarray(region.any(axis=0))
+    open_heights = heights | (seen[rows].mean(axis=0) < CONFIRMED)
+    goes_on = np.asarray(binary_propagation(heights, mask=open_heights))
+    return np.asarray(rows[:, None] & goes_on & ~seen)
 
 
 def unseen_region(side: int, tooth: int, cells: Mask, grid: Grid) -> Damage:
@@ -385,15 +397,35 @@ def _missed_too_often(rays: Rays, there: Mask) -> Mask:
     for window in WINDOWS:
         expected, missed = _sums(rays.expected, window), _sums(rays.missed, window)
         sound = there[:, None, None] & (expected > 0)
+        usual = _least_usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0))
         for _ in range(PASSES):
-            excess = _deviance(missed, expected, _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0)))
+            excess = _deviance(missed, expected, usual)
             spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
             more = np.asarray(excess > TOO_OFTEN * max(spread, 1.0))
             sound &= ~more
+            usual = _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0))
         too_often |= maximum_filter(
             more, [1, 1, *(2 * n if of is None else of for n, of in zip(more.shape[2:], window, strict=True))]
         )
     return too_often
+
+
+def _least_usual(missed: Array, expected: Array) -> Array:
+    """Share (2, teeth, roll lengths, heights) of rays that get lost on the half of all teeth, or of those beside each,
+    that lose fewest; by as much more as they may by chance. So damage of a third of them is not usual.
+    """
+    share = missed / np.maximum(expected, 1.0)
+    beside = [np.stack([np.roll(n, shift, axis=1) for shift in NEIGHBOURS]) for n in (share, missed, expected)]
+    of_all = [np.moveaxis(n, 1, 0)[:, :, None] for n in (share, missed, expected)]
+    return np.maximum(_of_fewer_half(*beside), _of_fewer_half(*of_all))
+
+
+def _of_fewer_half(share: Array, missed: Array, expected: Array) -> Array:
+    """Share (...) lost at most by the half of the teeth (n, ...) of which the least share is lost."""
+    half = np.argsort(np.where(expected > 0, share, np.inf), axis=0)[: (share.shape[0] + 1) // 2]
+    lost, of = (np.take_along_axis(n, half, axis=0).sum(axis=0) for n in (missed, expected))
+    most = (lost + np.sqrt(lost) + 0.5) / np.maximum(of, 1.0)
+    return np.asarray(np.clip(most, LEAST_LOST, 1.0 - LEAST_LOST))
 
 
 def _usual(missed: Array, expected: Array) -> Array:

@@ -337,7 +337,8 @@ class Bias:
     def expanded(self, base: Figures, steep: Figures) -> Figures:
         """U (k = 2, mm) of the corrected figures: as far as they move when the figures as read do by their own U, or
         when the noise is another by ``NOISE_U``, which single teeth hardly feel, but their mean does; and as far as it
-        matters whether the squares of figures add or they themselves.
+        matters whether the squares of figures add or they themselves. No less than what was taken off: it may be
+        roughness, which is the flank's own, and a mean over the teeth has as much of it.
 
         ``steep``: standard deviation of the figures from cells that aren't known better than a flank rises in them.
         """
@@ -356,7 +357,11 @@ class Bias:
             return np.asarray(np.fmax(*(np.abs(f[n] - from_) for f in figures)))
 
         return {
-            n: np.sqrt(farthest(n, c, ends) ** 2 + farthest(n, c, others) ** 2 + 4 / 3 * (as_figures[n] - c) ** 2)
+            n: np.sqrt(
+                np.fmax(farthest(n, c, ends), 2 / sqrt(3.0) * (base[n] - c)) ** 2
+                + farthest(n, c, others) ** 2
+                + 4 / 3 * (as_figures[n] - c) ** 2
+            )
             if n in self.lifted
             else U[n]
             for n, c in self.corrected(base).items()

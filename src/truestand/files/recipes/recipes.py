@@ -40,6 +40,7 @@ class TableRecipe(Recipe):
     direction: Literal["ccw", "cw"] = "ccw"
     start: Literal["home", "unknown"] = "unknown"
     angle_U_arcsec: Positive | None = None
+    sideways_U_um: Positive | None = None
 
 
 class SensorRecipe(Recipe):
@@ -241,6 +242,7 @@ def stand_recipe(stand: Stand) -> dict[str, Any]:
             direction=stand.table.direction,
             start=stand.table.start,
             angle_U_arcsec=None if stand.table.angle_U is None else 3600 * degrees(stand.table.angle_U),
+            sideways_U_um=None if stand.table.sideways_U is None else 1000.0 * stand.table.sideways_U,
         ),
         sensor=[_sensor_recipe(s) for s in stand.sensors],
         scan=ScanRecipe(y=stand.y, counts_per_turn=stand.counts_per_turn),
@@ -372,6 +374,7 @@ def _stand(recipe: StandRecipe) -> Stand:
             t.direction,
             t.start,
             None if t.angle_U_arcsec is None else radians(t.angle_U_arcsec / 3600),
+            None if t.sideways_U_um is None else t.sideways_U_um / 1000.0,
         ),
         tuple(_sensor(s) for s in recipe.sensor),
         recipe.scan.y,
