@@ -84,16 +84,16 @@ def damage_of(kind: str, tooth: int, flank: str, gear: Gear, rng: np.random.Gene
         width, start = float(rng.uniform(0.6, 4.0)), float(rng.uniform(bottom, top - 0.5))
         return (Worn(tooth, flank, (0.0, 40.0), (start, start + width), depth, 0.1),)
     if kind == "dent":
-        place = float(rng.uniform(low + 1, high - 0.5)), float(rng.uniform(bottom + 1, top - 1))
+        place = float(rng.uniform(low, high - 0.5)), float(rng.uniform(bottom, top))
         return (Dent(tooth, flank, *place, float(rng.uniform(0.4, 2.0)), depth),)
     if kind == "scratch":
         places = [(float(rng.uniform(low, high)), float(rng.uniform(bottom, top))) for _ in range(2)]
         return (Scratch(tooth, flank, *places, float(rng.uniform(0.6, 1.6)), depth),)
     if kind == "wear":
-        start, width = float(rng.uniform(low + 1, high - 2)), float(rng.uniform(2.0, 4.0))
+        start, width = float(rng.uniform(low, high - 2)), float(rng.uniform(2.0, 4.0))
         rolls = (start, start + width)
         return (Worn(tooth, flank, rolls, (gear.face_from - 1, gear.face_to + 1), min(depth, 0.05), width / 2),)
-    rolls = _stretch(low + 1, high, 1.0, 3.0, rng)
+    rolls = _stretch(low - 0.5, high, 1.0, 3.0, rng)
     heights = _stretch(bottom, top, 1.5, 8.0, rng)
     if kind == "crater":
         return (Worn(tooth, flank, rolls, heights, float(rng.uniform(0.1, 0.6)), 0.2),)

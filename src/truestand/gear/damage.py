@@ -397,35 +397,15 @@ def _missed_too_often(rays: Rays, there: Mask) -> Mask:
     for window in WINDOWS:
         expected, missed = _sums(rays.expected, window), _sums(rays.missed, window)
         sound = there[:, None, None] & (expected > 0)
-        usual = _least_usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0))
         for _ in range(PASSES):
-            excess = _deviance(missed, expected, usual)
+            excess = _deviance(missed, expected, _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0)))
             spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
             more = np.asarray(excess > TOO_OFTEN * max(spread, 1.0))
             sound &= ~more
-            usual = _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0))
         too_often |= maximum_filter(
             more, [1, 1, *(2 * n if of is None else of for n, of in zip(more.shape[2:], window, strict=True))]
         )
     return too_often
-
-
-def _least_usual(missed: Array, expected: Array) -> Array:
-    """Share (2, teeth, roll lengths, heights) of rays that get lost on the half of all teeth, or of those beside each,
-    that lose fewest; by as much more as they may by chance. So damage of a third of them is not usual.
-    """
-    share = missed / np.maximum(expected, 1.0)
-    beside = [np.stack([np.roll(n, shift, axis=1) for shift in NEIGHBOURS]) for n in (share, missed, expected)]
-    of_all = [np.moveaxis(n, 1, 0)[:, :, None] for n in (share, missed, expected)]
-    return np.maximum(_of_fewer_half(*beside), _of_fewer_half(*of_all))
-
-
-def _of_fewer_half(share: Array, missed: Array, expected: Array) -> Array:
-    """Share (...) lost at most by the half of the teeth (n, ...) of which the least share is lost."""
-    half = np.argsort(np.where(expected > 0, share, np.inf), axis=0)[: (share.shape[0] + 1) // 2]
-    lost, of = (np.take_along_axis(n, half, axis=0).sum(axis=0) for n in (missed, expected))
-    most = (lost + np.sqrt(lost) + 0.5) / np.maximum(of, 1.0)
-    return np.asarray(np.clip(most, LEAST_LOST, 1.0 - LEAST_LOST))
 
 
 def _usual(missed: Array, expected: Array) -> Array:
