@@ -62,7 +62,7 @@ def test_a_bearing_moves_the_part_sideways_as_well():
 @pytest.mark.parametrize(("stated", "name"), [(None, "sideways motion of the table (assumed)"),
                                               (0.005, "sideways motion of the table")])  # fmt: skip
 def test_what_no_shaft_shows_of_the_bearing_is_assumed_or_stated(stated, name):
-    """A worm pushed the shaft across the laser plane only, 8 um: f_p was 9 U off."""
+    """A worm pushed the shaft across the laser plane only, 8 um: f_p was 8 U off."""
     known, scan = replace(calibrated(), reasons=()), scan_of()
     scan = replace(scan, stand=replace(scan.stand, table=replace(scan.stand.table, sideways_U=stated)))
     lines = {(c.name, c.flank): c for c in inspect_gear(roll(scan, known), SPUR).characteristics if c.tooth is None}

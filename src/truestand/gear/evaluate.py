@@ -347,25 +347,18 @@ class Bias:
         lowest = {n: np.maximum(v - U[n], 0.0) for n, v in base.items()}
         ends = self.corrected(highest), self.corrected(lowest)
         others = [
-            Bias({n: v * (1.0 + sign * NOISE_U) ** 2 for n, v in self.lifted.items()}, self.sd, self.added).corrected(
-                base
-            )
+            replace(self, lifted={n: v * (1.0 + sign * NOISE_U) ** 2 for n, v in self.lifted.items()}).corrected(base)
             for sign in (-1.0, 1.0)
         ]
 
         def farthest(n: str, from_: Array, figures: Iterable[Figures]) -> Array:
             return np.asarray(np.fmax(*(np.abs(f[n] - from_) for f in figures)))
 
-        return {
-            n: np.sqrt(
-                np.fmax(farthest(n, c, ends), 2 / sqrt(3.0) * (base[n] - c)) ** 2
-                + farthest(n, c, others) ** 2
-                + 4 / 3 * (as_figures[n] - c) ** 2
-            )
-            if n in self.lifted
-            else U[n]
-            for n, c in self.corrected(base).items()
-        }
+        for n, c in self.corrected(base).items():
+            if n in self.lifted:
+                own = np.fmax(farthest(n, c, ends), 2 / sqrt(3.0) * (base[n] - c))
+                U[n] = np.sqrt(own**2 + farthest(n, c, others) ** 2 + 4 / 3 * (as_figures[n] - c) ** 2)
+        return U
 
     def _corrected_as_figures(self, base: Figures) -> Figures:
         """The corrected figures if they, not their squares, add: where noise lies on one peak and a flat rest, it lifts
