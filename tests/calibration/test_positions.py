@@ -100,16 +100,15 @@ def test_half_a_turn_can_not_separate_even_harmonics():
     assert all(s.harmonic.upr % 2 for s in positions.bearing)
 
 
-@pytest.mark.more
-@pytest.mark.parametrize(
-    ("moved", "reason"),
-    [(0.015, "sensor moved between the scans"), (0.02, "laser plane differs"), (0.03, "laser plane differs")],
-)
-def test_a_sensor_that_moved_between_the_scans_is_not_trusted(moved, reason):
-    """From 20 um on, the scans' fits take the move for another laser plane."""
+@pytest.mark.parametrize(("moved", "status"), tried([(0.008, "valid")], (0.02, "untrusted")))
+def test_a_sensor_that_moved_radially_between_the_scans_leaves_the_laser_plane(moved, status):
+    """With one radial position for both, 10 um between them put the plane 48 um off at U 18, and it was valid."""
     found = calibrate_positions((scan(0), scan(180, 95.0 + moved)), (0.0, radians(180)), artefact())
-    assert found.status == "untrusted"
-    assert any(reason in r for r in found.reasons)
+    assert abs(sensor_parameters(found.table_from_sensor)[-1] - PLANE["plane_offset"]) < 0.003
+    # A sideways move as large would move the plane by half of it; two thirds of the standoff's lie radially.
+    assert moved / 3 < found.uncertainty["laser_plane_offset_mm"].U < moved
+    assert found.status == status
+    assert [r.code for r in found.reasons] == ["sensor_moved_between_scans"] * (status == "untrusted")
 
 
 @pytest.mark.parametrize("clamped", [(0.0,), (0.0, 0.05), (0.0, 2 * np.pi)])

@@ -2,8 +2,8 @@
 
 Whatever belongs to the shaft turns with it, what belongs to the stand stays. So the coaxiality of the steps is
 separated from the laser plane's offset and tilt (with one scan it makes most of their U), and the table bearing's error
-from the form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift and
-static profile, all share the sensor's pose and the axes of the shaft's steps.
+from the form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift,
+static profile and radial position, all share the rest of the sensor's pose and the axes of the shaft's steps.
 """
 
 from dataclasses import replace
@@ -30,13 +30,14 @@ from truestand.core.calibration import (
     StepAxis,
 )
 from truestand.core.errors import BadRecipe, NotEnoughData
-from truestand.core.frames import RADIAL
+from truestand.core.frames import PHI, PLANE_OFFSET, RADIAL
 from truestand.core.harmonics import wrap
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 
-SENSOR_UNKNOWNS = 4
-"""phi, radial position, laser-plane offset and tilt: the stand's, the same in every scan."""
+SENSOR = (PHI, *PLANE)
+"""The stand's unknowns, the same in every scan. Not its radial position: each scan knows that to a fraction of a
+micrometre, so a sensor that warms up between two scans would push the laser plane far off."""
 LEAST_TURN_RAD = 0.17
 """Between two clampings, below which nothing can be separated: 10 degrees."""
 LEAST_SINGULAR_VALUE = 0.2
@@ -50,6 +51,7 @@ LEAST_MOVED_MM = 0.002
 SHARED_PRIORS = (MOUNTING, COAXIALITY)
 """What is known beforehand of the unknowns that all scans share."""
 CLAMPED = f"clamping angles{ASSUMED}"
+MOVED = "sensor between the scans"
 REFITS = 3
 """Fits with known axes until nothing is left of a fit to coaxial ones."""
 MOST_REFITS, SETTLED_MM = 6, 2e-5
@@ -71,7 +73,10 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
     fits = tuple(fit_of(scan, artefact, segment(scan, artefact)) for scan in scans)
     _demand_same_cylinders(fits, artefact)
     fits, joint = fits_on_common_axes(scans, fits, clamped, artefact)
-    further = {CLAMPED: _clamping_covariance(fits, joint, clamped)}
+    further = {
+        CLAMPED: _clamping_covariance(fits, joint, clamped),
+        MOVED: _moved_covariance(fits, joint, clamped),
+    }
     calibration = calibration_of(scans[-1], artefact, joint, _largest_offset(joint), further)
     form, bearing, inseparable, difference = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
@@ -114,6 +119,26 @@ def _clamping_covariance(fits: tuple[Refined, ...], joint: Refined, clamped: tup
         moved = together(fits, other).solution.parameters - joint.solution.parameters
         covariance += np.outer(moved, moved)
     return covariance
+
+
+def _moved_covariance(fits: tuple[Refined, ...], joint: Refined, clamped: tuple[float, ...]) -> Array:
+    """Covariance (p, p) of the unknowns if each scan's laser plane moved sideways as far as its sensor did radially.
+
+    A sideways move between two clampings can't be told from a step's axis that is off: radially it shows.
+    """
+    covariance = np.zeros_like(joint.solution.information)
+    for i, radial in enumerate(_radial_positions(fits)):
+        p = fits[i].solution.parameters.copy()
+        p[PLANE_OFFSET] += (radial - joint.solution.parameters[RADIAL]) / K
+        there = replace(fits[i], solution=replace(fits[i].solution, parameters=p))
+        moved = together((*fits[:i], there, *fits[i + 1 :]), clamped).solution.parameters - joint.solution.parameters
+        covariance += np.outer(moved, moved)
+    return covariance
+
+
+def _radial_positions(fits: tuple[Refined, ...]) -> list[float]:
+    """Where each scan has the sensor (mm)."""
+    return [float(f.solution.parameters[RADIAL]) for f in fits]
 
 
 def _reasons_of_others(scans: tuple[Scan, ...], fits: tuple[Refined, ...], artefact: Artefact) -> list[Message]:
@@ -254,7 +279,7 @@ def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
     size = last.size
     for fit in fits[:-1]:
         own = np.ones(fit.model.size, dtype=np.bool_)
-        own[:SENSOR_UNKNOWNS] = own[fit.model.axes_slice] = False  # these have the same places in every scan
+        own[list(SENSOR)] = own[fit.model.axes_slice] = False  # these have the same places in every scan
         index = np.arange(fit.model.size)
         # Without gaps: unknowns that nobody uses would make the normal matrix singular.
         index[own] = size + np.arange(np.count_nonzero(own))
@@ -379,7 +404,7 @@ def _bearing_alike(difference: float) -> Check:
 
 def _sensor_stood_still(fits: tuple[Refined, ...]) -> Check:
     """Whether the sensor reads the shaft's radius alike in every scan."""
-    radial = [float(f.solution.parameters[RADIAL]) for f in fits]
+    radial = _radial_positions(fits)
     return Check.at_most_um(
         "sensor_moved_between_scans", "sensor moved between the scans, um", max(radial) - min(radial), MOST_MOVED_MM,
         "the sensor moved or warmed up while the shaft was clamped again: scan all positions anew",
