@@ -46,12 +46,11 @@ def _ends_of_helices(flanks: Flanks, grid: Grid, zone: Mask, points: int) -> lis
     enough = _enough(flanks, points)
     for sign, end in zip((-1.0, 1.0), nominal.helix_range, strict=True):
         outward = _by_flank(flanks, sign * flanks.height, grid)
-        for flank, readings in enumerate(outward):
-            seen_to = _ends_before(readings, _beside(outward, flank), sign * end, enough)
-            if seen_to is not None:
-                columns = _between(grid.edges, sign, min(seen_to, sign * end), sign * end)
-                side, tooth = divmod(flank, grid.delta.shape[1])
-                found.append(unseen_region(side, tooth, zone & columns, grid))
+        ends = _ends_before(outward, _beside(outward), sign * end, enough)
+        for flank in np.flatnonzero(np.isfinite(ends)):
+            columns = _between(grid.edges, sign, min(ends[flank], sign * end), sign * end)
+            side, tooth = divmod(int(flank), grid.delta.shape[1])
+            found.append(unseen_region(side, tooth, zone & columns, grid))
     return found
 
 
@@ -66,43 +65,49 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
     for sign, end in zip((-1.0, 1.0), nominal.profile_range, strict=True):
         near = flanks.select(np.abs(flanks.roll - end) < 2 * float(step_on_flank(nominal, end, step)))
         windows = [near.select((near.height > low) & (near.height < low + width)) for low in lows]
-        enough = [2 * _of_a_profile(window, points) + MORE for window in windows]
         outward = [_by_flank(window, sign * window.roll, grid) for window in windows]
+        elsewhere = _side_by_side(outward).swapaxes(0, 1)
         cells = np.zeros((2 * grid.delta.shape[1], *grid.delta.shape[2:]), dtype=bool)
-        for low, least, own in zip(lows, enough, outward, strict=True):
+        for low, window, own in zip(lows, windows, outward, strict=True):
+            least = 2 * _of_a_profile(window, points) + MORE
             columns = (grid.edges[1:] > low) & (grid.edges[:-1] < low + width)
-            beside = [_ends_before(r, _beside(own, k), sign * end, least) for k, r in enumerate(own)]
-            elsewhere = [_ends_before(r, [w[k] for w in outward], sign * end, least) for k, r in enumerate(own)]
-            for flank, seen_to in enumerate(_either(beside, elsewhere)):
-                if seen_to is not None:
-                    cells[flank] |= _between(edges, sign, min(seen_to, sign * end), sign * end)[:, None] & columns
+            ends = _either(
+                _ends_before(own, _beside(own), sign * end, least), _ends_before(own, elsewhere, sign * end, least)
+            )
+            for flank in np.flatnonzero(np.isfinite(ends)):
+                cells[flank] |= _between(edges, sign, min(ends[flank], sign * end), sign * end)[:, None] & columns
         unseen = cells.reshape(grid.delta.shape) & ~grid.seen
         found += [unseen_region(s, t, unseen[s, t], grid) for s, t in np.argwhere(unseen.any(axis=(2, 3)))]
     return found
 
 
-def _either(beside: list[float | None], elsewhere: list[float | None]) -> list[float | None]:
+def _either(beside: Array, elsewhere: Array) -> Array:
     """Where flanks end before those ``beside`` them, or, where most of a side do, before themselves ``elsewhere``."""
-    teeth = len(beside) // 2
-    sides = [elsewhere[:teeth], elsewhere[teeth:]]
-    most = [sum(e is not None for e in side) >= ON_MOST * teeth for side in sides]
-    return [
-        b if b is not None or not most[k // teeth] else e
-        for k, (b, e) in enumerate(zip(beside, elsewhere, strict=True))
-    ]
+    of_sides = np.isfinite(elsewhere).reshape(2, -1)
+    most = np.repeat(of_sides.mean(axis=1) >= ON_MOST, of_sides.shape[1])
+    return np.where(np.isnan(beside) & most, elsewhere, beside)
 
 
-def _by_flank(flanks: Flanks, outward: Array, grid: Grid) -> list[Array]:
-    """Places ``outward`` (n,) mm of the readings of each flank, increasing."""
+def _by_flank(flanks: Flanks, outward: Array, grid: Grid) -> Array:
+    """Places ``outward`` (n,) mm of the readings of each flank: (flanks, most), increasing, after -inf for none."""
     order = np.lexsort((outward, flanks.flank))
-    return np.split(outward[order], np.searchsorted(flanks.flank[order], np.arange(1, 2 * grid.delta.shape[1])))
+    flank = flanks.flank[order]
+    number = np.bincount(flank, minlength=2 * grid.delta.shape[1])
+    places = np.full((number.size, int(number.max(initial=0))), -np.inf)
+    places[flank, places.shape[1] + np.arange(flank.size) - np.cumsum(number)[flank]] = outward[order]
+    return places
 
 
-def _beside(of_flanks: list[Array], flank: int) -> list[Array]:
-    """Those of the teeth beside a flank, on its side."""
-    teeth = len(of_flanks) // 2
-    side, tooth = divmod(flank, teeth)
-    return [of_flanks[side * teeth + (tooth + k) % teeth] for k in BESIDE]
+def _side_by_side(places: Sequence[Array]) -> Array:
+    """Places of readings by flank, of several windows: (windows, flanks, most)."""
+    most = max(p.shape[1] for p in places)
+    return np.stack([np.pad(p, ((0, 0), (most - p.shape[1], 0)), constant_values=-np.inf) for p in places])
+
+
+def _beside(places: Array) -> Array:
+    """Places (flanks, others, most) on the teeth beside each flank's, on its side."""
+    sides = places.reshape(2, -1, places.shape[1])
+    return np.stack([np.roll(sides, -k, axis=1).reshape(places.shape) for k in BESIDE], axis=1)
 
 
 def _between(edges: Array, sign: float, first: float, last: float) -> Mask:
@@ -130,24 +135,22 @@ def _enough(flanks: Flanks, points: int) -> int:
     return ceil(max(elsewhere, log(BY_CHANCE) / log(max(lost, LEAST_LOST))))
 
 
-def _ends_before(own: Array, beside: Sequence[Array], end: float, enough: int) -> float | None:
-    """Where a flank's readings end, at increasing distances (n,) mm, if ``enough`` of flanks ``beside`` it lie beyond,
-    up to the ``end`` or as far as they go; None where they don't, or its own do, too.
+def _ends_before(own: Array, others: Array, end: float, enough: int) -> Array:
+    """Where the readings of flanks end, (flanks,) mm of places (flanks, most), if ``enough`` of ``others`` (flanks,
+    others, most) lie beyond, up to the ``end`` or as far as they go; NaN where they don't, or its own do, too.
     """
-    farthest = [float(other[-enough]) for other in beside if other.size >= enough]
-    if not farthest or not own.size:
-        return None
-    looked_at = min(end, _usual(farthest))
-    usual, few = _usual([_beyond(other, looked_at) for other in beside]), _beyond(own, looked_at)
-    if usual < enough or few > HARDLY_ANY * usual or few >= own.size:
-        return None
-    return float(own[-1 - few])
+    if enough > others.shape[-1]:
+        return np.full(own.shape[0], np.nan)
+    farthest = others[..., -enough]
+    looked_at = np.minimum(end, _usual(np.where(np.isfinite(farthest), farthest, np.nan)))[:, None]
+    usual = _usual((others >= looked_at[..., None]).sum(axis=-1))
+    few = (own >= looked_at).sum(axis=-1)
+    last = np.take_along_axis(np.pad(own, ((0, 0), (1, 0)), constant_values=-np.inf), -1 - few[:, None], axis=1)[:, 0]
+    return np.where((usual >= enough) & (few <= HARDLY_ANY * usual) & np.isfinite(last), last, np.nan)
 
 
-def _usual(values: Sequence[float]) -> float:
-    return float(np.quantile(values, USUAL, method="lower"))
-
-
-def _beyond(values: Array, limit: float) -> int:
-    """How many of increasing values (n,) lie beyond a limit."""
-    return int(values.size - np.searchsorted(values, limit))
+def _usual(values: Array) -> Array:
+    """What most of the values (flanks, others) reach, NaN aside; NaN where there is nothing else."""
+    known = np.isfinite(values).sum(axis=1, keepdims=True)
+    at = np.floor(USUAL * (known - 1)).astype(np.intp)
+    return np.where(known > 0, np.take_along_axis(np.sort(values, axis=1), at, axis=1), np.nan)[:, 0]
