@@ -190,6 +190,7 @@ def test_a_sensor_that_stands_a_little_farther_out_is_followed():
     ) ** 2 * (1 - 1e-9)
 
 
+@pytest.mark.more
 def test_a_part_that_is_the_shaft_in_view_is_not_measured_by_itself():
     """A sensor 9 um farther out and a shaft 18 um smaller look alike: where it is the part, the sensor stays."""
     known, base = calibrated("index"), shaft().cylinders[0]

@@ -104,6 +104,7 @@ def test_a_part_with_shaft_in_view_verifies_as_well(now, verdict):
     assert found.verdict == verdict, found.reasons
 
 
+@pytest.mark.more
 def test_a_shaft_scan_that_starts_elsewhere_is_tied_by_itself():
     named = changed(acquisition={"columns": (), "start_angle": 1.0})
     stand = replace(named.stand(), table=replace(named.stand().table, start="unknown"))

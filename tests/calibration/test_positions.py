@@ -80,6 +80,7 @@ def test_the_pose_of_the_shaft_is_the_last_scans():
     assert found(0, 180).eccentricity == pytest.approx(0.85 + 0.0003 * 180, abs=2e-4)
 
 
+@pytest.mark.more
 def test_form_and_bearing_are_separated():
     positions = found(0, 100).positions
     assert positions.inseparable == ()
@@ -117,6 +118,7 @@ def test_angles_that_are_much_the_same_are_refused(clamped):
         calibrate_positions((scan(0), scan(180)), clamped, artefact())
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("clamped", tried([(0.0, 60.0)], ((0.0, -100.0),)))
 def test_wrong_angles_are_noticed(clamped):
     """Turned by 100 degrees and stated otherwise: the scans read no one laser plane, or no one table bearing."""

@@ -73,6 +73,7 @@ def test_all_views_have_one_shaft():
     assert shaft_parameters(rear.shaft_from_rotor) == pytest.approx(shaft_parameters(turned), abs=1e-7)
 
 
+@pytest.mark.more
 def test_the_order_of_the_scans_changes_nothing_but_the_frame():
     front, rear = scans_of(TWO)
     one, other = calibrate_views((front, rear), SHAFT).views[1], calibrate_views((rear, front), SHAFT).views[1]

@@ -126,6 +126,7 @@ def test_the_paper_method_writes_its_keys_and_a_cloud(bench, tmp_path):
     assert run("roll", bench / "k1.h5", "--calibration", out, "-o", tmp_path / "p.ply", "-q").returncode == 0
 
 
+@pytest.mark.more
 def test_roll_puts_the_shaft_where_the_drawing_has_it(bench, tmp_path):
     for suffix in ("ply", "xyz", "npz"):
         out = tmp_path / f"cloud.{suffix}"
@@ -151,6 +152,7 @@ def test_a_minimal_calibration_record_is_accepted(bench, tmp_path):
     assert (tmp_path / "full.ply").read_bytes() == (tmp_path / "minimal.ply").read_bytes()
 
 
+@pytest.mark.more
 def test_calibrate_takes_several_clampings(bench, tmp_path):
     """The shaft is not turned in the second scan: the commands and the record are what counts here."""
     common = ("--artefact", bench / "shaft.toml")
@@ -178,6 +180,7 @@ def test_several_scans_without_their_angles_are_wrong_use(bench, tmp_path, angle
     assert not (tmp_path / "c.json").exists()
 
 
+@pytest.mark.more
 def test_compare_lists_every_method_with_its_error(bench, tmp_path):
     common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json")
     done = run("compare", bench / "k1.h5", *common, "-o", tmp_path / "c.json", "--json")
@@ -257,6 +260,7 @@ def test_a_raw_dump_is_imported_with_its_layout_and_refused_without(tmp_path):
     assert all((f["profiles"], f["points_seen"], f["angle_source"]) == (20, 12800, "encoder") for f in facts)
 
 
+@pytest.mark.more
 def test_the_report_is_one_file_that_explains_itself(bench, tmp_path):
     common = ("--artefact", bench / "shaft.toml", "--truth", bench / "truth.json", "-o", tmp_path / "c.json", "-q")
     assert run("calibrate", bench / "k1.h5", *common, "--report", tmp_path / "report.html").returncode == 0

@@ -75,6 +75,7 @@ def written(bench):
     return bench
 
 
+@pytest.mark.more
 def test_the_characteristics_as_csv(written):
     with (written / "c.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -121,6 +122,7 @@ def test_a_perfect_gear_conforms_to_a_coarse_class(bench):
     assert json.loads(done.stdout)["verdict"] == "conforms"
 
 
+@pytest.mark.more
 def test_a_class_finer_than_the_uncertainty_is_undecided_and_ends_3(bench):
     text = (bench / "perfect.toml").read_text().replace("accuracy_class = 11", "accuracy_class = 7")
     (bench / "fine.toml").write_text(text)
@@ -128,6 +130,7 @@ def test_a_class_finer_than_the_uncertainty_is_undecided_and_ends_3(bench):
     assert json.loads((bench / "u.json").read_text())["verdict"] == "undecided"
 
 
+@pytest.mark.more
 def test_an_untrusted_calibration_ends_3_and_says_why(bench):
     record = json.loads((bench / "calibration.json").read_text())
     record["status"], record["reasons"] = "untrusted", ["dropped"]
@@ -176,6 +179,7 @@ def turned(bench):
     return bench / "turned.h5"
 
 
+@pytest.mark.more
 def test_a_scan_from_another_table_angle_is_tied_by_the_shaft_in_view(bench, turned):
     assert inspect(bench, "-o", "home.json").returncode == 1
     done = inspect(bench, "-o", "turned.json", scan=turned)

@@ -128,6 +128,7 @@ def test_fault_of_the_controller_raises_error_until_reset(protocol):
         table.move_to(0.3, 1.0)
 
 
+@pytest.mark.more
 @EACH
 def test_a_server_that_dies_while_it_moves_is_lost_and_stopped_when_it_is_back(protocol):
     with served(protocol, pace=1.0, motion=QUICK, mortal=True) as (virtual, server, recipe):
@@ -150,6 +151,7 @@ def test_a_server_that_dies_while_it_moves_is_lost_and_stopped_when_it_is_back(p
         again.stop()
 
 
+@pytest.mark.more
 @EACH
 def test_a_server_that_hangs_while_it_moves_is_lost_and_found_again(protocol):
     with (
@@ -297,6 +299,7 @@ def quietly(protocol):
         open_table(TableRecipe(address=ADDRESSES[protocol].format(port=port), **settings))
 
 
+@pytest.mark.more
 def test_nothing_is_printed_or_logged_whatever_happens():
     """In a process without pytest's own ways of catching it."""
     here = Path(__file__).parent

@@ -192,6 +192,7 @@ def test_zones_against_trying_everything(seed):
     assert zone.form == pytest.approx(narrowest_ring(points), abs=1e-9)
 
 
+@pytest.mark.more
 @settings(deadline=None, max_examples=30)
 @given(st.integers(5, 60), st.integers(0, 10**6), st.floats(1e-5, 0.1))
 def test_zones_are_balanced_and_in_order(n, seed, noise):
@@ -350,6 +351,7 @@ def test_the_noise_floor_says_what_noise_alone_fakes():
         assert np.mean(floor) == pytest.approx(np.mean(read), rel=slack)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("reference", tried(["LSC", "MZC"], "MIC", "MCC"))
 def test_the_uncertainty_covers_the_truth_of_a_round_part(reference):
     """x of the centre of 200 noisy rings lies within U in 95 % (190); 181 is three standard deviations below."""
@@ -568,6 +570,7 @@ def test_points_given_twice_count_once(reference):
     assert expected.remarks == ()
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("feature", ["cylinder", "cone"])
 def test_a_ring_tells_no_axis(feature):
     """Of 60 rings 38 were *valid* cylinders, and 13 of these turned by up to 3 U."""

@@ -36,6 +36,7 @@ def pitch(found, flank):
     return next(c.value for c in found.characteristics if (c.name, c.flank) == ("F_p", flank)) / UM
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", tried(["two lines"], "line", "drift"))
 def test_several_turns_correct_an_angle_error_that_does_not_repeat(name):
     """Before: more than 25 um of F_p too much, whatever was repeated; 8800 profiles are 2.2 turns."""
@@ -66,6 +67,7 @@ def test_too_few_turns_are_reported_as_uneven():
     assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
 
 
+@pytest.mark.more
 def test_measured_angle_is_not_corrected():
     scan = scan_of(SPUR, WORN, TURNS)
     few = replace(scan, angle_source="angle")

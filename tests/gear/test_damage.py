@@ -47,6 +47,7 @@ def test_damage_is_measured_and_decides(name):
         assert verdict(found, figure, tooth) == "does_not_conform", figure
 
 
+@pytest.mark.more
 def test_flanks_beside_damage_are_as_they_are():
     found, true = inspected(DAMAGED, WIDE, points=320), truth(DAMAGED)
     damaged = {tooth for tooth, *_ in MEASURED.values()}
@@ -68,6 +69,7 @@ def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
         assert worst.verdict is worst.limits is mean.verdict is mean.limits is None
 
 
+@pytest.mark.more
 def test_wear_over_the_pitch_point_moves_the_tooth():
     """30 um times the arc on top of 2.5 um: 34.4 um, 33 allowed. A quadratic over the flank read 22.8."""
     errors = worn((7.0, 9.5), FACE, 0.03, 1.25, UNEVEN)
@@ -128,6 +130,7 @@ def test_a_broken_tooth_leaves_no_figure_of_its_flanks_conforming():
     assert verdict(found, "f_p", None) == "undecided"
 
 
+@pytest.mark.more
 def test_tip_broken_by_less_than_the_limit_conforms():
     found = inspected(replace(SOUND, chips=(Chip(5, 12.0, 15.0, 0.07),)))
     assert found.verdict == "conforms" and all(d.verdict is None for d in found.defects)
@@ -166,6 +169,7 @@ def test_with_two_readings_a_cell_and_as_many_outliers_hardly_a_line_is_doubted(
     assert judged.count("undecided") < 0.6 * len(judged)  # most of them: too little was seen of their trace
 
 
+@pytest.mark.more
 def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
     """Where some of the heights of a trace end, it must not step to the mean of the others: 24 um for 0.1."""
     ends = replace(
@@ -178,6 +182,7 @@ def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
             assert abs(c.value - true[name, "left", tooth]) < 1.2 * c.U and c.verdict == "conforms", (name, tooth)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     ("limit", "expected"),
     tried(
@@ -241,6 +246,7 @@ def test_damage_that_the_recipe_only_reports_decides_nothing():
     assert found.verdict == "undecided"  # the flanks of a tooth that was not seen
 
 
+@pytest.mark.more
 def test_a_limit_of_the_drawing_goes_before_its_class_and_decides_what_it_limits():
     gear = replace(GEAR, limits={"F_r": (None, 0.5), "f_Halpha": (-0.001, 0.02)}, classes={"F_beta": 3})
     found = inspected(SOUND, gear)
@@ -250,6 +256,7 @@ def test_a_limit_of_the_drawing_goes_before_its_class_and_decides_what_it_limits
     assert line(found, "F_alpha").standard == "ISO 1328-1:2013 class 10"
 
 
+@pytest.mark.more
 def test_with_reasons_no_line_is_judged():
     scan, known = scan_of(GEAR, DAMAGED), replace(true_calibration(), reasons=("nothing ties the table's angle",))
     found = inspect_gear(apply_calibration(scan, known), GEAR)

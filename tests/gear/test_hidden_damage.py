@@ -39,6 +39,7 @@ def wrong(found, true):
     ]
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("above", tried([2.0], rarely=[3.0, 4.5]))
 def test_a_groove_of_all_teeth_whose_floor_no_ray_reaches_is_not_seen(above):
     """Rays that should meet its floor meet its edge: F_alpha 5.4 +- 6.1 for 120, and 304 of 304 lines decided."""
@@ -68,6 +69,7 @@ def test_slopes_are_no_surer_than_the_forms_of_the_same_trace():
     assert not [c for c in slopes if abs(c.value - true[c.name, c.flank, c.tooth]) > 1.5 * c.U]
 
 
+@pytest.mark.more
 def test_a_helix_that_was_not_seen_to_its_end_may_have_what_others_have_there():
     """Bands at the end of the face of a helical gear: F_beta 3.6 +- 3.0, *conforms*, for 36."""
     gear = replace(helical(18.0), accuracy_class=7)
@@ -78,6 +80,7 @@ def test_a_helix_that_was_not_seen_to_its_end_may_have_what_others_have_there():
     assert not wrong(found, truth(errors, gear))
 
 
+@pytest.mark.more
 def test_a_dent_between_the_profiles_beside_the_measuring_circle_is_not_seen():
     """1.5 mm of roll length lay between them: F_beta 2.3 +- 1.4, *conforms*, for 57."""
     gear = replace(SPUR, accuracy_class=9)
@@ -116,6 +119,7 @@ def test_damage_that_was_not_seen_whole_may_go_on_where_profiles_show_nothing():
     np.testing.assert_array_equal(may_go_on(region, seen), expected)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", tried([3], rarely=[1, 2]))
 def test_a_dent_from_which_readings_got_lost_is_not_seen(seed):
     """0.9 mm wide, 120 um deep, steep walls: F_alpha 7.1 +- 8.4, *conforms*, for 44; a dent at mid-face read 6.5 +- 3.5
@@ -138,6 +142,7 @@ def test_a_dent_from_which_readings_got_lost_is_not_seen(seed):
     assert beside.count("conforms") > 0.9 * len(beside)
 
 
+@pytest.mark.more
 def test_the_land_of_an_eccentric_gear_is_no_flank():
     """24 um off its bore: f_Halpha -25.9 +- 8.4, *does not conform*, for 1.2; here F_alpha was 27 um off."""
     gear = replace(SPUR, teeth=30, module=1.0, tip_diameter=32.0, root_diameter=27.5, accuracy_class=8)
@@ -159,6 +164,7 @@ def test_a_tooth_broken_off_just_inside_the_helix_range_was_not_seen_to_its_end(
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6  # F, f_f and f_H of both flanks
 
 
+@pytest.mark.more
 def test_teeth_that_all_end_inside_the_helix_range_were_not_seen_to_its_end():
     """Beside none of them is one that goes on: f_fbeta 0.0 +- 0.5 for 494 on every flank, and the gear conformed."""
     narrow = replace(GEAR, face_width=12.0)
@@ -169,6 +175,7 @@ def test_teeth_that_all_end_inside_the_helix_range_were_not_seen_to_its_end():
     assert "conforms" not in {c.verdict for c in found.characteristics if c.name in (*HELIX, "f_Hbeta")}
 
 
+@pytest.mark.more
 def test_a_pit_seen_by_a_row_of_cells_is_damage_where_many_readings_say_so():
     """Its floor is in the shadow of its rim: F_alpha 8.6 +- 3.9 for 46, and conformed."""
     fine = replace(GEAR, teeth=40, module=0.8, tip_diameter=33.6, root_diameter=30.0)
@@ -189,6 +196,7 @@ def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6
 
 
+@pytest.mark.more
 def test_such_pits_on_every_flank_are_not_usual():
     """At one place of all of them: f_fbeta 0.5 +- 0.6 for 137, on every flank, and the gear conformed."""
     middle = involute(GEAR).measuring_roll
@@ -197,6 +205,7 @@ def test_such_pits_on_every_flank_are_not_usual():
     assert not [(c.name, c.flank, c.tooth) for c in lines if c.name in FORM_LINES and c.verdict == "conforms"]
 
 
+@pytest.mark.more
 def test_long_runs_of_lost_readings_are_usual_where_many_get_lost():
     """As long as they are on every fourth flank, chance makes them."""
     assert inspected(SOUND, how=WILD, points=320).verdict == "conforms"

@@ -84,6 +84,7 @@ def test_tooth_1_at_angle_0_is_tooth_1(degrees):
     assert [d.tooth for d in found.defects] == [6]
 
 
+@pytest.mark.more
 def test_any_other_phase_numbers_the_teeth_as_the_contract_says():
     errors = GearErrors(phase=radians(14.5), missing=(5,))
     assert [d.tooth for d in inspected(errors).defects] == truth_of(SPUR, errors)["missing"]

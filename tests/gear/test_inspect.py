@@ -99,6 +99,7 @@ def test_every_figure_has_its_doubt_and_truth_lies_inside():
     assert not line(found, "f_Hbeta", "left").capable
 
 
+@pytest.mark.more
 def test_the_verdict_is_the_worst_of_the_lines():
     found = inspected(replace(SPUR, accuracy_class=5))
     assert line(found, "f_p", "left").verdict == "does_not_conform"
@@ -192,6 +193,7 @@ def test_a_surface_of_unknown_origin_is_refused():
         inspect_gear(Surface(empty, empty, empty), SPUR)
 
 
+@pytest.mark.more
 def test_a_helix_can_turn_a_flank_away_from_an_oblique_sensor():
     """At 41.8 degrees to the axis the rays climb; the flanks that a right hand helix leans away are grazed at best."""
     found = inspected(helical(15.0))
@@ -206,6 +208,7 @@ def test_a_missing_tooth_leaves_the_others_measured():
     assert line(found, "f_Halpha", "left", 12).status == "not_measurable"
 
 
+@pytest.mark.more
 def test_the_deviations_of_all_readings_come_along():
     tied = transfer(scan_of(errors=PERFECT), calibrated())
     found = inspect_gear(apply_calibration(tied.scan, tied.calibration), SPUR)
@@ -216,6 +219,7 @@ def test_the_deviations_of_all_readings_come_along():
     assert np.median(np.abs(found.deviation[seen])) < 2 * UM
 
 
+@pytest.mark.more
 def test_an_intended_helix_slope_has_the_sign_of_the_deviation():
     """Rising with the height on both flanks: a gear made so to its drawing had f_Hbeta +20 for 0."""
     made = replace(PERFECT, left=FlankErrors(0.0, 0.01), right=FlankErrors(0.0, 0.01))

@@ -120,6 +120,7 @@ def test_a_bad_gear_is_not_another_gear(errors):
     inspect_gear(surface_of(SPUR, errors), SPUR)
 
 
+@pytest.mark.more
 def test_teeth_worn_alike_are_not_of_another_pressure_angle():
     """A step of 80 um on all flanks: the drawing was refused, *saw 22.5 degrees*."""
     worn = tuple(Worn(None, flank, (8.5, 20.0), (0.0, 30.0), 0.08, 0.15) for flank in ("left", "right"))

@@ -55,6 +55,7 @@ def slope_of(deviation):
     return np.polyfit(roll_length, deviation(alpha), 1)[0] * nominal.control_length
 
 
+@pytest.mark.more
 def test_radial_zero_error_gives_equal_profile_slopes():
     """delta = dr sin(alpha). GEAR.md: 3.6 um for 10 um from a roll length of 3 mm on; our control length is longer."""
     found = figures(radial=10 * UM)
@@ -76,6 +77,7 @@ def test_lateral_offset_gives_opposite_profile_slopes():
     assert any("a laser plane 51 um beside" in r for r in found["remarks"])
 
 
+@pytest.mark.more
 def test_line_skew_gives_opposite_helix_slopes():
     """+-eps b cos(alpha): 18.8 um for 1 mrad over 20 mm."""
     found = figures(tilt=1e-3)
@@ -85,6 +87,7 @@ def test_line_skew_gives_opposite_helix_slopes():
     assert any("skew by 1.00 mrad" in r for r in found["remarks"])
 
 
+@pytest.mark.more
 def test_residual_eccentricity_gives_pitch_and_runout():
     found = figures(shaft=(10 * UM, 0.0))
     for flank in ("left", "right"):
@@ -134,6 +137,7 @@ FROM_CALIBRATION = (
 )  # fmt: skip
 
 
+@pytest.mark.more
 def test_incidence_u_of_the_recipe_replaces_the_assumed_one():
     scan = scan_of(SPUR, PERFECT, QUIET)
     sensor = replace(scan.stand.sensor, incidence_U=0.001)
@@ -143,6 +147,7 @@ def test_incidence_u_of_the_recipe_replaces_the_assumed_one():
     assert U[1] < U[0] / 3
 
 
+@pytest.mark.more
 def test_bore_clearance_is_in_the_budget_of_pitch():
     """A seat whose axis is known to c adds up to 2 c / cos(alpha) to F_p (GEOMETRY.md)."""
     scan = scan_of(SPUR, PERFECT, QUIET)
@@ -156,6 +161,7 @@ def test_bore_clearance_is_in_the_budget_of_pitch():
     assert lines[1].U > lines[0].U
 
 
+@pytest.mark.more
 def test_a_sensor_that_moved_where_no_shaft_shows_it_stands_in_u():
     """12 um: d_a was 24 um off at U 3. Shaft in view tells, and so does a scan that is the calibration's own."""
     c, scan = true_calibration(), replace(scan_of(SPUR, PERFECT, QUIET), sha256="of this scan")
@@ -171,6 +177,7 @@ def test_a_sensor_that_moved_where_no_shaft_shows_it_stands_in_u():
     assert found[2].U == found[1].U
 
 
+@pytest.mark.more
 def test_record_without_covariance_decides_nothing():
     """Cut down to the keys that a record must have: its U would leave out what the calibration doesn't know."""
     bare = replace(calibrated(), covariance=np.zeros((0, 0)))

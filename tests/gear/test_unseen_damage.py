@@ -32,6 +32,7 @@ from truestand.sim import Chip, Dent, Scratch, Worn
 from variants import tried
 
 
+@pytest.mark.more
 def test_where_many_flanks_are_damaged_what_no_reading_shows_is_doubted():
     """7 of 48: what lies between two profiles near the root may be like them. With one of 48 it hardly is."""
     found, one = inspected(DAMAGED, points=320), inspected(worn((8.5, 9.8), FACE, 0.06), points=320)
@@ -120,6 +121,7 @@ NOT_KNOWN = {
 DOUBTED = replace(SOUND, worn=tuple(Worn(tooth, "left", *where, 0.1) for tooth, *where, _ in NOT_KNOWN.values()))
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", NOT_KNOWN)
 def test_what_may_be_deeper_or_no_damage_at_all_stands_in_u(name):
     tooth, *_, touched = NOT_KNOWN[name]
@@ -146,6 +148,7 @@ CRATERS = replace(SOUND, worn=(Worn(5, "left", (7.0, 9.5), (13.0, 17.0), 0.4, 0.
                                Worn(13, "left", (9.6, 11.0), (18.0, 21.0), 0.03, 0.1)))  # fmt: skip
 
 
+@pytest.mark.more
 def test_a_crater_whose_bottom_is_hidden_is_at_least_what_was_seen():
     found, true = inspected(CRATERS), truth(CRATERS)
     c = line(found, "f_falpha", 5)
@@ -170,6 +173,7 @@ def test_a_deep_crater_is_a_chip_and_decides():
     assert found.verdict == "does_not_conform"
 
 
+@pytest.mark.more
 def test_corner_broken_off_out_of_view_leaves_the_gear_undecided():
     """The sensor looks up at 42 degrees to the axis: of the break at the upper end it sees nothing."""
     found = inspected(replace(SOUND, chips=(Chip(5, 23.5, 26.0, 1.0),)), points=320)
@@ -188,6 +192,7 @@ def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     assert partly and all("without a reading" in c.reason for c in partly if c not in doubted)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("helix", "flank"), tried([(15.0, "right")], (-15.0, "left")))
 def test_a_narrow_groove_at_grazing_incidence_is_not_overlooked(helix, flank):
     """Its walls hide it, and rays get lost on sound teeth, too: 83 um read 8, *conforms*."""
@@ -350,6 +355,7 @@ def _nearly_along(kind, tooth, rng):
     return Scratch(tooth, "left", *ends, width, depth)
 
 
+@pytest.mark.more
 def test_feed_marks_are_form_and_no_noise():
     """Alike on all flanks, falling along the profile: f_fbeta read 0.0 +- 3.2 where 14.7 is true, and conformed."""
     marks = replace(SOUND, feed_marks=0.0075, feed_mark_spacing=1.8, feed_mark_slant=1.2)
@@ -395,6 +401,7 @@ def test_a_chamfer_beside_the_profile_stands_in_u(depth, width):
         assert abs(c.value - true[c.name, c.flank, c.tooth]) < 1.5 * c.U, (c.name, c.tooth)
 
 
+@pytest.mark.more
 def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
     """From a cell outside to a cell within, at either end: f_fbeta 40.6 +- 1.0 was read for 79."""
     grooves = []
@@ -407,6 +414,7 @@ def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
         assert abs(c.value - true[c.name, "left", c.tooth]) <= 1.5 * c.U, (c.name, c.tooth)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", tried([1], rarely=range(2, 9)))
 @pytest.mark.parametrize(("kind", "names"), [("profile", PROFILE), ("helix", HELIX)])
 def test_edges_that_run_along_a_trace_stand_in_u(kind, names, seed):

@@ -94,6 +94,7 @@ def test_lines_name_the_views_that_saw_them():
     assert all(c.views for c in found().characteristics)
 
 
+@pytest.mark.more
 def test_what_one_view_hides_the_other_shows():
     alone = inspect_gear(roll(scans(VirtualGear(GEAR, WORN))[0], calibrated()), GEAR)
     for name, flank in (("F_p", "right"), ("f_p", "right"), ("s", None), ("F_r", None)):

@@ -210,6 +210,7 @@ def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     assert np.sqrt(np.mean(np.square(drawn))) == pytest.approx(expected, rel=0.3)
 
 
+@pytest.mark.more
 def test_the_fit_takes_up_what_it_may_move():
     held = {fit: lines(exact(fit), "deviation_max") for fit in ("none", "angle", "all")}
     assert held["all"]["calibration"] < held["angle"]["calibration"] < held["none"]["calibration"]
@@ -318,6 +319,7 @@ def test_missing_tooth_never_conforms(lost):
     assert float(told.split("polar angle ")[1].split()[0]) == pytest.approx(45.7, abs=1.5)  # three pitches, turned
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("lost", tried([True], False), ids=["not read", "read behind"])
 def test_a_hole_smaller_than_three_cells_never_conforms(lost):
     """Drilled into the lower face, 1.8 mm wide, met by forty rays: it conformed."""

@@ -109,6 +109,7 @@ def test_a_wave_of_the_bearing_is_no_form_beyond_u():
     assert roundness.value - roundness.U < 0.001 and "table bearing" in budget(roundness)
 
 
+@pytest.mark.more
 def test_filter_attenuates_short_waves():
     passed = 2 * 0.002 * float(UprFilter(50).transmission(np.array([30]))[0])
     assert line(inspected("wavy"), "base", "roundness").value == pytest.approx(passed, abs=0.0012)
@@ -226,6 +227,7 @@ def test_section_that_is_not_there_is_not_measurable():
     assert np.isnan(found.deviation).all()
 
 
+@pytest.mark.more
 def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     """40 draws tell a standard deviation to 11 %: within 30 %."""
     scan, known = scanned("eccentric")
@@ -251,6 +253,7 @@ def test_budget_line_of_the_calibration_equals_drawn_calibrations():
         assert own[name] == pytest.approx(2 * np.std(v), rel=0.3)
 
 
+@pytest.mark.more
 def test_the_datum_adds_to_run_out_only():
     sure, loose = inspected("round"), inspected("round", replace(PART, datum="seat", bore_clearance=0.01))
     assert "bore clearance" not in budget(line(loose, "seat", "roundness"))
@@ -380,6 +383,7 @@ def test_a_groove_all_round_is_no_form_of_its_circles(depth, width):
     assert abs(c.value - depth) < 1.2 * c.U
 
 
+@pytest.mark.more
 def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
     """Half a millimetre are six profiles: where its edges run between two of them makes 16 um of 181 (2.7 U)."""
     found = inspected("slot", Turned((replace(BASE, roundness_limit=0.19),)))

@@ -73,6 +73,7 @@ def test_the_same_input_gives_the_same_bytes():
     assert page.__wrapped__("from above") == page("from above")
 
 
+@pytest.mark.more
 def test_what_is_not_identifiable_is_said():
     centred = text("centred")
     assert "laser_plane_offset_mm" in centred
@@ -99,6 +100,7 @@ def test_errors_against_the_truth_stand_there_only_with_a_truth():
     assert '<th class="n">truth' not in text("from above", truth=False)
 
 
+@pytest.mark.more
 def test_the_published_method_alone_has_its_report():
     text = page("from above", "paper")
     assert "Leakage" in text

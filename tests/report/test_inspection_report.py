@@ -183,6 +183,7 @@ def test_what_can_not_be_shown_is_said():
     assert "Not capable" in inspection_report(replace(inspection, characteristics=lines))
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_hidden_flank_is_not_measurable_and_shows_no_number(side):
     inspection = without(side)
@@ -196,6 +197,7 @@ def test_a_hidden_flank_is_not_measurable_and_shows_no_number(side):
     assert len(re.findall(r"\d+", own)) <= 1  # the limit
 
 
+@pytest.mark.more
 def test_a_missing_tooth_leaves_gaps():
     inspection = gear()
     e = inspection.evidence

@@ -59,6 +59,7 @@ def told(lines):
     return {int(number): stated for number, stated in (w for w in words if len(w) == 2 and len(w[1]) == 64)}
 
 
+@pytest.mark.more
 @pytest.mark.skipif(os.name == "nt", reason="kill -9")
 def test_kill_9_in_the_middle_of_a_write_loses_nothing_acknowledged(tmp_path, scan):
     kept, _ = kill_often(tmp_path / "results", scan, 8, seed=1)

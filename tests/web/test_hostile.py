@@ -94,6 +94,7 @@ def test_fifty_hostile_clients_lose_no_event_and_delay_no_answer_by_a_second(tmp
     assert grown < 60
 
 
+@pytest.mark.more
 def test_a_client_with_an_unfinished_head_is_dropped(client, monkeypatch):
     monkeypatch.setattr(connections, "HEAD_TIMEOUT_S", 0.5)
     for sent in (

@@ -127,6 +127,7 @@ def test_a_value_not_measured_is_null_of_its_type_and_never_nan(state):
     talk(state, look)
 
 
+@pytest.mark.more
 def test_result_ready_is_notified_after_the_whole_result(state):
     keep(state, "inspection", inspection())
     ready, values = Heard(), Heard()
@@ -169,6 +170,7 @@ def test_a_job_from_start_to_result(state):
     talk(state, work)
 
 
+@pytest.mark.more
 def test_busy_live_and_abort(state):
     async def work(client):
         await client.call("StartJob", "calibrate", "", "", "", "hold")
@@ -233,6 +235,7 @@ def test_a_fault_is_shown_and_reset(state):
     talk(state, work)
 
 
+@pytest.mark.more
 def test_nothing_can_be_written_or_added(state):
     async def write(client):
         for path in ("Stand/State", "Stand/ResultReady"):
@@ -390,6 +393,7 @@ def test_a_server_that_fails_to_start_leaves_no_executor(state, monkeypatch):
     assert gc.get_freeze_count() == 0
 
 
+@pytest.mark.more
 def test_with_an_unreadable_store_the_stand_is_not_calibrated(state):
     keep(state, "calibration", calibration())
     (state.settings.store / "store.db").write_bytes(b"no database")

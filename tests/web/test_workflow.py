@@ -69,6 +69,7 @@ def tab():
     assert heard == []
 
 
+@pytest.mark.browser
 def test_an_operator_calibrates_inspects_and_sees_results_in_the_browser(stand, page, tab, tmp_path):
     log_in(tab, page)
     calibrate(tab)

@@ -106,7 +106,7 @@ def _side_by_side(places: Sequence[Array]) -> Array:
 
 def _beside(places: Array) -> Array:
     """Places (flanks, others, most) on the teeth beside each flank's, on its side."""
-    sides = places.reshape(2, -1, places.shape[1])
+    sides = places.reshape(2, places.shape[0] // 2, places.shape[1])
     return np.stack([np.roll(sides, -k, axis=1).reshape(places.shape) for k in BESIDE], axis=1)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Mask
 from truestand.core.robust import TUKEY, nan_median, robust_sd, tukey_weights
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import Grid
@@ -42,6 +42,14 @@ class SmoothFlanks:
     """(2 teeth, cells, TERMS)."""
     solver: Array
     """(2 teeth, TERMS, cells): coefficients from cells; NaN for a flank that can't carry them."""
+    share: Array
+    """(2, teeth, cells) 0..1 of each flank in the mean tooth of its side; 0 for a flank without coefficients,"""
+    shared_basis: Array
+    """and the same of its basis: (2, teeth TERMS, cells)."""
+    shared_terms: Array
+    """(2, teeth TERMS, teeth TERMS): what the terms of the flanks of a side, as far as they share them, add to each,"""
+    shared_levels: Array
+    """(2, teeth TERMS, teeth): and what their levels do."""
 
 
 def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
@@ -62,7 +70,19 @@ def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
         ratio = np.where(inside, np.abs(residual), 0.0) / spread
         far = tukey_weights(ratio / TUKEY) if leaves_out else HUBER / np.maximum(ratio, HUBER)
         weight = np.where(inside, far, 0.0)
-    return SmoothFlanks(grid, weight, basis, _solver(basis, weight))
+    solver = _solver(basis, weight)
+    share = _share(np.where(np.isfinite(solver[:, 0]), weight, 0.0).reshape(*grid.delta.shape[:2], cells))
+    of_sides = share.shape[0], -1, cells
+    shared_basis = (share.reshape(flanks, 1, cells) * basis.swapaxes(1, 2)).reshape(of_sides)
+    by_side = np.nan_to_num(solver).reshape(of_sides)
+    shared_terms, shared_levels = by_side @ shared_basis.swapaxes(1, 2), by_side @ share.swapaxes(1, 2)
+    return SmoothFlanks(grid, weight, basis, solver, share, shared_basis, shared_terms, shared_levels)
+
+
+def _share(weight: Array) -> Array:
+    """Of weights (sides, teeth, cells), in their sum over the teeth; 0 where that is 0."""
+    total = weight.sum(axis=1, keepdims=True)
+    return np.asarray(weight / np.where(total > 0, total, 1.0))
 
 
 def residuals(delta: Array, smooth: SmoothFlanks) -> Array:
@@ -72,44 +92,48 @@ def residuals(delta: Array, smooth: SmoothFlanks) -> Array:
 
 def smooth_surface(delta: Array, smooth: SmoothFlanks) -> Array:
     """Flanks and shared shape as cells (2, teeth, roll lengths, heights) mm say, seen or not; NaN for no such flank."""
-    shared, c = _fit(delta, smooth)
-    return np.asarray((shared + _times(smooth.basis, c)).reshape(delta.shape))
+    mean, c = _fit(delta, smooth)
+    own = _times(smooth.basis, c).reshape(smooth.share.shape)
+    return np.asarray((_shared(mean, c, smooth)[:, None] + own).reshape(delta.shape))
 
 
 def shared_shape(delta: Array, smooth: SmoothFlanks) -> Array:
     """What all teeth of a side share (2, roll lengths, heights) mm; NaN where none of them was seen."""
-    shared, _ = _fit(delta, smooth)
     counts = (smooth.weight > 0).reshape(delta.shape).any(axis=1)
-    return np.where(counts, shared.reshape(delta.shape)[:, 0], np.nan)
+    return np.where(counts, _shared(*_fit(delta, smooth), smooth).reshape(counts.shape), np.nan)
 
 
 def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:
     """delta (2, teeth) mm of each smooth flank, mean over its evaluation area, NaN where not seen."""
-    shared, c = _fit(delta, smooth)
-    found = c @ _area_means(smooth.grid.nominal) + _shared_at(shared, smooth, smooth.grid.nominal.measuring_roll)
-    return np.asarray(found.reshape(delta.shape[:2]))
+    grid = smooth.grid
+    mean, c = _fit(delta, smooth)
+    near = np.repeat(np.abs(grid.rolls - grid.nominal.measuring_roll) < 3 * grid.size[0], grid.heights.size)
+    on = (smooth.weight > 0).reshape(smooth.share.shape)[:, :, near]
+    sums = (_shared(mean, c, smooth, near)[:, None] * on).sum(axis=2)
+    found = (c @ _area_means(grid.nominal)).reshape(delta.shape[:2])
+    return np.asarray(found + sums / np.maximum(on.sum(axis=2), 1))
 
 
 def _fit(delta: Array, smooth: SmoothFlanks) -> tuple[Array, Array]:
-    """The shape shared by all teeth (flanks, cells), and coefficients (flanks, TERMS)."""
-    seen = smooth.weight > 0
-    values = np.where(seen, delta.reshape(smooth.weight.shape), 0.0)
-    total = np.maximum(smooth.weight.sum(axis=1, keepdims=True), 1e-9)
-    shared = _mean_tooth(
-        values - (smooth.weight * values).sum(axis=1, keepdims=True) / total, smooth.weight, delta.shape
-    )
-    for _ in range(PASSES):  # what all teeth share must not depend on where each of them was met
-        own = _times(smooth.basis, _times(smooth.solver, np.where(seen, values - shared, 0.0)))
-        shared = shared + _mean_tooth(values - shared - own, smooth.weight, delta.shape)
-    return shared, _times(smooth.solver, np.where(seen, values - shared, 0.0))
+    """The mean tooth (2, cells) of each side, and coefficients (flanks, TERMS).
+
+    What all teeth share must not depend on where each of them was met, so it is told from their own terms in turns.
+    """
+    values = np.where(smooth.weight > 0, delta.reshape(smooth.weight.shape), 0.0)
+    by_tooth = values.reshape(smooth.share.shape)
+    mean = np.einsum("stc,stc->sc", smooth.share, by_tooth)
+    level = np.einsum("fc,fc->f", smooth.weight, values) / np.maximum(smooth.weight.sum(axis=1), 1e-9)
+    alone = _times(smooth.solver, (by_tooth - mean[:, None]).reshape(values.shape)).reshape(len(mean), -1)
+    own = alone + _times(smooth.shared_levels, level.reshape(len(mean), -1))
+    for _ in range(PASSES):
+        own = alone + _times(smooth.shared_terms, np.nan_to_num(own))
+    return mean, own.reshape(-1, TERMS)
 
 
-def _shared_at(shared: Array, smooth: SmoothFlanks, roll: float) -> Array:
-    """The shared shape (flanks,) about a roll length: the mean over a few cells of all heights."""
-    near = np.abs(smooth.grid.rolls - roll) < 3 * smooth.grid.size[0]
-    on = (smooth.weight > 0).reshape(-1, *smooth.grid.delta.shape[2:]) & near[:, None]
-    sums = (shared.reshape(on.shape) * on).sum(axis=(1, 2))
-    return np.asarray(sums / np.maximum(on.sum(axis=(1, 2)), 1))
+def _shared(mean: Array, c: Array, smooth: SmoothFlanks, cells: Mask | slice = slice(None)) -> Array:
+    """The shape that all teeth of a side share (2, cells), in some ``cells``: the mean tooth less the terms of each."""
+    own = np.nan_to_num(c).reshape(len(mean), -1)
+    return np.asarray(mean[:, cells] - _times(smooth.shared_basis[:, :, cells].swapaxes(1, 2), own))
 
 
 def _reduced_roll(roll: Array | float, nominal: Involute) -> Array:
@@ -140,16 +164,6 @@ def _solver(basis: Array, weight: Array) -> Array:
 def _times(matrices: Array, vectors: Array) -> Array:
     """Each flank's matrix (flanks, n, m) times its vector (flanks, m): (flanks, n)."""
     return np.asarray((matrices @ vectors[:, :, None])[:, :, 0])
-
-
-def _mean_tooth(residual: Array, weight: Array, shape: tuple[int, ...]) -> Array:
-    """Weighted mean over the teeth of each side (flanks, cells), the same for each tooth; 0 where no cell counts."""
-    sides, teeth = shape[:2]
-    seen = np.isfinite(residual)
-    w = np.where(seen, weight, 0.0).reshape(sides, teeth, -1)
-    total = w.sum(axis=1)
-    mean = (w * np.where(seen, residual, 0.0).reshape(sides, teeth, -1)).sum(axis=1) / np.maximum(total, 1e-9)
-    return np.asarray(np.repeat(np.where(total > 0, mean, 0.0), teeth, axis=0).reshape(residual.shape))
 
 
 def _own_rest(values: Array, basis: Array, weight: Array) -> Array:

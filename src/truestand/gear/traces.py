@@ -13,6 +13,7 @@ the cells, extremes aside.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from math import inf, log, pi, sqrt
 
@@ -75,7 +76,7 @@ class Reading:
 
     def __call__(self, delta: Array) -> Array:
         """delta (flanks, heights) there, of cells (2, teeth, roll lengths, heights); 0 where not seen."""
-        return np.asarray((self.weights * _columns(np.nan_to_num(delta))).sum(axis=2))
+        return np.asarray(np.einsum("fhr,fhr->fh", self.weights, _columns(np.nan_to_num(delta))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +95,41 @@ class Interpolation:
 
     def __call__(self, values: Array) -> Array:
         """Values (flanks, n) read at the places; NaN where not seen."""
+        return np.where(self.seen, self.going_on(values), np.nan)
+
+    def going_on(self, values: Array) -> Array:
+        """The same, with any value where not seen."""
         before, behind = (np.take_along_axis(values, at, axis=1) for at in (self.first, self.last))
-        return np.where(self.seen, before + self.share * (behind - before), np.nan)
+        return np.asarray(before + self.share * (behind - before))
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """The mean trace of columns, of each of which some was seen; linear in them, by weights.
+
+    Where some of them end (beyond it they hold their value for a while), the mean of the others goes on by its steps:
+    columns stand at other heights where damage ends between them, and the trace must not step where one of them does.
+    Fewer than half of them don't say how all go on: there those that hold count, too.
+    """
+
+    columns: tuple[Interpolation, ...]
+    of_mean: Array
+    """(flanks, columns, places) in the mean of those seen,"""
+    of_step: Array
+    """(flanks, columns, places - 1) in its step to the next place,"""
+    of_level: Array
+    """and (flanks, places) in the mean over the places that most columns reach."""
+    seen: Mask
+    """(flanks, places): by most columns."""
+
+    def __call__(self, values: Array) -> Array:
+        """The trace (flanks, places) of values (flanks, columns, n); NaN where not seen."""
+        read = np.stack([column.going_on(values[:, j]) for j, column in enumerate(self.columns)], axis=1)
+        mean = np.einsum("fcp,fcp->fp", self.of_mean, read)
+        path = np.zeros(mean.shape)
+        np.cumsum(np.einsum("fcp,fcp->fp", self.of_step, np.diff(read, axis=2)), axis=1, out=path[:, 1:])
+        level = np.einsum("fp,fp->f", self.of_level, mean - path)
+        return np.where(self.seen, path + level[:, None], np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,9 +150,9 @@ class Traces:
     """On the measuring circle."""
     ball: Reading
     """Where the ball touches."""
-    profile: tuple[Interpolation, ...]
-    """Of each column of the band: the trace from its cells."""
-    shorter_profile: tuple[float, tuple[Interpolation, ...]]
+    profile: Joined
+    """The trace from the columns of the band."""
+    shorter_profile: tuple[float, Joined]
     """The same where the range is some mm shorter at either end: a cell."""
     between: Mask
     """(flanks, POINTS): places of a profile between readings that lie too far apart."""
@@ -156,9 +190,9 @@ def traces_of(
     band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
     half_step = step_on_flank(nominal, rolls, step) / 2
 
-    def profile(shorter: float) -> tuple[Interpolation, ...]:
+    def profile(shorter: float) -> Joined:
         places = profile_points(nominal, shorter)
-        return tuple(_interpolation(rolls[:, j], places, half_step[:, j]) for j in np.flatnonzero(band))
+        return _joined(tuple(_interpolation(rolls[:, j], places, half_step[:, j]) for j in np.flatnonzero(band)))
 
     cell = grid.size[1]
 
@@ -219,14 +253,12 @@ def helix_points(nominal: Involute, longer: float = 0.0) -> Array:
     return np.linspace(low - longer, high + longer, POINTS)
 
 
-def profile_of(delta: Array, traces: Traces, read: tuple[Interpolation, ...] | None = None) -> Array:
+def profile_of(delta: Array, traces: Traces, read: Joined | None = None) -> Array:
     """Profile traces (flanks, POINTS) of cells (2, teeth, roll lengths, heights); NaN where not seen.
 
-    ``read``: how each column of the band is; None: over the evaluation range.
+    ``read``: how they are read; None: over the evaluation range.
     """
-    band, read = _columns(np.nan_to_num(delta))[:, traces.band], read or traces.profile
-    columns = np.stack([column(band[:, j]) for j, column in enumerate(read)], axis=2)
-    return _joined(columns, np.stack([column.inside for column in read], axis=2))
+    return (read or traces.profile)(np.nan_to_num(_columns(delta)[:, traces.band]))
 
 
 def helix_of(delta: Array, traces: Traces) -> Array:
@@ -256,24 +288,20 @@ def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
     return _mean_of_columns(values[:, traces.band], reading.seen[:, traces.band])
 
 
-def _joined(columns: Array, inside: Mask) -> Array:
-    """The mean (flanks, n) of columns (flanks, n, band), NaN: not seen; NaN where most were not.
+def _joined(columns: tuple[Interpolation, ...]) -> Joined:
+    seen, inside = (np.stack(of, axis=1) for of in ([c.seen for c in columns], [c.inside for c in columns]))
+    number, reached = seen.sum(axis=1), inside.sum(axis=1)
+    known = number >= LEAST_COLUMNS * len(columns)
+    holding, going_on = (on[:, :, 1:] & on[:, :, :-1] for on in (seen, inside))
+    most = going_on.sum(axis=1, keepdims=True) >= LEAST_COLUMNS * len(columns)
+    stepping = np.where(most, going_on & holding, holding)
+    level = (reached == reached.max(axis=1, keepdims=True)) & known
+    return Joined(columns, _shares(seen & known[:, None]), _shares(stepping), _shares(level), known)
 
-    Where some of them end (``inside``: they don't; beyond it they hold their value for a while), the mean of the others
-    goes on by its steps: columns stand at other heights where damage ends between them, and the trace must not step
-    where one of them does. Fewer than half of them don't say how all go on: there those that hold count, too.
-    """
-    seen = np.isfinite(columns)
-    mean = _mean_of_columns(columns, seen)
-    known, going_on = seen[:, 1:] & seen[:, :-1], inside[:, 1:] & inside[:, :-1]
-    most = going_on.sum(axis=2, keepdims=True) >= LEAST_COLUMNS * columns.shape[2]
-    known = np.where(most, going_on, known)
-    step = np.where(known, np.diff(np.nan_to_num(columns), axis=1), 0.0).sum(axis=2) / np.maximum(known.sum(axis=2), 1)
-    path = np.concatenate([np.zeros((mean.shape[0], 1)), np.cumsum(step, axis=1)], axis=1)
-    number = inside.sum(axis=2)
-    full = (number == number.max(axis=1, keepdims=True)) & np.isfinite(mean)
-    offset = np.where(full, np.nan_to_num(mean) - path, 0.0).sum(axis=1) / np.maximum(full.sum(axis=1), 1)
-    return np.where(np.isfinite(mean), path + offset[:, None], np.nan)
+
+def _shares(on: Mask) -> Array:
+    """Weights of those that count, the same for each, along the columns (flanks, columns, places) or places."""
+    return np.asarray(on / np.maximum(on.sum(axis=1, keepdims=True), 1))
 
 
 def _mean_of_columns(values: Array, seen: Mask) -> Array:
@@ -407,8 +435,15 @@ def _range(high: Array, low: Array, seen: Mask) -> Array:
 
 def _low_pass(values: Array, weight: Array, at: Array, cutoff: float) -> Array:
     """Traces (flanks, n) at evenly spaced places (n,) after a Gaussian that halves waves of ``cutoff`` mm."""
-    kernel = np.exp(-pi * np.square((at[:, None] - at) / (GAUSS * cutoff)))
+    kernel = _gaussian(at.size, float(at[-1] - at[0]) / (GAUSS * cutoff))
     return np.asarray((weight * values) @ kernel / np.maximum(weight @ kernel, 1e-300))
+
+
+@lru_cache(maxsize=8)
+def _gaussian(number: int, length: float) -> Array:
+    """(number, number) by how much places over a ``length``, in widths of the Gaussian, count for each other."""
+    at = np.linspace(0.0, length, number)
+    return np.asarray(np.exp(-pi * np.square(at[:, None] - at)))
 
 
 def _columns(cells: Array) -> Array:
