@@ -90,6 +90,7 @@ def old_from_below():
     return calibrate(scan(named, 0), shaft())
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     ("now", "verdict"),
     tried(

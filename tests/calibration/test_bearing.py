@@ -53,7 +53,7 @@ def off(found, name):
 
 
 @pytest.mark.parametrize("waves", tried([9, 19], 4, 6, 13, 16, 25))
-@pytest.mark.parametrize("name", tried(["encoder", ON], "any start angle", "clockwise"))
+@pytest.mark.parametrize("name", tried(["encoder"], ON, "any start angle", "clockwise"))
 def test_a_wave_of_the_bearing_draws_the_laser_plane_nowhere(name, waves):
     """Taken for form of the shaft, it tilted the plane by up to 8 U, *valid*."""
     still, found = calibrate(scan_of(name), shaft()), calibrated(name, 4 * UM, waves)

@@ -115,6 +115,7 @@ def test_only_noise_is_left(name):
     assert calibrated(name).residuals.rms == pytest.approx(across, rel=0.02)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("name", [n for n, s in STANDS.items() if s.optics.get("nonlinearity")])
 def test_a_non_linear_sensor_does_not_fake_a_laser_plane(name):
     """Read as sag, 25 um of range error would put d off by 100..150 um and alpha by 8..22 mrad (GEOMETRY.md)."""

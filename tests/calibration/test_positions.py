@@ -101,6 +101,7 @@ def test_half_a_turn_can_not_separate_even_harmonics():
     assert all(s.harmonic.upr % 2 for s in positions.bearing)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("moved", "status"), tried([(0.008, "valid")], (0.02, "untrusted")))
 def test_a_sensor_that_moved_radially_between_the_scans_leaves_the_laser_plane(moved, status):
     """With one radial position for both, 10 um between them put the plane 48 um off at U 18, and it was valid."""

@@ -34,6 +34,7 @@ def filmed(seed):
     return made, calibrate(interpret(oily, stand()), artefact)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("seed", tried([0, 7], 2, 5, 8))
 def test_a_film_on_both_steps_is_in_u_or_doubted(seed):
     """Offset, tilt and direction were 1.1 to 2.1 U off, *valid*."""

@@ -194,6 +194,7 @@ def pitch(path):
     return {(c["name"], c["flank"]): c["value_um"] for c in lines if c["name"] in ("F_p", "f_p")}
 
 
+@pytest.mark.more
 def test_without_the_shaft_in_view_an_unknown_start_ends_3(bench, turned):
     """The same scan without its readings of the shaft; the calibration's own zero is the table's home."""
     recording = read_recording(turned)

@@ -47,6 +47,7 @@ def test_several_turns_correct_an_angle_error_that_does_not_repeat(name):
     assert any("freed it of" in r for r in found.remarks)
 
 
+@pytest.mark.more
 def test_steady_table_needs_no_correction():
     found = turned("steady")
     assert not any("freed" in r for r in found.remarks) and not found.reasons

@@ -153,6 +153,7 @@ def test_sound_gears_have_no_undecided_figure(how, points):
         assert found.defects == ()
 
 
+@pytest.mark.more
 def test_a_stuck_point_of_the_sensor_is_no_damage():
     """Its range was a hole in 28 flanks: a sound gear failed, and 227 lines were undecided."""
     found = inspected(SOUND, points=320, stuck=(125, 90.985))
@@ -203,6 +204,7 @@ def test_a_limit_for_defects_decides_within_their_doubt(limit, expected):
     assert all(abs(abs(d.depth) - {2: 0.03, 5: 0.1, 9: 0.06}[tooth]) < d.U for tooth, d in judged.items())
 
 
+@pytest.mark.more
 def test_dents_touch_only_the_figures_that_read_them():
     """One on both traces, one on neither, one on the helix trace."""
     places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))
@@ -230,7 +232,7 @@ def test_wear_on_every_tooth_breaks_none(edge):
     assert max((abs(d.depth) for d in found.defects if d.depth is not None), default=0.0) < 0.04
 
 
-@pytest.mark.parametrize(("drawn", "reasons"), [((18,), []), ((3,), []), ((17, 18), ["other_teeth"])])
+@pytest.mark.parametrize(("drawn", "reasons"), tried([((18,), [])], ((3,), []), ((17, 18), ["other_teeth"])))
 def test_a_sector_gear_misses_the_teeth_that_it_is_drawn_without(drawn, reasons):
     """Its drawing counts from any tooth, the record from the first one at polar angle 0. One with teeth that the
     drawing leaves out ended 0."""
@@ -240,6 +242,7 @@ def test_a_sector_gear_misses_the_teeth_that_it_is_drawn_without(drawn, reasons)
     assert found.verdict == ("undecided" if reasons else "conforms")
 
 
+@pytest.mark.more
 def test_damage_that_the_recipe_only_reports_decides_nothing():
     found = inspected(replace(SOUND, missing=(18,)), replace(GEAR, damage_decides=False))
     assert [(d.kind, d.verdict) for d in found.defects] == [("missing tooth", None)]

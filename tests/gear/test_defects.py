@@ -57,6 +57,7 @@ def test_half_of_the_teeth_missing():
     assert tip.value == pytest.approx(52.0, abs=0.02)
 
 
+@pytest.mark.more
 def test_a_tip_that_is_lower_than_drawn_is_no_defect():
     found = inspected(PERFECT, None, replace(SPUR, tip_diameter=52.3))
     assert found.defects == ()

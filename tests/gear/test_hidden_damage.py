@@ -185,6 +185,7 @@ def test_a_pit_seen_by_a_row_of_cells_is_damage_where_many_readings_say_so():
     assert {verdict(found, name, 16, "right") for name in PROFILE} == {"conforms"}
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("radius", tried([0.25], 0.4))
 def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_lost(radius):
     """A profile or two cross it, and lack a few readings: f_p 10.5 +- 0.3 for 82, and the gear conformed."""

@@ -159,6 +159,7 @@ def test_a_crater_whose_bottom_is_hidden_is_at_least_what_was_seen():
     assert not replace(c, flank=None).at_least and not replace(c, value=-c.value).at_least
 
 
+@pytest.mark.more
 def test_damage_beside_the_traces_leaves_traces_decided():
     found = inspected(CRATERS, WIDE)
     for tooth in (9, 13):
@@ -166,6 +167,7 @@ def test_damage_beside_the_traces_leaves_traces_decided():
     assert any("tooth 13 left" in remark and "below the flank" in remark for remark in found.remarks)
 
 
+@pytest.mark.more
 def test_a_deep_crater_is_a_chip_and_decides():
     found = inspected(CRATERS)
     chips = {d.tooth: d.verdict for d in found.defects if d.kind == "chipped flank"}
@@ -181,6 +183,7 @@ def test_corner_broken_off_out_of_view_leaves_the_gear_undecided():
     assert found.verdict == "undecided"
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("helix", tried([15.0], -20.0))
 def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
@@ -367,6 +370,7 @@ def test_feed_marks_are_form_and_no_noise():
     assert "conforms" not in {c.verdict for c in lines if c.name == "f_fbeta"}
 
 
+@pytest.mark.more
 def test_short_feed_marks_are_read_whole():
     """Waves 0.9 mm long, which the low-pass halves at 0.67 mm and cells of 0.25 mm smooth once more."""
     marks = replace(SOUND, feed_marks=0.006, feed_mark_spacing=0.9)

@@ -117,6 +117,7 @@ def test_report_and_record_show_the_seams():
     assert "<h2>Seams</h2>" in page and "sensors front, rear" in page
 
 
+@pytest.mark.more
 def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():
     """On one side of helical teeth height and azimuth act alike; the figures need only what both do together."""
     first, rear = calibrated().views
@@ -128,6 +129,7 @@ def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():
         assert c.value == pytest.approx(line(found(), "F_p", flank).value, abs=0.5 * UM)
 
 
+@pytest.mark.more
 def test_views_that_contradict_each_other_decide_nothing():
     """As if one had moved out where no shaft in view shows it."""
     front, rear = roll_views(scans(VirtualGear(GEAR, WORN)), calibrated())

@@ -156,6 +156,7 @@ def test_too_small_a_diameter_does_not_conform():
     assert inspected("small", wide).verdict == "does_not_conform"
 
 
+@pytest.mark.more
 def test_a_fifth_of_outliers_changes_nothing():
     """0.2 um in d, the promise; the lost readings alone cost 0.02."""
     clean, dirty = inspected("oval"), inspected("oval", outliers=0.2)
