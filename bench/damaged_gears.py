@@ -42,7 +42,8 @@ from truestand.sim import (
 from truestand.sim.gear_errors import Worn
 from truestand.sim.gear_truth import gear_figures
 
-POINTS, PROFILES = 320, 4400
+POINTS, PROFILES, LONG = 320, 4400, 11000
+"""Readings of a profile, and profiles: 1.1 turns, and the paper's 2.75 of one scan in four."""
 KINDS = ("none", "across", "along", "dent", "wear", "on top", "crater", "reflection", "scratch")
 INCIDENCE_U = 0.005
 Damage = Dent | Worn | Scratch
@@ -203,7 +204,8 @@ def one_gear(
             if kind != "none":
                 (apparent if kind == "reflection" else damage).extend(damage_of(kind, tooth, flank, gear, rng))
     speckle = float(rng.choice([0.0, 0.0, 0.005, 0.01, 0.02]))
-    simulation = simulation_of(bool(gear.helix_angle), PROFILES, speckle)
+    profiles = int(rng.choice([PROFILES, PROFILES, PROFILES, LONG]))
+    simulation = simulation_of(bool(gear.helix_angle), profiles, speckle)
     real = _with(errors, damage)
     true = gear_figures(VirtualGear(gear, real), paper_shaft(), simulation.workpiece)
     begun = time.process_time()

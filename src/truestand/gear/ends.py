@@ -5,7 +5,7 @@ within the last cell of the helix' range looks as if they had run out a little s
 """
 
 from collections.abc import Sequence
-from math import ceil, log
+from math import ceil, log, pi
 
 import numpy as np
 
@@ -25,7 +25,8 @@ BY_CHANCE, LEAST_LOST = 1e-5, 0.01
 ON_MOST = 0.75
 """Share of the flanks of a side that must lack them at one place for that to count against the rest of the face."""
 OVERLAP, MORE = 4, 2
-"""Windows that overlap along the face; readings more than those of two profiles that a flank must lack in one."""
+"""Windows that overlap along the face; readings that a flank must lack in one, more than those of a profile a pass and
+one besides."""
 HARDLY_ANY = 0.1
 """Share of the usual readings beyond a height, at most, that a flank which ends before it has there: strays."""
 
@@ -57,11 +58,15 @@ def _ends_of_helices(flanks: Flanks, grid: Grid, zone: Mask, points: int) -> lis
 def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> list[Damage]:
     """In windows along the face, as wide as its middle, for damage may cover a part of that; against the flanks beside
     each, and against the same flank elsewhere, for it may be on all of them.
+
+    A profile begins anywhere within a step of the table: with every pass one flank may show one more than another.
     """
     nominal, found = grid.nominal, []
     edges = np.linspace(nominal.control_roll, nominal.tip_roll, grid.rolls.size + 1)
     (bottom, top), width = nominal.helix_range, 2 * TRACE_SHARE * nominal.gear.face_width
     lows = np.linspace(bottom, top - width, ceil(OVERLAP * (top - bottom) / width))
+    turns = (int(flanks.profile.max(initial=0)) + 1) * abs(step) / (2 * pi)
+    passes = max(ceil(turns - (1.0 - USUAL)), 1)
     for sign, end in zip((-1.0, 1.0), nominal.profile_range, strict=True):
         near = flanks.select(np.abs(flanks.roll - end) < 2 * float(step_on_flank(nominal, end, step)))
         windows = [near.select((near.height > low) & (near.height < low + width)) for low in lows]
@@ -69,7 +74,7 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
         elsewhere = _side_by_side(outward).swapaxes(0, 1)
         cells = np.zeros((2 * grid.delta.shape[1], *grid.delta.shape[2:]), dtype=bool)
         for low, window, own in zip(lows, windows, outward, strict=True):
-            least = 2 * _of_a_profile(window, points) + MORE
+            least = (passes + 1) * _of_a_profile(window, points) + MORE
             columns = (grid.edges[1:] > low) & (grid.edges[:-1] < low + width)
             ends = _either(
                 _ends_before(own, _beside(own), sign * end, least), _ends_before(own, elsewhere, sign * end, least)
