@@ -5,7 +5,7 @@ cell of the middle of the face, or be where no reading shows anything.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 
@@ -149,20 +149,33 @@ def _often_damaged(a: Assessment) -> bool:
     """Whether so many teeth are damaged that none can be taken to be as sound between its readings as where it was
     seen.
     """
-    damaged = {d.tooth for d in a.damage if d.clear and not d.on_top}
-    return len(damaged) > RARELY * int(np.count_nonzero(a.there))
+    return _often(a, [d for d in a.damage if _not_seen(d) or (d.clear and not d.on_top)])
+
+
+def _often(a: Assessment, damage: list[Damage]) -> bool:
+    """Whether so many teeth have some of the damage."""
+    return len({d.tooth for d in damage}) > RARELY * int(np.count_nonzero(a.there))
+
+
+def _not_seen(damage: Damage) -> bool:
+    """Whether no reading shows it: nobody knows how deep it is."""
+    return damage.depth is None
 
 
 def _deepest(a: Assessment, name: str, gap: float) -> float:
     """How deep (mm) the deepest damage is that may hide in a ``gap`` (mm) of the traces that a figure reads.
 
-    Of such as is narrow enough for it; where none is, of all. What a tip has lost is found there.
+    Of such as is narrow enough for it; where none is, of all. What a tip has lost is found there. Where many teeth have
+    damage that no reading shows, it is as deep as the gap lets it be.
     """
     profile, tip = name in PROFILE_NAMES, a.nominal.profile_range[1] - 2 * a.nominal.gear.evaluation.resolution
     gone = [d for d in a.damage if d.depth and d.clear and not d.on_top and (profile or d.rolls[1] < tip)]
     along = [(d.rolls if profile else d.heights, d.depth or 0.0) for d in gone]
     narrow = [depth for (first, last), depth in along if last - first <= NARROW * gap]
-    return min(max(narrow or [depth for _, depth in along], default=0.0), STEEPEST * gap, a.nominal.thickness / 2)
+    deepest = max(narrow or [depth for _, depth in along], default=0.0)
+    return min(
+        inf if _often(a, [d for d in a.damage if _not_seen(d)]) else deepest, STEEPEST * gap, a.nominal.thickness / 2
+    )
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
@@ -179,7 +192,11 @@ def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -
     what = "roll length" if line.name in PROFILE_NAMES else "the helix"
     elsewhere = UM * _deepest(a, line.name, gap)
     return f"{gap:.1f} mm of {what} without a reading" + (
-        f", on a gear with damage of {elsewhere:.0f} um elsewhere" if elsewhere else ""
+        ", on a gear with damage that was not seen elsewhere"
+        if _often(a, [d for d in a.damage if _not_seen(d)])
+        else f", on a gear with damage of {elsewhere:.0f} um elsewhere"
+        if elsewhere
+        else ""
     )
 
 
