@@ -5,6 +5,7 @@ its range to one point, too, but goes on at the points beside it. On a gear, a s
 """
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from truestand.core.arrays import Array, Ints
 from truestand.core.message import Message
@@ -18,9 +19,11 @@ LEAST_SHARE = 0.02
 OFTEN = 5.0
 """where it has no range beside that one so often, nor have the points beside it on any line through it: an edge that
 moves to and fro, on an eccentric shaft, stays longest where it turns back."""
+GROUP = 3
+"""Points beside each other that may be stuck on one line: what more of them see is a surface."""
 STEEPEST = 100
 """Steps from point to point of such a line."""
-MOST_POINTS = 0.02
+MOST_POINTS = 0.1
 """Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
 FARTHEST = 100.0
 """mm from the middle of all ranges that are looked at."""
@@ -69,11 +72,15 @@ def _numbers(steps: Array, half: int) -> Ints:
 
 
 def _through(number: Ints, point: Ints, step: Ints) -> Ints:
-    """How often (n,) a straight line through a ``step`` of a ``point`` is seen at two points beside it, at least."""
-    wide = 2 * STEEPEST + 1
-    near = np.pad(number, ((2, 2), (wide, wide)))
-    near = np.maximum(np.maximum(near[:, :-2], near[:, 1:-1]), near[:, 2:])
-    slopes = np.arange(-STEEPEST, STEEPEST + 1)[:, None]
-    beside = {p: near[point + 2 + p, step + wide - 1 + p * slopes] for p in (-2, -1, 1, 2)}
-    pairs = [np.minimum(beside[a], beside[b]) for a, b in ((-1, 1), (1, 2), (-1, -2))]
-    return np.asarray(np.max(pairs, axis=(0, 1), initial=0))
+    """How often (n,) a line through a ``step`` of a ``point`` is seen, at least, at ``GROUP`` points beside it, on one
+    side or on both.
+    """
+    rises = np.arange(-STEEPEST, STEEPEST + 1)[:, None]
+    wide = GROUP * STEEPEST
+    beside, near = {0: number[point, step] + 0 * rises}, np.pad(number, ((GROUP, GROUP), (wide, wide)))
+    for apart in range(1, GROUP + 1):
+        near = maximum_filter1d(near, 3, axis=1, mode="constant")  # the line rises by parts of a step, and bends
+        for k in (-apart, apart):
+            beside[k] = near[point + GROUP + k, step + wide + k * rises]
+    lines = [np.min([beside[k] for k in range(first, first + GROUP + 1)], axis=0) for first in range(-GROUP, 1)]
+    return np.asarray(np.max(lines, axis=(0, 1), initial=0))
