@@ -32,7 +32,7 @@ def artefact():
 
 
 @cache
-def scan(clamped_deg, standoff=95.0):
+def scan(clamped_deg, standoff=95.0, turned=0.0):
     """The stand's scan with the shaft clamped at an angle, a bit more eccentric and elsewhere each time."""
     turn = radians(clamped_deg)
     off, lean = OFF * np.exp(1j * turn), LEAN * np.exp(1j * turn)
@@ -43,7 +43,7 @@ def scan(clamped_deg, standoff=95.0):
     running = replace(base.running, eccentricity=0.85 + 0.0003 * clamped_deg, eccentricity_direction=0.3 + 0.5 * turn)
     simulation = replace(
         base, running=running, workpiece=replace(base.workpiece, form=form, misalignments=(axis,)),
-        mounting=replace(base.mounting, standoff=standoff),
+        mounting=replace(base.mounting, standoff=standoff, phi=base.mounting.phi + turned),
     )  # fmt: skip
     return interpret(simulate(STAND.stand(), simulation, shaft(), int(clamped_deg)).recording, STAND.stand())
 
@@ -102,15 +102,21 @@ def test_half_a_turn_can_not_separate_even_harmonics():
 
 
 @pytest.mark.more
-@pytest.mark.parametrize(("moved", "status"), tried([(0.008, "valid")], (0.02, "untrusted")))
-def test_a_sensor_that_moved_radially_between_the_scans_leaves_the_laser_plane(moved, status):
-    """With one radial position for both, 10 um between them put the plane 48 um off at U 18, and it was valid."""
-    found = calibrate_positions((scan(0), scan(180, 95.0 + moved)), (0.0, radians(180)), artefact())
-    assert abs(sensor_parameters(found.table_from_sensor)[-1] - PLANE["plane_offset"]) < 0.003
+@pytest.mark.parametrize(
+    ("moved", "turned", "status"), [(0.008, 0.0, "valid"), (0.02, 0.0, "untrusted"), (0.0, 1e-3, "untrusted")]
+)
+def test_a_sensor_that_moved_in_its_plane_between_the_scans_leaves_the_laser_plane(moved, turned, status):
+    """With one place for both, 10 um between them put the plane 48 um off at U 18, and it was valid; half a milliradian
+    tilted it by 3.3 U.
+    """
+    found = calibrate_positions((scan(0), scan(180, 95.0 + moved, turned)), (0.0, radians(180)), artefact())
+    _, _, _, tilt, offset = sensor_parameters(found.table_from_sensor)
+    assert abs(offset - PLANE["plane_offset"]) < 0.003
+    assert abs(degrees(tilt - PLANE["plane_tilt"])) < 0.02
     # A sideways move as large would move the plane by half of it; two thirds of the standoff's lie radially.
-    assert moved / 3 < found.uncertainty["laser_plane_offset_mm"].U < moved
-    assert found.status == status
+    assert (moved or 95.0 * turned) / 3 < found.uncertainty["laser_plane_offset_mm"].U
     assert [r.code for r in found.reasons] == ["sensor_moved_between_scans"] * (status == "untrusted")
+    assert found.status == status
 
 
 @pytest.mark.parametrize("clamped", [(0.0,), (0.0, 0.05), (0.0, 2 * np.pi)])

@@ -2,8 +2,10 @@
 
 Whatever belongs to the shaft turns with it, what belongs to the stand stays. So the coaxiality of the steps is
 separated from the laser plane's offset and tilt (with one scan it makes most of their U), and the table bearing's error
-from the form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift,
-static profile and radial position, all share the rest of the sensor's pose and the axes of the shaft's steps.
+from the form of the shaft. The scans' normal matrices are put together; each scan keeps its own clamping, drift
+and static profile, all share the laser plane and the axes of the shaft's steps. Where in that plane the sensor stands
+each scan knows by itself, to a fraction of a micrometre: one place for all would push the plane far off where the
+sensor warms up between two scans.
 """
 
 from dataclasses import replace
@@ -30,14 +32,11 @@ from truestand.core.calibration import (
     StepAxis,
 )
 from truestand.core.errors import BadRecipe, NotEnoughData
-from truestand.core.frames import PHI, PLANE_OFFSET, RADIAL
+from truestand.core.frames import PLANE_OFFSET, RADIAL
 from truestand.core.harmonics import wrap
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 
-SENSOR = (PHI, *PLANE)
-"""The stand's unknowns, the same in every scan. Not its radial position: each scan knows that to a fraction of a
-micrometre, so a sensor that warms up between two scans would push the laser plane far off."""
 LEAST_TURN_RAD = 0.17
 """Between two clampings, below which nothing can be separated: 10 degrees."""
 LEAST_SINGULAR_VALUE = 0.2
@@ -273,13 +272,13 @@ def _turned(turn: float, lever: float) -> Array:
 
 
 def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
-    """Where each scan's unknowns stand among all of them: sensor and axes shared, the rest its own."""
+    """Where each scan's unknowns stand among all of them: laser plane and axes shared, the rest its own."""
     last = np.arange(fits[-1].model.size)
     indices = []
     size = last.size
     for fit in fits[:-1]:
         own = np.ones(fit.model.size, dtype=np.bool_)
-        own[list(SENSOR)] = own[fit.model.axes_slice] = False  # these have the same places in every scan
+        own[list(PLANE)] = own[fit.model.axes_slice] = False  # these have the same places in every scan
         index = np.arange(fit.model.size)
         # Without gaps: unknowns that nobody uses would make the normal matrix singular.
         index[own] = size + np.arange(np.count_nonzero(own))
