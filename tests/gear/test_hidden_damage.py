@@ -114,6 +114,18 @@ def test_a_crater_that_runs_out_of_the_lower_end_of_the_profile_is_not_seen(ever
 
 
 @pytest.mark.more
+def test_many_teeth_worn_where_no_ray_reaches_leave_gaps_doubted():
+    """The flank above hides the worn root, and rays return from beside the tooth: F_alpha 0.0 +- 2.4, *conforms*, for
+    60.
+    """
+    low = involute(SPUR).profile_range[0]
+    roots = tuple(Worn(t, "left", (0.5, low + 1.6), FACE, 0.06, 0.1) for t in range(1, 25, 3))
+    errors, gear = replace(SOUND, worn=roots), replace(SPUR, accuracy_class=9)
+    found = inspected(errors, gear, simulation(2750), 320)
+    assert not wrong(found, truth(errors, gear))
+
+
+@pytest.mark.more
 def test_several_turns_show_no_flank_ending_before_those_beside_it():
     """Profiles, 3.3 mm apart near the root, begin anywhere: 43 of the starter's 48 flanks, all but one or two of them
     whole, were *not seen* at their lower end, and the mean F_alpha read 3 +- 605 um.

@@ -5,7 +5,6 @@ its range to one point, too, but goes on at the points beside it. On a gear, a s
 """
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from truestand.core.arrays import Array, Ints
 from truestand.core.message import Message
@@ -79,7 +78,7 @@ def _through(number: Ints, point: Ints, step: Ints) -> Ints:
     wide = GROUP * STEEPEST
     beside, near = {0: number[point, step] + 0 * rises}, np.pad(number, ((GROUP, GROUP), (wide, wide)))
     for apart in range(1, GROUP + 1):
-        near = maximum_filter1d(near, 3, axis=1, mode="constant")  # the line rises by parts of a step, and bends
+        near = np.maximum.reduce([np.roll(near, k, axis=1) for k in (-1, 0, 1)])  # lines may bend
         for k in (-apart, apart):
             beside[k] = near[point + GROUP + k, step + wide + k * rises]
     lines = [np.min([beside[k] for k in range(first, first + GROUP + 1)], axis=0) for first in range(-GROUP, 1)]

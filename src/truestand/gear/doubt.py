@@ -123,7 +123,7 @@ def _may_hide(line: Characteristic, a: Assessment, name: str, at: tuple[int, ...
     gap, narrowest = gap_of(a, line.name, at), a.nominal.gear.evaluation.narrowest_damage or NARROWEST
     if line.name not in MEANS:
         return 0.0
-    hidden = line.status == "partial" or (gap > narrowest and _often_damaged(a))
+    hidden = line.status == "partial" or (gap > narrowest and (_often_damaged(a) or _often_unseen(a, line.name, gap)))
     deepest = max(_deepest(a, line.name, gap) if hidden else 0.0, _at_open_ends(a, line.name, at))
     return deepest / max(int(np.count_nonzero(a.there)), 1) if name.endswith(MEAN) else deepest
 
@@ -149,17 +149,20 @@ def _often_damaged(a: Assessment) -> bool:
     """Whether so many teeth are damaged that none can be taken to be as sound between its readings as where it was
     seen.
     """
-    return _often(a, [d for d in a.damage if _not_seen(d) or (d.clear and not d.on_top)])
+    damaged = {d.tooth for d in a.damage if d.clear and not d.on_top}
+    return len(damaged) > RARELY * int(np.count_nonzero(a.there))
 
 
-def _often(a: Assessment, damage: list[Damage]) -> bool:
-    """Whether so many teeth have some of the damage."""
-    return len({d.tooth for d in damage}) > RARELY * int(np.count_nonzero(a.there))
-
-
-def _not_seen(damage: Damage) -> bool:
-    """Whether no reading shows it: nobody knows how deep it is."""
-    return damage.depth is None
+def _often_unseen(a: Assessment, name: str, gap: float) -> bool:
+    """Whether so many teeth have damage of which no reading shows how deep it is, narrow enough for a ``gap`` (mm) of
+    the traces that a figure reads.
+    """
+    teeth: set[int] = set()
+    others: set[int] = set()
+    for d in a.damage:
+        first, last = d.rolls if name in PROFILE_NAMES else d.heights
+        (teeth if d.depth is None and last - first <= NARROW * gap else others).add(d.tooth)
+    return len(teeth - others) > RARELY * int(np.count_nonzero(a.there))
 
 
 def _deepest(a: Assessment, name: str, gap: float) -> float:
@@ -172,10 +175,8 @@ def _deepest(a: Assessment, name: str, gap: float) -> float:
     gone = [d for d in a.damage if d.depth and d.clear and not d.on_top and (profile or d.rolls[1] < tip)]
     along = [(d.rolls if profile else d.heights, d.depth or 0.0) for d in gone]
     narrow = [depth for (first, last), depth in along if last - first <= NARROW * gap]
-    deepest = max(narrow or [depth for _, depth in along], default=0.0)
-    return min(
-        inf if _often(a, [d for d in a.damage if _not_seen(d)]) else deepest, STEEPEST * gap, a.nominal.thickness / 2
-    )
+    deepest = inf if _often_unseen(a, name, gap) else max(narrow or [depth for _, depth in along], default=0.0)
+    return min(deepest, STEEPEST * gap, a.nominal.thickness / 2)
 
 
 def gap_of(a: Assessment, name: str, at: tuple[int, ...]) -> float:
@@ -193,7 +194,7 @@ def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -
     elsewhere = UM * _deepest(a, line.name, gap)
     return f"{gap:.1f} mm of {what} without a reading" + (
         ", on a gear with damage that was not seen elsewhere"
-        if _often(a, [d for d in a.damage if _not_seen(d)])
+        if _often_unseen(a, line.name, gap)
         else f", on a gear with damage of {elsewhere:.0f} um elsewhere"
         if elsewhere
         else ""
