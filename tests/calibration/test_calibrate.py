@@ -19,6 +19,7 @@ from truestand.core.scan import Scan, interpret
 from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, simulate, truth_record
 from truth import ANGLE, PER_TURN, POINTS, ROUND, STANDS, TILTED, Named, scan_of, shaft, simulated, truth_of
+from variants import tried
 
 LINEAR = [n for n, s in STANDS.items() if not s.optics.get("nonlinearity") and n not in ("centred", "speckled")]
 
@@ -28,7 +29,7 @@ def calibrated(name: str) -> Calibration:
     return calibrate(scan_of(name), shaft())
 
 
-@pytest.mark.parametrize("name", LINEAR)
+@pytest.mark.parametrize("name", tried(LINEAR[::2], *LINEAR[1::2]))
 def test_the_numbers_are_right(name):
     """Six million readings of 5 um average far below these: 0.1 um, 0.002 degrees."""
     found, true = calibrated(name), truth_of(name)

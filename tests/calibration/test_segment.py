@@ -33,7 +33,7 @@ def scan(named, artefact=None):
     return interpret(made.recording, named.stand())
 
 
-@pytest.mark.parametrize("name", list(STANDS))
+@pytest.mark.parametrize("name", tried(list(STANDS)[::2], *list(STANDS)[1::2]))
 def test_both_cylinders_and_the_angle_are_found_on_every_named_stand(name):
     found = segment(scan_of(name), shaft())
     assert found.reasons == ()

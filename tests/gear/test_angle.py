@@ -55,6 +55,7 @@ def test_steady_table_needs_no_correction():
         assert pitch(found, flank) == pytest.approx(truth_of()[f"F_p_{flank}_um"], abs=0.6)
 
 
+@pytest.mark.more
 def test_unexplained_unevenness_leaves_the_gear_undecided():
     """Its mean over the turns stays open, and looks like pitch."""
     found = turned("wander")

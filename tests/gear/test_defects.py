@@ -41,6 +41,7 @@ def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
         assert d.extent == pytest.approx(dent.radius, rel=0.5)
 
 
+@pytest.mark.more
 def test_teeth_that_miss_parts():
     """On a toothing that runs 0.1 mm off the datum: tips that are low on one side are no chips."""
     found = sorted((d.kind, d.tooth) for d in inspected(BROKEN, points=320).defects)

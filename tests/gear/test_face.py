@@ -79,6 +79,7 @@ def test_another_tip_or_root_is_found(drawn, code):
     assert [m.code for m in found] == ([code] if code else [])
 
 
+@pytest.mark.more
 def test_of_another_face_nothing_is_decided():
     inspection = inspect_gear(surface_of(), replace(SPUR, face_width=22.0, root_diameter=42.0))
     assert [r.code for r in inspection.reasons] == ["other_face"]

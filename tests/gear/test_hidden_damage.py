@@ -100,6 +100,7 @@ def test_a_dent_between_the_profiles_beside_the_measuring_circle_is_not_seen():
     assert line(found, "F_beta", 2).verdict == "undecided"
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("every", tried([3], 1, 6))
 def test_a_crater_that_runs_out_of_the_lower_end_of_the_profile_is_not_seen(every):
     """No reading returns from it, and none is missed between two others: F_alpha 0.0 +- 8.5, *conforms*, for 212."""

@@ -383,6 +383,7 @@ def test_short_feed_marks_are_read_whole():
     assert 0.0 < np.median(off) < (cell / cutoff - 1.0) * true["f_fbeta", "left", 1]
 
 
+@pytest.mark.more
 def test_what_no_ray_shows_on_any_tooth_is_not_seen():
     """Relieved near the root on all teeth alike, the flanks there stand out of view: 50 um of form conformed."""
     relieved = tuple(Worn(t, flank, (0.0, 5.0), FACE, 0.15, 2.5) for t in range(1, 25) for flank in ("left", "right"))
