@@ -37,6 +37,8 @@ STEEPEST = 0.5
 """Depth of such damage over the gap's width, at most."""
 RARELY = 0.05
 """Of the teeth: where damage was found on more of them, none is sound with 95 % where nothing was seen of it."""
+BY_CHANCE = 1
+"""Teeth besides, on which so many readings got lost that it looks like damage which no reading shows."""
 UM = 1000.0
 
 
@@ -55,6 +57,8 @@ class Assessment:
     influences: tuple[Influence, ...]
     coverage: Coverage
     damage: tuple[Damage, ...]
+    told: tuple[Damage, ...]
+    """Those of them that readings tell, or rays that should have met the flank: no mere gaps."""
     zones: dict[Zone, Mask]
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
@@ -159,10 +163,10 @@ def _often_unseen(a: Assessment, name: str, gap: float) -> bool:
     """
     teeth: set[int] = set()
     others: set[int] = set()
-    for d in a.damage:
+    for d in a.told:
         first, last = d.rolls if name in PROFILE_NAMES else d.heights
         (teeth if d.depth is None and last - first <= NARROW * gap else others).add(d.tooth)
-    return len(teeth - others) > RARELY * int(np.count_nonzero(a.there))
+    return len(teeth - others) > RARELY * int(np.count_nonzero(a.there)) + BY_CHANCE
 
 
 def _deepest(a: Assessment, name: str, gap: float) -> float:

@@ -116,9 +116,9 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     coverage = coverage_of(evaluator, measures, step, rays.beside.hidden | rays.own.hidden_between)
     damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
-    unseen = unseen_in_traces(evaluator.grid, evaluator.traces, step)
-    unseen = (*unseen, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
-    assessment = _assess(views, complete, evaluator, step, measures, coverage, (*damage, *unseen), there)
+    told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
+    gaps = unseen_in_traces(evaluator.grid, evaluator.traces, step)
+    assessment = _assess(views, complete, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
@@ -208,11 +208,12 @@ def _assess(
     step: float,
     measures: Measures,
     coverage: Coverage,
-    damage: tuple[Damage, ...],
+    told: tuple[Damage, ...],
+    gaps: tuple[Damage, ...],
     there: Mask,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget."""
-    nominal = evaluator.grid.nominal
+    nominal, damage = evaluator.grid.nominal, (*told, *gaps)
     figures = figures_of(measures, nominal)
     if (damaged := clear_of(damage, evaluator.grid)).any():
         evaluator = with_noise_beside(damaged, evaluator, step)
@@ -233,6 +234,7 @@ def _assess(
         influences,
         coverage,
         damage,
+        told,
         zones_of(evaluator.grid, step),
         there,
         sections_of(evaluator, noise, step),
