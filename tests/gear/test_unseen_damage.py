@@ -58,8 +58,9 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
 
 def _region(tooth, depth, width, clear=True):
     return SimpleNamespace(
-        tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear, on_top=depth < 0
-    )
+        tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear,
+        on_top=depth is not None and depth < 0,
+    )  # fmt: skip
 
 
 def _of(*damage, teeth=24, open_end=0.0):
@@ -71,7 +72,7 @@ def _of(*damage, teeth=24, open_end=0.0):
     ends = np.stack([np.zeros((2, teeth)), np.full((2, teeth), open_end)])
     coverage = SimpleNamespace(helix_ends=ends, profile_gap=np.zeros((2, teeth)), helix_gap=np.zeros((2, teeth)))
     return SimpleNamespace(
-        damage=damage, nominal=nominal, there=np.ones(teeth, dtype=bool), coverage=coverage, open_end=0.12
+        damage=damage, told=damage, nominal=nominal, there=np.ones(teeth, dtype=bool), coverage=coverage, open_end=0.12
     )
 
 
@@ -90,6 +91,15 @@ def test_a_gear_is_often_damaged_where_more_than_a_twentieth_of_its_teeth_clearl
     one, two, noise = (_region(tooth, 0.06, 1.0, clear=tooth < 2) for tooth in range(3))
     assert not _often_damaged(_of(one, noise)) and not _often_damaged(_of(one, _region(0, 0.1, 0.5)))
     assert _often_damaged(_of(one, two)) and not _often_damaged(_of(one, two, teeth=40))
+
+
+def test_what_no_reading_shows_on_many_teeth_is_as_deep_as_a_gap_lets_it_be():
+    """Holes on all teeth, seen on some as rays that returned nothing: F_beta 0.0 +- 2.5, *conforms*, for 150."""
+    pits = tuple(_region(tooth, None, 1.0, clear=False) for tooth in range(3))
+    assert _deepest(_of(*pits), "f_falpha", 1.5) == 0.75
+    assert _deepest(_of(*pits[:2]), "f_falpha", 1.5) == 0.0  # two by chance
+    assert _deepest(_of(*pits), "f_falpha", 0.4) == 0.0  # too wide for the gap
+    assert _deepest(_of(*pits, _region(1, 0.06, 0.5)), "f_falpha", 1.5) == 0.06  # that tooth's is known
 
 
 @pytest.mark.parametrize(("lacks", "damaged", "doubt"), [(1.8, 2, 0.06), (0.8, 2, 0.0), (1.8, 1, 0.0)])
