@@ -50,7 +50,7 @@ LEAST_MOVED_MM = 0.002
 SHARED_PRIORS = (MOUNTING, COAXIALITY)
 """What is known beforehand of the unknowns that all scans share."""
 CLAMPED = f"clamping angles{ASSUMED}"
-MOVED = "sensor between the scans"
+MOVED = "move of the sensor between the scans"
 REFITS = 3
 """Fits with known axes until nothing is left of a fit to coaxial ones."""
 MOST_REFITS, SETTLED_MM = 6, 2e-5

@@ -38,7 +38,7 @@ STEEPEST = 0.5
 RARELY = 0.05
 """Of the teeth: where damage was found on more of them, none is sound with 95 % where nothing was seen of it."""
 BY_CHANCE = 1
-"""Teeth besides, on which so many readings got lost that it looks like damage which no reading shows."""
+"""Teeth more, on which readings got lost in such a way that it looks like damage that no reading shows."""
 UM = 1000.0
 
 
@@ -58,7 +58,7 @@ class Assessment:
     coverage: Coverage
     damage: tuple[Damage, ...]
     told: tuple[Damage, ...]
-    """Those of them that readings tell, or rays that should have met the flank: no mere gaps."""
+    """Those of them that show in readings, or in rays that should have met the flank and didn't: no mere gaps."""
     zones: dict[Zone, Mask]
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
@@ -195,14 +195,11 @@ def _without_reading(line: Characteristic, a: Assessment, at: tuple[int, ...]) -
     """What of a trace no reading shows."""
     gap = gap_of(a, line.name, at)
     what = "roll length" if line.name in PROFILE_NAMES else "the helix"
+    without = f"{gap:.1f} mm of {what} without a reading"
+    if _often_unseen(a, line.name, gap):
+        return f"{without}, on a gear with damage elsewhere that no reading shows"
     elsewhere = UM * _deepest(a, line.name, gap)
-    return f"{gap:.1f} mm of {what} without a reading" + (
-        ", on a gear with damage that was not seen elsewhere"
-        if _often_unseen(a, line.name, gap)
-        else f", on a gear with damage of {elsewhere:.0f} um elsewhere"
-        if elsewhere
-        else ""
-    )
+    return f"{without}, on a gear with damage of {elsewhere:.0f} um elsewhere" if elsewhere else without
 
 
 def _borne_out_by_nothing(line: Characteristic) -> Characteristic:
