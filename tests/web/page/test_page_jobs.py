@@ -109,7 +109,7 @@ def test_a_nonconforming_part_says_why(open_tab, stand):
     tab.get_by_role("heading", name="does not conform").wait_for()
     tab.locator(".decisive").wait_for()
     text = tab.locator(".decisive").inner_text()
-    pitch = next(c for c in record["characteristics"] if (c["name"], c["flank"]) == ("f_p", "left"))
+    pitch = next(c for c in record["characteristics"] if (c["name"], c["flank"]) == ("f_p", "right"))
     assert "Not measurable in this scan" in text and f"{pitch['value_um']:.1f} ± {pitch['U_um']:.1f} µm" in text
     assert "Chipped end" in text
     assert " · quick" in tab.locator(".stamp .over").inner_text()
