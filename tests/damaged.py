@@ -41,8 +41,8 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0, stuck=None):
     """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
     roll length, height, radius) each; ``shaking``: mm rms by which whole profiles are off, those beside each other
-    alike; ``strays``: share of the readings that are half a millimetre off, one way or the other; ``stuck``: a point of
-    the sensor and the range that it reports.
+    alike; ``strays``: share of the readings that are half a millimetre off, one way or the other; ``stuck``: points of
+    the sensor and the range that they report, NaN: none.
     """
     recording = scanned(gear, errors, how or simulation(), points).recording
     scan = interpret(replace(recording, z=_stuck(recording.z, *stuck)) if stuck else recording, stand(points))
@@ -55,9 +55,9 @@ def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0,
     return inspect_gear(without_readings(surface, gear, blind) if blind else surface, gear)
 
 
-def _stuck(z, point, at):
-    """Ranges (profiles, points) mm of which one point reports the same all the time."""
-    return np.where(np.arange(z.shape[1]) == point, at, z)
+def _stuck(z, stuck, at):
+    """Ranges (profiles, points) mm of which some points report the same all the time."""
+    return np.where(np.isin(np.arange(z.shape[1]), stuck), at, z)
 
 
 def _shaken(profiles):

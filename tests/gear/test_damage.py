@@ -158,9 +158,17 @@ def test_sound_gears_have_no_undecided_figure(how, points):
 @pytest.mark.more
 def test_a_stuck_point_of_the_sensor_is_no_damage():
     """Its range was a hole in 28 flanks: a sound gear failed, and 227 lines were undecided."""
-    found = inspected(SOUND, points=320, stuck=(125, 90.985))
+    found = inspected(SOUND, points=320, stuck=((125,), 90.985))
     assert found.verdict != "does_not_conform" and not found.defects
     assert sum(c.verdict == "undecided" for c in found.characteristics) < 10
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("points", "dead"), [(320, range(125, 128)), (640, range(250, 256))])
+def test_dead_points_beside_each_other_leave_lines_decided(points, dead):
+    """0.4 mm of the face that the sensor is blind for: a third to half of the lines were undecided."""
+    found = inspected(SOUND, points=points, stuck=(tuple(dead), np.nan))
+    assert found.verdict == "conforms" and not found.defects
 
 
 @pytest.mark.more

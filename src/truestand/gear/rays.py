@@ -171,21 +171,26 @@ def rays_on_flanks(grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calib
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
-    expected = _expected(angle, met, grid, rows, limits)
+    live = np.asarray(np.isfinite(scan.z).any(axis=0))
+    between, missed, in_runs, blind = _between_readings(flanks, grid, live, limits)
+    expected = _expected(angle, met, grid, rows, limits) & ~bridge_gaps(blind, grid, 2 * turned)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
-    between, missed, in_runs = _between_readings(flanks, grid, scan.x.shape[1], limits)
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
         Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
     )  # fmt: skip
 
 
-def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[float, float]) -> tuple[Mask, Mask, Mask]:
-    """Cells (2, teeth, roll lengths, heights) between two readings that a profile, of so many ``points``, has on a
-    flank, at roll lengths within ``limits`` (mm): all of them, those of which more readings are missing than there are,
-    and those where unusually many are missing on end.
+def _between_readings(
+    flanks: Flanks, grid: Grid, live: Mask, limits: tuple[float, float]
+) -> tuple[Mask, Mask, Mask, Mask]:
+    """Cells (2, teeth, roll lengths, heights) between two readings that a profile has on a flank, at roll lengths
+    within ``limits`` (mm): all of them, those of which more readings are missing than there are, and those where
+    unusually many are missing on end; and cells that the sensor is blind for.
+
+    ``live`` (points,): points of the sensor that see anything in this scan. What the others don't see is not missing.
     """
-    order, apart = flanks.along_profiles(points)
+    order, apart = flanks.along_profiles(live.size)
     flank, number = flanks.flank[order], np.maximum(apart - 1, 0)
     at = np.repeat(np.arange(number.size), number)
     share = (1 + np.arange(at.size) - (np.cumsum(number) - number)[at]) / (1 + number[at])
@@ -196,15 +201,17 @@ def _between_readings(flanks: Flanks, grid: Grid, points: int, limits: tuple[flo
     row = bin_index(between(flanks.roll), grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
     column = column_of(between(flanks.height), grid.edges)
     cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
-    missing = np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape)
+    after = flanks.index[order[at]] % live.size + np.rint(share * (1 + number[at])).astype(np.int64)
+    of_live = live[after]
+    missing, blind = (np.bincount(cell[of], minlength=grid.count.size) for of in (of_live, ~of_live))
     middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
-    in_range = np.where((middle > limits[0]) & (middle < limits[1]), number, 0)
-    in_runs = np.bincount(
-        cell[_longer_than_usual(in_range, flank[1:].astype(np.int64), grid)[at]], minlength=grid.count.size
-    )
+    runs = np.where((middle > limits[0]) & (middle < limits[1]), np.bincount(at[of_live], minlength=number.size), 0)
+    long = _longer_than_usual(runs, flank[1:].astype(np.int64), grid)
+    in_runs = np.bincount(cell[long[at]], minlength=grid.count.size)
     within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
-    seen_between = grid.seen | (missing > 0)
-    return within & seen_between, within & (missing > grid.count), in_runs.reshape(missing.shape) > 0
+    missing, in_runs, blind = (n.reshape(grid.count.shape) for n in (missing, in_runs, blind))
+    shown = within & (grid.seen | (missing > 0))
+    return shown, within & (missing > grid.count), in_runs > 0, blind > grid.count + missing
 
 
 def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:
