@@ -146,7 +146,8 @@ def damage_of(
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
-    spread = max(grid.scatter, robust_sd(depth) if depth.size else 0.0)  # speckle is alike within a cell
+    known = depth[np.isfinite(depth)]
+    spread = max(grid.scatter, robust_sd(known) if known.size else 0.0)  # speckle is alike within a cell
     found = []
     lower, higher = (_number(cell[sign * depth > DEPARTS * spread], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
