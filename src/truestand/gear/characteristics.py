@@ -27,7 +27,7 @@ from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pit
 from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.teeth import Diameter
 from truestand.gear.tolerances import has_tolerance, reached, tolerance
-from truestand.gear.traces import CUTOFF_SHARE, LEAST_CUTOFF
+from truestand.gear.trace_line import CUTOFF_SHARE, LEAST_CUTOFF
 
 INFORMATIVE = frozenset({"F_r", "F_pk", "f_u"})
 """Told with a class but without deciding: informative in 2013, or formulas that no public source confirms."""

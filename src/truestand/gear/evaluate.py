@@ -14,15 +14,14 @@ from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid, step_on_flank
 from truestand.gear.noise import CellNoise, borne_out, noise_of_cells
 from truestand.gear.smooth_flanks import SmoothFlanks, areal_positions, shared_shape, smooth_flanks
+from truestand.gear.trace_line import Line, line_of, unseen_ends
 from truestand.gear.traces import (
     WIDE_STEPS,
-    Line,
     Traces,
     circle_points,
     helix_bend,
     helix_of,
     helix_points,
-    line_of,
     position_bend,
     position_of,
     profile_bend,
@@ -30,7 +29,6 @@ from truestand.gear.traces import (
     profile_points,
     profile_unsampled,
     traces_of,
-    unseen_ends,
 )
 
 Figures = dict[str, Array]

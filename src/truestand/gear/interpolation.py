@@ -1,0 +1,105 @@
+"""Straight lines between the points of a trace, and the mean trace of several columns."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from truestand.core.arrays import Array, Ints, Mask
+
+LEAST_COLUMNS = 0.5
+"""Share of the columns at the middle of the face that must be seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interpolation:
+    """Straight lines between values, (flanks, places) each."""
+
+    first: Ints
+    """Index of the value before a place,"""
+    last: Ints
+    """and of the one behind it."""
+    share: Array
+    """0..1 of the way from one to the other."""
+    seen: Mask
+    inside: Mask
+    """Places between two values; beyond the first and the last one their value holds."""
+
+    def __call__(self, values: Array) -> Array:
+        """Values (flanks, n) read at the places; NaN where not seen."""
+        return np.where(self.seen, self.going_on(values), np.nan)
+
+    def going_on(self, values: Array) -> Array:
+        """The same, with any value where not seen."""
+        before, behind = (np.take_along_axis(values, at, axis=1) for at in (self.first, self.last))
+        return np.asarray(before + self.share * (behind - before))
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """The mean trace of columns, of each of which some was seen; linear in them, by weights.
+
+    Where some of them end (beyond it they hold their value for a while), the mean of the others goes on by its steps:
+    columns stand at other heights where damage ends between them, and the trace must not step where one of them does.
+    Fewer than half of them don't say how all go on: there those that hold count, too.
+    """
+
+    columns: tuple[Interpolation, ...]
+    of_mean: Array
+    """(flanks, columns, places) in the mean of those seen,"""
+    of_step: Array
+    """(flanks, columns, places - 1) in its step to the next place,"""
+    of_level: Array
+    """and (flanks, places) in the mean over the places that most columns reach."""
+    seen: Mask
+    """(flanks, places): by most columns."""
+
+    def __call__(self, values: Array) -> Array:
+        """The trace (flanks, places) of values (flanks, columns, n); NaN where not seen."""
+        read = np.stack([column.going_on(values[:, j]) for j, column in enumerate(self.columns)], axis=1)
+        mean = np.einsum("fcp,fcp->fp", self.of_mean, read)
+        path = np.zeros(mean.shape)
+        np.cumsum(np.einsum("fcp,fcp->fp", self.of_step, np.diff(read, axis=2)), axis=1, out=path[:, 1:])
+        level = np.einsum("fp,fp->f", self.of_level, mean - path)
+        return np.where(self.seen, path + level[:, None], np.nan)
+
+
+def joined_columns(columns: tuple[Interpolation, ...]) -> Joined:
+    """The mean trace of some columns, each read at the same places."""
+    seen, inside = (np.stack(of, axis=1) for of in ([c.seen for c in columns], [c.inside for c in columns]))
+    number, reached = seen.sum(axis=1), inside.sum(axis=1)
+    known = number >= LEAST_COLUMNS * len(columns)
+    holding, going_on = (on[:, :, 1:] & on[:, :, :-1] for on in (seen, inside))
+    most = going_on.sum(axis=1, keepdims=True) >= LEAST_COLUMNS * len(columns)
+    stepping = np.where(most, going_on & holding, holding)
+    level = (reached == reached.max(axis=1, keepdims=True)) & known
+    return Joined(columns, _shares(seen & known[:, None]), _shares(stepping), _shares(level), known)
+
+
+def _shares(on: Mask) -> Array:
+    """Weights of those that count, the same for each, along the columns (flanks, columns, places) or places."""
+    return np.asarray(on / np.maximum(on.sum(axis=1, keepdims=True), 1))
+
+
+def interpolation(at: Array, places: Array, beyond: Array, widest: float = inf) -> Interpolation:
+    """Straight lines between values of each flank at ``at`` (flanks, n) mm, NaN: not seen, read at ``places``.
+
+    ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther nothing is seen, nor
+    between two that are more than ``widest`` mm apart.
+    """
+    shape = at.shape[0], places.size
+    first, last, share = np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=np.intp), np.zeros(shape)
+    known, inside = np.zeros((2, *shape), dtype=bool)
+    for flank in range(at.shape[0]):
+        seen = np.flatnonzero(np.isfinite(at[flank]))
+        if not seen.size:
+            continue
+        x = at[flank, seen]
+        inside[flank] = (places >= x[0]) & (places <= x[-1])
+        known[flank] = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
+        place = np.interp(places, x, np.arange(x.size, dtype=np.float64))
+        below = np.minimum(place.astype(np.intp), max(x.size - 2, 0))
+        first[flank], last[flank] = seen[below], seen[np.minimum(below + 1, x.size - 1)]
+        share[flank] = place - below
+        known[flank] &= (at[flank, last[flank]] - at[flank, first[flank]] <= widest) | ~inside[flank]
+    return Interpolation(first, last, share, known, inside)

@@ -1,0 +1,106 @@
+"""The figures of a trace: slope and crowning by least squares, form and total as extremes after the low-pass."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from math import log, pi, sqrt
+
+import numpy as np
+
+from truestand.core.arrays import Array, Ints, Mask
+
+LEAST_CELLS = 6
+"""Cells along a trace that it needs."""
+LEAST_REACH = 0.4
+"""Share of an evaluation range over which a trace must reach."""
+LEAST_CUTOFF = 0.25
+"""mm: wavelength of the low-pass at least (ISO 1328-1:2013),"""
+CUTOFF_SHARE = 1 / 30
+"""and its share of the evaluation length or the face."""
+GAUSS = sqrt(log(2.0) / pi)
+"""Width of the weighting function over the wavelength that it halves (ISO 16610-21)."""
+SMOOTHED = 2 * pi / GAUSS**2 * (1 / 12 + 1 / 6)
+"""Square of a wavelength, in cells, by which the means of cells and straight lines between them are smoother already:
+variances of the weighting functions of a box and a triangle, over the Gaussian's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """What a trace (flanks, POINTS) says; mm, (flanks,), NaN for a flank of which too little was seen."""
+
+    slope: Array
+    """Rise of the mean line over the length of slope deviations."""
+    form: Array
+    total: Array
+    crowning: Array
+    """Height of the mean parabola over the whole control length or face."""
+    filtered: Array
+    """(flanks, POINTS): the trace after the low-pass."""
+
+
+def line_of(
+    trace: Array, at: Array, cells: Ints, slope_length: float, whole: float, cutoff_of: float, cell: float = 0.0
+) -> Line:
+    """The figures of traces (flanks, POINTS) at places (POINTS,).
+
+    ``cells`` (flanks,): how many it rests on; ``whole``: control length or face (mm); ``cutoff_of``: length
+    (mm) whose share is the low-pass's wavelength; ``cell``: length (mm) of cells whose means, and straight lines
+    between them, the trace is.
+    """
+    seen = np.isfinite(trace)
+    able = (cells >= LEAST_CELLS) & (seen.mean(axis=1) > LEAST_REACH)
+    weight, values = seen.astype(np.float64), np.where(seen, trace, 0.0)
+    number = np.maximum(weight.sum(axis=1), 1.0)
+    x = np.where(seen, at - ((weight * at).sum(axis=1) / number)[:, None], 0.0)
+    square = np.maximum((x * x).sum(axis=1), 1e-300)
+    slope = (x * values).sum(axis=1) / square
+    rest = np.where(seen, values - (values.sum(axis=1) / number)[:, None] - slope[:, None] * x, 0.0)
+    cutoff = max(cutoff_of * CUTOFF_SHARE, LEAST_CUTOFF)
+    filtered = _low_pass(rest, weight, at, sqrt(max(cutoff**2 - SMOOTHED * cell**2, 1e-12)))
+    full = filtered + values - rest
+    bend = np.where(seen, x * x - (square / number)[:, None], 0.0)
+    bend = bend - np.where(seen, ((bend * x).sum(axis=1) / square)[:, None] * x, 0.0)
+    curve = (bend * values).sum(axis=1) / np.maximum((bend * bend).sum(axis=1), 1e-300)
+    form, total = (range_of(v, v, seen) for v in (filtered, full))
+    slope, form, total, crowning = (
+        np.where(able, f, np.nan) for f in (slope * slope_length, form, total, -curve * (whole / 2) ** 2)
+    )
+    return Line(slope, form, total, crowning, np.where(seen, full, np.nan))
+
+
+def unseen_ends(trace: Array, at: Array, figures: Callable[[Array], Line]) -> Line:
+    """By how much (mm) the figures of traces (flanks, POINTS) may be off because their ends were not seen.
+
+    The larger of what they change by where the ends go on level, and where they go on as the mean parabola does.
+    """
+    seen = np.isfinite(trace)
+    level, curved = trace.copy(), trace.copy()
+    for flank in np.flatnonzero((seen.sum(axis=1) >= LEAST_CELLS) & ~seen.all(axis=1)):
+        on = seen[flank]
+        level[flank] = np.interp(at, at[on], trace[flank, on])
+        curved[flank, ~on] = np.polyval(np.polyfit(at[on], trace[flank, on], 2), at[~on])
+    base, ends = figures(trace), (figures(level), figures(curved))
+
+    def apart(name: str) -> Array:
+        return np.asarray(np.maximum(*(np.abs(getattr(end, name) - getattr(base, name)) for end in ends)))
+
+    return Line(apart("slope"), apart("form"), apart("total"), apart("crowning"), apart("filtered"))
+
+
+def range_of(high: Array, low: Array, seen: Mask) -> Array:
+    """Largest of ``high`` less least of ``low`` (flanks,) of what was seen; 0 where nothing was."""
+    top, bottom = np.where(seen, high, -np.inf).max(axis=1), np.where(seen, low, np.inf).min(axis=1)
+    return np.asarray(np.where(seen.any(axis=1), top - bottom, 0.0))
+
+
+def _low_pass(values: Array, weight: Array, at: Array, cutoff: float) -> Array:
+    """Traces (flanks, n) at evenly spaced places (n,) after a Gaussian that halves waves of ``cutoff`` mm."""
+    kernel = _gaussian(at.size, float(at[-1] - at[0]) / (GAUSS * cutoff))
+    return np.asarray((weight * values) @ kernel / np.maximum(weight @ kernel, 1e-300))
+
+
+@lru_cache(maxsize=8)
+def _gaussian(number: int, length: float) -> Array:
+    """(number, number) by how much places over a ``length``, in widths of the Gaussian, count for each other."""
+    at = np.linspace(0.0, length, number)
+    return np.asarray(np.exp(-pi * np.square(at[:, None] - at)))
