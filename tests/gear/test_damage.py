@@ -169,6 +169,8 @@ def test_dead_points_beside_each_other_leave_lines_decided(points, dead):
     """0.4 mm of the face that the sensor is blind for: a third to half of the lines were undecided."""
     found = inspected(SOUND, points=points, stuck=(tuple(dead), np.nan))
     assert found.verdict == "conforms" and not found.defects
+    remark = next(r for r in found.remarks if r.code == "points_blind")
+    assert f"points {dead[0] + 1} to {dead[-1] + 1} of the sensor see nothing: no flank is seen at heights 6." in remark
 
 
 @pytest.mark.more

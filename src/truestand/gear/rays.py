@@ -211,7 +211,7 @@ def _between_readings(
     within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
     missing, in_runs, blind = (n.reshape(grid.count.shape) for n in (missing, in_runs, blind))
     shown = within & (grid.seen | (missing > 0))
-    return shown, within & (missing > grid.count), in_runs > 0, blind > grid.count + missing
+    return shown, within & (missing > grid.count), in_runs > 0, (blind > grid.count) & (missing == 0)
 
 
 def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:

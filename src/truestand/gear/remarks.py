@@ -27,6 +27,8 @@ OTHER_THICKNESS = 0.06
 MOST_REGIONS = 12
 """Damaged regions that are named."""
 OR_THE_GEAR = "or the gear is made so"
+NEAR_POINTS = 3
+"""Points to either side of blind ones that say at which heights those look."""
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
@@ -44,6 +46,7 @@ def remarks_of(
     return (
         *_sides_not_seen(coverage),
         *_limitations([view.scan for view in views], nominal),
+        *dict.fromkeys(remark for view in views for remark in _blind_points(view)),
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
@@ -99,6 +102,27 @@ def _limitations(scans: Sequence[Scan], nominal: Involute) -> tuple[Message, ...
     if nominal.gear.helix_angle and min(scan.revolutions for scan in scans) < 1:
         found.append(Message("less_than_a_turn", "less than a turn: teeth at the ends of the scan are seen in part"))
     return tuple(found)
+
+
+def _blind_points(view: GearView) -> tuple[Message, ...]:
+    """Points of the sensor between those that see the flanks that see nothing in the whole scan."""
+    column = view.flanks.index % view.scan.x.shape[1]
+    live = np.flatnonzero(np.isfinite(view.scan.z).any(axis=0))
+    live = live[(live >= column.min(initial=0)) & (live <= column.max(initial=0))]
+    missing = np.diff(live) - 1
+    if not missing.any():
+        return ()
+    before, behind = live[[missing.argmax(), missing.argmax() + 1]]
+    near = (column >= before - NEAR_POINTS) & (column <= behind + NEAR_POINTS)
+    slope, offset = np.polyfit(column[near], view.flanks.height[near], 1)
+    bottom, top = sorted(float(slope * point + offset) for point in (before, behind))
+    first, number = before + 2, int(missing.max())
+    which = f"points {first} to {first + number - 1}" if number > 1 else f"point {first}"
+    sees = "sees" if number == 1 else "see"
+    in_all = f" ({missing.sum()} in all)" if missing.sum() > number else ""
+    where = f"no flank is seen at heights {bottom:.1f} to {top:.1f} mm, damage there does not show"
+    text = f"{which} of the sensor {sees} nothing{in_all}: {where}"
+    return (Message("points_blind", text),)
 
 
 def _damaged(damage: tuple[Damage, ...]) -> tuple[Message, ...]:
