@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array, Ints
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
 from truestand.core.stand import Stand
@@ -96,6 +96,11 @@ class Scan:
     def seen(self) -> float:
         """Share of the readings that carry a point, 0..1."""
         return float(np.count_nonzero(np.isfinite(self.z)) / max(self.z.size, 1))
+
+    @property
+    def live(self) -> Mask:
+        """Points (M,) of the sensor that see anything in the whole scan."""
+        return np.asarray(np.isfinite(self.z).any(axis=0))
 
     @property
     def angle_zero(self) -> AngleZero:

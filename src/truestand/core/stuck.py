@@ -47,7 +47,11 @@ def without_stuck(z: Array) -> tuple[Array, tuple[Message, ...]]:
 
 
 def _stuck(z: Array) -> list[tuple[int, float]]:
-    """Points and the range (mm) at which each is stuck, of profiles (N, M)."""
+    """Points and the range (mm) at which each is stuck, of profiles (N, M); fewer than ``GROUP`` blind points beside
+    each other break no line.
+    """
+    from scipy.ndimage import binary_opening
+
     seen = z[np.isfinite(z)]
     if not seen.size:
         return []
@@ -57,6 +61,8 @@ def _stuck(z: Array) -> list[tuple[int, float]]:
     point, step = np.nonzero(number[:, 3:-3] > LEAST_SHARE * z.shape[0])
     step += 3
     own = number[point, step]
+    blind = ~np.isfinite(z).any(axis=0)
+    number[blind & ~binary_opening(blind, np.ones(GROUP))] = z.shape[0]
     go_on = np.maximum(_through(number, point, step), np.max([number[point, step + k] for k in (-3, -2, 2, 3)], axis=0))
     alone = own > OFTEN * go_on
     stuck = [(int(p), middle + STEP * (int(s) - half)) for p, s in zip(point[alone], step[alone], strict=True)]

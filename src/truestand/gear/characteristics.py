@@ -157,7 +157,8 @@ def _seen_whole(a: Assessment, name: str, at: tuple[int, ...]) -> bool:
     if name in PROFILE_NAMES:
         return not a.coverage.hidden[at[0]]
     of_teeth = (slice(None), at[0], at[1] if len(at) > 1 else a.there)
-    return bool((a.coverage.helix_ends[of_teeth] < a.cell_height).all())
+    seen = a.coverage.helix_blind[of_teeth[1:]] < a.cell_height
+    return bool(seen.all() and (a.coverage.helix_ends[of_teeth] < a.cell_height).all())
 
 
 def _coverage(a: Assessment, name: str, at: tuple[int, ...]) -> float:

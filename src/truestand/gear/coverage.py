@@ -36,13 +36,16 @@ class Coverage:
     lie farther apart."""
     helix_ends: Array
     """(2 ends, 2, teeth) mm of height between the ends of the range, lower and upper, and the nearest points."""
+    helix_blind: Array
+    """(2, teeth) mm of height, in one stretch, for which the sensor's points are blind."""
     hidden: Mask
     """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
 
 
-def coverage_of(evaluator: Evaluator, measures: Measures, step: float, hidden: Mask) -> Coverage:
-    """What was seen of each flank; ``step``: table angle from one profile to the next, rad; ``hidden`` (2,): sides with
-    a part of the profile that no ray shows on any tooth.
+def coverage_of(evaluator: Evaluator, measures: Measures, step: float, blind: Array, hidden: Mask) -> Coverage:
+    """What was seen of each flank; ``step``: table angle from one profile to the next, rad; ``blind`` (2, teeth) mm of
+    each helix for which the sensor's points are blind; ``hidden`` (2,): sides with a part of the profile that no ray
+    shows on any tooth.
     """
     grid, nominal = evaluator.grid, evaluator.grid.nominal
     seen = bridge_gaps(grid.solid, grid, step)
@@ -66,8 +69,9 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, hidden: M
         ),
         helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
-        np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
+        np.maximum.reduce([(1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape), blind]),
         _open_ends(evaluator.traces).reshape(2, *near.shape),
+        blind,
         hidden,
     )
 

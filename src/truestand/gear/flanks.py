@@ -354,14 +354,18 @@ def _offsets(flank: NDArray[np.intp], delta: Array, nominal: Involute) -> Array:
     return np.where((number > LEAST_POINTS) & (number > LEAST_TOGETHER * within_reach), mean, np.nan)
 
 
-def without_lone_readings(flanks: Flanks, points: int, angle: Array) -> Flanks:
-    """The flanks without readings that nothing bears out; ``points`` a profile; ``angle`` (profiles,) rad of the table.
+def without_lone_readings(flanks: Flanks, live: Mask, angle: Array) -> Flanks:
+    """The flanks without readings that nothing bears out; ``live`` (points,): points of a profile that see anything;
+    ``angle`` (profiles,) rad of the table.
 
-    Those outside the gate bear each other out, too.
+    Those outside the gate bear each other out, too, and so do those on either side of blind points.
     """
     outside = flanks.outside_gate
     every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
-    kept = ~lone_readings(every.delta, every.flank, every.index, points, angle, _slant(flanks, points, angle))
+    row, column = np.divmod(every.index, live.size)
+    points = int(np.count_nonzero(live))
+    index = row * points + (np.cumsum(live) - 1)[column]
+    kept = ~lone_readings(every.delta, every.flank, index, points, angle, _slant(flanks, live.size, angle))
     on = flanks.delta.size
     return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
 

@@ -16,6 +16,7 @@ from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.angle import with_correct_angles
+from truestand.gear.blind import blind_of_helices
 from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines, weighed
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
@@ -113,7 +114,8 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     there = teeth_there(folded, nominal)
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
-    coverage = coverage_of(evaluator, measures, step, rays.beside.hidden | rays.own.hidden_between)
+    unshown = rays.beside.hidden | rays.own.hidden_between
+    coverage = coverage_of(evaluator, measures, step, blind_of_helices(views), unshown)
     damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))

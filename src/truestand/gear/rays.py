@@ -171,8 +171,7 @@ def rays_on_flanks(grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calib
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
-    live = np.asarray(np.isfinite(scan.z).any(axis=0))
-    between, missed, in_runs, blind = _between_readings(flanks, grid, live, limits)
+    between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
     expected = _expected(angle, met, grid, rows, limits) & ~bridge_gaps(blind, grid, 2 * turned)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(

@@ -9,6 +9,7 @@ import numpy as np
 
 from truestand.core.message import Message
 from truestand.core.scan import Scan
+from truestand.gear.blind import BlindStrip, blind_strips
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import Measures, mean_seen, slope_length
@@ -27,8 +28,6 @@ OTHER_THICKNESS = 0.06
 MOST_REGIONS = 12
 """Damaged regions that are named."""
 OR_THE_GEAR = "or the gear is made so"
-NEAR_POINTS = 3
-"""Points to either side of blind ones that say at which heights those look."""
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
@@ -46,7 +45,7 @@ def remarks_of(
     return (
         *_sides_not_seen(coverage),
         *_limitations([view.scan for view in views], nominal),
-        *dict.fromkeys(remark for view in views for remark in _blind_points(view)),
+        *(remark for view in views for remark in _blind_points(blind_strips(view))),
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
@@ -104,25 +103,16 @@ def _limitations(scans: Sequence[Scan], nominal: Involute) -> tuple[Message, ...
     return tuple(found)
 
 
-def _blind_points(view: GearView) -> tuple[Message, ...]:
-    """Points of the sensor between those that see the flanks that see nothing in the whole scan."""
-    column = view.flanks.index % view.scan.x.shape[1]
-    live = np.flatnonzero(np.isfinite(view.scan.z).any(axis=0))
-    live = live[(live >= column.min(initial=0)) & (live <= column.max(initial=0))]
-    missing = np.diff(live) - 1
-    if not missing.any():
+def _blind_points(strips: tuple[BlindStrip, ...]) -> tuple[Message, ...]:
+    """The widest strip in which a sensor is blind."""
+    if not strips:
         return ()
-    before, behind = live[[missing.argmax(), missing.argmax() + 1]]
-    near = (column >= before - NEAR_POINTS) & (column <= behind + NEAR_POINTS)
-    slope, offset = np.polyfit(column[near], view.flanks.height[near], 1)
-    bottom, top = sorted(float(slope * point + offset) for point in (before, behind))
-    first, number = before + 2, int(missing.max())
-    which = f"points {first} to {first + number - 1}" if number > 1 else f"point {first}"
-    sees = "sees" if number == 1 else "see"
-    in_all = f" ({missing.sum()} in all)" if missing.sum() > number else ""
-    where = f"no flank is seen at heights {bottom:.1f} to {top:.1f} mm, damage there does not show"
-    text = f"{which} of the sensor {sees} nothing{in_all}: {where}"
-    return (Message("points_blind", text),)
+    widest, number = max(strips, key=lambda s: s.width), sum(s.number for s in strips)
+    first, last = widest.first + 1, widest.first + widest.number
+    which = f"point {first} of the sensor sees" if first == last else f"points {first} to {last} of the sensor see"
+    in_all = f" ({number} in all)" if number > widest.number else ""
+    where = f"no flank is seen at heights {widest.bottom:.1f} to {widest.top:.1f} mm, damage there does not show"
+    return (Message("points_blind", f"{which} nothing{in_all}: {where}"),)
 
 
 def _damaged(damage: tuple[Damage, ...]) -> tuple[Message, ...]:

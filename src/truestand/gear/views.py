@@ -56,7 +56,7 @@ class GearView:
 
     def borne_out(self) -> Flanks:
         """Its flanks without readings that stand alone."""
-        return without_lone_readings(self.flanks, self.scan.x.shape[1], table_angle(self.scan, self.calibration))
+        return without_lone_readings(self.flanks, self.scan.live, table_angle(self.scan, self.calibration))
 
 
 def views_of(surfaces: Sequence[Surface], toothing: Toothing) -> tuple[GearView, ...]:

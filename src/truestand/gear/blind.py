@@ -1,0 +1,70 @@
+"""Points of the sensor that see nothing in a whole scan, and what of the flanks is not seen for want of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from truestand.core.arrays import Array
+from truestand.gear.flanks import Flanks
+from truestand.gear.views import GearView
+
+NEAR_POINTS = 3
+"""Points to either side of blind ones that say at which heights those look."""
+ABOUT_CIRCLE = 0.15
+"""Share of the control length to either side of the measuring circle in which that is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlindStrip:
+    """Points beside each other that see nothing, between others that see flanks."""
+
+    first: int
+    """Counted from 0."""
+    number: int
+    bottom: float
+    """mm in C: height of the reading below,"""
+    top: float
+    """and of the one above."""
+
+    @property
+    def width(self) -> float:
+        """mm of the face that it would have seen."""
+        return (self.top - self.bottom) * self.number / (self.number + 1)
+
+
+def blind_strips(view: GearView) -> tuple[BlindStrip, ...]:
+    """The strips in which a view's sensor is blind, about the measuring circle."""
+    flanks = _about_circle(view.flanks)
+    column = flanks.index % view.scan.x.shape[1]
+    live = np.flatnonzero(view.scan.live)
+    live = live[(live >= column.min(initial=0)) & (live <= column.max(initial=0))]
+    found = []
+    for before, behind in pairwise(live.tolist()):
+        near = (column >= before - NEAR_POINTS) & (column <= behind + NEAR_POINTS)
+        if behind > before + 1 and np.ptp(column[near]) > 0:
+            height = np.poly1d(np.polyfit(column[near], flanks.height[near], 1))
+            bottom, top = sorted((float(height(before)), float(height(behind))))
+            found.append(BlindStrip(before + 1, behind - before - 1, bottom, top))
+    return tuple(found)
+
+
+def blind_of_helices(views: Sequence[GearView]) -> Array:
+    """How much (2, teeth) mm of the helix' range, in one stretch, no view sees because its sensor is blind there."""
+    flanks = [_about_circle(view.flanks) for view in views]
+    nominal = flanks[0].toothing.nominal
+    (low, high), widest = nominal.helix_range, np.zeros(2 * nominal.gear.teeth)
+    for k, view in enumerate(views):
+        for strip in blind_strips(view):
+            share = max(min(strip.top, high) - max(strip.bottom, low), 0.0) / (strip.top - strip.bottom)
+            hidden = np.full(widest.size, share * strip.width)
+            for other in flanks[:k] + flanks[k + 1 :]:
+                hidden[other.flank[(other.height > strip.bottom) & (other.height < strip.top)]] = 0.0
+            widest = np.maximum(widest, hidden)
+    return widest.reshape(2, -1)
+
+
+def _about_circle(flanks: Flanks) -> Flanks:
+    nominal = flanks.toothing.nominal
+    return flanks.select(np.abs(flanks.roll - nominal.measuring_roll) < ABOUT_CIRCLE * nominal.control_length)
