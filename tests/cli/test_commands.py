@@ -369,7 +369,7 @@ def test_an_unknown_start_is_written_as_untrusted(bench, tmp_path):
     assert "table angle" in record["reasons"][0]["text"]
 
 
-@pytest.mark.more
+@pytest.mark.stand
 def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     done = run_process("demo", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
@@ -378,7 +378,7 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
 
 
-@pytest.mark.more
+@pytest.mark.stand
 def test_the_demo_with_two_sensors_measures_both_sides_of_a_helical_gear(tmp_path):
     done = run_process("demo", "--views", "2", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr
