@@ -378,7 +378,7 @@ def test_the_demo_ends_with_its_table_and_paths(tmp_path):
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
 
 
-@pytest.mark.stand
+@pytest.mark.slow
 def test_the_demo_with_two_sensors_measures_both_sides_of_a_helical_gear(tmp_path):
     done = run_process("demo", "--views", "2", "--out", tmp_path / "demo")
     assert done.returncode == 0, done.stderr

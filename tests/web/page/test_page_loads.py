@@ -28,6 +28,7 @@ def test_page_shows_its_heading_and_fits(open_tab, path, size):
     assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
 
 
+@pytest.mark.stand
 def test_first_view_stands_within_a_second(open_tab):
     asked = []
     tab = open_tab("#/devices")

@@ -34,6 +34,7 @@ def cloud_tab(open_tab, stand):
     return tab
 
 
+@pytest.mark.stand
 def test_cloud_of_200_000_points_within_two_seconds(cloud_tab):
     marks = cloud_tab.evaluate("performance.getEntriesByType('mark').map((m) => [m.name, m.startTime])")
     times = dict(marks)
