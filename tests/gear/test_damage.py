@@ -174,6 +174,12 @@ def test_dead_points_beside_each_other_leave_lines_decided(points, dead):
 
 
 @pytest.mark.more
+def test_points_that_see_nothing_beside_the_face_are_not_remarked():
+    found = inspected(SOUND, points=320, stuck=(tuple(range(150, 200)), np.nan))
+    assert found.verdict == "conforms" and "points_blind" not in {r.code for r in found.remarks}
+
+
+@pytest.mark.more
 def test_a_pit_behind_dead_points_does_not_conform_unseen():
     """It read F_beta 0.0 ± 5.4 um for 190, and the gear conformed."""
     pitted = replace(SOUND, worn=(Worn(5, "left", (5.0, 9.0), (10.3, 10.85), 0.2, 0.05),))

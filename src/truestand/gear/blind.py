@@ -38,9 +38,10 @@ def blind_strips(view: GearView) -> tuple[BlindStrip, ...]:
     """The strips in which a view's sensor is blind, about the measuring circle."""
     flanks = _about_circle(view.flanks)
     column = flanks.index % view.scan.x.shape[1]
-    live = np.flatnonzero(view.scan.live)
-    live = live[(live >= column.min(initial=0)) & (live <= column.max(initial=0))]
-    found = []
+    if not column.size:
+        return ()
+    live, found = np.flatnonzero(view.scan.live), []
+    live = live[(live >= column.min()) & (live <= column.max())]
     for before, behind in pairwise(live.tolist()):
         near = (column >= before - NEAR_POINTS) & (column <= behind + NEAR_POINTS)
         if behind > before + 1 and np.ptp(column[near]) > 0:
