@@ -101,6 +101,19 @@ def test_what_one_view_hides_the_other_shows():
         assert line(alone, name, flank).status == "not_measurable" and line(found(), name, flank).status == "measured"
 
 
+@pytest.mark.more
+def test_where_one_sensor_is_blind_the_other_shows_the_flanks_that_it_sees():
+    """The rear one sees the right flanks, and of the left ones as much as lets some of them be measured."""
+    front, rear = scans(VirtualGear(GEAR, WORN))
+    z = front.z.copy()
+    z[:, 60:66] = np.nan
+    blind = inspect_gear(roll_views((replace(front, z=z), rear), calibrated()), GEAR)
+    status = {f: [c.status for c in blind.characteristics if c.name == "F_beta" and c.tooth and c.flank == f]
+              for f in ("left", "right")}  # fmt: skip
+    assert status["left"].count("partial") > 12 and set(status["right"]) == {"measured"}
+    assert "points_blind" in {r.code for r in blind.remarks}
+
+
 def test_views_agree_within_their_seams():
     assert {s.views for s in found().seams} == {("front", "rear")}
     assert all(s.ok and abs(s.difference) < s.U for s in found().seams)

@@ -14,6 +14,8 @@ NEAR_POINTS = 3
 """Points to either side of blind ones that say at which heights those look."""
 ABOUT_CIRCLE = 0.15
 """Share of the control length to either side of the measuring circle in which that is told."""
+FILLED = 0.5
+"""Of the readings that a blind strip lacks on a flank: with fewer by other views it is not seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +59,19 @@ def blind_of_helices(views: Sequence[GearView]) -> Array:
     nominal = flanks[0].toothing.nominal
     (low, high), widest = nominal.helix_range, np.zeros(2 * nominal.gear.teeth)
     for k, view in enumerate(views):
+        others = flanks[:k] + flanks[k + 1 :]
         for strip in blind_strips(view):
             share = max(min(strip.top, high) - max(strip.bottom, low), 0.0) / (strip.top - strip.bottom)
-            hidden = np.full(widest.size, share * strip.width)
-            for other in flanks[:k] + flanks[k + 1 :]:
-                hidden[other.flank[(other.height > strip.bottom) & (other.height < strip.top)]] = 0.0
-            widest = np.maximum(widest, hidden)
+            inside = [f.select((f.height > strip.bottom) & (f.height < strip.top)) for f in others]
+            shown = sum((_by_flank(f, widest.size) for f in inside), np.zeros(widest.size))
+            lacking = _by_flank(flanks[k], widest.size) * (strip.width / nominal.gear.face_width)
+            widest = np.maximum(widest, np.where(shown < FILLED * lacking, share * strip.width, 0.0))
     return widest.reshape(2, -1)
+
+
+def _by_flank(flanks: Flanks, number: int) -> Array:
+    """How many readings lie on each of so many flanks."""
+    return np.bincount(flanks.flank, minlength=number).astype(np.float64)
 
 
 def _about_circle(flanks: Flanks) -> Flanks:
