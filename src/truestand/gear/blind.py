@@ -2,18 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from truestand.core.arrays import Array
-from truestand.gear.flanks import Flanks
+from truestand.gear.flanks import Flanks, about_circle
 from truestand.gear.views import GearView
 
 NEAR_POINTS = 3
 """Points to either side of blind ones that say at which heights those look."""
-ABOUT_CIRCLE = 0.15
-"""Share of the control length to either side of the measuring circle in which that is told."""
 FILLED = 0.5
 """Of the readings that a blind strip lacks on a flank: with fewer by other views it is not seen."""
 
@@ -38,15 +35,16 @@ class BlindStrip:
 
 def blind_strips(view: GearView) -> tuple[BlindStrip, ...]:
     """The strips in which a view's sensor is blind, about the measuring circle."""
-    flanks = _about_circle(view.flanks)
+    flanks = about_circle(view.flanks)
     column = flanks.index % view.scan.x.shape[1]
     if not column.size:
         return ()
     live, found = np.flatnonzero(view.scan.live), []
     live = live[(live >= column.min()) & (live <= column.max())]
-    for before, behind in pairwise(live.tolist()):
+    for gap in np.flatnonzero(np.diff(live) > 1):
+        before, behind = live[gap : gap + 2].tolist()
         near = (column >= before - NEAR_POINTS) & (column <= behind + NEAR_POINTS)
-        if behind > before + 1 and np.ptp(column[near]) > 0:
+        if np.ptp(column[near]) > 0:
             height = np.poly1d(np.polyfit(column[near], flanks.height[near], 1))
             bottom, top = sorted((float(height(before)), float(height(behind))))
             found.append(BlindStrip(before + 1, behind - before - 1, bottom, top))
@@ -55,7 +53,7 @@ def blind_strips(view: GearView) -> tuple[BlindStrip, ...]:
 
 def blind_of_helices(views: Sequence[GearView]) -> Array:
     """How much (2, teeth) mm of the helix' range, in one stretch, no view sees because its sensor is blind there."""
-    flanks = [_about_circle(view.flanks) for view in views]
+    flanks = [about_circle(view.flanks) for view in views]
     nominal = flanks[0].toothing.nominal
     (low, high), widest = nominal.helix_range, np.zeros(2 * nominal.gear.teeth)
     for k, view in enumerate(views):
@@ -72,8 +70,3 @@ def blind_of_helices(views: Sequence[GearView]) -> Array:
 def _by_flank(flanks: Flanks, number: int) -> Array:
     """How many readings lie on each of so many flanks."""
     return np.bincount(flanks.flank, minlength=number).astype(np.float64)
-
-
-def _about_circle(flanks: Flanks) -> Flanks:
-    nominal = flanks.toothing.nominal
-    return flanks.select(np.abs(flanks.roll - nominal.measuring_roll) < ABOUT_CIRCLE * nominal.control_length)

@@ -10,7 +10,7 @@ import numpy as np
 from truestand.core.arrays import Array, Ints, Mask
 
 LEAST_WIDE = 5
-"""Cells that it needs."""
+"""Cells that the parabola needs."""
 SAME = 3.5
 """Standard deviations within which the parabola and the nearest cells say the same."""
 MOST_LEVELLED = 0.0005

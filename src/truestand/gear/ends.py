@@ -11,11 +11,9 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.gear.damage import Damage, unseen_region, zones_of
-from truestand.gear.flanks import Flanks
+from truestand.gear.flanks import Flanks, about_circle
 from truestand.gear.grid import TRACE_SHARE, Grid, step_on_flank
 
-ABOUT_CIRCLE = 0.15
-"""Share of the control length to either side of the measuring circle whose readings say how far a flank is seen."""
 BESIDE = (-3, -2, -1, 1, 2, 3)
 """Teeth beside one that say how far flanks are seen there: an eccentric gear is seen a little farther on one side."""
 USUAL = 0.75
@@ -42,8 +40,7 @@ def unseen_at_ends(flanks: Flanks, grid: Grid, step: float, points: int) -> tupl
 
 def _ends_of_helices(flanks: Flanks, grid: Grid, zone: Mask, points: int) -> list[Damage]:
     nominal, found = grid.nominal, []
-    about_circle = np.abs(flanks.roll - nominal.measuring_roll) < ABOUT_CIRCLE * nominal.control_length
-    flanks = flanks.select(about_circle)
+    flanks = about_circle(flanks)
     enough = _enough(flanks, points)
     for sign, end in zip((-1.0, 1.0), nominal.helix_range, strict=True):
         outward = _by_flank(flanks, sign * flanks.height, grid)

@@ -43,6 +43,8 @@ SEARCH_DEPTH = 0.5
 """Modules of radius about the measuring circle in which the toothing is found."""
 MODE_BIN = 0.05
 """mm."""
+ABOUT_CIRCLE = 0.15
+"""Share of the control length to either side of the measuring circle whose readings say how far a flank is seen."""
 LEAST_FACING = 0.035
 """Cosine of the steepest incidence (88 degrees) at which a reading is taken for one of the flank."""
 LEAST_POINTS, LEAST_TOGETHER = 10, 0.4
@@ -352,6 +354,12 @@ def _offsets(flank: NDArray[np.intp], delta: Array, nominal: Involute) -> Array:
     mean = np.bincount(flank[at_mode], delta[at_mode], minlength=flanks) / np.maximum(number, 1)
     within_reach = np.bincount(flank[near], minlength=flanks)
     return np.where((number > LEAST_POINTS) & (number > LEAST_TOGETHER * within_reach), mean, np.nan)
+
+
+def about_circle(flanks: Flanks) -> Flanks:
+    """The flanks about the measuring circle: what is seen there says over which heights a helix is."""
+    nominal = flanks.toothing.nominal
+    return flanks.select(np.abs(flanks.roll - nominal.measuring_roll) < ABOUT_CIRCLE * nominal.control_length)
 
 
 def without_lone_readings(flanks: Flanks, live: Mask, angle: Array) -> Flanks:

@@ -45,7 +45,7 @@ def remarks_of(
     return (
         *_sides_not_seen(coverage),
         *_limitations([view.scan for view in views], nominal),
-        *(remark for view in views for remark in _blind_points(blind_strips(view))),
+        *_blind_points(views),
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
@@ -103,16 +103,19 @@ def _limitations(scans: Sequence[Scan], nominal: Involute) -> tuple[Message, ...
     return tuple(found)
 
 
-def _blind_points(strips: tuple[BlindStrip, ...]) -> tuple[Message, ...]:
-    """The widest strip in which a sensor is blind."""
-    if not strips:
-        return ()
+def _blind_points(views: Sequence[GearView]) -> tuple[Message, ...]:
+    """The widest strip of each view in which its sensor is blind."""
+    named = ((f"view {view.name!r}: " if len(views) > 1 else "", blind_strips(view)) for view in views)
+    return tuple(_blind_in(strips).prefixed(name) for name, strips in named if strips)
+
+
+def _blind_in(strips: tuple[BlindStrip, ...]) -> Message:
     widest, number = max(strips, key=lambda s: s.width), sum(s.number for s in strips)
     first, last = widest.first + 1, widest.first + widest.number
     which = f"point {first} of the sensor sees" if first == last else f"points {first} to {last} of the sensor see"
     in_all = f" ({number} in all)" if number > widest.number else ""
     where = f"no flank is seen at heights {widest.bottom:.1f} to {widest.top:.1f} mm, damage there does not show"
-    return (Message("points_blind", f"{which} nothing{in_all}: {where}"),)
+    return Message("points_blind", f"{which} nothing{in_all}: {where}")
 
 
 def _damaged(damage: tuple[Damage, ...]) -> tuple[Message, ...]:
