@@ -57,10 +57,11 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, blind: Ar
     near_height = np.abs(grid.heights - nominal.middle) < NEAR_MIDDLE * nominal.gear.face_width
     near = seen[:, :, near_roll][:, :, :, near_height].mean(axis=(2, 3))
     profile, helix = profile_points(nominal), helix_points(nominal)
-    helix_share = np.minimum(
+    helix_share = np.minimum.reduce([
         (area.mean(axis=2) > LEAST_SEEN).mean(axis=2),
         _share_seen(measures.helix, helix, np.full(helix.shape, grid.size[1])),
-    )
+        1.0 - blind / (top - bottom),
+    ])  # fmt: skip
     return Coverage(
         (near >= 0.5).astype(np.float64),
         np.minimum(
@@ -69,7 +70,7 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, blind: Ar
         ),
         helix_share,
         _widest_gap(evaluator.traces).reshape(near.shape),
-        np.maximum.reduce([(1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape), blind]),
+        np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
         _open_ends(evaluator.traces).reshape(2, *near.shape),
         blind,
         hidden,
