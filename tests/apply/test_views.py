@@ -1,5 +1,6 @@
 """Scans of one part by two sensors in one cloud."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 from math import pi
@@ -17,11 +18,13 @@ from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import interpret
+from truestand.files.records.calibration_record import write_calibration
 from truestand.files.shapes.clouds import Cloud, open_cloud, write_clouds
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
-from truestand.parts.inspect import inspect
+from truestand.parts.inspect import demand_right_views, inspect
 from truestand.sim import VirtualGear, paper_shaft, simulate
+from truestand.station.pipeline import Inputs, Outputs, inspect_job
 from views import AZIMUTH, two_sensors
 
 UM = 1e-3
@@ -128,3 +131,53 @@ def test_a_view_that_moved_is_named_and_the_others_hold():
 def test_nothing_is_no_part():
     with pytest.raises(BadRecipe, match="found no surface"):
         inspect([], SPUR)
+
+
+def given_to_the_other(part=None):
+    """The scans of both, each called that of the other."""
+    front, rear = scans(part)
+    return replace(front, stand=STAND.of_view("rear")), replace(rear, stand=STAND.of_view("front"))
+
+
+def without_shaft(scan):
+    """The scan without what shows the shaft beside the gear."""
+    surface = roll(scan, calibrated())
+    return replace(scan, z=np.where(np.hypot(surface.x, surface.y) > 20.0, scan.z, np.nan))
+
+
+@pytest.mark.parametrize("part", [None, GEAR], ids=["shaft", "gear"])
+def test_a_scan_given_to_the_wrong_view_is_refused_with_the_name_of_the_right_one(part):
+    """The sensors stand alike but for their azimuth: the direction of the shaft's axis tells them apart."""
+    wrong = given_to_the_other(part)
+    for act in (lambda: roll(wrong[0], calibrated()), lambda: verify_views(wrong, calibrated(), paper_shaft())):
+        with pytest.raises(BadRecipe, match="a scan of view 'rear' that fits where 'front' stands"):
+            act()
+
+
+def test_a_view_that_moved_is_not_taken_for_another():
+    first, rear = calibrated().views
+    moved = replace(rear, table_from_sensor=rear.table_from_sensor @ Pose(np.eye(3), np.array([0.0, 0.0, 0.5])))
+    assert roll(scans(GEAR)[1], replace(calibrated(), views=(first, moved))).calibration.reasons
+
+
+def test_a_scan_given_to_the_wrong_view_that_shows_no_shaft_is_found_by_the_part():
+    front, _ = scans(GEAR)
+    front = without_shaft(front)
+    demand_right_views((front,), calibrated(), SPUR, False)
+    with pytest.raises(BadRecipe, match="a scan of view 'rear' that fits where 'front' stands"):
+        demand_right_views((replace(front, stand=STAND.of_view("rear")),), calibrated(), SPUR, False)
+
+
+@pytest.mark.more
+def test_an_inspection_names_the_right_view(tmp_path):
+    front, _ = scans(GEAR)
+    wrong = replace(without_shaft(front), stand=STAND.of_view("rear"))
+    write_calibration(tmp_path / "calibration.json", calibrated())
+    (tmp_path / "gear.toml").write_text(
+        'kind = "gear"\nteeth = 24\nmodule_mm = 2.0\nface_width_mm = 20.0\nface_from_mm = 5.0\n'
+        "tip_diameter_mm = 52.0\nroot_diameter_mm = 43.0\n"
+    )
+    scan = tmp_path / "a.h5"
+    inputs = Inputs((scan,), None, calibration=tmp_path / "calibration.json", part=tmp_path / "gear.toml")
+    with pytest.raises(BadRecipe, match="a scan of view 'rear' that fits where 'front' stands"):
+        inspect_job(inputs, Outputs(None), lambda stand: (wrong,), lambda step: nullcontext())

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from truestand.apply.right_view import demand_own_view
 from truestand.apply.witness import Witness, witness
 from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, Check
@@ -66,12 +67,13 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     calibration of the one that took the scan is applied, in its own frames.
 
     Raises:
-        BadRecipe: a view of which the calibration is not.
+        BadRecipe: a view of which the calibration is not, or a scan that another view took.
     """
-    calibration = calibration.for_scan(scan)
+    whole, calibration = calibration, calibration.for_scan(scan)
     reasons = configuration_reasons(scan, calibration)
     untied = untied_reasons(scan, calibration, start_stated)
     band = witness(scan, calibration)
+    demand_own_view(scan, whole, band)
     if band is None:
         return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
     limit = MOST_ARC_MM / _outside(scan, calibration)

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from truestand.apply.right_view import demand_own_view
 from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
 from truestand.apply.views import demand_one_each
 from truestand.apply.witness import Witness, witness
@@ -112,9 +113,11 @@ def verify(
 
     Raises:
         NotEnoughData: the new scan can't be calibrated and shows no witness band.
-        BadRecipe: a scan of a view of which the calibration is not.
+        BadRecipe: a scan of a view of which the calibration is not, or that another view took.
     """
-    old = old.for_scan(scan)
+    whole, old = old, old.for_scan(scan)
+    if whole.views:
+        demand_own_view(scan, whole, witness(scan, old))
     reasons = (*configuration_reasons(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
     tied = not untied_reasons(scan, old, start_stated) and old.angle_zero != "unknown"
     if not tied:

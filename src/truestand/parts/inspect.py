@@ -3,10 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from truestand.apply.transfer import transfer_remarks, with_sensor_as_calibrated
+from truestand.apply.right_view import taken_by_another
+from truestand.apply.transfer import roll, transfer_remarks, with_sensor_as_calibrated
 from truestand.core.artefact import Artefact
-from truestand.core.errors import BadRecipe
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe, TruestandError
 from truestand.core.inspection import Inspection
+from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.temperature import Temperature
 from truestand.gear.drawing import Gear
@@ -60,6 +63,29 @@ def demand_views(number: int, part: Part) -> None:
         )
     if not number:
         raise BadRecipe("found no surface, need one of each view")
+
+
+def demand_right_views(scans: tuple[Scan, ...], calibration: Calibration, part: Part, start_stated: bool) -> None:
+    """Refuse scans that show nothing like the part where their own views stand, but the part where another one stands.
+
+    For scans that show too little of the shaft to tell (``apply.right_view``), once ``inspect`` has refused them.
+
+    Raises:
+        BadRecipe: a scan was taken by another view; the message names it.
+    """
+
+    def shows_part(scan: Scan, view: Calibration) -> bool:
+        try:
+            inspect(roll(scan, view, start_stated), part)
+        except TruestandError:
+            return False
+        return True
+
+    for scan in scans if calibration.views else ():
+        if not shows_part(scan, calibration.for_scan(scan)):
+            right = [v.name for v in calibration.views if v.name != scan.view and shows_part(scan, v)]
+            if right:
+                raise taken_by_another(scan.view, right)
 
 
 def _at_reference_temperature(surface: Surface, temperature: Temperature) -> Surface:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration, Method, ScanSummary
-from truestand.core.errors import BadRecipe
+from truestand.core.errors import BadRecipe, NotEnoughData, WrongDrawing
 from truestand.core.inspection import Inspection
 from truestand.core.message import RECIPE_CHANGED, Message
 from truestand.core.scan import Scan
@@ -154,7 +154,7 @@ def inspect_job(
     """
     from truestand.files.recipes.parts import read_identity, read_part
     from truestand.files.records.inspection_record import inspection_record
-    from truestand.parts.inspect import demand_views, inspect
+    from truestand.parts.inspect import demand_right_views, demand_views, inspect
 
     outputs.check()
     recipe, record_path = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
@@ -166,7 +166,11 @@ def inspect_job(
     with during("evaluate"):
         surfaces, created = _rolled_up(scans, calibration, start_stated), now()
         identity = {**read_identity(recipe), **(identity or {})}
-        inspection = inspect(surfaces, part)
+        try:
+            inspection = inspect(surfaces, part)
+        except (NotEnoughData, WrongDrawing):
+            demand_right_views(scans, calibration, part, start_stated)
+            raise
         inspection = replace(inspection, created=created, identity=identity, remarks=(*changes, *inspection.remarks))
         _, applied = surfaces[0].origin
         record = inspection_record(inspection, applied, tuple(map(ScanSummary.of, scans)), sha256, created)
