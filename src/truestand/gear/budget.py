@@ -121,9 +121,12 @@ class SeenCells:
 
 @dataclass(frozen=True, slots=True)
 class Weighed:
-    """A view, and what it has of each cell."""
+    """A scan by a calibration, and what it has of each cell."""
 
-    view: GearView
+    scan: Scan
+    calibration: Calibration
+    before_rms: float | None = None
+    """mm: by how much the passes of a flank disagreed, as ``GearView`` has it."""
     share: Array | None = None
     """Of each cell's points that are the view's, (2, teeth, roll lengths, heights); None: all."""
 
@@ -138,25 +141,29 @@ class Weighed:
 def weighed(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> tuple[Weighed, ...]:
     """Each view with its share of the points of every cell; of a cell that none shows, all have the same."""
     if len(views) == 1:
-        return (Weighed(views[0]),)
+        return (_of_view(views[0]),)
     of_view = view_of(flanks, views)
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     counts = [np.bincount(cell[of_view == k], minlength=grid.delta.size) for k in range(len(views))]
     total = np.sum(counts, axis=0)
     shares = [np.where(total > 0, n / np.maximum(total, 1), 1 / len(views)).reshape(grid.delta.shape) for n in counts]
-    return tuple(Weighed(view, share) for view, share in zip(views, shares, strict=True))
+    return tuple(_of_view(view, share) for view, share in zip(views, shares, strict=True))
+
+
+def _of_view(view: GearView, share: Array | None = None) -> Weighed:
+    return Weighed(view.scan, view.calibration, view.before_rms, share)
 
 
 def influences_of(views: tuple[Weighed, ...], grid: Grid, toothing: Toothing) -> tuple[Influence, ...]:
     """Every input of the budget but noise."""
-    seen = tuple((w, seen_cells(w.view.calibration, toothing, grid.roll, grid.height)) for w in views)
+    seen = tuple((w, seen_cells(w.calibration, toothing, grid.roll, grid.height)) for w in views)
     cells, temperature = seen[0][1], toothing.nominal.gear.temperature
     grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
         *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views),
-        *(w.of_share(i) for w, cells in seen for i in of_sensor(w.view.scan, w.view.calibration, cells)),
-        *_together([_of_shaft(w.view.calibration, cells) for w, cells in seen], views),
-        *_together([_of_table(w.view, cells, toothing.nominal) for w, cells in seen], views),
+        *(w.of_share(i) for w, cells in seen for i in of_sensor(w.scan, w.calibration, cells)),
+        *_together([_of_shaft(w.calibration, cells) for w, cells in seen], views),
+        *_together([_of_table(w, cells, toothing.nominal) for w, cells in seen], views),
         *_of_datum(toothing.datum, cells),
         cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
@@ -232,7 +239,7 @@ def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> lis
     """What the covariance of the calibration's unknowns does to view ``k``, in Cholesky's order: each line with what
     moves along. Of several views, all their unknowns together.
     """
-    calibration = views[k].view.calibration
+    calibration = views[k].calibration
     if len(views) > 1:
         return _of_joint_calibration(views, k, cells)
     covariance = calibration.covariance
@@ -250,13 +257,13 @@ def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> lis
 
 def _of_joint_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:
     """The same of the covariance of all views together, what they share counted once."""
-    covariance = joint_covariance([w.view.calibration for w in views])
+    covariance = joint_covariance([w.calibration for w in views])
     if covariance is None:
         return []
     block = VIEW_UNKNOWNS * np.arange(len(views))
     order = np.concatenate([block + u for u in (*UNKNOWN_ORDER, UNKNOWNS, UNKNOWNS + 1)])
     names = [name for name in (*UNKNOWN_NAMES, AZIMUTH_NAME, HEIGHT_NAME) for _ in views]
-    factor, moves = _cholesky(covariance[np.ix_(order, order)]), cells.moves(views[k].view.calibration)
+    factor, moves = _cholesky(covariance[np.ix_(order, order)]), cells.moves(views[k].calibration)
     found = []
     for name, column in zip(names, factor.T, strict=True):
         steps = np.zeros(covariance.shape[0])
@@ -393,7 +400,7 @@ def _shaft_range(calibration: Calibration, z: Array) -> float:
     return float(gap / max(-across[2], 1e-3))
 
 
-def _of_table(view: GearView, cells: SeenCells, nominal: Involute) -> list[Influence]:
+def _of_table(view: Weighed, cells: SeenCells, nominal: Involute) -> list[Influence]:
     """The table's bearing and its angle: zero, and errors that repeat every turn, which are taken for no less than by
     what turns disagreed; and how the axis moves across the laser plane.
     """

@@ -7,7 +7,7 @@ from math import cos, hypot
 import numpy as np
 
 from truestand.apply.datum import datum_of
-from truestand.core.arrays import Array, Mask
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import UNKNOWNS
@@ -16,40 +16,27 @@ from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.angle import with_correct_angles
+from truestand.gear.assess import assess
 from truestand.gear.blind import blind_of_helices
-from truestand.gear.budget import BETWEEN_READINGS, expanded, influences_of, radial_lines, weighed
+from truestand.gear.budget import radial_lines, weighed
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import (
-    Damage,
-    clear_of,
     damage_of,
     unseen_in_traces,
     with_deep_damage,
     with_unread,
-    without_damage,
     zones_of,
 )
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
-from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
 from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import (
-    DRAWS,
-    FEW_DRAWS,
-    VIBRATION,
     Evaluator,
-    Figures,
     Measures,
-    bias_of,
     evaluate,
     evaluator_of,
-    figures_of,
     pitch_extremes,
-    sampling_of,
-    steepness_of,
-    vibration_of,
-    with_noise_beside,
 )
 from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
@@ -59,7 +46,6 @@ from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.seams import contradictions, tied, tied_roughly
-from truestand.gear.sections import sections_of
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, below_tips, fold, other_teeth, teeth_there, tip_and_root
 from truestand.gear.views import GearView, joined, views_of, with_views
@@ -120,7 +106,8 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
     gaps = unseen_in_traces(evaluator.grid, evaluator.traces, step)
-    assessment = _assess(views, complete, evaluator, step, measures, coverage, told, gaps, there)
+    sources = weighed(views, complete, evaluator.grid)
+    assessment = assess(sources, complete.toothing, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
@@ -201,54 +188,6 @@ def _calibration_reasons(calibration: Calibration) -> tuple[Message, ...]:
         text = "the calibration carries no covariance, so U leaves its part out: use the whole record"
         reasons = (*reasons, Message("no_covariance", text))
     return reasons
-
-
-def _assess(
-    views: tuple[GearView, ...],
-    flanks: Flanks,
-    evaluator: Evaluator,
-    step: float,
-    measures: Measures,
-    coverage: Coverage,
-    told: tuple[Damage, ...],
-    gaps: tuple[Damage, ...],
-    there: Mask,
-) -> Assessment:
-    """The figures, freed of the bias of noise, with every line of their budget."""
-    nominal, damage = evaluator.grid.nominal, (*told, *gaps)
-    figures = figures_of(measures, nominal)
-    if (damaged := clear_of(damage, evaluator.grid)).any():
-        evaluator = with_noise_beside(damaged, evaluator, step)
-    noise = bias_of(figures, evaluator, DRAWS)
-    corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
-    influences = influences_of(weighed(views, flanks, evaluator.grid), evaluator.grid, flanks.toothing)
-    return Assessment(
-        nominal,
-        corrected,
-        _without(damage, evaluator, step) if any(d.depth for d in damage) else corrected,
-        _without(on_top, evaluator, step) if on_top else corrected,
-        expanded(influences, evaluator)
-        | {
-            "noise": noise.expanded(figures, steepness_of(evaluator)),
-            BETWEEN_READINGS: sampling_of(evaluator),
-            VIBRATION: vibration_of(figures, corrected, evaluator),
-        },
-        influences,
-        coverage,
-        damage,
-        told,
-        zones_of(evaluator.grid, step),
-        there,
-        sections_of(evaluator, noise, step),
-        evaluator.grid.size[1],
-    )
-
-
-def _without(damage: tuple[Damage, ...], evaluator: Evaluator, step: float) -> Figures:
-    """The figures, freed of the bias of noise, as if no reading had fallen on the damage."""
-    sound = evaluator_of(without_damage(evaluator.grid, damage), step)
-    figures = figures_of(evaluate(sound.grid.delta, sound), sound.grid.nominal)
-    return bias_of(figures, sound, FEW_DRAWS).corrected(figures)
 
 
 def _deviation(flanks: Flanks, shape: tuple[int, ...]) -> Array:

@@ -1,0 +1,76 @@
+"""The figures of a gear with every line of their budget: of a scan that was taken, or of one that is planned."""
+
+from truestand.core.arrays import Mask
+from truestand.gear.budget import BETWEEN_READINGS, Weighed, expanded, influences_of
+from truestand.gear.coverage import Coverage
+from truestand.gear.damage import Damage, clear_of, without_damage, zones_of
+from truestand.gear.doubt import Assessment
+from truestand.gear.evaluate import (
+    DRAWS,
+    FEW_DRAWS,
+    VIBRATION,
+    Evaluator,
+    Figures,
+    Measures,
+    bias_of,
+    evaluate,
+    evaluator_of,
+    figures_of,
+    sampling_of,
+    steepness_of,
+    vibration_of,
+    with_noise_beside,
+)
+from truestand.gear.flanks import Toothing
+from truestand.gear.sections import sections_of
+
+
+def assess(
+    sources: tuple[Weighed, ...],
+    toothing: Toothing,
+    evaluator: Evaluator,
+    step: float,
+    measures: Measures,
+    coverage: Coverage,
+    told: tuple[Damage, ...],
+    gaps: tuple[Damage, ...],
+    there: Mask,
+) -> Assessment:
+    """The figures, freed of the bias of noise, with every line of their budget.
+
+    ``told``: damage that shows; ``gaps``: what was not seen; ``there`` (teeth,): those that the drawing has.
+    """
+    nominal, damage = evaluator.grid.nominal, (*told, *gaps)
+    figures = figures_of(measures, nominal)
+    if (damaged := clear_of(damage, evaluator.grid)).any():
+        evaluator = with_noise_beside(damaged, evaluator, step)
+    noise = bias_of(figures, evaluator, DRAWS)
+    corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
+    influences = influences_of(sources, evaluator.grid, toothing)
+    return Assessment(
+        nominal,
+        corrected,
+        _without(damage, evaluator, step) if any(d.depth for d in damage) else corrected,
+        _without(on_top, evaluator, step) if on_top else corrected,
+        expanded(influences, evaluator)
+        | {
+            "noise": noise.expanded(figures, steepness_of(evaluator)),
+            BETWEEN_READINGS: sampling_of(evaluator),
+            VIBRATION: vibration_of(figures, corrected, evaluator),
+        },
+        influences,
+        coverage,
+        damage,
+        told,
+        zones_of(evaluator.grid, step),
+        there,
+        sections_of(evaluator, noise, step),
+        evaluator.grid.size[1],
+    )
+
+
+def _without(damage: tuple[Damage, ...], evaluator: Evaluator, step: float) -> Figures:
+    """The figures, freed of the bias of noise, as if no reading had fallen on the damage."""
+    sound = evaluator_of(without_damage(evaluator.grid, damage), step)
+    figures = figures_of(evaluate(sound.grid.delta, sound), sound.grid.nominal)
+    return bias_of(figures, sound, FEW_DRAWS).corrected(figures)
