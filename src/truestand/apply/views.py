@@ -55,6 +55,10 @@ def placed(transferred: Transfer, calibration: Calibration) -> Surface:
     of_scan = (r for r in own.reasons if r not in known.reasons)
     named = (Message(r.code, f"view {own.name!r}: {r}") for r in of_scan) if calibration.views else of_scan
     reasons = (*(r for r in calibration.reasons if r.code != UNTIED.code), *named)
-    pose = calibration.shaft_from_rotor @ own.first_from_table
-    own = replace(own, reasons=tuple(dict.fromkeys(reasons)), shaft_from_rotor=pose, joint=calibration.joint)
+    own = replace(in_first_frame(own, calibration), reasons=tuple(dict.fromkeys(reasons)))
     return apply_calibration(transferred.scan, own)
+
+
+def in_first_frame(own: Calibration, calibration: Calibration) -> Calibration:
+    """The calibration of one view as it stands in C of the first view of a ``calibration``."""
+    return replace(own, shaft_from_rotor=calibration.shaft_from_rotor @ own.first_from_table, joint=calibration.joint)

@@ -56,6 +56,18 @@ class Sensor:
     """mm: by how much it reads steep surfaces differently, e.g. after a correction learnt on a master gear."""
     stability_U: float | None = None
     """mm: by how much its zero changes from the scan of the artefact to that of a part."""
+    device: str | None = None
+    """Which device it is; None: one of its own name. Several views may be one device in several places."""
+    noise: float | None = None
+    """mm, standard deviation of a reading along its range. This and what follows is for planning where to put it."""
+    line: tuple[float, float] | None = None
+    """mm: length of the laser line at the near and at the far end of ``range``."""
+    triangulation: float | None = None
+    """rad: angle between the laser plane and the camera's line of sight, + towards the sensor's y."""
+    incidence_limit: float | None = None
+    """rad: between ray and surface normal, beyond which nothing comes back."""
+    housing: tuple[float, float, float] | None = None
+    """mm along the sensor's x, y and z: a box about x = y = 0 that ends at z = 0."""
 
     @property
     def mounting(self) -> tuple[float, float]:

@@ -130,7 +130,7 @@ def _measured(a: Assessment, name: str, at: tuple[int, ...]) -> Characteristic:
     value = float(a.figures[name][at])
     seen = status != "not_measurable" and bool(np.isfinite(value))
     budget = lines_of(a.expanded, a.influences, name, at) if seen else ()
-    limits, standard = _limits(a.nominal.gear, plain)
+    limits, standard = limits_of(a.nominal.gear, plain)
     return Characteristic(
         name=plain,
         value=value if seen else None,
@@ -170,7 +170,12 @@ def _coverage(a: Assessment, name: str, at: tuple[int, ...]) -> float:
     return float(which[at] if len(at) > 1 else which[at][a.there].mean())
 
 
-def _limits(g: Gear, name: str) -> tuple[tuple[float | None, float | None] | None, str | None]:
+def limits_of(g: Gear, name: str) -> tuple[tuple[float | None, float | None] | None, str | None]:
+    """Lower and upper limit (mm) of a figure, and where they are from.
+
+    Raises:
+        BadRecipe: a gear or class outside the standard's range.
+    """
     if name in g.limits:
         return g.limits[name], DRAWING
     accuracy_class = g.class_of(name)

@@ -5,6 +5,7 @@ flank measures them, as a reading of the artefact does: it corrects them and the
 as it does not contradict what was known of them. Their errors that a flank does not tell apart stay in U.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import sqrt
@@ -28,6 +29,7 @@ from truestand.core.frames import (
 from truestand.core.inspection import Seam
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
+from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.budget import joint_covariance, of_sensor, seen_cells
 from truestand.gear.flanks import Flanks, Toothing, find_toothing, flank_offsets
@@ -51,7 +53,7 @@ PLACES = 5
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class Followed:
     """How the deviations that a view shows of the flanks' cells follow its own errors."""
 
     by_unknown: Array
@@ -61,7 +63,7 @@ class _Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class _Difference:
+class Difference:
     """What two views differ by on one side's flanks, and what it follows."""
 
     of: tuple[int, int]
@@ -90,7 +92,7 @@ def tied_roughly(
     toothing = find_toothing(stacked(surfaces), nominal, datum)
     shape = (2, nominal.gear.teeth, PLACES)
     roll, height = np.full(shape, nominal.measuring_roll), np.linspace(*nominal.helix_range, PLACES)
-    seen = [_seen(s, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
+    seen = [followed(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
     offsets = [flank_offsets(s, toothing).reshape(2, -1) for s in surfaces]
     differences = []
     for (a, b), side in product(combinations(range(len(surfaces)), 2), (0, 1)):
@@ -98,7 +100,7 @@ def tied_roughly(
         both = np.zeros(shape, dtype=bool)
         both[side] = np.isfinite(apart)[:, None]
         if np.count_nonzero(np.isfinite(apart)) >= LEAST_TEETH:
-            differences.append(_difference(seen, (a, b), side, float(np.nanmedian(apart)), ROUGH_U, both))
+            differences.append(difference_of(seen, (a, b), side, float(np.nanmedian(apart)), ROUGH_U, both))
     if all(abs(d.value) < FAR_APART for d in differences):
         return surfaces, ()
     seams = _seams(differences, surfaces, covariance)
@@ -141,11 +143,11 @@ def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
     return (Message("views_contradict", text),)
 
 
-def _differences(views: tuple[GearView, ...]) -> list[_Difference]:
+def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     """What views differ by in the cells of flanks that both show."""
     flanks = joined([view.borne_out() for view in views], views)
     grid, toothing = grid_of(flanks), flanks.toothing
-    seen = [_seen(view.surface, toothing, grid.roll, grid.height) for view in views]
+    seen = [followed(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
     means = [_means(part_of(flanks, views, k), grid) for k in range(len(views))]
     found = []
     for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
@@ -155,7 +157,7 @@ def _differences(views: tuple[GearView, ...]) -> list[_Difference]:
         teeth = np.count_nonzero(both[side].any(axis=(1, 2)))
         if teeth >= LEAST_TEETH and np.count_nonzero(both) >= LEAST_CELLS:
             u = robust_sd(apart[both] - np.median(apart[both])) / sqrt(teeth)
-            found.append(_difference(seen, (a, b), side, float(np.median(apart[both])), u, both))
+            found.append(difference_of(seen, (a, b), side, float(np.median(apart[both])), u, both))
     return found
 
 
@@ -167,25 +169,27 @@ def _means(flanks: Flanks, grid: Grid) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(grid.delta.shape)
 
 
-def _seen(surface: Surface, toothing: Toothing, roll: Array, height: Array) -> _Seen:
-    scan, calibration = surface.origin
+def followed(scan: Scan, calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> Followed:
+    """How what a view shows of cells, at roll lengths and heights (2, teeth, ...) mm, follows its own errors."""
     cells = seen_cells(calibration, toothing, roll, height)
     by_unknown = np.einsum("unc,nc->un", cells.moves(calibration), cells.gradient)
     by_sensor = np.stack([i.field.reshape(-1) / 2 for i in of_sensor(scan, calibration, cells)])
-    return _Seen(by_unknown, by_sensor)
+    return Followed(by_unknown, by_sensor)
 
 
-def _difference(seen: list[_Seen], of: tuple[int, int], side: int, value: float, u: float, both: Mask) -> _Difference:
-    """One difference, of the cells that ``both`` views show."""
+def difference_of(
+    seen: Sequence[Followed], of: tuple[int, int], side: int, value: float, u: float, both: Mask
+) -> Difference:
+    """What the views ``of`` a pair differ by, mm with its standard uncertainty, in the cells that ``both`` show."""
     signs, on = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1)
 
     def row(name: str) -> Array:
         return np.concatenate([signs.get(k, 0.0) * getattr(s, name)[:, on].mean(axis=1) for k, s in enumerate(seen)])
 
-    return _Difference(of, side, value, u, row("by_unknown"), row("by_sensor"))
+    return Difference(of, side, value, u, row("by_unknown"), row("by_sensor"))
 
 
-def _seams(differences: list[_Difference], surfaces: tuple[Surface, ...], covariance: Array) -> tuple[Seam, ...]:
+def _seams(differences: list[Difference], surfaces: tuple[Surface, ...], covariance: Array) -> tuple[Seam, ...]:
     """The differences against what was known of them: what is left of each when all others have told where the views
     stand. A height between views that nobody knows lets both sides differ, but in opposite ways.
     """
@@ -201,21 +205,21 @@ def _seams(differences: list[_Difference], surfaces: tuple[Surface, ...], covari
     return tuple(found)
 
 
-def _told(differences: list[_Difference]) -> tuple[Array, Array]:
+def _told(differences: list[Difference]) -> tuple[Array, Array]:
     """How the differences (n,) follow the unknowns (n, unknowns), and the covariance (n, n) of what else they hold."""
     rows, sensors = (np.stack([getattr(d, name) for d in differences]) for name in ("by_unknown", "by_sensor"))
     return rows, sensors @ sensors.T + np.diag([d.u**2 for d in differences])
 
 
-def _rolled_up(surfaces: tuple[Surface, ...], differences: list[_Difference]) -> tuple[Surface, ...]:
+def _rolled_up(surfaces: tuple[Surface, ...], differences: list[Difference]) -> tuple[Surface, ...]:
     """The surfaces by calibrations that the differences have corrected."""
     if not differences:
         return surfaces
-    calibrations = _corrected([s.origin[1] for s in surfaces], differences)
+    calibrations = corrected([s.origin[1] for s in surfaces], differences)
     return tuple(apply_calibration(s.origin[0], c) for s, c in zip(surfaces, calibrations, strict=True))
 
 
-def _corrected(calibrations: list[Calibration], differences: list[_Difference]) -> list[Calibration]:
+def corrected(calibrations: list[Calibration], differences: list[Difference]) -> list[Calibration]:
     """The calibrations of all views with what the differences tell of their unknowns."""
     before = joint_covariance(calibrations)
     assert before is not None

@@ -58,6 +58,12 @@ class SensorRecipe(Recipe):
     plane_tilt_U_deg: Positive | None = None
     incidence_U_um: Positive | None = None
     stability_U_um: Positive | None = None
+    device: str | None = None
+    noise_um: Positive | None = None
+    line_mm: tuple[Positive, Positive] | None = None
+    triangulation_deg: Annotated[float, Field(gt=-80, lt=80)] | None = None
+    incidence_limit_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
+    housing_mm: tuple[Positive, Positive, Positive] | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> "SensorRecipe":
@@ -396,6 +402,12 @@ def _sensor(s: SensorRecipe) -> Sensor:
         plane_tilt_U=None if s.plane_tilt_U_deg is None else radians(s.plane_tilt_U_deg),
         incidence_U=None if s.incidence_U_um is None else s.incidence_U_um / 1000.0,
         stability_U=None if s.stability_U_um is None else s.stability_U_um / 1000.0,
+        device=s.device,
+        noise=None if s.noise_um is None else s.noise_um / 1000.0,
+        line=s.line_mm,
+        triangulation=None if s.triangulation_deg is None else radians(s.triangulation_deg),
+        incidence_limit=None if s.incidence_limit_deg is None else radians(s.incidence_limit_deg),
+        housing=s.housing_mm,
     )
 
 
@@ -413,6 +425,12 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         plane_tilt_U_deg=None if s.plane_tilt_U is None else degrees(s.plane_tilt_U),
         incidence_U_um=None if s.incidence_U is None else s.incidence_U * 1000.0,
         stability_U_um=None if s.stability_U is None else s.stability_U * 1000.0,
+        device=s.device,
+        noise_um=None if s.noise is None else s.noise * 1000.0,
+        line_mm=s.line,
+        triangulation_deg=None if s.triangulation is None else degrees(s.triangulation),
+        incidence_limit_deg=None if s.incidence_limit is None else degrees(s.incidence_limit),
+        housing_mm=s.housing,
     )
 
 

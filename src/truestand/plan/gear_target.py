@@ -1,0 +1,308 @@
+"""A gear for which sensors are placed: what must be seen of its flanks, and how they would be inspected.
+
+The cells of its flanks are filled as the scans would fill them, with noise drawn; they are then assessed as those of an
+inspection are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations, product
+from math import cos, sin
+
+import numpy as np
+
+from truestand.apply.datum import datum_of
+from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.calibration import Calibration
+from truestand.core.errors import BadRecipe
+from truestand.core.frames import Pose
+from truestand.core.inspection import Characteristic
+from truestand.gear.assess import assess
+from truestand.gear.budget import Weighed, influences_of, radial_lines
+from truestand.gear.characteristics import characteristics_of, limits_of
+from truestand.gear.coverage import coverage_of
+from truestand.gear.doubt import Assessment
+from truestand.gear.drawing import Gear
+from truestand.gear.evaluate import evaluate, evaluator_of, slope_length
+from truestand.gear.flanks import Toothing
+from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute
+from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_edges, step_on_flank
+from truestand.gear.seams import corrected, difference_of, followed
+from truestand.gear.teeth import Diameter
+from truestand.gear.tolerances import tolerance
+from truestand.plan.obstacles import Body, Round, Toothed
+from truestand.plan.sight import Sight, look
+from truestand.plan.target import Surfaces, View, room_of
+
+ROLLS, HEIGHTS = 9, 9
+"""Points of a flank along roll length and height that must be seen."""
+FEW, SHOWS = 5, 0.5
+"""Points along profile and face that tell roughly how large U is; share of them from which a flank is shown."""
+LEAST_OVERLAP, SEAM_U = 0.05, 5e-4
+"""Share of the flanks that two views must both show to be held against each other; mm, standard: of noise in it."""
+GOLDEN = 0.6180339887498949
+"""Of a step, from one flank to the next: where profiles meet it."""
+USUAL_SHARE, USUAL_PITCH = 0.35, 0.004
+"""Standard deviation of the pitch of a gear that is looked at: share of its limit; mm where it has none."""
+LEAST_COUNT = 1.0
+"""Of readings in a cell that counts as seen."""
+USUAL_CLASS = 7
+"""By which U is weighed where the drawing limits nothing."""
+LARGEST_OF_TEETH = 0.7
+"""Of a wave's height over a turn: by so much it moves the range of a gear's pitch on average."""
+
+
+@dataclass(frozen=True)
+class GearTarget:
+    """A gear on a shaft."""
+
+    gear: Gear
+    shaft: tuple[Round, ...]
+    turns: float
+    """Of a scan."""
+    profiles_per_turn: float
+    toothing: Toothing
+    """As drawn."""
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """The evaluation ranges of a tooth's flanks."""
+        nominal = self.toothing.nominal
+        rolls, heights = (
+            np.linspace(*r, n) for r, n in ((nominal.profile_range, ROLLS), (nominal.helix_range, HEIGHTS))
+        )
+        side, i, j = np.indices((2, ROLLS, HEIGHTS)).reshape(3, -1)
+        points, normals = _flank_points(self.toothing, side, rolls[i], heights[j])
+        return Surfaces(FLANKS, points, normals, side)
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """The gear."""
+        return (Toothed(self.toothing.nominal, self.toothing.datum.pose, self.toothing.first_tooth),)
+
+    @property
+    def swept(self) -> tuple[Round, ...]:
+        """Its tip cylinder."""
+        return (Round(self.gear.tip_diameter / 2, self.gear.face_from, self.gear.face_to),)
+
+    def lines(self, views: Sequence[View]) -> tuple[Characteristic, ...]:
+        """The lines that an inspection by these views would have."""
+        cells = self._cells(views)
+        readings = [self._readings(view, cells) for view in views]
+        total = np.sum([r.count for r in readings], axis=0)
+        shares = [np.where(total > 0, r.count / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
+        grid = self._grid(cells, readings, shares)
+        views = self._tied(views, [r.count > 0 for r in readings], grid)
+        step = 2 * np.pi / self.profiles_per_turn
+        evaluator = evaluator_of(grid, step)
+        measures, teeth = evaluate(grid.delta, evaluator), self.gear.teeth
+        coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
+        there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
+        found = assess(_sources(views, shares), self.toothing, evaluator, step, measures, coverage, (), (), there)
+        return characteristics_of(found, _diameters(found, self.gear))
+
+    def rough_shares(self, views: Sequence[View]) -> dict[str, float]:
+        """As ``Target`` says, by a few points of each flank, without noise."""
+        nominal = self.toothing.nominal
+        (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
+        cells = _Cells(np.linspace(low, high, FEW), np.linspace(bottom, top, FEW + 1))
+        empty = np.zeros((2, self.gear.teeth, FEW, FEW))
+        seen = [(empty + self._sight(view, cells).seen.reshape(2, 1, FEW, FEW)) > 0 for view in views]
+        number = np.sum(seen, axis=0)
+        shares = [np.where(number > 0, s / np.maximum(number, 1), 1 / len(views)) for s in seen]
+        roll, height = empty + cells.rolls[:, None], empty + cells.heights
+        grid = Grid(nominal, empty, empty, roll, height, empty, cells.rolls, cells.edges, 0.0)
+        influences = influences_of(_sources(self._tied(views, seen, grid), shares), grid, self.toothing)
+        moved = _moved(np.stack([i.field for i in influences]), nominal, cells)
+        worst = np.zeros(2)
+        for name, by in moved.items():
+            if (room := self._room(name)) is not None:
+                worst = np.maximum(worst, np.sqrt(np.square(by).sum(axis=0)) / room)
+        return {name: float(worst[k]) for k, name in enumerate(FLANKS) if (number[k] > 0).mean() > SHOWS}
+
+    def _room(self, name: str) -> float | None:
+        """mm that the limits of a figure leave, those of a class where the drawing has none at all; None: no limit."""
+        g = self.gear
+        if g.accuracy_class is None and not g.limits and not g.classes:
+            g = replace(g, accuracy_class=USUAL_CLASS)
+        try:
+            limits, _ = limits_of(g, name)
+        except BadRecipe:  # a gear for which the standard has no classes
+            return None
+        return room_of(limits, from_zero=True)
+
+    def _cells(self, views: Sequence[View]) -> "_Cells":
+        """Cells as an inspection has them."""
+        nominal = self.toothing.nominal
+        spacing = max(_spacing_at_middle(view) for view in views)
+        number = int(np.ceil(nominal.control_length / self.gear.evaluation.resolution))
+        edges = height_edges(nominal, max(HEIGHT_CELL, SPACINGS * spacing))
+        return _Cells(centres_of(nominal.control_roll, nominal.tip_roll, number), edges)
+
+    def _readings(self, view: View, cells: "_Cells") -> "_Readings":
+        """What a view would have in each cell."""
+        nominal, shape, sight = self.toothing.nominal, cells.shape, self._sight(view, cells)
+        apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
+        per_profile = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
+        count = self._profiles(cells)[..., None] * per_profile[:, None]
+        u = view.post.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
+        return _Readings(np.where(count >= LEAST_COUNT, count, 0.0), u)
+
+    def _tied(self, views: Sequence[View], seen: Sequence[Mask], grid: Grid) -> tuple[View, ...]:
+        """The views with what their overlaps tell of where they stand; ``seen`` (2, teeth, R, H): by each."""
+        if len(views) == 1:
+            return tuple(views)
+        follow = [followed(view.scan, view.calibration, self.toothing, grid.roll, grid.height) for view in views]
+        found = []
+        for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
+            both = np.zeros(grid.delta.shape, dtype=bool)
+            both[side] = seen[a][side] & seen[b][side]
+            if both.mean() > LEAST_OVERLAP:
+                found.append(difference_of(follow, (a, b), side, 0.0, SEAM_U, both))
+        if not found:
+            return tuple(views)
+        calibrations = corrected([view.calibration for view in views], found)
+        return tuple(replace(view, calibration=c) for view, c in zip(views, calibrations, strict=True))
+
+    def _sight(self, view: View, cells: "_Cells") -> Sight:
+        """What a view sees of the cells (2 R H,) of a tooth."""
+        side, i, j = np.indices(cells.shape).reshape(3, -1)
+        points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
+        return look(points, normals, centred(view.calibration), view.post.optics, (*self.bodies, *self.shaft))
+
+    def _profiles(self, cells: "_Cells") -> Array:
+        """How many profiles (2, teeth, R) meet each row of cells: they go on from flank to flank."""
+        nominal, teeth = self.toothing.nominal, self.gear.teeth
+        size, step = nominal.control_length / cells.rolls.size, 2 * np.pi / self.profiles_per_turn
+        met = np.cumsum(self.turns * size / step_on_flank(nominal, cells.rolls, step))
+        phase = (GOLDEN * np.arange(2 * teeth)).reshape(2, teeth, 1) % 1.0
+        return np.diff(np.floor(met + phase), axis=2, prepend=np.floor(phase))
+
+    def _grid(self, cells: "_Cells", readings: list["_Readings"], shares: list[Array]) -> Grid:
+        """The cells as the scans would fill them: of a gear with usual pitch errors, and noise."""
+        nominal, rng = self.toothing.nominal, np.random.default_rng(0)
+        total = np.sum([r.count for r in readings], axis=0)
+        parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
+        delta = _usual_deviations(self.gear, rng) + np.sqrt(np.sum(parts, axis=0)) * rng.standard_normal(total.shape)
+        delta = np.where(total > 0, delta, np.nan)
+        roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
+        scatter = float(np.median([np.median(r.u) for r in readings]))
+        return Grid(nominal, delta, delta, roll, height, total, cells.rolls, cells.edges, scatter)
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """How the flanks are cut into cells."""
+
+    rolls: Array
+    """(R,) mm, centres."""
+    edges: Array
+    """(H + 1,) mm in C."""
+
+    @property
+    def heights(self) -> Array:
+        """(H,) mm, centres."""
+        return np.asarray((self.edges[:-1] + self.edges[1:]) / 2)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the cells of a tooth: (2, R, H)."""
+        return 2, self.rolls.size, self.edges.size - 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Readings:
+    """What a view has in the cells."""
+
+    count: Array
+    """(2, teeth, R, H)."""
+    u: Array
+    """(2, 1, R, H) mm of delta: standard deviation of a reading."""
+
+
+def gear_target(
+    gear: Gear, calibration: Calibration, shaft: tuple[Round, ...], turns: float, profiles_per_turn: float
+) -> GearTarget:
+    """A gear as drawn on the datum of the shaft that a calibration knows."""
+    nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
+    toothing = Toothing(nominal, datum, 0.0, np.zeros(2 * gear.teeth), 1.0)
+    return GearTarget(gear, shaft, turns, profiles_per_turn, toothing)
+
+
+def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, ...]:
+    """The views with their ``shares`` (2, teeth, R, H) of each cell."""
+    alone = len(views) == 1
+    return tuple(
+        Weighed(view.scan, view.calibration, None, None if alone else share)
+        for view, share in zip(views, shares, strict=True)
+    )
+
+
+def _moved(fields: Array, nominal: Involute, cells: "_Cells") -> dict[str, Array]:
+    """By how much (inputs, 2) each figure moves with ``fields`` (inputs, 2, teeth, R, H) mm of delta."""
+    middle, rolls, heights = FEW // 2, np.ptp(cells.rolls), np.ptp(cells.heights)
+    profile, helix = fields[..., middle], fields[..., middle, :]
+    place = fields[..., middle, middle] * nominal.arc_per_delta
+    along_profile, along_helix = (np.abs(f[..., -1] - f[..., 0]).max(axis=2) for f in (profile, helix))
+    return {
+        "f_Halpha": along_profile * slope_length(nominal, along_profile=True) / rolls,
+        "F_alpha": np.ptp(profile, axis=3).max(axis=2),
+        "f_falpha": np.ptp(_bent(profile), axis=3).max(axis=2),
+        "f_Hbeta": along_helix * slope_length(nominal, along_profile=False) / heights,
+        "F_beta": along_helix,
+        "f_fbeta": np.ptp(_bent(helix), axis=3).max(axis=2),
+        "F_p": LARGEST_OF_TEETH * np.ptp(place, axis=2),
+        "f_p": np.abs(np.diff(place, axis=2)).max(axis=2),
+    }
+
+
+def _bent(traces: Array) -> Array:
+    """Traces (..., n) less their straight lines."""
+    at = np.linspace(-1.0, 1.0, traces.shape[-1])
+    slope = traces @ at / (at @ at)
+    return np.asarray(traces - traces.mean(axis=-1, keepdims=True) - slope[..., None] * at)
+
+
+def centred(calibration: Calibration) -> Calibration:
+    """A calibration with a shaft that runs true: some run-out changes no shadow."""
+    return replace(calibration, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
+
+
+def _flank_points(toothing: Toothing, side: Ints, roll: Array, height: Array) -> tuple[Array, Array]:
+    """Points (n, 3) mm in C of the flanks of the first tooth, and their normals (n, 3)."""
+    points = toothing.points((side, np.zeros_like(side)), roll, height, np.zeros(roll.size))
+    return points, toothing.gradient(points, SIGMA[side])
+
+
+def _spacing_at_middle(view: View) -> float:
+    """mm of height between neighbouring points at the middle of the range."""
+    optics = view.post.optics
+    return float(optics.spacing(optics.middle)) / max(abs(sin(view.calibration.phi)), 0.1)
+
+
+def _heights_apart(z: Array, heights: Array, view: View) -> Array:
+    """mm of height from one point of a profile to the next, at ranges z (2, R, H)."""
+    along_x, along_z = sin(view.calibration.phi), cos(view.calibration.phi)
+    v = heights - float(view.calibration.table_from_sensor.translation[2])
+    x = (v - along_z * z) / (along_x or 1e-9)
+    return np.asarray(view.post.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
+
+
+def _usual_deviations(gear: Gear, rng: np.random.Generator) -> Array:
+    """mm of delta (2, teeth, 1, 1): where the flanks of a gear stand that is as good as its class asks."""
+    limit = gear.limits.get("f_p", (None, None))[1]
+    accuracy_class = gear.class_of("f_p")
+    if limit is None and accuracy_class is not None:
+        limit = tolerance("f_p", gear, accuracy_class)
+    size = USUAL_PITCH if limit is None else USUAL_SHARE * limit
+    run_out = np.cos(gear.pitch * np.arange(gear.teeth) + np.array([[0.0], [2.0]]))
+    return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
+
+
+def _diameters(found: Assessment, gear: Gear) -> tuple[Diameter, ...]:
+    lines = radial_lines(found.influences)
+    U = float(np.sqrt(sum(line.U**2 for line in lines)))
+    seen = float(found.coverage.position.max(axis=0).mean())
+    named = (("d_a", gear.tip_diameter), ("d_f", gear.root_diameter))
+    return tuple(Diameter(name, value, U, seen, lines) for name, value in named)

@@ -1,0 +1,125 @@
+"""Views as they would be calibrated: the shaft is imagined in each place, and its scans are calibrated."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from truestand.apply.views import in_first_frame
+from truestand.apply.witness import LEAST_HEIGHT_MM
+from truestand.calibration.calibrate import calibrate
+from truestand.calibration.views import calibrate_views
+from truestand.core.artefact import Artefact
+from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
+from truestand.core.errors import NotEnoughData
+from truestand.core.frames import UNKNOWNS, Pose
+from truestand.core.message import UNTIED
+from truestand.core.scan import Scan
+from truestand.core.stand import Sensor, Stand
+from truestand.plan.imagined_scan import angle_source, imagined_scan
+from truestand.plan.obstacles import Body, Round
+from truestand.plan.optics import Optics
+from truestand.plan.place import Place
+from truestand.plan.sight import look
+from truestand.plan.target import Post, Target, View
+
+PROFILES, POINTS, TURNS = 300, 120, 1.1
+"""Of the imagined scan of a shaft."""
+ROUGH_PLACE_U = (1.5e-3, 0.1)
+"""rad and mm, standard: azimuth and height between views."""
+OFFSET_FACTOR = 3.0
+"""Times the plane offset of a place, as U, within which the calibration looks for it."""
+SPACING = 0.5
+"""mm along the shaft at which it is looked for,"""
+MARGIN = 0.5
+"""but for so much at its ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What does not change from place to place."""
+
+    stand: Stand
+    """With a sensor of each view."""
+    artefact: Artefact
+    eccentricity: float
+    """mm: by which the shaft will run out."""
+
+    @property
+    def shaft(self) -> tuple[Round, ...]:
+        """Its cylinders, the base first."""
+        return tuple(Round(c.radius, c.bottom, c.top) for c in self.artefact.cylinders)
+
+
+def uncalibrated(place: Place, setting: Setting) -> Calibration:
+    """A view that nobody has calibrated, its shaft running true: to look from there."""
+    pose = place.pose(setting.artefact.base.radius)
+    return Calibration("stand", pose, Pose(np.eye(3), np.zeros(3)), setting.stand, angle_source(setting.stand), "index")
+
+
+def views_at(posts: Sequence[Post], setting: Setting, target: Target) -> tuple[View, ...]:
+    """Sensors in their places, calibrated together.
+
+    Raises:
+        NotEnoughData: the shaft can't be calibrated from there, or not to be trusted.
+    """
+    scans = tuple(_scan_of_shaft(post, setting) for post in posts)
+    several, artefact = len(scans) > 1, setting.artefact
+    found = calibrate_views(scans, artefact) if several else calibrate(scans[0], artefact)
+    untrusted = [reason for reason in found.reasons if reason.code != UNTIED.code]
+    if untrusted:
+        raise NotEnoughData(str(untrusted[0]))
+    calibrations = [in_first_frame(view, found) for view in found.views] if several else [found]
+    return tuple(
+        View(post, scan, _followed(calibration, post, setting, target))
+        for post, scan, calibration in zip(posts, scans, calibrations, strict=True)
+    )
+
+
+def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
+    """Views that were calibrated each by itself, as if together: roughly, to compare places."""
+    if len(views) == 1:
+        return tuple(views)
+    matrix = np.zeros((VIEW_UNKNOWNS * len(views),) * 2)
+    for k, view in enumerate(views):
+        own = slice(VIEW_UNKNOWNS * k, VIEW_UNKNOWNS * k + UNKNOWNS)
+        matrix[own, own] = view.calibration.covariance
+        if k:
+            at = [own.stop, own.stop + 1]
+            matrix[at, at] = np.square(ROUGH_PLACE_U)
+    joint = JointCovariance(tuple(view.calibration.name for view in views), matrix)
+    return tuple(replace(view, calibration=replace(view.calibration, joint=joint)) for view in views)
+
+
+def _scan_of_shaft(post: Post, setting: Setting) -> Scan:
+    few, stand = replace(post.optics, points=POINTS), setting.stand.of_view(post.name)
+    stand = replace(stand, sensors=(mounted(stand.sensor, post.place),))
+    base = setting.artefact.base.radius
+    return imagined_scan(setting.shaft, post.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
+
+
+def mounted(sensor: Sensor, place: Place) -> Sensor:
+    """The sensor as stand.toml must state it there: its laser plane may be farther off the axis than by accident."""
+    stated, _ = sensor.mounting
+    return replace(sensor, plane_offset_U=max(stated, OFFSET_FACTOR * abs(place.plane_offset)))
+
+
+def shaft_in_view(
+    view: Calibration, optics: Optics, setting: Setting, bodies: Sequence[Body] = ()
+) -> tuple[float, ...]:
+    """mm of each of the shaft's cylinders that a view would see, with other ``bodies`` about it."""
+    seen = []
+    for cylinder in setting.shaft:
+        height = np.arange(cylinder.bottom + MARGIN, cylinder.top - MARGIN, SPACING)
+        points = np.stack([np.full(height.size, cylinder.radius), np.zeros(height.size), height], axis=1)
+        normals = np.tile([1.0, 0.0, 0.0], (height.size, 1))
+        centred = replace(view, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
+        sight = look(points, normals, centred, optics, (*setting.shaft, *bodies))
+        seen.append(SPACING * float(np.count_nonzero(sight.seen)))
+    return tuple(seen)
+
+
+def _followed(view: Calibration, post: Post, setting: Setting, target: Target) -> Calibration:
+    """The calibration as it is applied to a part: shaft in view beside it shows where the sensor stands then."""
+    longest = max(shaft_in_view(view, post.optics, setting, target.bodies))
+    return replace(view, followed=longest > LEAST_HEIGHT_MM)
