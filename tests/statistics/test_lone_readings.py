@@ -76,4 +76,5 @@ def test_a_flank_that_stands_elsewhere_on_the_next_turn_stays():
 
 def test_few_readings_are_no_error():
     assert lone_readings(*read(np.full((3, 4), np.nan))).size == 0
+    assert lone_readings(*read(np.full((2 * PER_TURN, 4), np.nan))).size == 0
     assert lone_readings(*read(np.zeros((1, 1)))).all()

@@ -77,7 +77,7 @@ class CastTarget:
         bodies = (*self.part_bodies, *self.shaft)
         stand, base = view.scan.stand, self.shaft[0].radius
         post = view.post
-        scan = imagined_scan(bodies, post.place, base, post.optics, stand, self.eccentricity, self.turns, profiles)
+        scan = imagined_scan(bodies, post.place, base, post.eye.optics, stand, self.eccentricity, self.turns, profiles)
         return inspect(apply_calibration(scan, view.calibration), self.part).characteristics
 
 
@@ -104,7 +104,8 @@ def cad_target(
 
 def _coarse(view: View) -> View:
     """The view with a sensor of few points."""
-    return replace(view, post=replace(view.post, optics=replace(view.post.optics, points=FEW_POINTS)))
+    eye = view.post.eye
+    return replace(view, post=replace(view.post, eye=replace(eye, optics=replace(eye.optics, points=FEW_POINTS))))
 
 
 def _rank(line: Characteristic) -> tuple[int, float]:

@@ -146,7 +146,7 @@ class GearTarget:
         apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
         per_profile = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
         count = self._profiles(cells)[..., None] * per_profile[:, None]
-        u = view.post.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
+        u = view.post.eye.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
         return _Readings(np.where(count >= LEAST_COUNT, count, 0.0), u)
 
     def _tied(self, views: Sequence[View], seen: Sequence[Mask], grid: Grid) -> tuple[View, ...]:
@@ -169,7 +169,7 @@ class GearTarget:
         """What a view sees of the cells (2 R H,) of a tooth."""
         side, i, j = np.indices(cells.shape).reshape(3, -1)
         points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
-        return look(points, normals, centred(view.calibration), view.post.optics, (*self.bodies, *self.shaft))
+        return look(points, normals, centred(view.calibration), view.post.eye.optics, (*self.bodies, *self.shaft))
 
     def _profiles(self, cells: "_Cells") -> Array:
         """How many profiles (2, teeth, R) meet each row of cells: they go on from flank to flank."""
@@ -277,7 +277,7 @@ def _flank_points(toothing: Toothing, side: Ints, roll: Array, height: Array) ->
 
 def _spacing_at_middle(view: View) -> float:
     """mm of height between neighbouring points at the middle of the range."""
-    optics = view.post.optics
+    optics = view.post.eye.optics
     return float(optics.spacing(optics.middle)) / max(abs(sin(view.calibration.phi)), 0.1)
 
 
@@ -286,7 +286,7 @@ def _heights_apart(z: Array, heights: Array, view: View) -> Array:
     along_x, along_z = sin(view.calibration.phi), cos(view.calibration.phi)
     v = heights - float(view.calibration.table_from_sensor.translation[2])
     x = (v - along_z * z) / (along_x or 1e-9)
-    return np.asarray(view.post.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
+    return np.asarray(view.post.eye.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
 
 
 def _usual_deviations(gear: Gear, rng: np.random.Generator) -> Array:

@@ -7,7 +7,7 @@ the uncertainty decides, told roughly: the sensors in those that are left are ca
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from math import radians
+from math import degrees, radians
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from truestand.plan.optics import Optics
 from truestand.plan.place import Place
 from truestand.plan.room import Room, apart, clearance
 from truestand.plan.sight import CAUSES, look
-from truestand.plan.target import Post, Target, View
+from truestand.plan.target import Eye, Post, Target, View
 from truestand.plan.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
 
 ANGLES = np.radians(np.arange(35.0, 146.0, 7.5))
@@ -35,8 +35,8 @@ ENOUGH = 0.97
 """Coverage of a surface from which more of it makes nothing better."""
 AS_GOOD = 0.01
 """Of missing coverage, within which places count as equal."""
-POOL, MOST_GROUPS = 36, 120
-"""Places that are calibrated, and sets of them that are compared."""
+POOL, MOST_GROUPS, MOST_JOINT = 36, 120, 4
+"""Places that are calibrated, sets of them that are compared, and how many of the best are calibrated together."""
 AZIMUTHS = np.radians([120.0, 150.0, 90.0, 180.0, 60.0, 210.0, 240.0, 270.0, 300.0, 30.0, 330.0])
 """Of a further sensor against the first, in the order of preference."""
 NEXT = ((radians(3.0), 0.0, 0.0, 0.0), (0.0, 4.0, 0.0, 0.0), (0.0, 0.0, 3.0, 0.0), (0.0, 0.0, 0.0, 0.3))
@@ -50,7 +50,10 @@ Step = Callable[[float], None]
 class Candidate:
     """A place, and what it shows."""
 
-    post: Post
+    place: Place
+    optics: Optics
+    clearance: float
+    """mm."""
     seen: Mask
     """(n,) of the surfaces' points."""
     facing: float
@@ -58,57 +61,102 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
+class Tried:
+    """A set of places, and how well it would measure."""
+
+    places: tuple[Place, ...]
+    missing: int
+    """Surfaces that it doesn't show."""
+    share: float
+    """About how large U is on the others, as a share of what the limits leave."""
+
+
+@dataclass(frozen=True, slots=True)
 class Field:
-    """All places that a sensor can take, and what none of them shows."""
+    """All places that sensors can take."""
 
     setting: Setting
     target: Target
     room: Room
     candidates: tuple[Candidate, ...]
-    why_not: tuple[Mask, ...]
-    """(n,) each: points that are hidden from all places by this one of ``CAUSES`` at least."""
+    hidden: Array
+    """(``CAUSES``, n): from how many of them each point of the surfaces is hidden by each."""
+    touching: int
+    """Places left out because the housing would touch something,"""
+    blind: int
+    """and because too little of the shaft is in view there."""
 
     def missing(self, seen: Mask) -> float:
         """How much of the surfaces is missing, up to what is enough of each."""
         return sum(max(ENOUGH - share, 0.0) for share in self.target.surfaces.coverage(seen).values())
 
+    @property
+    def swept(self) -> tuple[Round, ...]:
+        """All that turns, and the table."""
+        setting, room = self.setting, self.room
+        face = setting.shaft[0].bottom if room.table_face is None else room.table_face
+        return (*setting.shaft, *self.target.swept, Round(room.table_radius, -1e9, face))
 
-def field_of(setting: Setting, target: Target, room: Room, optics: Optics, device: str, step: Step) -> Field:
-    """The places of a device from which the shaft can be calibrated and nothing touches its housing."""
-    swept = (*setting.shaft, *target.swept, *_table(setting, room))
-    surfaces, bodies = target.surfaces, (*target.bodies, *setting.shaft)
-    base, found = setting.artefact.base.radius, []
-    causes = [np.ones(len(surfaces.points), dtype=bool) for _ in CAUSES]
-    places = list(_places(setting, target, optics))
-    for k, place in enumerate(places):
-        step(k / len(places))
-        gap = clearance(place, base, optics, swept, room)
-        view = uncalibrated(place, setting)
-        if gap < room.least_clearance or not _shows_shaft(shaft_in_view(view, optics, setting)):
-            continue
-        sight = look(surfaces.points, surfaces.normals, view, optics, bodies)
-        causes = [all_so_far & hidden for all_so_far, hidden in zip(causes, sight.hidden, strict=True)]
-        if sight.seen.any():
-            facing = float(sight.facing[sight.seen].mean())
-            found.append(Candidate(Post(device, device, optics, place, gap), sight.seen, facing))
-    return Field(setting, target, room, tuple(found), tuple(causes))
+    def gap(self, post: Post, others: Sequence[Post] = ()) -> float:
+        """mm between a housing and all else, the housings of other devices among it."""
+        base, optics = self.setting.artefact.base.radius, post.eye.optics
+        gaps = [clearance(post.place, base, optics, self.swept, self.room)]
+        gaps += [
+            apart(post.place, other.place, base, (optics, other.eye.optics))
+            for other in others
+            if other.eye.device != post.eye.device
+        ]
+        return min(gaps)
+
+    def seen_from(self, post: Post) -> Mask:
+        """The points (n,) that a view shows."""
+        surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.setting.shaft)
+        view = uncalibrated(post.place, self.setting)
+        return look(surfaces.points, surfaces.normals, view, post.eye.optics, bodies).seen
 
 
-def best_views(field: Field, number: int, names: Sequence[tuple[str, str]], step: Step) -> tuple[View, ...]:
-    """The places of so many views of these names and devices that show most, and measure best among those that show as
-    much; empty: there are none.
+def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Optics], step: Step) -> Field:
+    """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; ``optics``: of
+    each kind of sensor.
     """
-    groups = _groups(field, number)
-    calibrated, ranked = _Calibrated(field, {}), []
+    surfaces, bodies = target.surfaces, (*target.bodies, *setting.shaft)
+    field = Field(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
+    found, hidden, touching, blind = [], field.hidden.copy(), 0, 0
+    places = [(own, place) for own in optics for place in _places(setting, target, own)]
+    for k, (own, place) in enumerate(places):
+        step(k / len(places))
+        gap, view = field.gap(Post(Eye("", "", own), place, 0.0)), uncalibrated(place, setting)
+        if gap < room.least_clearance:
+            touching += 1
+        elif not _shows_shaft(shaft_in_view(view, own, setting)):
+            blind += 1
+        else:
+            sight = look(surfaces.points, surfaces.normals, view, own, bodies)
+            hidden += sight.hidden
+            if sight.seen.any():
+                found.append(Candidate(place, own, gap, sight.seen, float(sight.facing[sight.seen].mean())))
+    return replace(field, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
+
+
+def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> tuple[tuple[View, ...], tuple[Tried, ...]]:
+    """The places of these sensors that show most, and measure best among those that show as much; nothing, where there
+    are none. And all sets of places that were compared.
+    """
+    calibrated, ranked, tried = _Calibrated(field, {}), [], []
+    groups = _groups(field, len(eyes))
     for k, group in enumerate(groups):
         step(k / len(groups))
-        posts = _arranged(field, [field.candidates[i].post for i in group], names)
+        posts = _arranged(field, [field.candidates[i] for i in group], eyes)
         if posts is not None and (worst := calibrated.worst(posts)) is not None:
             ranked.append((worst, posts))
-    if not ranked:
-        return ()
-    _, posts = min(ranked, key=lambda pair: pair[0])
-    return views_at(_improved(field, posts, calibrated), field.setting, field.target)
+            tried.append(Tried(tuple(post.place for post in posts), *worst))
+    for _, posts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
+        for candidate in (_rounded(field, _improved(field, posts, calibrated)), posts):
+            try:
+                return views_at(candidate, field.setting, field.target), tuple(tried)
+            except NotEnoughData:
+                continue
+    return (), tuple(tried)
 
 
 @dataclass
@@ -128,17 +176,13 @@ class _Calibrated:
         return len(field.target.surfaces.names) - len(shares), max(shares.values(), default=0.0)
 
     def _view(self, post: Post) -> View | None:
-        if post not in self.views:
+        key = Post(post.eye, replace(post.place, azimuth=0.0), 0.0)
+        if key not in self.views:
             try:
-                (self.views[post],) = views_at([post], self.field.setting, self.field.target)
+                (self.views[key],) = views_at([key], self.field.setting, self.field.target)
             except NotEnoughData:
-                self.views[post] = None
-        return self.views[post]
-
-
-def _seen_from(field: Field, post: Post) -> Mask:
-    surfaces, bodies = field.target.surfaces, (*field.target.bodies, *field.setting.shaft)
-    return look(surfaces.points, surfaces.normals, uncalibrated(post.place, field.setting), post.optics, bodies).seen
+                self.views[key] = None
+        return self.views[key]
 
 
 def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]:
@@ -150,11 +194,6 @@ def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]
         signs, ANGLES, np.linspace(near + RANGE_MARGIN, far - RANGE_MARGIN, STANDOFFS), along, OFFSETS
     ):
         yield Place(float(sign * angle), float(standoff), float(height), float(offset * thinnest))
-
-
-def _table(setting: Setting, room: Room) -> tuple[Round, ...]:
-    face = setting.shaft[0].bottom if room.table_face is None else room.table_face
-    return (Round(room.table_radius, -1e9, face),)
 
 
 def _shows_shaft(seen: tuple[float, ...]) -> bool:
@@ -196,18 +235,21 @@ def _grown(field: Field, seen: Array, pool: Sequence[int], number: int) -> list[
     return groups
 
 
-def _arranged(field: Field, posts: Sequence[Post], names: Sequence[tuple[str, str]]) -> tuple[Post, ...] | None:
-    """The views with their names and devices, about the table so that their housings don't meet; None: they do."""
-    base, room = field.setting.artefact.base.radius, field.room
-    swept = (*field.setting.shaft, *field.target.swept, *_table(field.setting, room))
+def _arranged(field: Field, candidates: Sequence[Candidate], eyes: Sequence[Eye]) -> tuple[Post, ...] | None:
+    """The sensors in these places, about the table so that their housings don't meet; None: they do, or the places are
+    not for these sensors.
+    """
     placed: list[Post] = []
-    for post, (name, device) in zip(posts, names, strict=True):
-        for azimuth in (0.0, *AZIMUTHS) if not placed else (*AZIMUTHS, 0.0):
-            place = replace(post.place, azimuth=float(azimuth))
-            gaps = [clearance(place, base, post.optics, swept, room)]
-            gaps += [apart(place, p.place, base, (post.optics, p.optics)) for p in placed if p.device != device]
-            if min(gaps) >= room.least_clearance:
-                placed.append(Post(name, device, post.optics, place, min(gaps)))
+    left = list(candidates)
+    for eye in eyes:
+        own = next((c for c in left if c.optics == eye.optics), None)
+        if own is None:
+            return None
+        left.remove(own)
+        for azimuth in (*AZIMUTHS, 0.0) if placed else (0.0, *AZIMUTHS):
+            post = Post(eye, replace(own.place, azimuth=float(azimuth)), 0.0)
+            if (gap := field.gap(post, placed)) >= field.room.least_clearance:
+                placed.append(replace(post, clearance=gap))
                 break
         else:
             return None
@@ -223,7 +265,7 @@ def _improved(field: Field, posts: tuple[Post, ...], calibrated: _Calibrated) ->
             place, phi=place.phi + sign * by[0], standoff=place.standoff + sign * by[1],
             height=place.height + sign * by[2], plane_offset=place.plane_offset + sign * by[3],
         )  # fmt: skip
-        tried = _with_gap(field, (*posts[:k], replace(posts[k], place=moved), *posts[k + 1 :]))
+        tried = _with_gaps(field, (*posts[:k], replace(posts[k], place=moved), *posts[k + 1 :]))
         if tried is None or _missing_of(field, tried) > missing + AS_GOOD / 2:
             continue
         found = calibrated.worst(tried)
@@ -232,17 +274,24 @@ def _improved(field: Field, posts: tuple[Post, ...], calibrated: _Calibrated) ->
     return posts
 
 
-def _with_gap(field: Field, posts: tuple[Post, ...]) -> tuple[Post, ...] | None:
+def _rounded(field: Field, posts: tuple[Post, ...]) -> tuple[Post, ...]:
+    """The same views where a person would put them; where that would touch something, as they are."""
+    found = tuple(replace(post, place=_round(post.place)) for post in posts)
+    return _with_gaps(field, found) or posts
+
+
+def _round(place: Place) -> Place:
+    return replace(
+        place, phi=radians(round(2 * degrees(place.phi)) / 2), standoff=round(2 * place.standoff) / 2,
+        height=round(2 * place.height) / 2, plane_offset=round(20 * place.plane_offset) / 20,
+    )  # fmt: skip
+
+
+def _with_gaps(field: Field, posts: tuple[Post, ...]) -> tuple[Post, ...] | None:
     """The views with their clearance; None where it is too small."""
-    base, room = field.setting.artefact.base.radius, field.room
-    swept = (*field.setting.shaft, *field.target.swept, *_table(field.setting, room))
-    found = []
-    for post in posts:
-        gaps = [clearance(post.place, base, post.optics, swept, room)]
-        gaps += [apart(post.place, p.place, base, (post.optics, p.optics)) for p in posts if p.device != post.device]
-        found.append(replace(post, clearance=min(gaps)))
-    return tuple(found) if all(p.clearance >= room.least_clearance for p in found) else None
+    found = tuple(replace(p, clearance=field.gap(p, [q for q in posts if q is not p])) for p in posts)
+    return found if all(p.clearance >= field.room.least_clearance for p in found) else None
 
 
 def _missing_of(field: Field, posts: Sequence[Post]) -> float:
-    return field.missing(np.logical_or.reduce([_seen_from(field, post) for post in posts]))
+    return field.missing(np.logical_or.reduce([field.seen_from(post) for post in posts]))

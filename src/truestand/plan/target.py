@@ -35,13 +35,20 @@ class Surfaces:
 
 
 @dataclass(frozen=True, slots=True)
-class Post:
-    """A sensor in a place."""
+class Eye:
+    """A view's sensor, before it has a place."""
 
     name: str
     """Of the view."""
     device: str
     optics: Optics
+
+
+@dataclass(frozen=True, slots=True)
+class Post:
+    """A sensor in a place."""
+
+    eye: Eye
     place: Place
     clearance: float
     """mm: between its housing and the nearest thing."""

@@ -92,7 +92,7 @@ def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
 
 
 def _scan_of_shaft(post: Post, setting: Setting) -> Scan:
-    few, stand = replace(post.optics, points=POINTS), setting.stand.of_view(post.name)
+    few, stand = replace(post.eye.optics, points=POINTS), setting.stand.of_view(post.eye.name)
     stand = replace(stand, sensors=(mounted(stand.sensor, post.place),))
     base = setting.artefact.base.radius
     return imagined_scan(setting.shaft, post.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
@@ -121,5 +121,5 @@ def shaft_in_view(
 
 def _followed(view: Calibration, post: Post, setting: Setting, target: Target) -> Calibration:
     """The calibration as it is applied to a part: shaft in view beside it shows where the sensor stands then."""
-    longest = max(shaft_in_view(view, post.optics, setting, target.bodies))
+    longest = max(shaft_in_view(view, post.eye.optics, setting, target.bodies))
     return replace(view, followed=longest > LEAST_HEIGHT_MM)

@@ -54,6 +54,8 @@ def lone_readings(
     in a scan of ``points`` a profile; ``angle`` (profiles,) rad of the table; ``slant``: points of a profile by which a
     place moves on from one profile to the next.
     """
+    if not delta.size:
+        return np.zeros(0, dtype=bool)
     row, column = np.divmod(index, points)
     image: Image = np.full((angle.size + 2 * ROWS, points + 2 * MARGIN), np.nan, dtype=np.float32)
     image[row + ROWS, column + MARGIN] = delta

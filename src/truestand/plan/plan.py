@@ -1,0 +1,269 @@
+"""The plan: the fewest views that make what a drawing asks measurable and capable, and what no place can see."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as field_default
+from math import pi
+
+import numpy as np
+
+from truestand.core.artefact import Artefact
+from truestand.core.errors import BadRecipe
+from truestand.core.inspection import WORST, Characteristic, Status
+from truestand.core.stand import Sensor, Stand
+from truestand.gear.drawing import Gear
+from truestand.gear.evaluate import AREAL
+from truestand.parts.drawings import Turned
+from truestand.parts.inspect import Part
+from truestand.plan.cast_target import cad_target, turned_target
+from truestand.plan.gear_target import gear_target
+from truestand.plan.optics import optics_of
+from truestand.plan.place import Place
+from truestand.plan.room import Room
+from truestand.plan.search import Field, Step, Tried, best_views, field_of
+from truestand.plan.sight import CAUSES
+from truestand.plan.target import Eye, Target, View, share_of_room
+from truestand.plan.views import Setting, uncalibrated
+
+ECCENTRICITY, TURNS = 1.0, 2.0
+"""mm by which a shaft is best clamped off the axis; turns of a scan."""
+PROFILES_PER_TURN = 4000.0
+"""Of a stand that states no speed or no profile rate."""
+MOST_VIEWS = 3
+ORDER: tuple[Status, ...] = ("measured", "partial", "not_measurable")
+HIDDEN = 0.005
+"""Share of a surface that counts as unseen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a plan is made for, beside part, stand and shaft; None: it is assumed."""
+
+    room: Room = field_default(default_factory=Room)
+    eccentricity: float | None = None
+    """mm: by which the shaft will run out."""
+    turns: float | None = None
+    """Of a scan."""
+    most_views: int = MOST_VIEWS
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A characteristic as it would be measured: of all teeth, the worst."""
+
+    name: str
+    flank: str | None
+    section: str | None
+    U: float | None
+    """mm, k = 2; None: it can't be measured."""
+    limits: tuple[float | None, float | None] | None
+    size: bool
+    share: float | None
+    """U over the room between the limits."""
+    status: Status
+    capable: bool
+    """Whether any value could be shown to conform; without limits, whether it is measured."""
+
+    @property
+    def where(self) -> str:
+        """Which flank, or section."""
+        return self.flank or self.section or ""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where to put the sensors, and what comes of it."""
+
+    part: Part
+    setting: Setting
+    field: Field
+    views: tuple[View, ...]
+    coverage: dict[str, float]
+    """Share 0..1 of each surface that the views see together."""
+    expected: tuple[Expected, ...]
+    unseen: tuple[str, ...]
+    """What no place can see, and what these views don't."""
+    fewer: "Plan | None"
+    """With one view less."""
+    assumed: tuple[str, ...]
+    """What the recipes don't state."""
+    tried: tuple[Tried, ...]
+    """Sets of places that were compared."""
+
+    @property
+    def asked(self) -> tuple[Expected, ...]:
+        """Characteristics that the drawing limits; all of them where it limits none."""
+        limited = tuple(e for e in self.expected if e.limits is not None)
+        return limited or self.expected
+
+    @property
+    def complete(self) -> bool:
+        """Whether all that the drawing asks is measurable and capable."""
+        return bool(self.views) and all(e.status == "measured" and e.capable for e in self.asked)
+
+    @property
+    def worst(self) -> Expected | None:
+        """What has the largest U against its limits."""
+        return max((e for e in self.asked if e.share is not None), key=lambda e: e.share or 0.0, default=None)
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """How many of the asked are measured, and how many capable."""
+        measured = [e for e in self.asked if e.status == "measured"]
+        return len(measured), sum(e.capable for e in measured)
+
+
+def plan(
+    part: Part, stand: Stand, artefact: Artefact, task: Task | None = None, views: int | None = None,
+    step: Step = lambda share: None,
+) -> Plan:  # fmt: skip
+    """Where to put the sensors of a stand to inspect a part on a shaft.
+
+    ``views``: so many; None: the fewest that do. Places are tried over angle, stand-off, height, plane offset and
+    azimuth; each is calibrated on an imagined scan of the shaft, and the part is assessed as an inspection does it. The
+    first sensor of the stand takes the views for which there is no other: one device in several places.
+
+    Raises:
+        BadRecipe: a sensor without its range, or a number of views below one.
+    """
+    task = task or Task()
+    if views is not None and views < 1:
+        raise BadRecipe(f"found --views {views}, need one or more")
+    most = task.most_views if views is None else views
+    eyes, assumed = _eyes(stand, most)
+    turns, eccentricity = task.turns or TURNS, task.eccentricity or ECCENTRICITY
+    setting = Setting(replace(stand, sensors=_sensors(stand, eyes)), artefact, eccentricity)
+    target = _target(part, setting, turns, _profiles_per_turn(stand))
+    kinds = tuple(dict.fromkeys(eye.optics for eye in eyes))
+    field = field_of(setting, target, task.room, kinds, lambda share: step(share / 3))
+    texts = (*assumed, *_assumed(stand, task))
+    found: Plan | None = None
+    for number in range(1 if views is None else max(views - 1, 1), most + 1):
+        further = _with(part, field, eyes[:number], texts, found, lambda share: step((1 + share) / 3))
+        if views is None and found is not None and further.rank <= found.rank:
+            break
+        found = further
+        if views is None and (found.complete or not found.views):
+            break
+    assert found is not None
+    step(1.0)
+    return found
+
+
+def _with(
+    part: Part, field: Field, eyes: Sequence[Eye], assumed: tuple[str, ...], fewer: Plan | None, step: Step
+) -> Plan:
+    """The best plan with these sensors."""
+    views, tried = best_views(field, eyes, step)
+    expected = _expected(field.target.lines(views)) if views else ()
+    seen = np.zeros(len(field.target.surfaces.points), dtype=bool)
+    for view in views:
+        seen |= field.seen_from(view.post)
+    return Plan(
+        part, field.setting, field, views, field.target.surfaces.coverage(seen), expected,
+        _unseen(field, seen, bool(views)), fewer, assumed, tried,
+    )  # fmt: skip
+
+
+def _eyes(stand: Stand, most: int) -> tuple[tuple[Eye, ...], tuple[str, ...]]:
+    """A sensor for each view: those of the stand, then the first one again; and what is assumed of them."""
+    eyes, assumed = [], []
+    for sensor in stand.sensors:
+        optics, texts = optics_of(sensor)
+        eyes.append(Eye(sensor.name, sensor.device or sensor.name, optics))
+        assumed += [f"[[sensor]] {sensor.name!r} {text}" for text in texts]
+    first = eyes[0]
+    for k in range(len(eyes) + 1, most + 1):
+        eyes.append(Eye(f"{first.name}-{k}", first.device, first.optics))
+    return tuple(eyes[:most]), tuple(assumed)
+
+
+def _sensors(stand: Stand, eyes: Sequence[Eye]) -> tuple[Sensor, ...]:
+    """The ``[[sensor]]`` of each view."""
+    known = {sensor.name: sensor for sensor in stand.sensors}
+    return tuple(known.get(eye.name) or replace(stand.sensors[0], name=eye.name, device=eye.device) for eye in eyes)
+
+
+def _target(part: Part, setting: Setting, turns: float, per_turn: float) -> Target:
+    if isinstance(part, Gear):
+        anywhere = uncalibrated(Place(-pi / 2, 1.0, 0.0), setting)
+        return gear_target(part, anywhere, setting.shaft, turns, per_turn)
+    if isinstance(part, Turned):
+        return turned_target(part, setting.shaft, setting.eccentricity, turns, per_turn)
+    return cad_target(part, setting.shaft, setting.eccentricity, turns, per_turn)
+
+
+def _profiles_per_turn(stand: Stand) -> float:
+    speed, rate = stand.table.speed, stand.sensors[0].profile_rate
+    return PROFILES_PER_TURN if speed is None or rate is None else 2 * pi * rate / speed
+
+
+def _assumed(stand: Stand, task: Task) -> tuple[str, ...]:
+    texts = []
+    if task.eccentricity is None:
+        texts.append(f"[plan] eccentricity_mm: {ECCENTRICITY:g}")
+    if task.turns is None:
+        texts.append(f"[plan] turns: {TURNS:g}")
+    if stand.table.speed is None or stand.sensors[0].profile_rate is None:
+        texts.append(f"[table] speed_rad_per_s or [[sensor]] profile_rate_hz: {PROFILES_PER_TURN:g} profiles a turn")
+    return tuple(texts)
+
+
+def _expected(lines: tuple[Characteristic, ...]) -> tuple[Expected, ...]:
+    """The lines of an inspection by name and place, of all teeth the worst; sections that only inform left out."""
+    by_place: dict[tuple[str, str | None, str | None], list[Characteristic]] = {}
+    for line in lines:
+        if not line.name.endswith((AREAL, WORST)):
+            by_place.setdefault((line.name, line.flank, line.section), []).append(line)
+    return tuple(_worst_of(*place, of) for place, of in by_place.items())
+
+
+def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
+    known = [line.U for line in lines if line.U is not None]
+    shares = [share for line in lines if (share := share_of_room(line)) is not None]
+    status = max((line.status for line in lines), key=ORDER.index)
+    seen = status != "not_measurable"
+    capable = seen and all(line.capable for line in lines)
+    return Expected(
+        name, flank, section, max(known, default=None) if seen else None, lines[0].limits, lines[0].size,
+        max(shares, default=None) if seen else None, status, capable,
+    )  # fmt: skip
+
+
+def _unseen(field: Field, seen: np.ndarray, placed: bool) -> tuple[str, ...]:
+    """What no place can see, and what the views don't."""
+    if not field.candidates:
+        return (_no_place(field),)
+    surfaces, texts = field.target.surfaces, []
+    by_any = np.logical_or.reduce([c.seen for c in field.candidates])
+    for k, name in enumerate(surfaces.names):
+        own = surfaces.of == k
+        never = own & ~by_any
+        if never.sum() > HIDDEN * own.sum():
+            why = CAUSES[int(field.hidden[:, never].sum(axis=1).argmax())]
+            texts.append(f"{_called(name)}: no place sees {100 * never.sum() / own.sum():.0f} % of it, {why}")
+        elif placed and (missed := own & ~seen).sum() > HIDDEN * own.sum():
+            texts.append(f"{_called(name)}: these views leave out {100 * missed.sum() / own.sum():.0f} % of it")
+    if not placed:
+        texts.append("the shaft can't be calibrated from any place that sees the part: show more of it, or a step")
+    return tuple(texts)
+
+
+def _called(name: str) -> str:
+    return f"{name} flanks" if name in ("left", "right") else name
+
+
+def _no_place(field: Field) -> str:
+    """Why there is no place at all."""
+    if field.touching > field.blind:
+        return (
+            "no place: the sensor's housing would touch the part, the shaft or the table; check housing_mm, the range, "
+            "and [plan] table_disc_mm, table_face_mm and clearance_mm"
+        )
+    if field.blind:
+        return (
+            "no place shows enough of the shaft to calibrate; use a sensor with a longer range or a wider line, or a "
+            "shaft that reaches farther beyond the part"
+        )
+    why = CAUSES[int(field.hidden.sum(axis=1).argmax())]
+    return f"no place sees anything of the part: {why}"
