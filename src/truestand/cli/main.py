@@ -59,6 +59,10 @@ COMMANDS = {
         "compare:compare",
         "Hold the exact model against the published method and against what general libraries make of the same scan.",
     ),
+    "plan": (
+        "plan:plan",
+        "Find where to put the sensors for a part: 0 found, 3 not everything can be seen or shown to conform.",
+    ),
     "acquire": (
         "acquire:acquire",
         "Check the devices, home, turn and record: 0 complete, 3 incomplete (written, with the reason), "

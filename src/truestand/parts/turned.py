@@ -284,6 +284,8 @@ def _clear_of_end_faces(height: Array, off: Array, low: float, high: float) -> M
         (edges[filled[-1] + 1], -1.0, filled[-1] < counts.size - 1),
     ):
         beyond = inwards * (height - end) < MARGIN
+        if beyond.all():
+            continue
         if ends_inside and far[beyond].mean() > END_FACE_SHARE + MORE_AT_END * far[~beyond].mean():
             on &= ~beyond
     return on

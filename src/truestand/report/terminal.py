@@ -11,10 +11,12 @@ from rich.text import Text
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection, Seam
 from truestand.core.units import degrees, um
+from truestand.planning.plan import Plan
 from truestand.report.causes import cause_line
 from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.inspection_tables import main_lines
 from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, result_text, unit, with_u
+from truestand.report.plan_tables import PLACE_COLUMNS, expected_row, place_row
 from truestand.report.quantities import main_budgets, quantities
 from truestand.report.several_sensors import COLUMNS, view_rows
 from truestand.report.true_values import true_value, true_values
@@ -193,3 +195,15 @@ def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence
         for heading in headings:
             table.add_column(heading, justify=justify)
     return table
+
+
+def plan_tables(plan: Plan) -> RenderableType:
+    """Where the sensors go, and with what U each characteristic would be measured."""
+    places = _table("Places", ("view", "device"), PLACE_COLUMNS)
+    for view in plan.views:
+        places.add_row(view.post.eye.name, view.post.eye.device, *place_row(view))
+    lines = _table("Expected", ("characteristic", "flank or section"), ("U (k = 2)", "limit", "U of the limits"))
+    lines.add_column("")
+    for e in plan.asked:
+        lines.add_row(*expected_row(e))
+    return Group(places, lines)

@@ -4,6 +4,7 @@ Unknown keys are refused with the nearest right one: a typo in a recipe is an er
 """
 
 import base64
+import json
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -96,13 +97,15 @@ class CompanyRecipe(Recipe):
 
 
 class StandRecipe(Recipe):
-    """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station."""
+    """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station, ``[plan]``
+    where it is read."""
 
     table: TableRecipe = TableRecipe()
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
     scan: ScanRecipe = ScanRecipe()
     simulation: dict[str, Any] = Field(default_factory=dict)
     devices: dict[str, Any] = Field(default_factory=dict)
+    plan: dict[str, Any] = Field(default_factory=dict)
     store: StoreRecipe | None = None
     company: CompanyRecipe | None = None
     serial: str | None = None
@@ -199,6 +202,15 @@ def read_devices_table(path: Path | str) -> dict[str, Any]:
     return _read_stand_recipe(path).devices
 
 
+def read_plan_table(path: Path | str) -> dict[str, Any]:
+    """The ``[plan]`` table of a stand.toml, as it stands; empty where there is none.
+
+    Raises:
+        BadRecipe: unreadable, no TOML, or a wrong, missing or unknown key.
+    """
+    return _read_stand_recipe(path).plan
+
+
 def read_store_folder(path: Path | str) -> Path | None:
     """The folder of ``[store]`` of a stand.toml; None where it keeps no results.
 
@@ -253,7 +265,7 @@ def stand_recipe(stand: Stand) -> dict[str, Any]:
         sensor=[_sensor_recipe(s) for s in stand.sensors],
         scan=ScanRecipe(y=stand.y, counts_per_turn=stand.counts_per_turn),
     )
-    return recipe.model_dump(mode="json", exclude_none=True, exclude={"simulation"})
+    return recipe.model_dump(mode="json", exclude_none=True, exclude={"simulation", "plan"})
 
 
 def shaft_recipe(artefact: Artefact) -> dict[str, Any]:
@@ -432,6 +444,17 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         incidence_limit_deg=None if s.incidence_limit is None else degrees(s.incidence_limit),
         housing_mm=s.housing,
     )
+
+
+def sensor_lines(sensor: Sensor) -> str:
+    """The lines (TOML) of a ``[[sensor]]``."""
+    table = _sensor_recipe(sensor).model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    return "\n".join(f"{key} = {_toml_value(value)}" for key, value in {"name": sensor.name, **table}.items())
+
+
+def _toml_value(value: Any) -> str:
+    """A text, number, truth value or list of numbers as TOML: JSON is the same there."""
+    return json.dumps(round(value, 9) if isinstance(value, float) else value, ensure_ascii=False)
 
 
 def _artefact(recipe: ShaftRecipe) -> Artefact:

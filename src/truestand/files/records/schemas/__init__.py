@@ -4,7 +4,7 @@ from importlib.resources import files
 
 from truestand.core.errors import BadRecipe
 
-NAMES = ("calibration", "verification", "inspection", "info", "truth", "form", "comparison")
+NAMES = ("calibration", "verification", "inspection", "info", "truth", "form", "comparison", "plan")
 
 
 def schema_text(name: str) -> str:

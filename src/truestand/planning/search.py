@@ -13,13 +13,13 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
-from truestand.plan.obstacles import Round
-from truestand.plan.optics import Optics
-from truestand.plan.place import Place
-from truestand.plan.room import Room, apart, clearance
-from truestand.plan.sight import CAUSES, look
-from truestand.plan.target import Eye, Post, Target, View
-from truestand.plan.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
+from truestand.planning.obstacles import Round
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
+from truestand.planning.room import Room, apart, clearance
+from truestand.planning.sight import CAUSES, look
+from truestand.planning.target import Eye, Post, Target, View
+from truestand.planning.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
 
 ANGLES = np.radians(np.arange(35.0, 146.0, 7.5))
 """Between axis and sensor, either way round about its z where the camera makes a difference."""
@@ -110,7 +110,7 @@ class Field:
 
     def seen_from(self, post: Post) -> Mask:
         """The points (n,) that a view shows."""
-        surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.setting.shaft)
+        surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.target.shaft)
         view = uncalibrated(post.place, self.setting)
         return look(surfaces.points, surfaces.normals, view, post.eye.optics, bodies).seen
 
@@ -119,7 +119,7 @@ def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Opti
     """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; ``optics``: of
     each kind of sensor.
     """
-    surfaces, bodies = target.surfaces, (*target.bodies, *setting.shaft)
+    surfaces, bodies = target.surfaces, (*target.bodies, *target.shaft)
     field = Field(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
     found, hidden, touching, blind = [], field.hidden.copy(), 0, 0
     places = [(own, place) for own in optics for place in _places(setting, target, own)]
@@ -128,7 +128,7 @@ def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Opti
         gap, view = field.gap(Post(Eye("", "", own), place, 0.0)), uncalibrated(place, setting)
         if gap < room.least_clearance:
             touching += 1
-        elif not _shows_shaft(shaft_in_view(view, own, setting)):
+        elif not _shows_shaft(shaft_in_view(view, own, setting.shaft)):
             blind += 1
         else:
             sight = look(surfaces.points, surfaces.normals, view, own, bodies)
@@ -142,14 +142,17 @@ def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> tuple[tuple[Vie
     """The places of these sensors that show most, and measure best among those that show as much; nothing, where there
     are none. And all sets of places that were compared.
     """
-    calibrated, ranked, tried = _Calibrated(field, {}), [], []
-    groups = _groups(field, len(eyes))
-    for k, group in enumerate(groups):
-        step(k / len(groups))
-        posts = _arranged(field, [field.candidates[i] for i in group], eyes)
-        if posts is not None and (worst := calibrated.worst(posts)) is not None:
-            ranked.append((worst, posts))
-            tried.append(Tried(tuple(post.place for post in posts), *worst))
+    calibrated = _Calibrated(field, {})
+    ranked: list[tuple[tuple[int, float], tuple[Post, ...]]] = []
+    tried: list[Tried] = []
+    while not ranked and (groups := _groups(field, len(eyes))):
+        for k, group in enumerate(groups):
+            step(k / len(groups))
+            posts = _arranged(field, [field.candidates[i] for i in group], eyes)
+            if posts is not None and (worst := calibrated.worst(posts)) is not None:
+                ranked.append((worst, posts))
+                tried.append(Tried(tuple(post.place for post in posts), *worst))
+        field = _without(field, {i for group in groups for i in group})
     for _, posts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
         for candidate in (_rounded(field, _improved(field, posts, calibrated)), posts):
             try:
@@ -157,6 +160,11 @@ def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> tuple[tuple[Vie
             except NotEnoughData:
                 continue
     return (), tuple(tried)
+
+
+def _without(field: Field, places: set[int]) -> Field:
+    """The field without some of its candidates."""
+    return replace(field, candidates=tuple(c for k, c in enumerate(field.candidates) if k not in places))
 
 
 @dataclass
@@ -231,7 +239,7 @@ def _grown(field: Field, seen: Array, pool: Sequence[int], number: int) -> list[
     for _ in range(number - 2):
         missing = [field.missing(np.logical_or.reduce(seen[list(g)])) for g in groups]
         best = np.argsort(missing)[:POOL]
-        groups = list({tuple(sorted((*groups[k], i))) for k in best for i in pool if i not in groups[k]})
+        groups = sorted({tuple(sorted((*groups[k], i))) for k in best for i in pool if i not in groups[k]})
     return groups
 
 

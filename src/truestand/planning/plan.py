@@ -15,15 +15,15 @@ from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import AREAL
 from truestand.parts.drawings import Turned
 from truestand.parts.inspect import Part
-from truestand.plan.cast_target import cad_target, turned_target
-from truestand.plan.gear_target import gear_target
-from truestand.plan.optics import optics_of
-from truestand.plan.place import Place
-from truestand.plan.room import Room
-from truestand.plan.search import Field, Step, Tried, best_views, field_of
-from truestand.plan.sight import CAUSES
-from truestand.plan.target import Eye, Target, View, share_of_room
-from truestand.plan.views import Setting, uncalibrated
+from truestand.planning.cast_target import cad_target, turned_target
+from truestand.planning.gear_target import gear_target
+from truestand.planning.optics import optics_of
+from truestand.planning.place import Place
+from truestand.planning.room import Room
+from truestand.planning.search import ENOUGH, Field, Step, Tried, best_views, field_of
+from truestand.planning.sight import CAUSES
+from truestand.planning.target import Eye, Target, View, share_of_room
+from truestand.planning.views import Setting, uncalibrated
 
 ECCENTRICITY, TURNS = 1.0, 2.0
 """mm by which a shaft is best clamped off the axis; turns of a scan."""
@@ -63,6 +63,8 @@ class Expected:
     status: Status
     capable: bool
     """Whether any value could be shown to conform; without limits, whether it is measured."""
+    mostly: str | None
+    """The input that makes most of U."""
 
     @property
     def where(self) -> str:
@@ -219,14 +221,16 @@ def _expected(lines: tuple[Characteristic, ...]) -> tuple[Expected, ...]:
 
 
 def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
-    known = [line.U for line in lines if line.U is not None]
+    known = [line for line in lines if line.U is not None]
+    largest = max(known, key=lambda line: line.U or 0.0, default=None)
     shares = [share for line in lines if (share := share_of_room(line)) is not None]
     status = max((line.status for line in lines), key=ORDER.index)
     seen = status != "not_measurable"
     capable = seen and all(line.capable for line in lines)
     return Expected(
-        name, flank, section, max(known, default=None) if seen else None, lines[0].limits, lines[0].size,
+        name, flank, section, largest.U if seen and largest else None, lines[0].limits, lines[0].size,
         max(shares, default=None) if seen else None, status, capable,
+        largest.budget[0].name if seen and largest and largest.budget else None,
     )  # fmt: skip
 
 
@@ -242,7 +246,7 @@ def _unseen(field: Field, seen: np.ndarray, placed: bool) -> tuple[str, ...]:
         if never.sum() > HIDDEN * own.sum():
             why = CAUSES[int(field.hidden[:, never].sum(axis=1).argmax())]
             texts.append(f"{_called(name)}: no place sees {100 * never.sum() / own.sum():.0f} % of it, {why}")
-        elif placed and (missed := own & ~seen).sum() > HIDDEN * own.sum():
+        elif placed and (missed := own & ~seen).sum() > (1.0 - ENOUGH) * own.sum():
             texts.append(f"{_called(name)}: these views leave out {100 * missed.sum() / own.sum():.0f} % of it")
     if not placed:
         texts.append("the shaft can't be calibrated from any place that sees the part: show more of it, or a step")

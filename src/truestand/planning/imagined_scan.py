@@ -10,9 +10,9 @@ from truestand.core.arrays import Array
 from truestand.core.frames import Pose, about_axis, in_rotor, shaft_from_rotor
 from truestand.core.scan import AngleSource, Scan
 from truestand.core.stand import Stand
-from truestand.plan.obstacles import Cast
-from truestand.plan.optics import Optics
-from truestand.plan.place import Place
+from truestand.planning.obstacles import Cast
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
 
 TILT = 3e-4
 """rad, at a right angle to the eccentricity: no shaft runs quite straight."""

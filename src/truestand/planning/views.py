@@ -16,12 +16,12 @@ from truestand.core.frames import UNKNOWNS, Pose
 from truestand.core.message import UNTIED
 from truestand.core.scan import Scan
 from truestand.core.stand import Sensor, Stand
-from truestand.plan.imagined_scan import angle_source, imagined_scan
-from truestand.plan.obstacles import Body, Round
-from truestand.plan.optics import Optics
-from truestand.plan.place import Place
-from truestand.plan.sight import look
-from truestand.plan.target import Post, Target, View
+from truestand.planning.imagined_scan import angle_source, imagined_scan
+from truestand.planning.obstacles import Body, Round
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
+from truestand.planning.sight import look
+from truestand.planning.target import Post, Target, View
 
 PROFILES, POINTS, TURNS = 300, 120, 1.1
 """Of the imagined scan of a shaft."""
@@ -71,7 +71,7 @@ def views_at(posts: Sequence[Post], setting: Setting, target: Target) -> tuple[V
         raise NotEnoughData(str(untrusted[0]))
     calibrations = [in_first_frame(view, found) for view in found.views] if several else [found]
     return tuple(
-        View(post, scan, _followed(calibration, post, setting, target))
+        View(post, scan, _followed(calibration, post, target))
         for post, scan, calibration in zip(posts, scans, calibrations, strict=True)
     )
 
@@ -105,21 +105,21 @@ def mounted(sensor: Sensor, place: Place) -> Sensor:
 
 
 def shaft_in_view(
-    view: Calibration, optics: Optics, setting: Setting, bodies: Sequence[Body] = ()
+    view: Calibration, optics: Optics, shaft: Sequence[Round], bodies: Sequence[Body] = ()
 ) -> tuple[float, ...]:
-    """mm of each of the shaft's cylinders that a view would see, with other ``bodies`` about it."""
+    """mm of each of a shaft's cylinders that a view would see, with other ``bodies`` about it."""
     seen = []
-    for cylinder in setting.shaft:
+    for cylinder in shaft:
         height = np.arange(cylinder.bottom + MARGIN, cylinder.top - MARGIN, SPACING)
         points = np.stack([np.full(height.size, cylinder.radius), np.zeros(height.size), height], axis=1)
         normals = np.tile([1.0, 0.0, 0.0], (height.size, 1))
         centred = replace(view, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
-        sight = look(points, normals, centred, optics, (*setting.shaft, *bodies))
+        sight = look(points, normals, centred, optics, (*shaft, *bodies))
         seen.append(SPACING * float(np.count_nonzero(sight.seen)))
     return tuple(seen)
 
 
-def _followed(view: Calibration, post: Post, setting: Setting, target: Target) -> Calibration:
+def _followed(view: Calibration, post: Post, target: Target) -> Calibration:
     """The calibration as it is applied to a part: shaft in view beside it shows where the sensor stands then."""
-    longest = max(shaft_in_view(view, post.eye.optics, setting, target.bodies))
+    longest = max(shaft_in_view(view, post.eye.optics, target.shaft, target.bodies), default=0.0)
     return replace(view, followed=longest > LEAST_HEIGHT_MM)

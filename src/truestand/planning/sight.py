@@ -13,8 +13,8 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.frames import in_rotor
 from truestand.core.surface import readings_of, seen_at, sensor_origins
-from truestand.plan.obstacles import Body, clear
-from truestand.plan.optics import Optics
+from truestand.planning.obstacles import Body, clear
+from truestand.planning.optics import Optics
 
 CAUSES = (
     "out of the sensor's range",

@@ -31,9 +31,9 @@ from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_
 from truestand.gear.seams import corrected, difference_of, followed
 from truestand.gear.teeth import Diameter
 from truestand.gear.tolerances import tolerance
-from truestand.plan.obstacles import Body, Round, Toothed
-from truestand.plan.sight import Sight, look
-from truestand.plan.target import Surfaces, View, room_of
+from truestand.planning.obstacles import Body, Round, Toothed
+from truestand.planning.sight import Sight, look
+from truestand.planning.target import Surfaces, View, room_of
 
 ROLLS, HEIGHTS = 9, 9
 """Points of a flank along roll length and height that must be seen."""
@@ -41,6 +41,8 @@ FEW, SHOWS = 5, 0.5
 """Points along profile and face that tell roughly how large U is; share of them from which a flank is shown."""
 LEAST_OVERLAP, SEAM_U = 0.05, 5e-4
 """Share of the flanks that two views must both show to be held against each other; mm, standard: of noise in it."""
+FINE = 48
+"""Points along roll length and height of a picture of a flank."""
 GOLDEN = 0.6180339887498949
 """Of a step, from one flank to the next: where profiles meet it."""
 USUAL_SHARE, USUAL_PITCH = 0.35, 0.004
@@ -101,6 +103,17 @@ class GearTarget:
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
         found = assess(_sources(views, shares), self.toothing, evaluator, step, measures, coverage, (), (), there)
         return characteristics_of(found, _diameters(found, self.gear))
+
+    def picture(self, view: View) -> "FlankPicture":
+        """What a view sees of a tooth's flanks, finely."""
+        nominal = self.toothing.nominal
+        low, high = nominal.profile_range
+        edges = np.linspace(*nominal.helix_range, FINE + 1)
+        cells = _Cells(centres_of(low, high, FINE), edges)
+        sight = self._sight(view, cells)
+        return FlankPicture(
+            (low, high), nominal.helix_range, np.where(sight.seen, np.arccos(sight.facing), np.nan).reshape(cells.shape)
+        )
 
     def rough_shares(self, views: Sequence[View]) -> dict[str, float]:
         """As ``Target`` says, by a few points of each flank, without noise."""
@@ -189,6 +202,18 @@ class GearTarget:
         roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
         scatter = float(np.median([np.median(r.u) for r in readings]))
         return Grid(nominal, delta, delta, roll, height, total, cells.rolls, cells.edges, scatter)
+
+
+@dataclass(frozen=True, slots=True)
+class FlankPicture:
+    """How steeply a tooth's flanks are seen."""
+
+    rolls: tuple[float, float]
+    """mm of roll length, from and to."""
+    heights: tuple[float, float]
+    """mm in C, from and to."""
+    incidence: Array
+    """(2, roll lengths, heights) rad; NaN: not seen."""
 
 
 @dataclass(frozen=True, slots=True)

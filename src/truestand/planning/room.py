@@ -8,9 +8,9 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.frames import Pose, about_axis
-from truestand.plan.obstacles import Round
-from truestand.plan.optics import Optics
-from truestand.plan.place import Place
+from truestand.planning.obstacles import Round
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
 
 SAMPLES = 7
 """Along each edge of a housing."""

@@ -10,9 +10,9 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
-from truestand.plan.obstacles import Body, Round
-from truestand.plan.optics import Optics
-from truestand.plan.place import Place
+from truestand.planning.obstacles import Body, Round
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +75,10 @@ class Target(Protocol):
     @property
     def bodies(self) -> tuple[Body, ...]:
         """The part, which nothing sees through."""
+
+    @property
+    def shaft(self) -> tuple[Round, ...]:
+        """What there is of the shaft beside the part."""
 
     @property
     def swept(self) -> tuple[Round, ...]:

@@ -1,7 +1,7 @@
 """Turned parts and parts with a CAD model, for which sensors are placed: imagined scans of them are inspected."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,9 +13,9 @@ from truestand.parts.drawings import Cad, Turned
 from truestand.parts.inspect import inspect
 from truestand.parts.rays import solid_of
 from truestand.parts.turned import MARGIN
-from truestand.plan.imagined_scan import imagined_scan
-from truestand.plan.obstacles import Body, Cast, Meshed, Round
-from truestand.plan.target import Surfaces, View, share_of_room
+from truestand.planning.imagined_scan import imagined_scan
+from truestand.planning.obstacles import Body, Cast, Meshed, Round
+from truestand.planning.target import Post, Surfaces, View, share_of_room
 
 HEIGHTS = 15
 """Points of a section that must be seen."""
@@ -34,12 +34,17 @@ class CastTarget:
     part: Turned | Cad
     part_bodies: tuple[Cast, ...]
     shaft: tuple[Round, ...]
+    """What there is of the shaft beside the part."""
+    base_radius: float
+    """mm: of the shaft's base."""
     swept: tuple[Round, ...]
     eccentricity: float
     """mm: of the shaft."""
     turns: float
     """Of a scan."""
     profiles_per_turn: float
+    known: dict[tuple[Post, int], tuple[Characteristic, ...]] = field(default_factory=dict, compare=False)
+    """Lines of imagined scans, by place and profiles."""
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -74,8 +79,13 @@ class CastTarget:
         return best
 
     def _inspected(self, view: View, profiles: int) -> tuple[Characteristic, ...]:
-        bodies = (*self.part_bodies, *self.shaft)
-        stand, base = view.scan.stand, self.shaft[0].radius
+        key = view.post, profiles
+        if key not in self.known:
+            self.known[key] = self._lines_of(view, profiles)
+        return self.known[key]
+
+    def _lines_of(self, view: View, profiles: int) -> tuple[Characteristic, ...]:
+        bodies, stand, base = (*self.part_bodies, *self.shaft), view.scan.stand, self.base_radius
         post = view.post
         scan = imagined_scan(bodies, post.place, base, post.eye.optics, stand, self.eccentricity, self.turns, profiles)
         return inspect(apply_calibration(scan, view.calibration), self.part).characteristics
@@ -84,9 +94,13 @@ class CastTarget:
 def turned_target(
     part: Turned, shaft: tuple[Round, ...], eccentricity: float, turns: float, profiles_per_turn: float
 ) -> CastTarget:
-    """A turned part as drawn."""
+    """A turned part as drawn. Where it is the shaft itself that is inspected, its sections take the place of its
+    cylinders.
+    """
     bodies = tuple(Round(s.diameter / 2, s.bottom, s.top) for s in part.sections)
-    return CastTarget(part, bodies, shaft, bodies, eccentricity, turns, profiles_per_turn)
+    return CastTarget(
+        part, bodies, _beside(shaft, bodies), shaft[0].radius, bodies, eccentricity, turns, profiles_per_turn
+    )
 
 
 def cad_target(
@@ -99,7 +113,16 @@ def cad_target(
     """
     solid = solid_of(part.mesh, part.pose)
     swept = (Round(solid.outer, float(solid.low[2]), float(solid.high[2])),)
-    return CastTarget(part, (Meshed(solid),), shaft, swept, eccentricity, turns, profiles_per_turn)
+    return CastTarget(part, (Meshed(solid),), shaft, shaft[0].radius, swept, eccentricity, turns, profiles_per_turn)
+
+
+def _beside(shaft: tuple[Round, ...], sections: tuple[Round, ...]) -> tuple[Round, ...]:
+    """The stretches of a shaft's cylinders where there is no section."""
+    left = list(shaft)
+    for section in sections:
+        cut = [(c, (c.bottom, min(c.top, section.bottom)), (max(c.bottom, section.top), c.top)) for c in left]
+        left = [Round(c.radius, low, high) for c, *ends in cut for low, high in ends if high > low]
+    return tuple(left)
 
 
 def _coarse(view: View) -> View:

@@ -1,0 +1,107 @@
+"""``[plan]`` of stand.toml, which only ``truestand plan`` reads; and the stand.toml that a plan comes to."""
+
+from math import degrees, radians
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from truestand.files.checking import Recipe, checked
+from truestand.files.recipes.recipes import Positive, read_plan_table, sensor_lines
+from truestand.planning.plan import MOST_VIEWS, Plan, Task
+from truestand.planning.room import KeepOut, Room
+from truestand.planning.target import View
+from truestand.planning.views import mounted
+
+SENSOR_TABLES = ("[[sensor]]", "[sensor.", "[[simulation.view]]")
+"""What a plan takes the place of in a stand.toml."""
+PLACE_KEYS = ("phi_deg", "standoff_mm", "height_mm", "laser_plane_tilt_deg", "laser_plane_offset_mm", "azimuth_deg")
+"""Of ``[simulation]``, which hold for a single sensor."""
+Pair = tuple[float, float]
+
+
+class KeepOutRecipe(Recipe):
+    """``[[plan.keep_out]]``: a stretch of a ring about the table."""
+
+    azimuth_deg: Pair = (0.0, 360.0)
+    radius_mm: Pair = (0.0, 1e9)
+    height_mm: Pair = (-1e9, 1e9)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "KeepOutRecipe":
+        for key in ("azimuth_deg", "radius_mm", "height_mm"):
+            low, high = getattr(self, key)
+            if not low < high:
+                raise ValueError(f"{key}: found {[low, high]}, need [from, to]; beyond 360 deg where it goes through 0")
+        return self
+
+
+class PlanRecipe(Recipe):
+    """``[plan]`` as a whole."""
+
+    eccentricity_mm: Positive | None = None
+    turns: Annotated[float, Field(ge=1.0, le=100.0)] | None = None
+    table_disc_mm: Positive = 200.0
+    """Diameter."""
+    table_face_mm: float | None = None
+    clearance_mm: Annotated[float, Field(ge=0)] = 5.0
+    most_views: Annotated[int, Field(ge=1, le=6)] = MOST_VIEWS
+    keep_out: tuple[KeepOutRecipe, ...] = ()
+
+
+def read_task(path: Path | str) -> Task:
+    """What a stand.toml says for a plan.
+
+    Raises:
+        BadRecipe: a wrong or unknown key.
+    """
+    r = checked(PlanRecipe, read_plan_table(path), f"{path}: [plan]")
+    keep_out = tuple(
+        KeepOut((radians(k.azimuth_deg[0]), radians(k.azimuth_deg[1])), k.radius_mm, k.height_mm) for k in r.keep_out
+    )
+    room = Room(r.table_disc_mm / 2, r.table_face_mm, keep_out, r.clearance_mm)
+    return Task(room, r.eccentricity_mm, r.turns, r.most_views)
+
+
+def planned_stand(text: str, plan: Plan) -> str:
+    """The text of a stand.toml with the sensors of a plan in place of its own, and as many of the virtual stand."""
+    kept, simulated = _without_sensors(text)
+    sensors = "\n".join(_sensor_text(view, plan) for view in plan.views)
+    views = "\n".join(_virtual_view_text(view) for view in plan.views) if simulated else ""
+    return "\n".join(part for part in (kept, sensors, views) if part)
+
+
+def _without_sensors(text: str) -> tuple[str, bool]:
+    """The recipe without its sensors, and whether it has a ``[simulation]``."""
+    kept, table, simulated = [], "", False
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.split("#")[0].strip()
+            simulated |= table == "[simulation]"
+        own_place = table == "[simulation]" and line.split("=")[0].strip() in PLACE_KEYS
+        if not table.startswith(SENSOR_TABLES) and not own_place:
+            kept.append(line)
+    return "\n".join(kept).rstrip() + "\n", simulated
+
+
+def _sensor_text(view: View, plan: Plan) -> str:
+    """A ``[[sensor]]``, with its place in words."""
+    place = view.post.place
+    sensor = mounted(plan.setting.stand.of_view(view.post.eye.name).sensor, place)
+    words = (
+        f"# Planned: phi {degrees(place.phi):.1f} deg; the middle of its line meets the shaft's base at height "
+        f"{place.height:.1f} mm,\n# {place.standoff:.1f} mm away; laser plane {place.plane_offset:+.2f} mm off the "
+        f"axis; azimuth {degrees(place.azimuth):.0f} deg; {view.post.clearance:.0f} mm clear."
+    )
+    return f"{words}\n[[sensor]]\n{sensor_lines(sensor)}\n"
+
+
+def _virtual_view_text(view: View) -> str:
+    """The same place on the virtual stand."""
+    place = view.post.place
+    keys = {
+        "azimuth_deg": degrees(place.azimuth), "phi_deg": degrees(place.phi), "standoff_mm": place.standoff,
+        "height_mm": place.height, "laser_plane_offset_mm": place.plane_offset,
+    }  # fmt: skip
+    lines = "\n".join(f"{key} = {round(value, 4) + 0.0!r}" for key, value in keys.items())
+    return f'[[simulation.view]]\nname = "{view.post.eye.name}"\n{lines}\n'

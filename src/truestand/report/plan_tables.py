@@ -1,0 +1,76 @@
+"""A plan as rows of tables: places, and what is expected of each characteristic. Plain text."""
+
+from collections.abc import Callable, Iterator
+
+from truestand.core.units import degrees, um
+from truestand.planning.plan import Expected, Plan
+from truestand.planning.target import View
+from truestand.report.notation import NONE, number, places
+
+PLACE_COLUMNS = ("phi, °", "stand-off, mm", "height, mm", "plane offset, mm", "azimuth, °", "clearance, mm")
+STATUS = {"measured": "measured", "partial": "seen in part", "not_measurable": "not measurable"}
+
+
+def place_row(view: View) -> tuple[str, ...]:
+    """The numbers of ``PLACE_COLUMNS``."""
+    p = view.post.place
+    return (
+        number(degrees(p.phi), 1), number(p.standoff, 1), number(p.height, 1), number(p.plane_offset, 2),
+        number(degrees(p.azimuth), 0), number(view.post.clearance, 0),
+    )  # fmt: skip
+
+
+def expected_row(e: Expected) -> tuple[str, ...]:
+    """Name, flank or section, U, limit, U as a share of the limits, and what that means."""
+    return e.name, e.where, u_text(e), limits_text(e), share_text(e), outcome(e)
+
+
+def u_text(e: Expected) -> str:
+    """U with its unit; a dash where it can't be measured."""
+    if e.U is None:
+        return NONE
+    value, unit = (e.U, "mm") if e.size else (um(e.U), "µm")
+    return f"{number(value, places(value))} {unit}"
+
+
+def limits_text(e: Expected) -> str:
+    """``12 µm``, ``± 9.5 µm`` or both ends; a dash without limits."""
+    low, high = e.limits or (None, None)
+    if high is None:
+        return NONE
+    scale, unit = (1.0, "mm") if e.size else (um(1.0), "µm")
+    if low is None:
+        return f"{high * scale:g} {unit}"
+    return f"± {high * scale:g} {unit}" if abs(low + high) < 1e-9 else f"{low * scale:g} … {high * scale:g} {unit}"
+
+
+def share_text(e: Expected) -> str:
+    """U as a share of what the limits leave."""
+    return NONE if e.share is None else f"{100 * e.share:.0f} %"
+
+
+def outcome(e: Expected) -> str:
+    """Whether the line could be shown to conform, or why not."""
+    if e.status != "measured":
+        return STATUS[e.status]
+    return "" if e.capable else "not capable: U too large"
+
+
+def price(plan: Plan, written: Callable[[str], str] = str) -> Iterator[str]:
+    """What one view less costs, in sentences; ``written``: how a characteristic's name is."""
+    fewer = plan.fewer
+    if fewer is None:
+        return
+    names = [f"{written(e.name)} {e.where}".strip() for e in fewer.asked if e.status != "measured"]
+    weak = [f"{written(e.name)} {e.where}".strip() for e in fewer.asked if e.status == "measured" and not e.capable]
+    number_of = len(plan.views) - 1
+    views = "one view" if number_of == 1 else f"{number_of} views"
+    if names:
+        yield f"With {views}, these are not measured: {', '.join(names)}."
+    if weak:
+        yield f"With {views}, these could not be shown to conform: {', '.join(weak)}."
+    if fewer.worst is not None and plan.worst is not None and fewer.worst.share and plan.worst.share:
+        yield (
+            f"The largest U would be {100 * fewer.worst.share:.0f} % of the limits ({written(fewer.worst.name)}) instead of "
+            f"{100 * plan.worst.share:.0f} % ({written(plan.worst.name)})."
+        )
