@@ -98,14 +98,10 @@ class Field:
         return (*setting.shaft, *self.target.swept, Round(room.table_radius, -1e9, face))
 
     def gap(self, post: Post, others: Sequence[Post] = ()) -> float:
-        """mm between a housing and all else, the housings of other devices among it."""
+        """mm between a housing and all else: the other views' housings as well, be they of the same device."""
         base, optics = self.setting.artefact.base.radius, post.eye.optics
         gaps = [clearance(post.place, base, optics, self.swept, self.room)]
-        gaps += [
-            apart(post.place, other.place, base, (optics, other.eye.optics))
-            for other in others
-            if other.eye.device != post.eye.device
-        ]
+        gaps += [apart(post.place, other.place, base, (optics, other.eye.optics)) for other in others]
         return min(gaps)
 
     def seen_from(self, post: Post) -> Mask:

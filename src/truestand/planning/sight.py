@@ -26,6 +26,10 @@ CAUSES = (
 """Why a point may not be seen, in the order in which it is asked."""
 
 
+LEAST_FACING = 0.035
+"""Cosine of the steepest angle (88 degrees) at which the camera sees a spot of the laser."""
+
+
 @dataclass(frozen=True, slots=True)
 class Sight:
     """What is seen of points (n,)."""
@@ -59,7 +63,7 @@ def look(points: Array, normals: Array, view: Calibration, optics: Optics, bodie
     low, high = optics.range
     out_of_range = ~met | (z < low) | (z > high)
     beyond_line = np.abs(x) > optics.half_line(z)
-    steep = (facing < optics.least_facing) | (to_camera < optics.least_facing)
+    steep = (facing < optics.least_facing) | (to_camera < LEAST_FACING)
     worth_asking = ~(out_of_range | beyond_line | steep)
     from_laser, from_camera = (np.zeros(z.size, dtype=bool) for _ in range(2))
     from_laser[worth_asking] = ~clear(points[worth_asking], laser[worth_asking], bodies)

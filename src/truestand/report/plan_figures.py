@@ -98,8 +98,8 @@ def _housing_from_above(axes: Axes, view: View, plan: Plan, colour: str) -> None
     axes.add_patch(Polygon(outline, facecolor=colour, alpha=0.3, edgecolor=colour))
     start, end = pose(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, view.post.place.standoff]]))[:, :2]
     axes.plot(*np.stack([start, end]).T, color=colour, lw=1.0)
-    middle = outline.mean(axis=0)
-    axes.text(*middle, view.post.eye.name, ha="center", va="center", color=INK, fontsize=7.5)
+    x, y = outline.mean(axis=0)
+    axes.text(x, y, view.post.eye.name, ha="center", va="center", color=INK, fontsize=7.5)
 
 
 def _hull(points: Array) -> Array:
@@ -135,8 +135,8 @@ def tried(plan: Plan) -> Figure:
     coverage = plan.field.target.surfaces.coverage
     best: dict[tuple[float, float], float] = {}
     for c in plan.field.candidates:
-        at = round(degrees(c.place.phi), 1), round(c.place.height, 1)
-        best[at] = max(best.get(at, 0.0), min(coverage(c.seen).values()))
+        where = round(degrees(c.place.phi), 1), round(c.place.height, 1)
+        best[where] = max(best.get(where, 0.0), min(coverage(c.seen).values()))
     phi, height = np.array(list(best)).T if best else np.zeros((2, 0))
     points = left.scatter(phi, height, c=list(best.values()), s=42, marker="s", cmap=SEQUENTIAL, vmin=0.0, vmax=1.0)
     fig.colorbar(points, ax=left, label="seen of the surface seen least, share", pad=0.01)

@@ -71,6 +71,6 @@ def price(plan: Plan, written: Callable[[str], str] = str) -> Iterator[str]:
         yield f"With {views}, these could not be shown to conform: {', '.join(weak)}."
     if fewer.worst is not None and plan.worst is not None and fewer.worst.share and plan.worst.share:
         yield (
-            f"The largest U would be {100 * fewer.worst.share:.0f} % of the limits ({written(fewer.worst.name)}) instead of "
-            f"{100 * plan.worst.share:.0f} % ({written(plan.worst.name)})."
+            f"The largest U would be {100 * fewer.worst.share:.0f} % of the limits ({written(fewer.worst.name)}) "
+            f"instead of {100 * plan.worst.share:.0f} % ({written(plan.worst.name)})."
         )

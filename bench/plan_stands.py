@@ -1,0 +1,216 @@
+"""Is what a plan promises what an inspection delivers? Stands drawn about a plan, their errors against the plan's U.
+
+    python bench/plan_stands.py spur --stands 50
+    python bench/plan_stands.py helical --stands 50 --json out.json
+
+Every stand is mounted as planned to half a degree and half a millimetre, calibrated, and inspects one gear. What nobody
+knows of a stand is drawn from what the budget says of it: the sensor's linearity and scale, how it reads steep flanks
+(as thickness and profile slope that the gear doesn't have), the encoder's error, the table's sideways motion (as an
+angle), the shaft's diameter and coaxiality. Printed: U of the plan over twice the rms error, for each characteristic.
+"""
+
+import argparse
+import json
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache, partial
+from math import cos, radians, sqrt, tan, tau
+
+import numpy as np
+
+from truestand.apply.transfer import roll
+from truestand.apply.views import roll_views
+from truestand.calibration.calibrate import calibrate
+from truestand.calibration.views import calibrate_views
+from truestand.core.assumptions import ENCODER_U, INCIDENCE_U, SCALE_U, SIDEWAYS_U
+from truestand.core.errors import TruestandError
+from truestand.core.scan import Recording, interpret
+from truestand.core.stand import Stand
+from truestand.gear.drawing import Gear
+from truestand.parts.drawings import Section, Turned
+from truestand.parts.inspect import Part, inspect
+from truestand.planning.plan import Plan, Task, plan
+from truestand.sim import (
+    FlankErrors,
+    FormWave,
+    GearErrors,
+    Misalignment,
+    Mounting,
+    VirtualGear,
+    VirtualTurned,
+    Workpiece,
+    paper_shaft,
+    paper_simulation,
+    paper_stand,
+    simulate,
+)
+from truestand.sim.gear_truth import gear_figures
+
+SPUR = Gear(24, 2.0, 20.0, 5.0, 52.0, 43.0, accuracy_class=7)
+TIP = 48.0 / cos(radians(20.0)) + 4.0
+PARTS: dict[str, Part] = {
+    "spur": SPUR,
+    "helical": replace(SPUR, helix_angle=radians(20.0), tip_diameter=TIP, root_diameter=TIP - 9.0),
+    "ring": replace(SPUR, teeth=80, module=1.0, tip_diameter=82.0, root_diameter=77.5),
+    "stepped": Turned((
+        Section("flange", 3.0, 12.0, 30.0, (29.95, 30.05), 0.02, runout_limit=0.03),
+        Section("middle", 12.0, 20.0, 24.0, (23.95, 24.05), 0.02, runout_limit=0.03),
+        Section("top", 20.0, 28.0, 18.0, (17.95, 18.05), 0.02, runout_limit=0.03),
+    )),
+}  # fmt: skip
+PER_TURN, TURNS, POINTS, FAN, LIMIT = 2000, 2.0, 320, radians(30.0), radians(85.0)
+COUNTS = 360_000
+LINEARITY = 0.01 * sqrt(2.0)
+"""mm: standard deviation of the amplitude of the range error, which is then known to 20 um (k = 2)."""
+FORM = 0.003
+"""mm: amplitude of the turned part's waves."""
+
+
+@cache
+def planned(name: str, views: int | None) -> Plan:
+    return plan(PARTS[name], stand(), paper_shaft(), Task(turns=TURNS), views)
+
+
+def stand() -> Stand:
+    base = paper_stand()
+    line = tuple(2 * z * tan(FAN / 2) for z in (70.0, 120.0))
+    sensor = replace(base.sensor, points=POINTS, line=line, incidence_limit=LIMIT, noise=0.005, profile_rate=200.0)
+    return replace(
+        base, table=replace(base.table, speed=tau * 200.0 / PER_TURN), counts_per_turn=COUNTS, sensors=(sensor,)
+    )
+
+
+def with_angle_errors(recording: Recording, rng: np.random.Generator, part: Part) -> Recording:
+    """The encoder's error once a turn and faster, and the table's sideways motion at the part's radius."""
+    angle = recording.encoder * (tau / COUNTS)
+    teeth = part.teeth if isinstance(part, Gear) else 24
+    radius = part.teeth * part.module / 2 if isinstance(part, Gear) else 12.0
+    waves = [(1, ENCODER_U), *((n, ENCODER_U / n) for n in (max(2, teeth // 4),))]
+    waves += [(n, SIDEWAYS_U / radius) for n in (2, max(2, teeth // 4))]
+    error = sum(rng.normal(0, U / 2) * f(n * angle) for n, U in waves for f in (np.cos, np.sin))
+    return replace(recording, encoder=recording.encoder + error * (COUNTS / tau))
+
+
+def try_stand(name: str, views: int | None, seed: int) -> dict[tuple[str, str], float]:
+    """The largest error (mm) of each characteristic on one stand, by name and flank or section."""
+    rng, part, found = np.random.default_rng(seed), PARTS[name], planned(name, views)
+    shaft, base = paper_shaft(), paper_simulation()
+    described = found.setting.stand
+    off = rng.normal(0.0, 0.001, 2) / sqrt(2.0)
+    certified = Workpiece(
+        misalignments=(Misalignment("bearing", *off),), diameter_errors=(("base", float(rng.normal(0.0, 0.001))),)
+    )
+    eccentric = replace(base.running, eccentricity=1.0, eccentricity_direction=float(rng.uniform(0, tau)),
+                        tilt=3e-4, tilt_direction=float(rng.uniform(0, tau)))  # fmt: skip
+    acquisition = replace(base.acquisition, profiles=round(PER_TURN * TURNS), columns=("encoder",))
+    true = real_part(part, rng)
+    shafts, parts = [], []
+    angle_seed = int(rng.integers(1 << 30))
+    for k, view in enumerate(found.views):
+        p = view.post.place
+        mounting = Mounting(
+            p.phi + radians(rng.normal(0, 0.5)), p.standoff + rng.normal(0, 0.5), p.height + rng.normal(0, 0.5),
+            radians(rng.normal(0, 0.25)), p.plane_offset + rng.normal(0, 0.25), p.azimuth + radians(rng.normal(0, 1)),
+        )  # fmt: skip
+        optics = replace(
+            base.optics, fan=FAN, most_incidence=LIMIT, noise=0.005, nonlinearity=float(rng.normal(0, LINEARITY)),
+            nonlinearity_phase=float(rng.uniform(0, tau)), scale_error=float(rng.normal(0, SCALE_U / 2)),
+        )  # fmt: skip
+        read_as = as_read(true, rng)
+        own = described.of_view(view.post.eye.name)
+        simulation = replace(
+            base, mounting=Mounting(azimuth=0.0), running=eccentric, optics=optics, acquisition=acquisition,
+            workpiece=certified, views=((view.post.eye.name, mounting),),
+        )  # fmt: skip
+        for on_shaft, scans in ((None, shafts), (read_as, parts)):
+            made = simulate(own, simulation.seen_from(view.post.eye.name), shaft, seed + k, None, on_shaft)
+            recording = with_angle_errors(made.recording, np.random.default_rng(angle_seed), part)
+            scans.append(interpret(recording, own))
+    if len(shafts) > 1:
+        surfaces = roll_views(tuple(parts), calibrate_views(tuple(shafts), shaft))
+    else:
+        surfaces = (roll(parts[0], calibrate(shafts[0], shaft)),)
+    inspection = inspect(surfaces, part)
+    truth = true_figures(true, certified, shaft)
+    errors: dict[tuple[str, str], list[float]] = {}
+    for c in inspection.characteristics:
+        key = (c.name, c.flank or c.section or "", c.tooth)
+        if c.value is not None and key in truth:
+            errors.setdefault(key[:2], []).append(c.value - truth[key])
+    return {key: float(np.sqrt(np.mean(np.square(e)))) for key, e in errors.items()}
+
+
+def real_part(part: Part, rng: np.random.Generator):
+    """A part with errors of its own."""
+    if isinstance(part, Gear):
+        pitch = [tuple(rng.normal(0, 0.004, part.teeth)) for _ in range(2)]
+        left, right = (FlankErrors(float(rng.normal(0, 0.003)), float(rng.normal(0, 0.003))) for _ in range(2))
+        return VirtualGear(part, GearErrors(
+            phase=float(rng.uniform(0, 0.2)), pitch_left=pitch[0], pitch_right=pitch[1], eccentricity=0.008,
+            left=left, right=right,
+        ))  # fmt: skip
+    waves = tuple(FormWave(s.name, 3, FORM, float(rng.uniform(0, tau))) for s in part.sections)
+    return VirtualTurned(part, Workpiece(form=waves))
+
+
+def as_read(part, rng: np.random.Generator):
+    """The part as a sensor reads it that reads steep flanks otherwise: one that is thicker, with other slopes."""
+    if not isinstance(part, VirtualGear):
+        return part
+    c, slope = rng.normal(0, INCIDENCE_U / 2, 2)
+    errors = part.errors
+    left, right = (FlankErrors(f.profile_slope + slope, f.helix_slope) for f in (errors.left, errors.right))
+    return VirtualGear(part.gear, replace(errors, thickness=errors.thickness + 2 * c, left=left, right=right))
+
+
+def true_figures(part, workpiece: Workpiece, shaft) -> dict:
+    """By name, flank or section, and tooth."""
+    if isinstance(part, VirtualGear):
+        return {(n, flank or "", tooth): v for (n, flank, tooth), v in gear_figures(part, shaft, workpiece).items()}
+    found = {}
+    for s in part.part.sections:
+        found["d", s.name, None] = s.diameter
+        found["roundness", s.name, None] = 2 * FORM
+        found["runout", s.name, None] = 2 * FORM
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=PARTS)
+    parser.add_argument("--stands", type=int, default=50)
+    parser.add_argument("--views", type=int)
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--json")
+    options = parser.parse_args()
+    found = planned(options.part, options.views)
+    print(f"{options.part}: {len(found.views)} views, complete {found.complete}")
+    errors: dict[tuple[str, str], list[float]] = {}
+    refused = 0
+    seeds = range(options.first_seed, options.first_seed + options.stands)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        jobs = [pool.submit(partial(try_stand, options.part, options.views), seed) for seed in seeds]
+        for job in jobs:
+            try:
+                for key, error in job.result().items():
+                    errors.setdefault(key, []).append(error)
+            except TruestandError as error:
+                refused += 1
+                print(f"refused: {error}")
+    print("| characteristic | U planned, um | 2 rms error, um | ratio |\n|---|---|---|---|")
+    ratios = {}
+    for e in found.expected:
+        if e.U is None or (e.name, e.where) not in errors:
+            continue
+        rms = float(np.sqrt(np.mean(np.square(errors[e.name, e.where]))))
+        ratios[f"{e.name} {e.where}".strip()] = ratio = e.U / (2 * rms)
+        print(f"| {e.name} {e.where} | {1000 * e.U:.2f} | {2000 * rms:.2f} | {ratio:.2f} |")
+    print(f"{options.stands} stands, {refused} refused; ratio {min(ratios.values()):.2f} to {max(ratios.values()):.2f}")
+    if options.json:
+        with open(options.json, "w") as file:  # noqa: PTH123
+            json.dump(ratios, file, indent=2)
+
+
+if __name__ == "__main__":
+    main()
