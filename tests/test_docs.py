@@ -48,10 +48,10 @@ def shrink(stand):
     stand.write_text(text, encoding="utf-8")
 
 
-LONG = ROOT / "docs" / "inspect-a-gear.md"
+LONG = [ROOT / "docs" / name for name in ("inspect-a-gear.md", "where-to-put-the-sensor.md")]
 
 
-@pytest.mark.parametrize("page", tried([p for p in PAGES if code(p, "python") and p != LONG], LONG), ids=page_id)
+@pytest.mark.parametrize("page", tried([p for p in PAGES if code(p, "python") and p not in LONG], *LONG), ids=page_id)
 def test_python_of_the_page_runs(bench, page):
     for text in code(page, "python"):
         done = subprocess.run(
@@ -89,6 +89,19 @@ def test_the_page_on_keeping_results_runs_as_it_stands(bench, tmp_path):
             done = run(*arguments, cwd=folder)
             assert done.returncode in ((2,) if gage else codes.get(arguments[0], (0,))), (command, done.stderr)
     assert run("audit", "--store", "copy-of-results", cwd=folder).returncode == 0
+
+
+@pytest.mark.more
+def test_the_page_on_plans_runs_as_it_stands(tmp_path):
+    for text in code(ROOT / "docs" / "where-to-put-the-sensor.md", "bash"):
+        for command in text.splitlines():
+            name, *arguments = shlex.split(command)
+            assert name == "truestand"
+            done = run(*arguments, cwd=tmp_path)
+            assert done.returncode in ((0, 3) if arguments[0] == "plan" else (0,)), (command, done.stderr)
+            if arguments[0] == "init":
+                shrink(tmp_path / "stand.toml")
+    assert "Where to put the sensors" in (tmp_path / "plan.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=page_id)
@@ -169,6 +182,22 @@ def test_every_key_of_the_recipes_is_explained():
     for recipe in (*stand, *part):
         for key in recipe.model_fields:
             assert re.search(rf"`[^`]*\b{key}[`\]]", text), key
+
+
+def test_every_key_of_a_plan_is_explained(tmp_path):
+    from truestand.files.recipes.plan import KeepOutRecipe, PlanRecipe, read_task
+    from truestand.files.records.schemas import schema_text
+
+    page = ROOT / "docs" / "where-to-put-the-sensor.md"
+    (example,) = code(page, "toml")
+    for key in (*PlanRecipe.model_fields, *KeepOutRecipe.model_fields):
+        assert re.search(rf"\b{key}\b", example), key
+    stand = tmp_path / "stand.toml"
+    stand.write_text(f"[[sensor]]\nrange_mm = [70.0, 120.0]\n{example}", encoding="utf-8")
+    assert read_task(stand).most_views == 3
+    formats = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for key in re.findall(r'^ {4,}"(\w+)": {', schema_text("plan"), re.MULTILINE):
+        assert f"`{key}" in formats or key in ("properties", "items", "additionalProperties"), key
 
 
 def test_the_certificate_page_shows_a_laboratory_that_lacks_nothing(bench, tmp_path):

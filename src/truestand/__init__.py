@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from truestand.gear.drawing import Gear
     from truestand.gear.match import identify
     from truestand.parts.inspect import inspect
+    from truestand.planning.plan import plan
 
 # Names are imported when first used, so that `truestand --help` doesn't wait for numpy.
 _MODULES = {
@@ -63,6 +64,7 @@ _MODULES = {
     "identify": "gear.match",
     "inspect": "parts.inspect",
     "interpret": "core.scan",
+    "plan": "planning.plan",
     "read_calibration": "files.records.calibration_record",
     "read_part": "files.recipes.parts",
     "read_scan": "files.scans.read",
@@ -103,6 +105,7 @@ __all__ = [
     "identify",
     "inspect",
     "interpret",
+    "plan",
     "read_calibration",
     "read_part",
     "read_scan",

@@ -259,15 +259,15 @@ def _called(name: str) -> str:
 
 def _no_place(field: Field) -> str:
     """Why there is no place at all."""
+    if field.hidden.any():
+        why = CAUSES[int(field.hidden.sum(axis=1).argmax())]
+        return f"no place sees anything of the part: {why}"
     if field.touching > field.blind:
         return (
             "no place: the sensor's housing would touch the part, the shaft or the table; check housing_mm, the range, "
             "and [plan] table_disc_mm, table_face_mm and clearance_mm"
         )
-    if field.blind:
-        return (
-            "no place shows enough of the shaft to calibrate; use a sensor with a longer range or a wider line, or a "
-            "shaft that reaches farther beyond the part"
-        )
-    why = CAUSES[int(field.hidden.sum(axis=1).argmax())]
-    return f"no place sees anything of the part: {why}"
+    return (
+        "no place shows enough of the shaft to calibrate; use a sensor with a longer range or a wider line, or a shaft "
+        "that reaches farther beyond the part"
+    )

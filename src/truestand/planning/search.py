@@ -191,13 +191,12 @@ class _Calibrated:
 
 def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]:
     heights = target.surfaces.points[:, 2]
-    thinnest = min(body.radius for body in setting.shaft[:2])
     (near, far), signs = optics.range, (-1.0, 1.0) if optics.triangulation else (-1.0,)
     along = np.linspace(heights.min() - BEYOND, heights.max() + BEYOND, HEIGHTS)
     for sign, angle, standoff, height, offset in product(
         signs, ANGLES, np.linspace(near + RANGE_MARGIN, far - RANGE_MARGIN, STANDOFFS), along, OFFSETS
     ):
-        yield Place(float(sign * angle), float(standoff), float(height), float(offset * thinnest))
+        yield Place(float(sign * angle), float(standoff), float(height), float(offset * setting.thinnest))
 
 
 def _shows_shaft(seen: tuple[float, ...]) -> bool:
@@ -212,6 +211,8 @@ def _groups(field: Field, number: int) -> list[tuple[int, ...]]:
         return []
     seen = np.array([c.seen for c in field.candidates])
     groups = _grown(field, seen, _pool(field, seen), number)
+    if not groups:
+        return []
     missing = np.array([field.missing(np.logical_or.reduce(seen[list(g)])) for g in groups])
     as_good = np.flatnonzero(missing <= missing.min() + AS_GOOD)
     return [groups[k] for k in as_good[:: max(1, as_good.size // MOST_GROUPS)]]
@@ -269,6 +270,8 @@ def _improved(field: Field, posts: tuple[Post, ...], calibrated: _Calibrated) ->
             place, phi=place.phi + sign * by[0], standoff=place.standoff + sign * by[1],
             height=place.height + sign * by[2], plane_offset=place.plane_offset + sign * by[3],
         )  # fmt: skip
+        if abs(moved.plane_offset) > max(OFFSETS) * field.setting.thinnest:
+            continue
         tried = _with_gaps(field, (*posts[:k], replace(posts[k], place=moved), *posts[k + 1 :]))
         if tried is None or _missing_of(field, tried) > missing + AS_GOOD / 2:
             continue

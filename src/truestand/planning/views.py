@@ -50,6 +50,11 @@ class Setting:
         """Its cylinders, the base first."""
         return tuple(Round(c.radius, c.bottom, c.top) for c in self.artefact.cylinders)
 
+    @property
+    def thinnest(self) -> float:
+        """mm: radius of the thinner of the two cylinders by which it is calibrated."""
+        return min(c.radius for c in self.artefact.cylinders[:2])
+
 
 def uncalibrated(place: Place, setting: Setting) -> Calibration:
     """A view that nobody has calibrated, its shaft running true: to look from there."""
