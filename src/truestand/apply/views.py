@@ -10,27 +10,31 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 
 
-def roll_views(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False) -> tuple[Surface, ...]:
+def roll_views(
+    scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False, clamped_again: bool = False
+) -> tuple[Surface, ...]:
     """One surface a scan, all in C of the calibration's first view; each with the calibration of its own view as it
     stands there, and the reasons why nothing may be decided. Together they are one cloud, and one part to ``inspect``.
 
-    ``start_stated``: the table angle of the scans' first profiles was given (``start_angle`` of ``interpret``).
+    ``start_stated``: the table angle of the scans' first profiles was given (``start_angle`` of ``interpret``);
+    ``clamped_again``: a view may have several scans, between which the part was clamped again (``inspect``).
 
     Raises:
         BadRecipe: two scans of one view, or one of a view of which the calibration is not.
     """
-    return tuple(placed(t, calibration) for t in transfer_views(scans, calibration, start_stated))
+    return tuple(placed(t, calibration) for t in transfer_views(scans, calibration, start_stated, clamped_again))
 
 
 def transfer_views(
-    scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False
+    scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool = False, clamped_again: bool = False
 ) -> tuple[Transfer, ...]:
     """Each scan with its table angle tied to the calibration's.
 
     Raises:
         BadRecipe: as ``roll_views``.
     """
-    demand_one_each(scans)
+    if not clamped_again:
+        demand_one_each(scans)
     return tuple(transfer(scan, calibration, start_stated) for scan in scans)
 
 

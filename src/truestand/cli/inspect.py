@@ -62,6 +62,13 @@ def inspect(
     ] = None,
     truth: TruthOption = None,
     view: ViewOption = None,
+    part_turned: Annotated[
+        str | None,
+        typer.Option(
+            metavar="0,7,16|auto",
+            help="Several scans of a gear that was clamped again: by how many teeth it sat turned in each.",
+        ),
+    ] = None,
     start_angle_deg: StartAngleOption = None,
     store: StoreOption = None,
     operator: OperatorOption = None,
@@ -73,7 +80,7 @@ def inspect(
 ) -> None:
     """Check a part's geometry against its drawing: 0 conforms, 1 does not, 3 undecided or untrusted.
 
-    Scans of a gear by several sensors are inspected as one.
+    Scans of a gear by several sensors are inspected as one, and so are scans between which it was clamped again.
 
     Example: truestand inspect gear.csv --calibration calibration.json --part gear.toml --report r.html
     """
@@ -85,6 +92,7 @@ def inspect(
     outcome = inspect_job(
         Inputs(tuple(scans), stand, calibration=calibration, part=part), outputs, reader.when_asked(*scans),
         step_progress("Inspecting", quiet), identity=identity, start_stated=reader.start_stated, truth=known,
+        part_turned=_teeth_turned(part_turned, len(scans)),
     )  # fmt: skip
     inspection = outcome.result
     keep(results, outcome.kind, outcome.record, outcome.evidence, operator, quiet)
@@ -100,6 +108,22 @@ def inspect(
     for reason in inspection.reasons:
         hint(f"untrusted: {reason}", quiet)
     raise typer.Exit(VERDICT_CODES[inspection.verdict])
+
+
+def _teeth_turned(text: str | None, scans: int) -> tuple[int | None, ...] | None:
+    """By how many teeth the part sat turned in each scan; None in it: the pitches tell.
+
+    Raises:
+        BadRecipe: no such numbers.
+    """
+    if text is None:
+        return None
+    if text.strip() == "auto":
+        return (None,) * scans
+    try:
+        return tuple(int(number) for number in text.split(","))
+    except ValueError as wrong:
+        raise BadRecipe(f"found --part-turned {text}, need numbers of teeth as 0,7,16, or auto") from wrong
 
 
 def roll(

@@ -43,6 +43,8 @@ ANGLE_ZERO_U = 2e-4
 """rad: where a scan starts against the zero of the table's angle."""
 ENCODER_U, STEADY_U = 5e-5, 2e-4
 """rad: once-per-turn error of an angle that is measured (10 arc seconds), and of one taken from a steady speed."""
+SEATED_U = 5e-4
+"""mm: by how much a part without play sits otherwise on its seat when it is clamped again."""
 CLAMPED_U = radians(0.5)
 """rad: how well a shaft is clamped at a stated angle."""
 

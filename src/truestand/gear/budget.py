@@ -38,7 +38,7 @@ from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid, cell_of
 from truestand.gear.views import GearView, view_of
-from truestand.uncertainty.influence import STEPS, moved_points
+from truestand.uncertainty.influence import STEPS, moved_points, part_from_shaft
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
@@ -161,12 +161,27 @@ def influences_of(views: tuple[Weighed, ...], grid: Grid, toothing: Toothing) ->
     grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
         *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views),
-        *(w.of_share(i) for w, cells in seen for i in of_sensor(w.scan, w.calibration, cells)),
+        *_of_sensors(seen),
         *_together([_of_shaft(w.calibration, cells) for w, cells in seen], views),
         *_together([_of_table(w, cells, toothing.nominal) for w, cells in seen], views),
         *_of_datum(toothing.datum, cells),
         cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
+
+
+def _of_sensors(seen: tuple[tuple[Weighed, SeenCells], ...]) -> list[Influence]:
+    """What is each sensor's own: the same in all scans that it took, of a part that was clamped again."""
+    by_sensor: dict[str, list[tuple[Weighed, SeenCells]]] = {}
+    for view, cells in seen:
+        by_sensor.setdefault(view.calibration.name, []).append((view, cells))
+    return [
+        influence
+        for of_one in by_sensor.values()
+        for influence in _together(
+            [of_sensor(view.scan, view.calibration, cells) for view, cells in of_one],
+            tuple(view for view, _ in of_one),
+        )
+    ]
 
 
 def _together(of_views: list[list[Influence]], views: tuple[Weighed, ...]) -> list[Influence]:
@@ -237,10 +252,10 @@ def seen_cells(calibration: Calibration, toothing: Toothing, roll: Array, height
 
 def _of_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) -> list[Influence]:
     """What the covariance of the calibration's unknowns does to view ``k``, in Cholesky's order: each line with what
-    moves along. Of several views, all their unknowns together.
+    moves along. Of several views, all their unknowns together; scans by one view have the same.
     """
     calibration = views[k].calibration
-    if len(views) > 1:
+    if len({view.calibration.name for view in views}) > 1:
         return _of_joint_calibration(views, k, cells)
     covariance = calibration.covariance
     if covariance.shape[0] < UNKNOWNS:
@@ -418,10 +433,11 @@ def _of_table(view: Weighed, cells: SeenCells, nominal: Involute) -> list[Influe
     stated = view.scan.stand.table.sideways_U
     sideways = SIDEWAYS_U if stated is None else stated
     sideways_name = "sideways motion of the table" + (ASSUMED if stated is None else "")
+    across = np.eye(3)[:2] @ part_from_shaft(calibration).rotation.T
     zero = ANGLE_ZERO_U if calibration.angle_U is None else calibration.angle_U
     zero_name = "zero of the table angle" + (ASSUMED if calibration.angle_U is None else "")
     return [
-        *(cells.influence(f"table bearing{ASSUMED}", axis * BEARING_U, BEARING_U / 2) for axis in np.eye(3)[:2]),
+        *(cells.influence(f"table bearing{ASSUMED}", axis * BEARING_U, BEARING_U / 2) for axis in across),
         cells.influence(zero_name, rotated(zero), zero / 2, "rectangular"),
         *(
             cells.influence(name, rotated(U / n * wave(n * cells.theta)), U / n / 2)

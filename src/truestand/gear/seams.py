@@ -95,7 +95,7 @@ def tied_roughly(
     seen = [followed(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
     offsets = [flank_offsets(s, toothing).reshape(2, -1) for s in surfaces]
     differences = []
-    for (a, b), side in product(combinations(range(len(surfaces)), 2), (0, 1)):
+    for (a, b), side in product(_pairs([s.origin[1].name for s in surfaces]), (0, 1)):
         apart = offsets[a][side] - offsets[b][side]
         both = np.zeros(shape, dtype=bool)
         both[side] = np.isfinite(apart)[:, None]
@@ -150,7 +150,7 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     seen = [followed(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
     means = [_means(part_of(flanks, views, k), grid) for k in range(len(views))]
     found = []
-    for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
+    for (a, b), side in product(_pairs([view.name for view in views]), (0, 1)):
         apart = means[a] - means[b]
         both = np.zeros(apart.shape, dtype=bool)
         both[side] = np.isfinite(apart[side]) & grid.in_ranges[side]
@@ -159,6 +159,11 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
             u = robust_sd(apart[both] - np.median(apart[both])) / sqrt(teeth)
             found.append(difference_of(seen, (a, b), side, float(np.median(apart[both])), u, both))
     return found
+
+
+def _pairs(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Pairs of scans by different views: those of a part clamped again by one view tell nothing of where it stands."""
+    return [(a, b) for a, b in combinations(range(len(names)), 2) if names[a] != names[b]]
 
 
 def _means(flanks: Flanks, grid: Grid) -> Array:

@@ -84,7 +84,7 @@ def with_views(
     lines: tuple[Characteristic, ...], flanks: Flanks, views: Sequence[GearView]
 ) -> tuple[Characteristic, ...]:
     """The lines with the views that saw the flanks which they read; of one view, as they are."""
-    if len(views) == 1:
+    if len({view.name for view in views}) == 1:
         return lines
     teeth = flanks.toothing.nominal.gear.teeth
     key = view_of(flanks, views) * 2 * teeth + flanks.flank
@@ -94,7 +94,7 @@ def with_views(
     def names(line: Characteristic) -> tuple[str, ...]:
         sides = slice(None) if line.flank is None else FLANKS.index(line.flank)
         of_line = seen[:, sides] if line.tooth is None else seen[:, sides, line.tooth - 1]
-        return tuple(view.name for view, sees in zip(views, of_line, strict=True) if sees.any())
+        return tuple(dict.fromkeys(view.name for view, sees in zip(views, of_line, strict=True) if sees.any()))
 
     return tuple(replace(line, views=names(line)) for line in lines)
 

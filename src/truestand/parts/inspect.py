@@ -9,9 +9,11 @@ from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, TruestandError
 from truestand.core.inspection import Inspection
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.temperature import Temperature
+from truestand.gear.clampings import laid_together
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.cad import inspect_cad
@@ -23,10 +25,13 @@ LIKE_THE_SHAFT_MM = 1.0
 """Difference of radius within which a section at the height of a cylinder of the shaft may be that cylinder."""
 
 
-def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
+def inspect(
+    surface: Surface | Sequence[Surface], part: Part, part_turned: Sequence[int | None] | None = None
+) -> Inspection:
     """Characteristics, each with its uncertainty (mm, k = 2), of a part that ``roll`` brought into C; defects of gears.
 
-    Of gears, several views are inspected as one (``roll_views``).
+    Of gears, several views are inspected as one (``roll_views``); so are scans of a gear that was clamped again,
+    ``part_turned`` by so many teeth in each (``gear.clampings``).
 
     Source: gears by ISO 1328-1 and ISO 21771; form and run-out by ISO 12181, ISO 12180, ISO 1101; decisions by
     ISO 14253-1.
@@ -34,7 +39,8 @@ def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
     Raises:
         NotEnoughData: nothing of the part is in view.
         WrongDrawing: what was seen is another gear than the drawing's.
-        BadRecipe: a surface doesn't say from which scan and calibration it comes, or several of a part that is no gear.
+        BadRecipe: a surface doesn't say from which scan and calibration it comes, several of a part that is no gear, or
+            teeth that the pitches contradict.
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
     demand_views(len(surfaces), part)
@@ -42,7 +48,12 @@ def inspect(surface: Surface | Sequence[Surface], part: Part) -> Inspection:
         surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:
         surfaces = tuple(_at_reference_temperature(s, part.temperature) for s in surfaces)
+    untied: tuple[Message, ...] = ()
+    clamped: tuple[Message, ...] = ()
+    if part_turned is not None and isinstance(part, Gear):
+        surfaces, untied, clamped = laid_together(surfaces, part, part_turned)
     inspection = _inspected(surfaces, part)
+    inspection = replace(inspection, reasons=(*untied, *inspection.reasons), remarks=(*clamped, *inspection.remarks))
     origins = [s.origin for s in surfaces]
     followed = dict.fromkeys(
         r for scan, calibration in origins for r in (*scan.remarks, *transfer_remarks(calibration))

@@ -142,8 +142,10 @@ def calibrate_job(
 def inspect_job(
     inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     identity: Mapping[str, str] | None = None, start_stated: bool = False, truth: Mapping[str, Any] | None = None,
+    part_turned: tuple[int | None, ...] | None = None,
 ) -> Outcome[Inspection]:  # fmt: skip
-    """Inspect a part by a scan of it on the calibrated stand, or by one of each view.
+    """Inspect a part by a scan of it on the calibrated stand, by one of each view, or by several between which it was
+    clamped again, ``part_turned`` by so many teeth in each.
 
     ``identity``: serial, order, operator, where they are others than the recipe's; ``start_stated``: the table angle of
     the scan's first profile was given by the user; ``truth``: of a simulated scan.
@@ -164,10 +166,10 @@ def inspect_job(
     changes = _changes(inputs)
     scans = take(calibration.whole_stand)
     with during("evaluate"):
-        surfaces, created = _rolled_up(scans, calibration, start_stated), now()
+        surfaces, created = _rolled_up(scans, calibration, start_stated, part_turned is not None), now()
         identity = {**read_identity(recipe), **(identity or {})}
         try:
-            inspection = inspect(surfaces, part)
+            inspection = inspect(surfaces, part, part_turned)
         except (NotEnoughData, WrongDrawing):
             demand_right_views(scans, calibration, part, start_stated)
             raise
@@ -248,13 +250,15 @@ def _calibrated(
     return calibration, calibration if both else None
 
 
-def _rolled_up(scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool) -> tuple[Surface, ...]:
+def _rolled_up(
+    scans: tuple[Scan, ...], calibration: Calibration, start_stated: bool, clamped_again: bool
+) -> tuple[Surface, ...]:
     """The scans as the calibration applies to them: one in its own view's frames, several in those of the first."""
     from truestand.apply.transfer import roll
     from truestand.apply.views import roll_views
 
     if len(scans) > 1:
-        return roll_views(scans, calibration, start_stated)
+        return roll_views(scans, calibration, start_stated, clamped_again)
     return (roll(scans[0], calibration, start_stated),)
 
 

@@ -16,6 +16,7 @@ from truestand.core.frames import (
     PLANE_TILT,
     RADIAL,
     UNKNOWNS,
+    Pose,
     in_rotor,
     sensor_parameters,
     shaft_from_rotor,
@@ -24,6 +25,8 @@ from truestand.core.frames import (
 )
 from truestand.uncertainty.budget import square_root
 
+SAME_FRAME = 1e-13
+"""Of the entries of a pose that moves nothing."""
 STEPS = np.array([1e-6, 1e-4, 1e-4, 1e-6, 1e-4, 1e-4, 1e-6, 1e-6])
 """rad and mm: small against any curvature, large against rounding."""
 
@@ -42,12 +45,23 @@ def points_of(p: Array, height: float, x: Array, z: Array, angle: Array) -> Arra
 def moved_points(calibration: Calibration, step: Array, x: Array, z: Array, angle: Array) -> Array:
     """Points (..., 3) mm in C of readings x, z (...) mm at table angles (...) rad, the unknowns off by ``step`` (8,).
 
-    C: that which the calibration's chain leads to, be it another view's.
+    C: that which the calibration's chain leads to, be it another view's, or that of a part before it was turned.
     """
     p, height = unknowns_of(calibration)
     own = points_of(p + step, height, x, z, angle)
-    turn = calibration.shaft_from_rotor @ shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS]).inverse
-    return turn(own) if calibration.azimuth or calibration.height else own
+    turn = _from_own_shaft(calibration)
+    return own if np.allclose(turn.matrix, np.eye(4), rtol=0.0, atol=SAME_FRAME) else turn(own)
+
+
+def part_from_shaft(calibration: Calibration) -> Pose:
+    """How a part was turned back that was clamped again; of any other the pose that moves nothing."""
+    return _from_own_shaft(calibration) @ calibration.first_from_table.inverse
+
+
+def _from_own_shaft(calibration: Calibration) -> Pose:
+    """From the C of the calibration's own unknowns into the one that its chain leads to."""
+    p, _ = unknowns_of(calibration)
+    return calibration.shaft_from_rotor @ shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS]).inverse
 
 
 def unknowns_of(calibration: Calibration) -> tuple[Array, float]:

@@ -1,0 +1,261 @@
+"""A gear that was clamped again between scans, turned on its shaft by some teeth: its scans laid onto each other.
+
+The pattern of its pitches ties them, where the same flanks are seen again: the shift by whole teeth at which the
+pitches agree, and at no other. Then closure separates the table from the gear: what stays with the table while the gear
+is turned is the table's,
+
+    F_c(j) = g(j) + t(theta_j + o_c) + const_c,    t = sum of waves a turn
+
+(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). What is left of the table's errors, and of all else
+that does not turn with the gear, is averaged over the clampings.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import log, sqrt, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.apply.datum import Datum, datum_of
+from truestand.core.arrays import Array
+from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
+from truestand.core.errors import BadRecipe, WrongDrawing
+from truestand.core.frames import about_axis
+from truestand.core.message import Message
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, apply_calibration, seen_at, table_angle
+from truestand.gear.drawing import Gear
+from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
+from truestand.gear.geometry import SIGMA, Involute, involute
+from truestand.uncertainty.lines import once_per_turn
+
+BY_CHANCE = 1e-4
+"""Probability that another shift by teeth agrees as well by chance, from which clampings are not tied."""
+LEAST_PATTERN = 1.5e-3
+"""mm, rms, beyond once a turn: pitches that scatter less may be the table's, which stay where they are when the gear is
+turned."""
+LEAST_FLANKS = 8
+"""That two clampings must both show."""
+LEAST_VARIANCE = 1e-16
+"""rad2: no wave is known better."""
+LEAST_NOISE = 1e-4
+"""mm: flanks' places are not known better."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """How a clamping's teeth lie on those of the first."""
+
+    teeth: int
+    """By so many it was turned, counter-clockwise from above."""
+    turn: float
+    """rad: the same, to the flanks' places."""
+    sure: bool
+    """Whether the pattern of the pitches says so."""
+
+
+def laid_together(
+    surfaces: Sequence[Surface], gear: Gear, turned: Sequence[int | None]
+) -> tuple[tuple[Surface, ...], tuple[Message, ...], tuple[Message, ...]]:
+    """The surfaces of several clampings in the first one's frame, why nothing may be decided, and what to know.
+
+    ``turned``: by how many teeth the part sat turned in each, counter-clockwise from above, the first by 0; None: its
+    pitches tell.
+
+    Raises:
+        BadRecipe: not one number for each surface, the first not 0, or a number that the pitches contradict.
+        NotEnoughData: nothing of the toothing is in view.
+    """
+    _demand(surfaces, turned)
+    nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
+    toothings = [find_toothing(s, nominal, datum) for s in surfaces]
+    ties = [_tie(toothings[0], other, teeth) for other, teeth in zip(toothings[1:], turned[1:], strict=True)]
+    untied = [
+        k for k, (tie, teeth) in enumerate(zip(ties, turned[1:], strict=True), 2) if not tie.sure and teeth is None
+    ]
+    if untied:
+        return tuple(surfaces), (_not_tied(untied),), ()
+    placed = [surfaces[0], *(_turned_back(s, datum, tie.turn) for s, tie in zip(surfaces[1:], ties, strict=True))]
+    closed, said = _closed(placed, nominal, datum)
+    said += "; " + ", ".join(f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 2))
+    return closed, (), (Message("part_clamped_again", said),)
+
+
+def _demand(surfaces: Sequence[Surface], turned: Sequence[int | None]) -> None:
+    if len(turned) != len(surfaces):
+        raise BadRecipe(
+            f"found --part-turned for {len(turned)} clampings and {len(surfaces)} scans, need one number of teeth "
+            "each, in their order"
+        )
+    if turned[0] not in (0, None):
+        raise BadRecipe(f"found --part-turned {turned[0]} for the first scan, need 0: the others count from it")
+
+
+def _not_tied(clampings: list[int]) -> Message:
+    listed = ", ".join(map(str, clampings))
+    text = (
+        f"clamping {listed}: by how many teeth the part was turned can't be told, its pitches are too even, or too few "
+        "flanks are seen again; count the teeth and state them (--part-turned 0,8,16)"
+    )
+    return Message("part_not_tied", text)
+
+
+def _tie(first: Toothing, other: Toothing, stated: int | None) -> Tie:
+    """The shift by teeth at which the places of the flanks agree.
+
+    Raises:
+        BadRecipe: the pitches say plainly that it was another one than stated.
+        WrongDrawing: too few flanks are seen in both clampings.
+    """
+    nominal, teeth = first.nominal, first.nominal.gear.teeth
+    before, after = (SIGMA[:, None] * t.offsets.reshape(2, teeth) for t in (first, other))
+    fits = [_agreement(np.roll(after, -shift, axis=1) - before, nominal) for shift in range(teeth)]
+    rms = np.array([fit[1] for fit in fits])
+    if not np.isfinite(rms).any():
+        raise WrongDrawing("found too few flanks that are seen in both clampings, need the same flanks in view again")
+    order = np.argsort(rms)
+    best, number = int(order[0]), fits[int(order[0])][2]
+    gain = 2 * number * log(rms[order[1]] / rms[best]) if teeth > 1 else np.inf
+    sure = best != 0 and gain > 2 * log(teeth / BY_CHANCE) and _pattern(before, nominal) > LEAST_PATTERN
+    if stated is not None and sure and stated % teeth != best:
+        raise BadRecipe(
+            f"found --part-turned {stated}, the pitches say that the part was turned by {best} teeth; count again, or "
+            "leave it to them (--part-turned auto)"
+        )
+    shift = best if stated is None else stated % teeth
+    turn = other.first_tooth - first.first_tooth + shift * nominal.gear.pitch + fits[shift][0] / nominal.base_radius
+    return Tie(shift, turn, sure)
+
+
+def _agreement(difference: Array, nominal: Involute) -> tuple[float, float, int]:
+    """Mean of differences (2, teeth) mm of places, their rms about it and a wave a turn, and how many there are."""
+    side, tooth = np.nonzero(np.isfinite(difference))
+    if side.size < LEAST_FLANKS:
+        return 0.0, np.inf, side.size
+    design = np.column_stack([np.ones(side.size), _waves(np.asarray(tooth * nominal.gear.pitch), [1])])
+    values = difference[side, tooth]
+    solution, *_ = np.linalg.lstsq(design, values, rcond=None)
+    rest = values - design @ solution
+    return float(solution[0]), max(sqrt(float(rest @ rest) / max(side.size - 3, 1)), LEAST_NOISE), side.size
+
+
+def _pattern(places: Array, nominal: Involute) -> float:
+    """rms (mm) of the places (2, teeth) of flanks, each side by itself, beyond a wave a turn."""
+    sides = [_agreement(np.stack([side, np.full(side.size, np.nan)]), nominal)[1] for side in places]
+    known = [rms for rms in sides if np.isfinite(rms)]
+    return min(known, default=0.0)
+
+
+def _waves(angle: Array, orders: Sequence[int]) -> Array:
+    """Cosine and sine (n, 2 orders) of each wave a turn at angles (n,) rad."""
+    return np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], axis=-1)
+
+
+def _turned_back(surface: Surface, datum: Datum, turn: float) -> Surface:
+    """The surface as it would be seen had the part not been turned."""
+    scan, calibration = surface.origin
+    back = datum.pose.inverse @ about_axis(-turn, 0.0) @ datum.pose
+    return apply_calibration(scan, replace(calibration, shaft_from_rotor=back @ calibration.shaft_from_rotor))
+
+
+def _closed(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> tuple[tuple[Surface, ...], str]:
+    """The surfaces with the table's errors taken off, as far as the clampings tell them from the gear; and what was
+    found.
+    """
+    toothing = find_toothing(surfaces[0], nominal, datum)
+    toothings = [replace(toothing, offsets=flank_offsets(s, toothing)) for s in surfaces]
+    orders = _orders(nominal.gear.teeth)
+    solution, covariance = _closure(surfaces, toothings, orders)
+    corrected = tuple(_with_table(s, solution, covariance, orders, nominal.measuring_radius) for s in surfaces)
+    size = float(np.hypot(*solution[:2])) * nominal.measuring_radius
+    U = _largest(covariance, 0) * nominal.measuring_radius
+    text = (
+        f"closure over {len(surfaces)} clampings: the table errs by {1000 * size:.1f} +- {1000 * U:.1f} um once a turn "
+        "at the measuring circle, taken off"
+    )
+    return corrected, text
+
+
+def _orders(teeth: int) -> list[int]:
+    """Waves a turn that are looked for: slow ones, and the one that neighbouring teeth feel most."""
+    return sorted({1, 2, 3, max(2, teeth // 4)})
+
+
+def _closure(surfaces: Sequence[Surface], toothings: Sequence[Toothing], orders: Sequence[int]) -> tuple[Array, Array]:
+    """Waves (2 orders,) rad of the table's error and their covariance, of least squares: the gear's own places are
+    free, and so is what each clamping turns it by; the table, and how far off the axis a part sits that was clamped
+    again, are known beforehand as their budget says.
+    """
+    nominal, teeth = toothings[0].nominal, toothings[0].nominal.gear.teeth
+    flanks, clampings, waves = 2 * teeth, len(surfaces), 2 * len(orders)
+    rows, values = [], []
+    for c, (surface, toothing) in enumerate(zip(surfaces, toothings, strict=True)):
+        place = (SIGMA[:, None] * toothing.offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
+        seen = np.flatnonzero(np.isfinite(place))
+        design = np.zeros((seen.size, flanks + 3 * (clampings - 1) + waves))
+        design[np.arange(seen.size), seen] = 1.0
+        if c:
+            own = slice(flanks + 3 * (c - 1), flanks + 3 * c)
+            azimuth = np.asarray(seen % teeth * nominal.gear.pitch)
+            design[:, own] = np.column_stack([np.ones(seen.size), _waves(azimuth, [1])])
+        # An angle that counts too much by t shows the flank turned back by t.
+        design[:, -waves:] = -_waves(_table_angles(surface, toothing, seen), orders)
+        rows.append(design)
+        values.append(place[seen])
+    design, value = np.concatenate(rows), np.concatenate(values)
+    weight = 1.0 / (_noise(design, value) ** 2)
+    normal = weight * design.T @ design
+    known = _before(surfaces[0].origin[0], nominal, orders)
+    normal[-waves:, -waves:] += np.diag(1.0 / np.square(known))
+    seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K) / nominal.base_radius
+    for c in range(clampings - 1):
+        at = flanks + 3 * c + np.array([1, 2])
+        normal[at, at] += 1.0 / seated**2
+    inverse = np.asarray(np.linalg.pinv(normal, hermitian=True))
+    solution = inverse @ (weight * design.T @ value)
+    return solution[-waves:], inverse[-waves:, -waves:]
+
+
+def _noise(design: Array, value: Array) -> float:
+    """Standard deviation (rad) of the flanks' places, from what waves, teeth and clampings leave of them."""
+    solution, _, rank, _ = np.linalg.lstsq(design, value, rcond=None)
+    rest = value - design @ solution
+    return max(sqrt(float(rest @ rest) / max(value.size - int(rank), 1)), 1e-7)
+
+
+def _before(scan: Scan, nominal: Involute, orders: Sequence[int]) -> Array:
+    """Standard uncertainty (2 orders,) rad of each wave beforehand."""
+    _, U = once_per_turn(scan)
+    stated = scan.stand.table.sideways_U
+    sideways = (SIDEWAYS_U if stated is None else stated) / nominal.measuring_radius
+    return np.repeat([sqrt((U / n) ** 2 + (sideways if n > 1 else 0.0) ** 2) / K for n in orders], 2)
+
+
+def _table_angles(surface: Surface, toothing: Toothing, flanks: NDArray[np.intp]) -> Array:
+    """Table angle (n,) rad at which the measuring circle of each of some ``flanks`` (side * teeth + tooth) is seen."""
+    _, calibration = surface.origin
+    nominal = toothing.nominal
+    side, tooth = np.divmod(flanks, nominal.gear.teeth)
+    roll, height = np.full(side.size, nominal.measuring_roll), np.full(side.size, nominal.middle)
+    return seen_at(calibration, toothing.points((side, tooth), roll, height, np.zeros(side.size)))
+
+
+def _largest(covariance: Array, wave: int) -> float:
+    """U (k = 2, rad) of a wave, in the phase in which it is known worst."""
+    own = slice(2 * wave, 2 * wave + 2)
+    return K * sqrt(max(float(np.linalg.eigvalsh(covariance[own, own])[-1]), LEAST_VARIANCE))
+
+
+def _with_table(surface: Surface, solution: Array, covariance: Array, orders: Sequence[int], radius: float) -> Surface:
+    """The surface with the table's waves (2 orders,) rad taken off its angle; what is left of them is known, as angle
+    once a turn and, at the measuring ``radius`` (mm), as sideways motion beyond.
+    """
+    scan, calibration = surface.origin
+    angle = table_angle(scan, calibration)
+    once, *faster = (_largest(covariance, k) for k in range(len(orders)))
+    table = replace(scan.stand.table, angle_U=once, sideways_U=max(faster) * radius)
+    corrected = replace(
+        scan, angle=angle - _waves(angle % tau, orders) @ solution, stand=replace(scan.stand, table=table)
+    )
+    return apply_calibration(corrected, replace(calibration, speed_factor=1.0, applied_to=corrected))

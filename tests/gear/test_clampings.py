@@ -1,0 +1,127 @@
+"""A gear that was clamped again, turned by some teeth: tied by its pitches, and the table told from it by closure."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians, tau
+
+import numpy as np
+import pytest
+
+from gears import SPUR, WORN, simulation, stand
+from truestand.apply.transfer import roll
+from truestand.apply.views import roll_views
+from truestand.calibration.calibrate import calibrate
+from truestand.core.errors import BadRecipe
+from truestand.core.scan import interpret
+from truestand.core.surface import Surface
+from truestand.gear.clampings import laid_together
+from truestand.parts.inspect import inspect
+from truestand.sim import GearErrors, VirtualGear, paper_shaft, simulate
+from truestand.sim.gear_truth import gear_figures
+
+UM = 1e-3
+COUNTS = 360_000
+OFFSETS = (0, 7, 16)
+TABLE = radians(10.0 / 3600.0)
+"""10 arc seconds once a turn: an amplitude of 1.2 um at the measuring circle."""
+EMPTY = Surface(*np.zeros((3, 1, 1)))
+PERFECT = GearErrors(phase=0.05)
+STAND = replace(stand(240), counts_per_turn=COUNTS)
+
+
+def turned_by(errors, teeth):
+    """A gear with these errors, turned by so many teeth, counter-clockwise from above."""
+    return replace(
+        errors, eccentricity_direction=errors.eccentricity_direction + teeth * tau / SPUR.teeth,
+        pitch_left=tuple(np.roll(errors.pitch_left, teeth)), pitch_right=tuple(np.roll(errors.pitch_right, teeth)),
+    )  # fmt: skip
+
+
+@cache
+def scan(errors, teeth, seed):
+    """Of the shaft (None) or of a gear, with an encoder that errs once a turn."""
+    how = simulation(4400, True)
+    how = replace(how, acquisition=replace(how.acquisition, columns=("encoder",)))
+    part = None if errors is None else VirtualGear(SPUR, turned_by(errors, teeth))
+    made = simulate(STAND, how, paper_shaft(), seed, None, part).recording
+    angle = made.encoder * (tau / COUNTS)
+    return interpret(replace(made, encoder=made.encoder + COUNTS / tau * TABLE * np.cos(angle - 0.7)), STAND)
+
+
+@cache
+def calibrated():
+    return calibrate(scan(None, 0, 1), paper_shaft())
+
+
+@cache
+def clamped(errors):
+    scans = tuple(scan(errors, teeth, 10 + teeth) for teeth in OFFSETS)
+    return roll_views(scans, calibrated(), clamped_again=True)
+
+
+@cache
+def found(errors, turned):
+    return inspect(clamped(errors), SPUR, turned)
+
+
+def line(inspection, name, flank):
+    return next(c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, None))
+
+
+def true(errors):
+    return gear_figures(VirtualGear(SPUR, errors), paper_shaft(), simulation(2, True).workpiece)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("flank", ["left", "right"])
+def test_closure_takes_the_table_off_the_pitch(flank):
+    alone = inspect(roll(scan(WORN, 0, 10), calibrated()), SPUR)
+    c, truth = line(found(WORN, (None,) * 3), "F_p", flank), true(WORN)["F_p", flank, None]
+    assert c.value == pytest.approx(truth, abs=0.5 * UM) and abs(c.value - truth) < c.U < 1.5 * UM
+    assert c.U < line(alone, "F_p", flank).U / 3
+
+
+@pytest.mark.more
+def test_the_tables_error_is_told():
+    (said,) = [str(r) for r in found(WORN, (None,) * 3).remarks if r.code == "part_clamped_again"]
+    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in said
+    size, U = (float(text) for text in said.split("errs by ")[1].split(" um")[0].split(" +- "))
+    assert size == pytest.approx(1000 * TABLE * 24.0, abs=max(U, 0.1)) and U < 1.0
+
+
+@pytest.mark.more
+def test_every_flank_is_read_by_all_clampings_alike():
+    alone, together = inspect(clamped(WORN)[0], SPUR), found(WORN, OFFSETS)
+    for name in ("f_falpha", "f_fbeta", "f_Halpha", "f_Hbeta"):
+        one, all_three = ([c.value for c in i.characteristics if c.name == name and c.tooth] for i in (alone, together))
+        assert np.allclose(one, all_three, atol=3 * UM)
+
+
+@pytest.mark.more
+def test_a_perfect_gear_is_not_tied_and_nothing_is_decided():
+    loose = found(PERFECT, (None,) * 3)
+    assert "part_not_tied" in {r.code for r in loose.reasons}
+    assert {c.verdict for c in loose.characteristics} == {None}
+
+
+@pytest.mark.more
+def test_a_perfect_gear_is_tied_by_the_teeth_that_are_stated():
+    stated = found(PERFECT, OFFSETS)
+    assert not stated.reasons
+    for flank in ("left", "right"):
+        c = line(stated, "F_p", flank)
+        assert c.value < 0.5 * UM and c.U < 2.0 * UM
+
+
+@pytest.mark.more
+def test_teeth_that_the_pitches_contradict_are_refused():
+    with pytest.raises(BadRecipe, match="found --part-turned 8, the pitches say that the part was turned by 7 teeth"):
+        inspect(clamped(WORN), SPUR, (0, 8, 16))
+
+
+@pytest.mark.parametrize(
+    ("turned", "message"), [((0, 7), "for 2 clampings and 3 scans"), ((3, 7, 16), "for the first scan, need 0")]
+)
+def test_numbers_that_do_not_fit_are_refused(turned, message):
+    with pytest.raises(BadRecipe, match=message):
+        laid_together([EMPTY] * 3, SPUR, turned)
