@@ -191,7 +191,7 @@ def true_figures(part, workpiece: Workpiece, shaft) -> dict:
     if isinstance(part, VirtualGear):
         return {(n, flank or "", tooth): v for (n, flank, tooth), v in gear_figures(part, shaft, workpiece).items()}
     found = {}
-    for s in part.part.sections:
+    for s in part.turned.sections:
         found["d", s.name, None] = s.diameter
         found["roundness", s.name, None] = 2 * FORM
         found["runout", s.name, None] = 2 * FORM
