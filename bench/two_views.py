@@ -21,6 +21,7 @@ import numpy as np
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.artefact import Artefact
+from truestand.core.errors import TruestandError
 from truestand.core.frames import Pose, about_axis
 from truestand.core.harmonics import wrap
 from truestand.core.scan import Scan, interpret
@@ -169,7 +170,11 @@ def try_seam(seed: int) -> tuple[bool, bool, float]:
     found = calibrate_views(here.scans(seed), here.artefact)
     moved = bool(seed % 2)
     surfaces = roll_views(here.scans(seed + 1, real_gear(gear, rng), MOVED if moved else 0.0), found)
-    inspection = inspect_gear(surfaces, gear)
+    try:
+        inspection = inspect_gear(surfaces, gear)
+    except TruestandError as error:
+        print(f"seed {seed}, {'moved' if moved else 'not moved'}: refused: {error}", flush=True)
+        return moved, True, 0.0
     named = {r.code for r in inspection.reasons}
     noticed = bool(named & {"views_contradict", "shaft_turned", "sensor_moved_radially"})
     return moved, noticed, max((abs(s.difference) / s.U for s in inspection.seams), default=0.0)

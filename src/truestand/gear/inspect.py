@@ -89,7 +89,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     surfaces, seams = tied_roughly(surfaces, nominal, datum)
     whole = stacked(surfaces)
     views = views_of(surfaces, find_toothing(whole, nominal, datum))
-    reasons = _reasons(whole, views)
+    reasons = _reasons(whole, views, seams)
     views = with_correct_angles(views)
     views, seams = (views, seams) if seams else tied(views)
     flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
@@ -147,10 +147,13 @@ def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluator, Measures]:
     return evaluator, evaluate(evaluator.grid.delta, evaluator)
 
 
-def _reasons(surface: Surface, views: tuple[GearView, ...]) -> tuple[Message, ...]:
-    """Why nothing may be decided: the calibration's reasons and, if it has any, a drawing that doesn't fit."""
+def _reasons(surface: Surface, views: tuple[GearView, ...], seams: tuple[Seam, ...]) -> tuple[Message, ...]:
+    """Why nothing may be decided: the calibration's reasons, views that contradict each other and, if there are any, a
+    drawing that doesn't fit.
+    """
     flanks = joined([view.flanks for view in views], views)
     reasons = tuple(dict.fromkeys(reason for view in views for reason in _calibration_reasons(view.calibration)))
+    reasons = (*reasons, *contradictions(seams))
     try:
         check_drawing(surface, flanks)
     except WrongDrawing as wrong:

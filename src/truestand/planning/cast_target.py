@@ -15,7 +15,9 @@ from truestand.parts.rays import solid_of
 from truestand.parts.turned import MARGIN
 from truestand.planning.imagined_scan import imagined_scan
 from truestand.planning.obstacles import Body, Cast, Meshed, Round
-from truestand.planning.target import Post, Surfaces, View, share_of_room
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
+from truestand.planning.target import Surfaces, View, share_of_room
 
 HEIGHTS = 15
 """Points of a section that must be seen."""
@@ -43,8 +45,8 @@ class CastTarget:
     turns: float
     """Of a scan."""
     profiles_per_turn: float
-    known: dict[tuple[Post, int], tuple[Characteristic, ...]] = field(default_factory=dict, compare=False)
-    """Lines of imagined scans, by place and profiles."""
+    known: dict[tuple[Place, Optics, int], tuple[Characteristic, ...]] = field(default_factory=dict, compare=False)
+    """Lines of imagined scans, by place, sensor and profiles."""
 
     @property
     def bodies(self) -> tuple[Body, ...]:
@@ -79,7 +81,7 @@ class CastTarget:
         return best
 
     def _inspected(self, view: View, profiles: int) -> tuple[Characteristic, ...]:
-        key = view.post, profiles
+        key = view.post.place, view.post.eye.optics, profiles
         if key not in self.known:
             self.known[key] = self._lines_of(view, profiles)
         return self.known[key]

@@ -1,6 +1,6 @@
 """What a sensor's data sheet says of what it can see, and what is assumed where it is silent."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, degrees, radians, tan
 
 import numpy as np
@@ -17,6 +17,9 @@ NOISE = 0.005
 """mm, standard deviation."""
 HOUSING = (100.0, 40.0, 90.0)
 """mm along x, y and z."""
+RANGE_SPARE, LINE_SPARE, INCIDENCE_SPARE = 2.0, 0.06, radians(0.5)
+"""mm of range at either end, share of the laser line, and rad of incidence that a plan leaves unused: nobody puts a
+sensor just where it is planned."""
 POINTS = 640
 """Of a profile."""
 
@@ -59,6 +62,15 @@ class Optics:
     def spacing(self, z: Array | float) -> Array:
         """mm along x between neighbouring points at ranges z."""
         return 2 * self.half_line(z) / self.points
+
+    @property
+    def tightened(self) -> "Optics":
+        """What is surely in view where the sensor stands a degree or a millimetre off its place."""
+        near, far = self.range
+        inset = min(RANGE_SPARE, (far - near) / 4)
+        ends = [2 * float(self.half_line(z)) * (1.0 - LINE_SPARE) for z in (near + inset, far - inset)]
+        limit = max(self.incidence_limit - INCIDENCE_SPARE, self.incidence_limit / 2)
+        return replace(self, range=(near + inset, far - inset), line=(ends[0], ends[1]), incidence_limit=limit)
 
     @property
     def slopes(self) -> Array:

@@ -7,6 +7,7 @@ from math import pi
 
 import numpy as np
 
+from truestand.core.arrays import Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import WORST, Characteristic, Status
@@ -156,14 +157,15 @@ def _with(
     part: Part, field: Field, eyes: Sequence[Eye], assumed: tuple[str, ...], fewer: Plan | None, step: Step
 ) -> Plan:
     """The best plan with these sensors."""
-    views, tried = best_views(field, eyes, step)
+    choice = best_views(field, eyes, step)
+    views = choice.views
     expected = _expected(field.target.lines(views)) if views else ()
     seen = np.zeros(len(field.target.surfaces.points), dtype=bool)
     for view in views:
         seen |= field.seen_from(view.post)
     return Plan(
         part, field.setting, field, views, field.target.surfaces.coverage(seen), expected,
-        _unseen(field, seen, bool(views)), fewer, assumed, tried,
+        _unseen(field, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
     )  # fmt: skip
 
 
@@ -234,8 +236,8 @@ def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Cha
     )  # fmt: skip
 
 
-def _unseen(field: Field, seen: np.ndarray, placed: bool) -> tuple[str, ...]:
-    """What no place can see, and what the views don't."""
+def _unseen(field: Field, seen: Mask, why_not: str | None) -> tuple[str, ...]:
+    """What no place can see, and what the views don't; ``why_not``: why there are none."""
     if not field.candidates:
         return (_no_place(field),)
     surfaces, texts = field.target.surfaces, []
@@ -246,10 +248,12 @@ def _unseen(field: Field, seen: np.ndarray, placed: bool) -> tuple[str, ...]:
         if never.sum() > HIDDEN * own.sum():
             why = CAUSES[int(field.hidden[:, never].sum(axis=1).argmax())]
             texts.append(f"{_called(name)}: no place sees {100 * never.sum() / own.sum():.0f} % of it, {why}")
-        elif placed and (missed := own & ~seen).sum() > (1.0 - ENOUGH) * own.sum():
+        elif why_not is None and (missed := own & ~seen).sum() > (1.0 - ENOUGH) * own.sum():
             texts.append(f"{_called(name)}: these views leave out {100 * missed.sum() / own.sum():.0f} % of it")
-    if not placed:
-        texts.append("the shaft can't be calibrated from any place that sees the part: show more of it, or a step")
+    if why_not is not None:
+        texts.append(
+            f"no place that sees the part lets the shaft be calibrated: {why_not or 'the housings would meet'}"
+        )
     return tuple(texts)
 
 

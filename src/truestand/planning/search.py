@@ -6,6 +6,7 @@ the uncertainty decides, told roughly: the sensors in those that are left are ca
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as default
 from itertools import combinations, product
 from math import degrees, radians
 
@@ -29,14 +30,16 @@ RANGE_MARGIN = 2.0
 """mm of range at either end that places leave."""
 BEYOND = 10.0
 """mm above and below the surfaces at which the laser's middle may meet the shaft."""
-LEAST_SHAFT = 2.5
-"""mm of each of two cylinders that must be seen to calibrate."""
+LEAST_SHAFT, LEAST_SHARE = 5.0, 0.5
+"""mm of each of two cylinders that must be seen to calibrate, or share of shorter ones."""
 ENOUGH = 0.97
 """Coverage of a surface from which more of it makes nothing better."""
 AS_GOOD = 0.01
 """Of missing coverage, within which places count as equal."""
-POOL, MOST_GROUPS, MOST_JOINT = 36, 120, 4
-"""Places that are calibrated, sets of them that are compared, and how many of the best are calibrated together."""
+POOL, MOST_GROUPS, MOST_JOINT, MOST_ROUNDS = 36, 120, 4, 5
+"""Places that are calibrated, sets of them that are compared, how many of the best are calibrated together, and how
+often others are looked at where none can be.
+"""
 AZIMUTHS = np.radians([120.0, 150.0, 90.0, 180.0, 60.0, 210.0, 240.0, 270.0, 300.0, 30.0, 330.0])
 """Of a further sensor against the first, in the order of preference."""
 NEXT = ((radians(3.0), 0.0, 0.0, 0.0), (0.0, 4.0, 0.0, 0.0), (0.0, 0.0, 3.0, 0.0), (0.0, 0.0, 0.0, 0.3))
@@ -108,7 +111,7 @@ class Field:
         """The points (n,) that a view shows."""
         surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.target.shaft)
         view = uncalibrated(post.place, self.setting)
-        return look(surfaces.points, surfaces.normals, view, post.eye.optics, bodies).seen
+        return look(surfaces.points, surfaces.normals, view, post.eye.optics.tightened, bodies).seen
 
 
 def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Optics], step: Step) -> Field:
@@ -124,24 +127,35 @@ def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Opti
         gap, view = field.gap(Post(Eye("", "", own), place, 0.0)), uncalibrated(place, setting)
         if gap < room.least_clearance:
             touching += 1
-        elif not _shows_shaft(shaft_in_view(view, own, setting.shaft)):
+        elif not _shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):
             blind += 1
         else:
-            sight = look(surfaces.points, surfaces.normals, view, own, bodies)
+            sight = look(surfaces.points, surfaces.normals, view, own.tightened, bodies)
             hidden += sight.hidden
             if sight.seen.any():
                 found.append(Candidate(place, own, gap, sight.seen, float(sight.facing[sight.seen].mean())))
     return replace(field, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
 
 
-def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> tuple[tuple[View, ...], tuple[Tried, ...]]:
-    """The places of these sensors that show most, and measure best among those that show as much; nothing, where there
-    are none. And all sets of places that were compared.
-    """
-    calibrated = _Calibrated(field, {})
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The places of some sensors."""
+
+    views: tuple[View, ...]
+    """Empty: there are none."""
+    tried: tuple[Tried, ...]
+    """Sets of places that were compared."""
+    why_not: str
+    """Why there is none; empty where it is not known."""
+
+
+def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> Choice:
+    """The places of these sensors that show most, and measure best among those that show as much."""
+    calibrated, rounds = _Calibrated(field), 0
     ranked: list[tuple[tuple[int, float], tuple[Post, ...]]] = []
     tried: list[Tried] = []
-    while not ranked and (groups := _groups(field, len(eyes))):
+    while not ranked and rounds < MOST_ROUNDS and (groups := _groups(field, len(eyes))):
+        rounds += 1
         for k, group in enumerate(groups):
             step(k / len(groups))
             posts = _arranged(field, [field.candidates[i] for i in group], eyes)
@@ -152,10 +166,10 @@ def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> tuple[tuple[Vie
     for _, posts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
         for candidate in (_rounded(field, _improved(field, posts, calibrated)), posts):
             try:
-                return views_at(candidate, field.setting, field.target), tuple(tried)
-            except NotEnoughData:
-                continue
-    return (), tuple(tried)
+                return Choice(views_at(candidate, field.setting, field.target), tuple(tried), "")
+            except NotEnoughData as error:
+                calibrated.why_not.append(str(error))
+    return Choice((), tuple(tried), max(calibrated.why_not, key=calibrated.why_not.count, default=""))
 
 
 def _without(field: Field, places: set[int]) -> Field:
@@ -165,10 +179,12 @@ def _without(field: Field, places: set[int]) -> Field:
 
 @dataclass
 class _Calibrated:
-    """Single views, each calibrated once."""
+    """Single views, each calibrated once, whichever of some like sensors is there."""
 
     field: Field
-    views: dict[Post, View | None]
+    views: dict[tuple[Place, Optics], View | None] = default(default_factory=dict)
+    why_not: list[str] = default(default_factory=list)
+    """Why the shaft can't be calibrated in some places."""
 
     def worst(self, posts: Sequence[Post]) -> tuple[int, float] | None:
         """Surfaces that views don't measure, and about how large U is on the others; None: no calibration."""
@@ -180,13 +196,16 @@ class _Calibrated:
         return len(field.target.surfaces.names) - len(shares), max(shares.values(), default=0.0)
 
     def _view(self, post: Post) -> View | None:
-        key = Post(post.eye, replace(post.place, azimuth=0.0), 0.0)
+        place = replace(post.place, azimuth=0.0)
+        key = place, post.eye.optics
         if key not in self.views:
             try:
-                (self.views[key],) = views_at([key], self.field.setting, self.field.target)
-            except NotEnoughData:
+                (self.views[key],) = views_at([Post(post.eye, place, 0.0)], self.field.setting, self.field.target)
+            except NotEnoughData as error:
                 self.views[key] = None
-        return self.views[key]
+                self.why_not.append(str(error))
+        view = self.views[key]
+        return None if view is None else view.by(post.eye)
 
 
 def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]:
@@ -199,10 +218,10 @@ def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]
         yield Place(float(sign * angle), float(standoff), float(height), float(offset * setting.thinnest))
 
 
-def _shows_shaft(seen: tuple[float, ...]) -> bool:
-    """Whether as much of the shaft is in view as a calibration needs: of two cylinders, if it has two."""
-    needed = min(2, len(seen))
-    return sum(length >= LEAST_SHAFT for length in seen) >= needed
+def _shows_shaft(seen: tuple[float, ...], shaft: Sequence[Round]) -> bool:
+    """Whether as much of a shaft is in view as a calibration needs: of two cylinders, if it has two."""
+    enough = [min(LEAST_SHAFT, LEAST_SHARE * (body.top - body.bottom)) for body in shaft]
+    return sum(length >= least for length, least in zip(seen, enough, strict=True)) >= min(2, len(seen))
 
 
 def _groups(field: Field, number: int) -> list[tuple[int, ...]]:

@@ -1,7 +1,7 @@
 """What of a part must be seen, whatever the part is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -63,6 +63,16 @@ class View:
     """Of the shaft."""
     calibration: Calibration
     """In the frames of the first view."""
+
+    def by(self, eye: Eye) -> "View":
+        """The same by another sensor of its kind."""
+        if eye == self.post.eye:
+            return self
+        stand = self.scan.stand
+        stand = replace(stand, sensors=(replace(stand.sensor, name=eye.name, device=eye.device),))
+        return View(
+            replace(self.post, eye=eye), replace(self.scan, stand=stand), replace(self.calibration, stand=stand)
+        )
 
 
 class Target(Protocol):
