@@ -11,6 +11,7 @@ from gears import SPUR, WORN, simulation, stand
 from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.calibrate import calibrate
+from truestand.core.calibration import Wobble
 from truestand.core.errors import BadRecipe
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface
@@ -105,12 +106,44 @@ def test_a_perfect_gear_is_not_tied_and_nothing_is_decided():
 
 
 @pytest.mark.more
-def test_a_perfect_gear_is_tied_by_the_teeth_that_are_stated():
-    stated = found(PERFECT, OFFSETS)
-    assert not stated.reasons
-    for flank in ("left", "right"):
-        c = line(stated, "F_p", flank)
-        assert c.value < 0.5 * UM and c.U < 2.0 * UM
+@pytest.mark.parametrize("turned", [OFFSETS, (0, 8, 16)])
+def test_teeth_that_the_pitches_can_not_confirm_decide_nothing(turned):
+    """An even gear looks the same, turned or not: closure would give its run-out to the table."""
+    _, reasons, remarks = laid_together(clamped(PERFECT), SPUR, turned)
+    assert [r.code for r in reasons] == ["part_not_tied"] and not remarks
+
+
+@pytest.mark.more
+def test_a_gear_that_was_not_turned_is_not_tied():
+    scans = tuple(scan(WORN, 0, seed) for seed in (10, 11, 12))
+    surfaces = roll_views(scans, calibrated(), clamped_again=True)
+    for turned in (OFFSETS, (None,) * 3):
+        _, reasons, _ = laid_together(surfaces, SPUR, turned)
+        assert [r.code for r in reasons] == ["part_not_tied"]
+
+
+@pytest.mark.more
+def test_a_table_that_errs_by_more_than_its_u_allows_is_a_contradiction():
+    """Or the part sits otherwise, each time towards the same side: nothing tells one from the other."""
+    scans = [scan(WORN, teeth, 10 + teeth) for teeth in OFFSETS]
+    worse = tuple(replace(s, angle=s.angle + 8 * TABLE * np.cos(s.angle)) for s in scans)
+    surfaces = roll_views(worse, calibrated(), clamped_again=True)
+    _, reasons, _ = laid_together(surfaces, SPUR, (None,) * 3)
+    assert [r.code for r in reasons] == ["closure_contradicts"] and "angle_U_arcsec" in str(reasons[0])
+
+
+@pytest.mark.more
+def test_what_only_one_scan_shows_counts_in_it_alone():
+    """A wave of the shaft in view that the calibration does not know, in one clamping of three."""
+    first, *others = clamped(WORN)
+    _, known = first.origin
+    wobbling = replace(first, calibration=replace(known, wobble=Wobble(2, 0.003)))
+    together = inspect((*others[:1], wobbling, *others[1:]), SPUR)
+    assert any(line.name.startswith("wobble") for line in line_of(together).budget)
+
+
+def line_of(inspection):
+    return line(inspection, "F_p", "left")
 
 
 @pytest.mark.more
@@ -120,7 +153,8 @@ def test_teeth_that_the_pitches_contradict_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("turned", "message"), [((0, 7), "for 2 clampings and 3 scans"), ((3, 7, 16), "for the first scan, need 0")]
+    ("turned", "message"),
+    [((0, 7), "for 2 clampings and 3 scans"), ((3, 7, 16), "for the first scan of a view, need 0")],
 )
 def test_numbers_that_do_not_fit_are_refused(turned, message):
     with pytest.raises(BadRecipe, match=message):

@@ -185,14 +185,20 @@ def _of_sensors(seen: tuple[tuple[Weighed, SeenCells], ...]) -> list[Influence]:
 
 
 def _together(of_views: list[list[Influence]], views: tuple[Weighed, ...]) -> list[Influence]:
-    """Inputs that all views share: each moves the readings of all of them at once."""
-    joined = []
-    for parts in zip(*of_views, strict=True):
-        first, *others = (view.of_share(part) for view, part in zip(views, parts, strict=True))
-        for other in others:
-            first = replace(first, field=first.field + other.field, outward=first.outward + other.outward)
-        joined.append(first)
-    return joined
+    """Inputs that all views share: each moves the readings of all of them at once. A view may lack some: what wobbles
+    in one scan need not do so in another.
+    """
+    joined: dict[tuple[str, int], Influence] = {}
+    for view, influences in zip(views, of_views, strict=True):
+        number: dict[str, int] = {}
+        for influence in map(view.of_share, influences):
+            key = influence.name, number.get(influence.name, 0)
+            number[influence.name] = key[1] + 1
+            before = joined.get(key)
+            joined[key] = influence if before is None else replace(
+                before, field=before.field + influence.field, outward=before.outward + influence.outward
+            )  # fmt: skip
+    return list(joined.values())
 
 
 def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:

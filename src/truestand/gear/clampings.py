@@ -21,7 +21,7 @@ from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array
 from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
 from truestand.core.errors import BadRecipe, WrongDrawing
-from truestand.core.frames import about_axis
+from truestand.core.frames import Pose, about_axis
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, seen_at, table_angle
@@ -37,6 +37,10 @@ LEAST_PATTERN = 1.5e-3
 turned."""
 LEAST_FLANKS = 8
 """That two clampings must both show."""
+MOST_WAVES = 6
+"""A turn, that a table's errors may have when clampings are tied."""
+MOST = 1.5
+"""Times its U that what closure finds may be."""
 LEAST_VARIANCE = 1e-16
 """rad2: no wave is known better."""
 LEAST_NOISE = 1e-4
@@ -55,50 +59,119 @@ class Tie:
     """Whether the pattern of the pitches says so."""
 
 
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """What several clampings tell of the table, and of how the part sat in each."""
+
+    orders: tuple[int, ...]
+    """Waves a turn of the table's error:"""
+    waves: Array
+    """(2 orders,) rad, cosine and sine of each,"""
+    covariance: Array
+    """(2 orders, 2 orders) rad2."""
+    seats: Array
+    """(clampings, 2) mm: how far off the first one's axis the part sat in each."""
+    known: Array
+    """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
+    seated: float
+    """and mm, of the seats."""
+
+    def expanded(self, wave: int) -> float:
+        """Of a wave (k = 2, rad), in the phase in which it is known worst."""
+        own = slice(2 * wave, 2 * wave + 2)
+        return K * sqrt(max(float(np.linalg.eigvalsh(self.covariance[own, own])[-1]), LEAST_VARIANCE))
+
+    def contradictions(self, radius: float) -> tuple[Message, ...]:
+        """What of it can't be, by what was known beforehand; ``radius``: mm, of the measuring circle."""
+        found, once = [], float(np.hypot(*self.waves[:2]))
+        if once > MOST * K * self.known[0]:
+            text = (
+                f"closure: the table would err by {1000 * once * radius:.1f} um once a turn at the measuring circle, "
+                f"which its U ({1000 * K * self.known[0] * radius:.1f} um) does not allow: count the teeth, see that "
+                "the part sits as it sat (bore_clearance_mm), or state angle_U_arcsec under [table]"
+            )
+            found.append(Message("closure_contradicts", text))
+        off = float(np.hypot(*self.seats.T).max(initial=0.0))
+        if off > MOST * K * self.seated:
+            text = (
+                f"closure: the part would sit {1000 * off:.1f} um otherwise than in the first clamping, U is "
+                f"{1000 * K * self.seated:.1f} um: state its play (bore_clearance_mm)"
+            )
+            found.append(Message("part_sits_otherwise", text))
+        return tuple(found)
+
+
 def laid_together(
     surfaces: Sequence[Surface], gear: Gear, turned: Sequence[int | None]
 ) -> tuple[tuple[Surface, ...], tuple[Message, ...], tuple[Message, ...]]:
     """The surfaces of several clampings in the first one's frame, why nothing may be decided, and what to know.
 
-    ``turned``: by how many teeth the part sat turned in each, counter-clockwise from above, the first by 0; None: its
-    pitches tell.
+    ``turned``: by how many teeth the part sat turned in each, counter-clockwise from above, 0 in the first one of each
+    view; None: its pitches tell. Pitches too even to tell decide nothing, whatever is stated: nobody could notice a
+    part that was not turned at all.
 
     Raises:
         BadRecipe: not one number for each surface, the first not 0, or a number that the pitches contradict.
         NotEnoughData: nothing of the toothing is in view.
     """
-    _demand(surfaces, turned)
+    firsts = _firsts(surfaces, turned)
+    if len(surfaces) == len(set(firsts)):
+        return tuple(surfaces), (), ()
     nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
     toothings = [find_toothing(s, nominal, datum) for s in surfaces]
-    ties = [_tie(toothings[0], other, teeth) for other, teeth in zip(toothings[1:], turned[1:], strict=True)]
-    untied = [
-        k for k, (tie, teeth) in enumerate(zip(ties, turned[1:], strict=True), 2) if not tie.sure and teeth is None
+    ties = [
+        Tie(0, 0.0, True) if first == k else _tie(toothings[first], toothings[k], turned[k])
+        for k, first in enumerate(firsts)
     ]
-    if untied:
+    if untied := [k for k, tie in enumerate(ties, 1) if not tie.sure]:
         return tuple(surfaces), (_not_tied(untied),), ()
-    placed = [surfaces[0], *(_turned_back(s, datum, tie.turn) for s, tie in zip(surfaces[1:], ties, strict=True))]
-    closed, said = _closed(placed, nominal, datum)
-    said += "; " + ", ".join(f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 2))
-    return closed, (), (Message("part_clamped_again", said),)
+    placed = [_turned_back(s, datum, tie.turn) for s, tie in zip(surfaces, ties, strict=True)]
+    closure = _closure(placed, nominal, datum)
+    if wrong := closure.contradictions(nominal.measuring_radius):
+        return tuple(placed), wrong, ()
+    closed = [_with_table(s, closure, nominal.measuring_radius) for s in placed]
+    seated = [_shifted(s, datum, seat) for s, seat in zip(closed, closure.seats, strict=True)]
+    return tuple(seated), (), (_said(closure, ties, nominal.measuring_radius),)
 
 
-def _demand(surfaces: Sequence[Surface], turned: Sequence[int | None]) -> None:
+def _firsts(surfaces: Sequence[Surface], turned: Sequence[int | None]) -> list[int]:
+    """The first surface of each one's view.
+
+    Raises:
+        BadRecipe: as ``laid_together``.
+    """
     if len(turned) != len(surfaces):
         raise BadRecipe(
             f"found --part-turned for {len(turned)} clampings and {len(surfaces)} scans, need one number of teeth "
-            "each, in their order"
+            "for each scan, in their order"
         )
-    if turned[0] not in (0, None):
-        raise BadRecipe(f"found --part-turned {turned[0]} for the first scan, need 0: the others count from it")
+    names = ["" if s.calibration is None else s.calibration.name for s in surfaces]
+    firsts = [names.index(name) for name in names]
+    for first in firsts:
+        if turned[first] not in (0, None):
+            raise BadRecipe(
+                f"found --part-turned {turned[first]} for the first scan of a view, need 0: the others count from it"
+            )
+    return firsts
 
 
 def _not_tied(clampings: list[int]) -> Message:
     listed = ", ".join(map(str, clampings))
     text = (
-        f"clamping {listed}: by how many teeth the part was turned can't be told, its pitches are too even, or too few "
-        "flanks are seen again; count the teeth and state them (--part-turned 0,8,16)"
+        f"clamping {listed}: by how many teeth the part was turned can't be told, its pitches are too even, or it was "
+        "not turned: inspect each scan by itself"
     )
     return Message("part_not_tied", text)
+
+
+def _said(closure: Closure, ties: Sequence[Tie], radius: float) -> Message:
+    size, U, seat = 1000 * float(np.hypot(*closure.waves[:2])) * radius, closure.expanded(0), K * closure.seated
+    turned = ", ".join(f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth)
+    text = (
+        f"closure over {len(ties)} clampings: the table errs by {size:.1f} +- {1000 * U * radius:.1f} um once a turn "
+        f"at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; {turned}"
+    )
+    return Message("part_clamped_again", text)
 
 
 def _tie(first: Toothing, other: Toothing, stated: int | None) -> Tie:
@@ -129,19 +202,22 @@ def _tie(first: Toothing, other: Toothing, stated: int | None) -> Tie:
 
 
 def _agreement(difference: Array, nominal: Involute) -> tuple[float, float, int]:
-    """Mean of differences (2, teeth) mm of places, their rms about it and a wave a turn, and how many there are."""
+    """Mean of differences (2, teeth) mm of places, their rms about it and the waves that a table may make, and how many
+    there are.
+    """
     side, tooth = np.nonzero(np.isfinite(difference))
+    orders = range(1, min(MOST_WAVES, (side.size - 2) // 6) + 1)
     if side.size < LEAST_FLANKS:
         return 0.0, np.inf, side.size
-    design = np.column_stack([np.ones(side.size), _waves(np.asarray(tooth * nominal.gear.pitch), [1])])
+    design = np.column_stack([np.ones(side.size), _waves(np.asarray(tooth * nominal.gear.pitch), orders)])
     values = difference[side, tooth]
     solution, *_ = np.linalg.lstsq(design, values, rcond=None)
-    rest = values - design @ solution
-    return float(solution[0]), max(sqrt(float(rest @ rest) / max(side.size - 3, 1)), LEAST_NOISE), side.size
+    rest, free = values - design @ solution, max(side.size - design.shape[1], 1)
+    return float(solution[0]), max(sqrt(float(rest @ rest) / free), LEAST_NOISE), side.size
 
 
 def _pattern(places: Array, nominal: Involute) -> float:
-    """rms (mm) of the places (2, teeth) of flanks, each side by itself, beyond a wave a turn."""
+    """rms (mm) of the places (2, teeth) of flanks, each side by itself, beyond what a table may make of them."""
     sides = [_agreement(np.stack([side, np.full(side.size, np.nan)]), nominal)[1] for side in places]
     known = [rms for rms in sides if np.isfinite(rms)]
     return min(known, default=0.0)
@@ -159,62 +235,67 @@ def _turned_back(surface: Surface, datum: Datum, turn: float) -> Surface:
     return apply_calibration(scan, replace(calibration, shaft_from_rotor=back @ calibration.shaft_from_rotor))
 
 
-def _closed(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> tuple[tuple[Surface, ...], str]:
-    """The surfaces with the table's errors taken off, as far as the clampings tell them from the gear; and what was
-    found.
-    """
-    toothing = find_toothing(surfaces[0], nominal, datum)
-    toothings = [replace(toothing, offsets=flank_offsets(s, toothing)) for s in surfaces]
-    orders = _orders(nominal.gear.teeth)
-    solution, covariance = _closure(surfaces, toothings, orders)
-    corrected = tuple(_with_table(s, solution, covariance, orders, nominal.measuring_radius) for s in surfaces)
-    size = float(np.hypot(*solution[:2])) * nominal.measuring_radius
-    U = _largest(covariance, 0) * nominal.measuring_radius
-    text = (
-        f"closure over {len(surfaces)} clampings: the table errs by {1000 * size:.1f} +- {1000 * U:.1f} um once a turn "
-        "at the measuring circle, taken off"
-    )
-    return corrected, text
+def _shifted(surface: Surface, datum: Datum, seat: Array) -> Surface:
+    """The surface as it would be seen had the part sat as in the first clamping."""
+    scan, calibration = surface.origin
+    if not seat.any():
+        return surface
+    back = datum.pose.inverse @ Pose(np.eye(3), np.array([*-seat, 0.0])) @ datum.pose
+    return apply_calibration(scan, replace(calibration, shaft_from_rotor=back @ calibration.shaft_from_rotor))
 
 
-def _orders(teeth: int) -> list[int]:
+def _orders(teeth: int) -> tuple[int, ...]:
     """Waves a turn that are looked for: slow ones, and the one that neighbouring teeth feel most."""
-    return sorted({1, 2, 3, max(2, teeth // 4)})
+    return tuple(sorted({1, 2, 3, max(2, teeth // 4)}))
 
 
-def _closure(surfaces: Sequence[Surface], toothings: Sequence[Toothing], orders: Sequence[int]) -> tuple[Array, Array]:
-    """Waves (2 orders,) rad of the table's error and their covariance, of least squares: the gear's own places are
-    free, and so is what each clamping turns it by; the table, and how far off the axis a part sits that was clamped
-    again, are known beforehand as their budget says.
+def _closure(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Closure:
+    """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, and how far
+    off the axis a part sits that was clamped again, are known beforehand as their budget says.
     """
-    nominal, teeth = toothings[0].nominal, toothings[0].nominal.gear.teeth
+    toothing, teeth = find_toothing(surfaces[0], nominal, datum), nominal.gear.teeth
+    orders = _orders(teeth)
     flanks, clampings, waves = 2 * teeth, len(surfaces), 2 * len(orders)
     rows, values = [], []
-    for c, (surface, toothing) in enumerate(zip(surfaces, toothings, strict=True)):
-        place = (SIGMA[:, None] * toothing.offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
+    for c, surface in enumerate(surfaces):
+        offsets = flank_offsets(surface, toothing)
+        place = (SIGMA[:, None] * offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
         seen = np.flatnonzero(np.isfinite(place))
+        points, gradient = _middles(toothing, seen)
         design = np.zeros((seen.size, flanks + 3 * (clampings - 1) + waves))
         design[np.arange(seen.size), seen] = 1.0
         if c:
-            own = slice(flanks + 3 * (c - 1), flanks + 3 * c)
-            azimuth = np.asarray(seen % teeth * nominal.gear.pitch)
-            design[:, own] = np.column_stack([np.ones(seen.size), _waves(azimuth, [1])])
+            moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
+            design[:, flanks + 3 * (c - 1) : flanks + 3 * c] = np.column_stack([np.ones(seen.size), moved])
         # An angle that counts too much by t shows the flank turned back by t.
-        design[:, -waves:] = -_waves(_table_angles(surface, toothing, seen), orders)
+        design[:, -waves:] = -_waves(seen_at(surface.origin[1], points), orders)
         rows.append(design)
         values.append(place[seen])
     design, value = np.concatenate(rows), np.concatenate(values)
     weight = 1.0 / (_noise(design, value) ** 2)
     normal = weight * design.T @ design
     known = _before(surfaces[0].origin[0], nominal, orders)
+    seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
     normal[-waves:, -waves:] += np.diag(1.0 / np.square(known))
-    seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K) / nominal.base_radius
     for c in range(clampings - 1):
         at = flanks + 3 * c + np.array([1, 2])
         normal[at, at] += 1.0 / seated**2
-    inverse = np.asarray(np.linalg.pinv(normal, hermitian=True))
+    inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True))
     solution = inverse @ (weight * design.T @ value)
-    return solution[-waves:], inverse[-waves:, -waves:]
+    seats = np.zeros((clampings, 2))
+    seats[1:] = solution[flanks:-waves].reshape(-1, 3)[:, 1:]
+    return Closure(orders, solution[-waves:], inverse[-waves:, -waves:], seats, known, seated)
+
+
+def _middles(toothing: Toothing, flanks: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Where (n, 3) mm in C the measuring circle of some ``flanks`` (side * teeth + tooth) is at the middle of the face,
+    and the gradient (n, 3) of delta there.
+    """
+    nominal = toothing.nominal
+    side, tooth = np.divmod(flanks, nominal.gear.teeth)
+    roll, height = np.full(side.size, nominal.measuring_roll), np.full(side.size, nominal.middle)
+    points = toothing.points((side, tooth), roll, height, np.zeros(side.size))
+    return points, toothing.gradient(points, SIGMA[side])
 
 
 def _noise(design: Array, value: Array) -> float:
@@ -232,30 +313,14 @@ def _before(scan: Scan, nominal: Involute, orders: Sequence[int]) -> Array:
     return np.repeat([sqrt((U / n) ** 2 + (sideways if n > 1 else 0.0) ** 2) / K for n in orders], 2)
 
 
-def _table_angles(surface: Surface, toothing: Toothing, flanks: NDArray[np.intp]) -> Array:
-    """Table angle (n,) rad at which the measuring circle of each of some ``flanks`` (side * teeth + tooth) is seen."""
-    _, calibration = surface.origin
-    nominal = toothing.nominal
-    side, tooth = np.divmod(flanks, nominal.gear.teeth)
-    roll, height = np.full(side.size, nominal.measuring_roll), np.full(side.size, nominal.middle)
-    return seen_at(calibration, toothing.points((side, tooth), roll, height, np.zeros(side.size)))
-
-
-def _largest(covariance: Array, wave: int) -> float:
-    """U (k = 2, rad) of a wave, in the phase in which it is known worst."""
-    own = slice(2 * wave, 2 * wave + 2)
-    return K * sqrt(max(float(np.linalg.eigvalsh(covariance[own, own])[-1]), LEAST_VARIANCE))
-
-
-def _with_table(surface: Surface, solution: Array, covariance: Array, orders: Sequence[int], radius: float) -> Surface:
-    """The surface with the table's waves (2 orders,) rad taken off its angle; what is left of them is known, as angle
-    once a turn and, at the measuring ``radius`` (mm), as sideways motion beyond.
+def _with_table(surface: Surface, closure: Closure, radius: float) -> Surface:
+    """The surface with the table's waves taken off its angle; what is left of them is known, as angle once a turn and,
+    at the measuring ``radius`` (mm), as sideways motion beyond.
     """
     scan, calibration = surface.origin
     angle = table_angle(scan, calibration)
-    once, *faster = (_largest(covariance, k) for k in range(len(orders)))
+    once, *faster = (closure.expanded(k) for k in range(len(closure.orders)))
     table = replace(scan.stand.table, angle_U=once, sideways_U=max(faster) * radius)
-    corrected = replace(
-        scan, angle=angle - _waves(angle % tau, orders) @ solution, stand=replace(scan.stand, table=table)
-    )
+    angle = angle - _waves(angle % tau, closure.orders) @ closure.waves
+    corrected = replace(scan, angle=angle, stand=replace(scan.stand, table=table))
     return apply_calibration(corrected, replace(calibration, speed_factor=1.0, applied_to=corrected))

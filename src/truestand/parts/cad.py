@@ -370,7 +370,7 @@ def _budgets(
 def _further(comparison: _Comparison, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
     """What sensor, table and datum add, the part's outside at ``radius`` mm."""
     calibration, fit = comparison.calibration, comparison.part.fit
-    apart = max(abs(radius - budget_lines.base_radius(calibration)), depth)
+    apart = max(budget_lines.range_apart(calibration, radius, height), depth)
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
     lines = [
         budget_lines.linearity_line(calibration, apart, factor),

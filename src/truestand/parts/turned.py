@@ -473,7 +473,7 @@ def _budgets(
         return [None] * len(STATISTICS)
     calibration, rings, reading = inspected.calibration, found.rings, found.reading
     U = budget_lines.spread_of(moved)
-    apart = rings.radius - budget_lines.base_radius(calibration)
+    apart = budget_lines.range_apart(calibration, rings.radius, float(rings.height[rings.used].mean()))
     middle = (section.bottom + section.top) / 2
     offset = hypot(*reading.centres[rings.used].mean(axis=0))
     travel = 2 * (calibration.eccentricity + offset)

@@ -20,6 +20,7 @@ from truestand.core.assumptions import (
 )
 from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
+from truestand.core.frames import LaserPlane, sensor_parameters
 from truestand.core.scan import Scan
 from truestand.core.stand import Sensor
 from truestand.core.temperature import Temperature
@@ -140,6 +141,21 @@ def expanded_diameter(base: Cylinder) -> float:
 def diameter_name(base: Cylinder | None) -> str:
     """Name of the budget's line."""
     return "diameter of the artefact" + (ASSUMED if base is not None and base.diameter_U is None else "")
+
+
+def range_apart(calibration: Calibration, radius: float, height: float) -> float:
+    """How far (mm) a surface lies from the shaft's base, where its diameter was used: outwards, or along the range, on
+    which an oblique sensor sees what stands higher elsewhere.
+    """
+    outwards = abs(radius - base_radius(calibration))
+    base = None if calibration.artefact is None else calibration.artefact.base
+    seen = [s for s in calibration.static_profiles if base is not None and s.surface == base.name]
+    if base is None or not seen:
+        return outwards
+    phi, radial, origin, _, _ = sensor_parameters(calibration.table_from_sensor)
+    heights = np.array([height - calibration.height, float(np.mean(seen[0].height))])
+    _, z = LaserPlane(phi, radial, origin).from_uv(np.array([radius, base.radius]), heights)
+    return max(outwards, abs(float(z[0] - z[1])))
 
 
 def base_radius(calibration: Calibration) -> float:
