@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from truestand.calibration.calibrate import calibrate
-from truestand.core.calibration import Calibration, Positions, StepAxis, Wobble
+from truestand.core.calibration import Calibration, Positions, StaticProfile, StepAxis, Wobble
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
+from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
 from truestand.form.upr import UprFilter, filtered_evenly
@@ -19,6 +19,7 @@ from truestand.parts.rings import Rings, read_rings
 from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, simulate
 from truestand.uncertainty.influence import independent_parts, unknowns_of
+from truestand.uncertainty.lines import range_apart
 from truth import PLANE, TILTED, Named, shaft
 from variants import tried
 
@@ -270,6 +271,18 @@ def test_linearity_grows_with_the_distance_from_the_shaft():
     assert "linearity of the sensor" not in budget(line(found, "base", "d"))
     assert budget(line(found, "seat", "d"))["linearity of the sensor"] == pytest.approx(2 * 0.02 * 0.553)
     assert budget(line(found, "base", "d"))["diameter of the artefact"] == 0.002
+
+
+def test_linearity_counts_along_the_range_on_which_an_oblique_sensor_sees_a_section():
+    """At the base's own radius, but 40 mm higher."""
+    _, known = scanned("round")
+    phi = sensor_parameters(known.table_from_sensor)[0]
+    base = StaticProfile("base", np.linspace(-30.0, -10.0, 5), np.zeros(5))
+    calibrated, radius = replace(known, static_profiles=(base,)), shaft().base.radius
+    apart = range_apart(calibrated, radius, 20.0)
+    assert apart == pytest.approx(40.0 * abs(np.cos(phi)), abs=1e-6) and apart > 20.0
+    assert range_apart(known, radius, 20.0) == 0.0  # nobody says where the base was seen
+    assert range_apart(calibrated, radius + 3.0, -20.0) == 3.0
 
 
 def test_a_calibration_without_covariance_decides_nothing():

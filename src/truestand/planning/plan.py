@@ -14,6 +14,7 @@ from truestand.core.inspection import WORST, Characteristic, Status
 from truestand.core.stand import Sensor, Stand
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import AREAL
+from truestand.gear.geometry import FLANKS
 from truestand.parts.drawings import Turned
 from truestand.parts.inspect import Part
 from truestand.planning.cast_target import cad_target, turned_target
@@ -159,12 +160,13 @@ def _with(
     """The best plan with these sensors."""
     choice = best_views(field, eyes, step)
     views = choice.views
-    expected = _expected(field.target.lines(views)) if views else ()
     seen = np.zeros(len(field.target.surfaces.points), dtype=bool)
     for view in views:
         seen |= field.seen_from(view.post)
+    coverage = field.target.surfaces.coverage(seen)
+    expected = _expected(field.target.lines(views), coverage) if views else ()
     return Plan(
-        part, field.setting, field, views, field.target.surfaces.coverage(seen), expected,
+        part, field.setting, field, views, coverage, expected,
         _unseen(field, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
     )  # fmt: skip
 
@@ -213,13 +215,23 @@ def _assumed(stand: Stand, task: Task) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _expected(lines: tuple[Characteristic, ...]) -> tuple[Expected, ...]:
-    """The lines of an inspection by name and place, of all teeth the worst; sections that only inform left out."""
+def _expected(lines: tuple[Characteristic, ...], coverage: dict[str, float]) -> tuple[Expected, ...]:
+    """The lines of an inspection by name and place, of all teeth the worst; sections that only inform left out.
+
+    What views leave out of a flank may be damaged: an inspection counts it, so nothing that reads it is promised.
+    """
     by_place: dict[tuple[str, str | None, str | None], list[Characteristic]] = {}
     for line in lines:
         if not line.name.endswith((AREAL, WORST)):
             by_place.setdefault((line.name, line.flank, line.section), []).append(line)
-    return tuple(_worst_of(*place, of) for place, of in by_place.items())
+    return tuple(_as_far_as_seen(_worst_of(*place, of), coverage) for place, of in by_place.items())
+
+
+def _as_far_as_seen(e: Expected, coverage: dict[str, float]) -> Expected:
+    of_flanks = [share for name, share in coverage.items() if name == e.flank or (e.flank is None and name in FLANKS)]
+    if e.status != "measured" or min(of_flanks, default=1.0) >= ENOUGH:
+        return e
+    return replace(e, status="partial", capable=False)
 
 
 def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
