@@ -13,7 +13,7 @@ from truestand.apply.views import roll_views
 from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Wobble
 from truestand.core.errors import BadRecipe
-from truestand.core.scan import interpret
+from truestand.core.scan import Scan, interpret
 from truestand.core.surface import Surface
 from truestand.gear.clampings import laid_together
 from truestand.parts.inspect import inspect
@@ -159,3 +159,14 @@ def test_teeth_that_the_pitches_contradict_are_refused():
 def test_numbers_that_do_not_fit_are_refused(turned, message):
     with pytest.raises(BadRecipe, match=message):
         laid_together([EMPTY] * 3, SPUR, turned)
+
+
+def test_the_same_scan_twice_is_refused():
+    twice = replace(EMPTY, scan=replace(scan_of(), sha256="7"))
+    with pytest.raises(BadRecipe, match="found the same scan twice"):
+        laid_together([twice, twice], SPUR, (0, 7))
+
+
+def scan_of():
+    """Nothing in it."""
+    return Scan(np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(2), STAND, "encoder")

@@ -274,13 +274,14 @@ def test_linearity_grows_with_the_distance_from_the_shaft():
 
 
 def test_linearity_counts_along_the_range_on_which_an_oblique_sensor_sees_a_section():
-    """At the base's own radius, but 40 mm higher."""
+    """At the base's own radius, but 40 mm above where it was seen."""
     _, known = scanned("round")
     phi = sensor_parameters(known.table_from_sensor)[0]
     base = StaticProfile("base", np.linspace(-30.0, -10.0, 5), np.zeros(5))
     calibrated, radius = replace(known, static_profiles=(base,)), shaft().base.radius
-    apart = range_apart(calibrated, radius, 20.0)
+    apart = range_apart(calibrated, radius, 30.0)
     assert apart == pytest.approx(40.0 * abs(np.cos(phi)), abs=1e-6) and apart > 20.0
+    assert range_apart(calibrated, radius, -15.0) == 0.0
     assert range_apart(known, radius, 20.0) == 0.0  # nobody says where the base was seen
     assert range_apart(calibrated, radius + 3.0, -20.0) == 3.0
 

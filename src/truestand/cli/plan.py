@@ -63,7 +63,7 @@ def plan(
         print_json(record)
     elif not quiet:
         from truestand.report.plan_tables import price
-        from truestand.report.terminal import plan_tables
+        from truestand.report.plan_terminal import plan_tables
 
         print_table(plan_tables(found))
         typer.echo("\n".join([*price(found), *map(str, written)]))

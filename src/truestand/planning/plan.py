@@ -281,7 +281,7 @@ def _no_place(field: Field) -> str:
     if field.touching > field.blind:
         return (
             "no place: the sensor's housing would touch the part, the shaft or the table; check housing_mm, the range, "
-            "and [plan] table_disc_mm, table_face_mm and clearance_mm"
+            "and [plan] table_disc_mm, table_face_mm, clearance_mm and keep_out"
         )
     return (
         "no place shows enough of the shaft to calibrate; use a sensor with a longer range or a wider line, or a shaft "

@@ -11,12 +11,10 @@ from rich.text import Text
 from truestand.core.calibration import Calibration, Positions
 from truestand.core.inspection import Characteristic, Inspection, Seam
 from truestand.core.units import degrees, um
-from truestand.planning.plan import Plan
 from truestand.report.causes import cause_line
 from truestand.report.history import InspectionRow, QuantityHistory
 from truestand.report.inspection_tables import main_lines
 from truestand.report.notation import OF_WHOLE_FLANKS, limit_text, number, places, result_text, unit, with_u
-from truestand.report.plan_tables import PLACE_COLUMNS, expected_row, place_row
 from truestand.report.quantities import main_budgets, quantities
 from truestand.report.several_sensors import COLUMNS, view_rows
 from truestand.report.true_values import true_value, true_values
@@ -32,7 +30,7 @@ def summary_table(
     columns = ["paper's method"] if published else []
     columns += ["exact model ± U (k = 2)"] if exact else []
     columns += ["truth", "error"] if truth is not None else []
-    table = _table(f"Calibration: {calibration.status}", ("quantity",), columns)
+    table = text_table(f"Calibration: {calibration.status}", ("quantity",), columns)
     for q in quantities(calibration, paper, truth):
         decimals = max(places(q.U), 3)
         row = [f"{q.name} ({q.unit})"]
@@ -51,7 +49,7 @@ def summary_table(
 def positions_table(positions: Positions) -> Table:
     """What several clampings told apart: the steps' axes and the table's bearing."""
     angles = ", ".join(f"{degrees(a):g}" for a in positions.clamped)
-    table = _table(f"Told apart by clampings at {angles} deg", ("what",), ("um", "U (k = 2), um"))
+    table = text_table(f"Told apart by clampings at {angles} deg", ("what",), ("um", "U (k = 2), um"))
     for a in positions.axes:
         offset = hypot(a.x, a.y)
         table.add_row(
@@ -66,7 +64,7 @@ def positions_table(positions: Positions) -> Table:
 
 def views_table(views: Sequence[Calibration]) -> Table:
     """Where each of several sensors stands in the frame of the first, with U (k = 2)."""
-    table = _table("Views", ("view",), COLUMNS)
+    table = text_table("Views", ("view",), COLUMNS)
     for row in view_rows(views):
         table.add_row(*row)
     return table
@@ -84,7 +82,7 @@ def inspection_table(
     further = [h for h, shown in (("paper's method", inspection.published), ("truth", values)) if shown]
     title = f"{inspection.name}: {inspection.verdict.replace('_', ' ')}"
     right = ("value ± U (k = 2)", *further, "limit", "class")
-    table = _table(title, ("characteristic", "flank"), right, ("verdict",))
+    table = text_table(title, ("characteristic", "flank"), right, ("verdict",))
     for c in inspection.characteristics:
         if c.tooth is None and c.name not in OF_WHOLE_FLANKS:
             paper, true = inspection.published.get(f"{c.name} {c.flank}"), true_value(values, c)
@@ -108,7 +106,7 @@ def inspection_table(
 
 def seams_table(seams: Sequence[Seam]) -> Table:
     """What two views of the same flanks differ by when all others have told where the views stand."""
-    table = _table("Seams", ("views", "flanks"), ("difference ± U (k = 2), um",), ("agree",))
+    table = text_table("Seams", ("views", "flanks"), ("difference ± U (k = 2), um",), ("agree",))
     for seam in seams:
         difference = with_u(um(seam.difference), um(seam.U))
         table.add_row(" - ".join(seam.views), seam.flank or "", difference, "yes" if seam.ok else "no")
@@ -136,7 +134,7 @@ def _row(c: Characteristic) -> tuple[str, ...]:
 def series_table(histories: Sequence[QuantityHistory]) -> Table:
     """Each quantity with its last reading, what changed, the limits and whether all is well."""
     right = ("n", "last", "U", "change", "drift", "limits", "unit")
-    table = _table("Calibrations", ("quantity",), right, ("ok",))
+    table = text_table("Calibrations", ("quantity",), right, ("ok",))
     for h in histories:
         last = h.chart.points[-1]
         d = places(last.U)
@@ -152,7 +150,7 @@ def readings_table(history: QuantityHistory) -> Table:
     """One quantity, reading by reading."""
     d = places(history.chart.points[-1].U)
     title = f"{history.title} ({history.unit}), limits {_control_limits(history, d)}"
-    table = _table(title, ("time",), ("entry", "value", "U", "change"), ("ok",))
+    table = text_table(title, ("time",), ("entry", "value", "U", "change"), ("ok",))
     for time, entry, p in zip(history.times, history.numbers, history.chart.points, strict=True):
         table.add_row(
             time, str(entry), number(p.value, d), number(p.U, d), number(p.change, d), ", ".join(p.flags) or "ok"
@@ -162,7 +160,7 @@ def readings_table(history: QuantityHistory) -> Table:
 
 def inspections_table(inspections: Sequence[InspectionRow]) -> Table:
     """Inspections by part."""
-    table = _table("Inspections", ("part", "serial"), ("entry",), ("time", "operator", "verdict"))
+    table = text_table("Inspections", ("part", "serial"), ("entry",), ("time", "operator", "verdict"))
     for i in inspections:
         table.add_row(i.part, i.serial, str(i.number), i.time, i.operator, i.words)
     return table
@@ -172,7 +170,7 @@ def study_table(studies: Mapping[str, GageStudy], source: str) -> Table:
     """Standard deviations of each source, Gage R&R in per cent of the total variation, categories."""
     first = next(iter(studies.values()))
     title = f"{source}: {first.operators} operators x {first.parts} parts x {first.trials} trials"
-    table = _table(title, ("characteristic",), ("EV", "AV", "interaction", "GRR", "PV", "TV", "% GRR", "ndc"))
+    table = text_table(title, ("characteristic",), ("EV", "AV", "interaction", "GRR", "PV", "TV", "% GRR", "ndc"))
     for name, s in studies.items():
         deviations = (f"{v:.4g}" for v in (s.EV, s.AV, s.INT, s.GRR, s.PV, s.TV))
         table.add_row(name, *deviations, number(s.share(s.GRR), 1), "" if s.ndc is None else str(s.ndc))
@@ -187,7 +185,7 @@ def _control_limits(history: QuantityHistory, decimals: int) -> str:
     return f"{number(chart.lower, decimals)} .. {number(chart.upper, decimals)}{few}"
 
 
-def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence[str] = ()) -> Table:
+def text_table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence[str] = ()) -> Table:
     """An empty table: columns of text, of numbers, and of text again."""
     table = Table(title=title, title_justify="left")
     groups: list[tuple[Sequence[str], Literal["left", "right"]]] = [(left, "left"), (right, "right"), (last, "left")]
@@ -195,15 +193,3 @@ def _table(title: str, left: Sequence[str], right: Sequence[str], last: Sequence
         for heading in headings:
             table.add_column(heading, justify=justify)
     return table
-
-
-def plan_tables(plan: Plan) -> RenderableType:
-    """Where the sensors go, and with what U each characteristic would be measured."""
-    places = _table("Places", ("view", "device"), PLACE_COLUMNS)
-    for view in plan.views:
-        places.add_row(view.post.eye.name, view.post.eye.device, *place_row(view))
-    lines = _table("Expected", ("characteristic", "flank or section"), ("U (k = 2)", "limit", "U of the limits"))
-    lines.add_column("")
-    for e in plan.asked:
-        lines.add_row(*expected_row(e))
-    return Group(places, lines)

@@ -144,8 +144,8 @@ def diameter_name(base: Cylinder | None) -> str:
 
 
 def range_apart(calibration: Calibration, radius: float, height: float) -> float:
-    """How far (mm) a surface lies from the shaft's base, where its diameter was used: outwards, or along the range, on
-    which an oblique sensor sees what stands higher elsewhere.
+    """How far (mm) a surface lies from the shaft's base, where its diameter was used: outwards, or beyond the stretch
+    of range on which it was seen, for an oblique sensor sees elsewhere what stands higher.
     """
     outwards = abs(radius - base_radius(calibration))
     base = None if calibration.artefact is None else calibration.artefact.base
@@ -153,9 +153,9 @@ def range_apart(calibration: Calibration, radius: float, height: float) -> float
     if base is None or not seen:
         return outwards
     phi, radial, origin, _, _ = sensor_parameters(calibration.table_from_sensor)
-    heights = np.array([height - calibration.height, float(np.mean(seen[0].height))])
-    _, z = LaserPlane(phi, radial, origin).from_uv(np.array([radius, base.radius]), heights)
-    return max(outwards, abs(float(z[0] - z[1])))
+    heights = np.array([height - calibration.height, seen[0].height[0], seen[0].height[-1]])
+    _, z = LaserPlane(phi, radial, origin).from_uv(np.array([radius, base.radius, base.radius]), heights)
+    return max(outwards, float(z[0] - z[1:].max()), float(z[1:].min() - z[0]))
 
 
 def base_radius(calibration: Calibration) -> float:

@@ -1,0 +1,19 @@
+"""A plan as tables for the terminal."""
+
+from rich.console import Group, RenderableType
+
+from truestand.planning.plan import Plan
+from truestand.report.plan_tables import PLACE_COLUMNS, expected_row, place_row
+from truestand.report.terminal import text_table
+
+
+def plan_tables(plan: Plan) -> RenderableType:
+    """Where the sensors go, and with what U each characteristic would be measured."""
+    places = text_table("Places", ("view", "device"), PLACE_COLUMNS)
+    for view in plan.views:
+        places.add_row(view.post.eye.name, view.post.eye.device, *place_row(view))
+    lines = text_table("Expected", ("characteristic", "flank or section"), ("U (k = 2)", "limit", "U of the limits"))
+    lines.add_column("")
+    for e in plan.asked:
+        lines.add_row(*expected_row(e))
+    return Group(places, lines)
