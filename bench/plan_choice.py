@@ -15,7 +15,7 @@ from plan_stands import PARTS, planned
 from truestand.core.errors import NotEnoughData
 from truestand.planning.place import Place
 from truestand.planning.search import AS_GOOD
-from truestand.planning.target import Post, share_of_room
+from truestand.planning.target import Mount, share_of_room
 from truestand.planning.views import shaft_in_view, uncalibrated, views_at
 
 ASSESSED = 25
@@ -34,24 +34,27 @@ def main() -> None:
     start = time.process_time()
     found = planned(options.part, 1)
     print(f"{options.part}: plan in {time.process_time() - start:.0f} s of CPU")
-    field, (view,) = found.field, found.views
-    setting, target, eye = field.setting, field.target, view.post.eye
-    missing = field.missing(field.seen_from(view.post))
+    search, (view,) = found.search, found.views
+    setting, target, sensor = search.setting, search.target, view.mount.sensor
+    missing = search.missing(search.seen_from(view.mount))
     rng, heights = np.random.default_rng(0), target.surfaces.points[:, 2]
     known = []
     for _ in range(options.places):
         place = Place(
-            -float(rng.uniform(radians(30.0), pi - radians(30.0))), float(rng.uniform(*eye.optics.range)),
+            -float(rng.uniform(radians(30.0), pi - radians(30.0))), float(rng.uniform(*sensor.optics.range)),
             float(rng.uniform(heights.min() - 15, heights.max() + 15)),
             float(rng.uniform(-0.3, 0.3) * setting.thinnest),
         )  # fmt: skip
-        post = Post(eye, place, 0.0)
-        if field.gap(post) < field.room.least_clearance or field.missing(field.seen_from(post)) > missing + AS_GOOD:
+        mount = Mount(sensor, place, 0.0)
+        if (
+            search.gap(mount) < search.room.least_clearance
+            or search.missing(search.seen_from(mount)) > missing + AS_GOOD
+        ):
             continue
-        if min(shaft_in_view(uncalibrated(place, setting), eye.optics, setting.shaft)) < 1.0:
+        if min(shaft_in_view(uncalibrated(place, setting), sensor.optics, setting.shaft)) < 1.0:
             continue
         try:
-            views = views_at([post], setting, target)
+            views = views_at([mount], setting, target)
         except NotEnoughData:
             continue
         known.append((max(target.rough_shares(views).values()), views))

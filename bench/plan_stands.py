@@ -109,11 +109,11 @@ def try_stand(name: str, views: int | None, seed: int) -> Found:
     true, angle_seed = real_part(part, rng), int(rng.integers(1 << 30))
     shafts, parts = [], []
     for k, view in enumerate(found.views):
-        name_of_view, read_as = view.post.eye.name, as_read(true, rng)
+        name_of_view, read_as = view.mount.sensor.name, as_read(true, rng)
         own = found.setting.stand.of_view(name_of_view)
         simulation = replace(
             base, mounting=Mounting(azimuth=0.0), running=running, optics=real_sensor(rng), acquisition=acquisition,
-            workpiece=certified, views=((name_of_view, mounted_about(view.post.place, rng)),),
+            workpiece=certified, views=((name_of_view, mounted_about(view.mount.place, rng)),),
         ).seen_from(name_of_view)  # fmt: skip
         for on_shaft, scans in ((None, shafts), (read_as, parts)):
             made = simulate(own, simulation, shaft, seed + k, None, on_shaft)

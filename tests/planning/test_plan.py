@@ -24,7 +24,7 @@ from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.plan import Task, plan
 from truestand.planning.room import Room
-from truestand.planning.target import Eye, Post, View
+from truestand.planning.target import Mount, PlannedSensor, View
 from truestand.planning.views import Setting
 from truestand.report.plan import plan_report
 from truestand.sim import paper_shaft, paper_stand
@@ -82,8 +82,8 @@ def test_a_sleeve_is_planned_with_one_view(few_places, tmp_path):
 def test_a_camera_that_hides_one_side_asks_for_two_views(few_places):
     found = plan(SPUR, stand(triangulation=radians(20.0)), paper_shaft(), Task(most_views=2))
     first, second = found.views
-    assert first.post.place.phi * second.post.place.phi < 0  # their cameras are on either side
-    assert first.post.place.azimuth != second.post.place.azimuth
+    assert first.mount.place.phi * second.mount.place.phi < 0  # their cameras are on either side
+    assert first.mount.place.azimuth != second.mount.place.azimuth
     assert min(found.coverage.values()) > 0.9 and found.fewer is not None
     assert found.rank > found.fewer.rank
     assert any(e.status != "measured" for e in found.fewer.asked)
@@ -102,7 +102,7 @@ def test_the_stand_of_a_plan_is_one_that_the_virtual_stand_scans_from(few_places
     assert [s.name for s in again.sensors] == ["front", "front-2"]
     assert [s.device for s in again.sensors] == [None, "front"]
     assert again.table == known.table and again.sensors[0].linearity_U == known.sensor.linearity_U
-    places = [v.post.place for v in found.views]
+    places = [v.mount.place for v in found.views]
     from truestand.files.recipes.recipes import read_simulation
 
     virtual = dict(simulation_from(read_simulation(recipe)).views)
@@ -139,7 +139,7 @@ def inspected(gear):
     optics, _ = optics_of(replace(scan.stand.sensor, line=line, noise=0.005, incidence_limit=radians(88.0)))
     shaft = Setting(scan.stand, paper_shaft(), 0.88).shaft
     target = gear_target(gear, known, shaft, scan.revolutions, 2 * np.pi / abs(scan.step))
-    view = View(Post(Eye("front", "front", optics), Place(-1.2, 105.0, 2.0), 10.0), scan, known)
+    view = View(Mount(PlannedSensor("front", "front", optics), Place(-1.2, 105.0, 2.0), 10.0), scan, known)
     return inspect_gear(surface, gear), target.lines([view])
 
 

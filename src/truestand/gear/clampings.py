@@ -33,8 +33,8 @@ from truestand.uncertainty.lines import once_per_turn
 BY_CHANCE = 1e-4
 """Probability that another shift by teeth agrees as well by chance, from which clampings are not tied."""
 LEAST_PATTERN = 1.5e-3
-"""mm, rms, beyond once a turn: pitches that scatter less may be the table's, which stay where they are when the gear is
-turned."""
+"""mm, rms, beyond ``MOST_WAVES`` a turn: pitches that scatter less may be the table's, which stay where they are when
+the gear is turned."""
 LEAST_FLANKS = 8
 """That two clampings must both show."""
 MOST_WAVES = 6
@@ -233,17 +233,18 @@ def _waves(angle: Array, orders: Sequence[int]) -> Array:
 
 def _turned_back(surface: Surface, datum: Datum, turn: float) -> Surface:
     """The surface as it would be seen had the part not been turned."""
-    scan, calibration = surface.origin
-    back = datum.pose.inverse @ about_axis(-turn, 0.0) @ datum.pose
-    return apply_calibration(scan, replace(calibration, shaft_from_rotor=back @ calibration.shaft_from_rotor))
+    return _moved(surface, datum, about_axis(-turn, 0.0))
 
 
 def _shifted(surface: Surface, datum: Datum, seat: Array) -> Surface:
     """The surface as it would be seen had the part sat as in the first clamping."""
+    return _moved(surface, datum, Pose(np.eye(3), np.array([*-seat, 0.0]))) if seat.any() else surface
+
+
+def _moved(surface: Surface, datum: Datum, by: Pose) -> Surface:
+    """The surface as it would be seen had the part been moved in its datum frame."""
     scan, calibration = surface.origin
-    if not seat.any():
-        return surface
-    back = datum.pose.inverse @ Pose(np.eye(3), np.array([*-seat, 0.0])) @ datum.pose
+    back = datum.pose.inverse @ by @ datum.pose
     return apply_calibration(scan, replace(calibration, shaft_from_rotor=back @ calibration.shaft_from_rotor))
 
 

@@ -17,14 +17,14 @@ from truestand.planning.imagined_scan import imagined_scan
 from truestand.planning.obstacles import Body, Cast, Meshed, Round
 from truestand.planning.optics import Optics
 from truestand.planning.place import Place
-from truestand.planning.target import Surfaces, View, share_of_room
+from truestand.planning.target import ORDER, Surfaces, View, share_of_room
 
 HEIGHTS = 15
 """Points of a section that must be seen."""
 TRIANGLES = 800
 """Of a model that must be seen."""
 MOST_PROFILES, FEW_PROFILES, FEW_POINTS = 1500, 300, 120
-"""Of an imagined scan, a turn; of one that only ranks places."""
+"""Profiles of an imagined scan a turn; profiles, and points of each, of one that only ranks places."""
 MODEL = "model"
 """The name of a CAD part's surface."""
 
@@ -81,15 +81,15 @@ class CastTarget:
         return best
 
     def _inspected(self, view: View, profiles: int) -> tuple[Characteristic, ...]:
-        key = view.post.place, view.post.eye.optics, profiles
+        key = view.mount.place, view.mount.sensor.optics, profiles
         if key not in self.known:
             self.known[key] = self._lines_of(view, profiles)
         return self.known[key]
 
     def _lines_of(self, view: View, profiles: int) -> tuple[Characteristic, ...]:
         bodies, stand, base = (*self.part_bodies, *self.shaft), view.scan.stand, self.base_radius
-        post = view.post
-        scan = imagined_scan(bodies, post.place, base, post.eye.optics, stand, self.eccentricity, self.turns, profiles)
+        place, optics = view.mount.place, view.mount.sensor.optics
+        scan = imagined_scan(bodies, place, base, optics, stand, self.eccentricity, self.turns, profiles)
         return inspect(apply_calibration(scan, view.calibration), self.part).characteristics
 
 
@@ -129,13 +129,13 @@ def _beside(shaft: tuple[Round, ...], sections: tuple[Round, ...]) -> tuple[Roun
 
 def _coarse(view: View) -> View:
     """The view with a sensor of few points."""
-    eye = view.post.eye
-    return replace(view, post=replace(view.post, eye=replace(eye, optics=replace(eye.optics, points=FEW_POINTS))))
+    sensor = view.mount.sensor
+    coarse = replace(sensor, optics=replace(sensor.optics, points=FEW_POINTS))
+    return replace(view, mount=replace(view.mount, sensor=coarse))
 
 
 def _rank(line: Characteristic) -> tuple[int, float]:
-    order = ("measured", "partial", "not_measurable")
-    return order.index(line.status), line.U if line.U is not None else np.inf
+    return ORDER.index(line.status), line.U if line.U is not None else np.inf
 
 
 def _sections(part: Turned) -> Surfaces:

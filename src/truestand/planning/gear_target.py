@@ -16,7 +16,6 @@ from truestand.apply.datum import datum_of
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose
 from truestand.core.inspection import Characteristic
 from truestand.gear.assess import assess
 from truestand.gear.budget import Weighed, influences_of, radial_lines
@@ -30,9 +29,8 @@ from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute
 from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_edges, step_on_flank
 from truestand.gear.seams import corrected, difference_of, followed
 from truestand.gear.teeth import Diameter
-from truestand.gear.tolerances import tolerance
 from truestand.planning.obstacles import Body, Round, Toothed
-from truestand.planning.sight import Sight, look
+from truestand.planning.sight import Sight, centred, look
 from truestand.planning.target import Surfaces, View, room_of
 
 ROLLS, HEIGHTS = 9, 9
@@ -159,7 +157,7 @@ class GearTarget:
         apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
         per_profile = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
         count = self._profiles(cells)[..., None] * per_profile[:, None]
-        u = view.post.eye.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
+        u = view.mount.sensor.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
         return _Readings(np.where(count >= LEAST_COUNT, count, 0.0), u)
 
     def _tied(self, views: Sequence[View], seen: Sequence[Mask], grid: Grid) -> tuple[View, ...]:
@@ -182,7 +180,7 @@ class GearTarget:
         """What a view sees of the cells (2 R H,) of a tooth."""
         side, i, j = np.indices(cells.shape).reshape(3, -1)
         points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
-        return look(points, normals, centred(view.calibration), view.post.eye.optics, (*self.bodies, *self.shaft))
+        return look(points, normals, centred(view.calibration), view.mount.sensor.optics, (*self.bodies, *self.shaft))
 
     def _profiles(self, cells: "_Cells") -> Array:
         """How many profiles (2, teeth, R) meet each row of cells: they go on from flank to flank."""
@@ -289,11 +287,6 @@ def _bent(traces: Array) -> Array:
     return np.asarray(traces - traces.mean(axis=-1, keepdims=True) - slope[..., None] * at)
 
 
-def centred(calibration: Calibration) -> Calibration:
-    """A calibration with a shaft that runs true: some run-out changes no shadow."""
-    return replace(calibration, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
-
-
 def _flank_points(toothing: Toothing, side: Ints, roll: Array, height: Array) -> tuple[Array, Array]:
     """Points (n, 3) mm in C of the flanks of the first tooth, and their normals (n, 3)."""
     points = toothing.points((side, np.zeros_like(side)), roll, height, np.zeros(roll.size))
@@ -302,7 +295,7 @@ def _flank_points(toothing: Toothing, side: Ints, roll: Array, height: Array) ->
 
 def _spacing_at_middle(view: View) -> float:
     """mm of height between neighbouring points at the middle of the range."""
-    optics = view.post.eye.optics
+    optics = view.mount.sensor.optics
     return float(optics.spacing(optics.middle)) / max(abs(sin(view.calibration.phi)), 0.1)
 
 
@@ -311,16 +304,13 @@ def _heights_apart(z: Array, heights: Array, view: View) -> Array:
     along_x, along_z = sin(view.calibration.phi), cos(view.calibration.phi)
     v = heights - float(view.calibration.table_from_sensor.translation[2])
     x = (v - along_z * z) / (along_x or 1e-9)
-    return np.asarray(view.post.eye.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
+    return np.asarray(view.mount.sensor.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
 
 
 def _usual_deviations(gear: Gear, rng: np.random.Generator) -> Array:
     """mm of delta (2, teeth, 1, 1): where the flanks of a gear stand that is as good as its class asks."""
-    limit = gear.limits.get("f_p", (None, None))[1]
-    accuracy_class = gear.class_of("f_p")
-    if limit is None and accuracy_class is not None:
-        limit = tolerance("f_p", gear, accuracy_class)
-    size = USUAL_PITCH if limit is None else USUAL_SHARE * limit
+    limits, _ = limits_of(gear, "f_p")
+    size = USUAL_PITCH if limits is None or limits[1] is None else USUAL_SHARE * limits[1]
     run_out = np.cos(gear.pitch * np.arange(gear.teeth) + np.array([[0.0], [2.0]]))
     return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
 

@@ -1,7 +1,6 @@
 """Scans as they would be taken, of bodies on which rays can be cast: the shaft itself, turned parts, CAD models."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import tau
 
 import numpy as np
@@ -52,12 +51,6 @@ def angle_source(stand: Stand) -> AngleSource:
     return (
         "encoder" if stand.counts_per_turn or stand.y == "encoder" else "angle" if stand.y == "angle_deg" else "index"
     )
-
-
-def scan_of_part(shaft_scan: Scan, profiles_per_turn: float) -> Scan:
-    """A scan by the same sensor with nothing in it yet, for what a budget asks: its stand, its angle, its step."""
-    step = float(np.sign(shaft_scan.step)) * tau / profiles_per_turn
-    return replace(shaft_scan, angle=step * np.arange(shaft_scan.profiles, dtype=np.float64))
 
 
 def _in_shaft(vector: Array, angle: Array, pose: Pose, moved: bool) -> Array:

@@ -1,8 +1,7 @@
 """The plan: the fewest views that make what a drawing asks measurable and capable, and what no place can see."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from dataclasses import field as field_default
+from dataclasses import dataclass, field, replace
 from math import pi
 
 import numpy as np
@@ -22,9 +21,9 @@ from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.room import Room
-from truestand.planning.search import ENOUGH, Field, Step, Tried, best_views, field_of
+from truestand.planning.search import ENOUGH, ComparedPlaces, Search, Step, best_views, search_of
 from truestand.planning.sight import CAUSES
-from truestand.planning.target import Eye, Target, View, share_of_room
+from truestand.planning.target import ORDER, PlannedSensor, Target, View, share_of_room
 from truestand.planning.views import Setting, uncalibrated
 
 ECCENTRICITY, TURNS = 1.0, 2.0
@@ -32,7 +31,6 @@ ECCENTRICITY, TURNS = 1.0, 2.0
 PROFILES_PER_TURN = 4000.0
 """Of a stand that states no speed or no profile rate."""
 MOST_VIEWS = 3
-ORDER: tuple[Status, ...] = ("measured", "partial", "not_measurable")
 HIDDEN = 0.005
 """Share of a surface that counts as unseen."""
 
@@ -41,7 +39,7 @@ HIDDEN = 0.005
 class Task:
     """What a plan is made for, beside part, stand and shaft; None: it is assumed."""
 
-    room: Room = field_default(default_factory=Room)
+    room: Room = field(default_factory=Room)
     eccentricity: float | None = None
     """mm: by which the shaft will run out."""
     turns: float | None = None
@@ -80,7 +78,7 @@ class Plan:
 
     part: Part
     setting: Setting
-    field: Field
+    search: Search
     views: tuple[View, ...]
     coverage: dict[str, float]
     """Share 0..1 of each surface that the views see together."""
@@ -91,7 +89,7 @@ class Plan:
     """With one view less."""
     assumed: tuple[str, ...]
     """What the recipes don't state."""
-    tried: tuple[Tried, ...]
+    tried: tuple[ComparedPlaces, ...]
     """Sets of places that were compared."""
 
     @property
@@ -134,16 +132,16 @@ def plan(
     if views is not None and views < 1:
         raise BadRecipe(f"found --views {views}, need one or more")
     most = task.most_views if views is None else views
-    eyes, assumed = _eyes(stand, most)
+    sensors, assumed = _planned_sensors(stand, most)
     turns, eccentricity = task.turns or TURNS, task.eccentricity or ECCENTRICITY
-    setting = Setting(replace(stand, sensors=_sensors(stand, eyes)), artefact, eccentricity)
+    setting = Setting(replace(stand, sensors=_sensors(stand, sensors)), artefact, eccentricity)
     target = _target(part, setting, turns, _profiles_per_turn(stand))
-    kinds = tuple(dict.fromkeys(eye.optics for eye in eyes))
-    field = field_of(setting, target, task.room, kinds, lambda share: step(share / 3))
+    kinds = tuple(dict.fromkeys(sensor.optics for sensor in sensors))
+    search = search_of(setting, target, task.room, kinds, lambda share: step(share / 3))
     texts = (*assumed, *_assumed(stand, task))
     found: Plan | None = None
     for number in range(1 if views is None else max(views - 1, 1), most + 1):
-        further = _with(part, field, eyes[:number], texts, found, lambda share: step((1 + share) / 3))
+        further = _with(part, search, sensors[:number], texts, found, lambda share: step((1 + share) / 3))
         if views is None and found is not None and further.rank <= found.rank:
             break
         found = further
@@ -155,39 +153,43 @@ def plan(
 
 
 def _with(
-    part: Part, field: Field, eyes: Sequence[Eye], assumed: tuple[str, ...], fewer: Plan | None, step: Step
-) -> Plan:
+    part: Part, search: Search, sensors: Sequence[PlannedSensor], assumed: tuple[str, ...], fewer: Plan | None,
+    step: Step,
+) -> Plan:  # fmt: skip
     """The best plan with these sensors."""
-    choice = best_views(field, eyes, step)
+    choice = best_views(search, sensors, step)
     views = choice.views
-    seen = np.zeros(len(field.target.surfaces.points), dtype=bool)
+    seen = np.zeros(len(search.target.surfaces.points), dtype=bool)
     for view in views:
-        seen |= field.seen_from(view.post)
-    coverage = field.target.surfaces.coverage(seen)
-    expected = _expected(field.target.lines(views), coverage) if views else ()
+        seen |= search.seen_from(view.mount)
+    coverage = search.target.surfaces.coverage(seen)
+    expected = _expected(search.target.lines(views), coverage) if views else ()
     return Plan(
-        part, field.setting, field, views, coverage, expected,
-        _unseen(field, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
+        part, search.setting, search, views, coverage, expected,
+        _unseen(search, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
     )  # fmt: skip
 
 
-def _eyes(stand: Stand, most: int) -> tuple[tuple[Eye, ...], tuple[str, ...]]:
+def _planned_sensors(stand: Stand, most: int) -> tuple[tuple[PlannedSensor, ...], tuple[str, ...]]:
     """A sensor for each view: those of the stand, then the first one again; and what is assumed of them."""
-    eyes, assumed = [], []
+    sensors, assumed = [], []
     for sensor in stand.sensors:
         optics, texts = optics_of(sensor)
-        eyes.append(Eye(sensor.name, sensor.device or sensor.name, optics))
+        sensors.append(PlannedSensor(sensor.name, sensor.device or sensor.name, optics))
         assumed += [f"[[sensor]] {sensor.name!r} {text}" for text in texts]
-    first = eyes[0]
-    for k in range(len(eyes) + 1, most + 1):
-        eyes.append(Eye(f"{first.name}-{k}", first.device, first.optics))
-    return tuple(eyes[:most]), tuple(assumed)
+    first = sensors[0]
+    for k in range(len(sensors) + 1, most + 1):
+        sensors.append(PlannedSensor(f"{first.name}-{k}", first.device, first.optics))
+    return tuple(sensors[:most]), tuple(assumed)
 
 
-def _sensors(stand: Stand, eyes: Sequence[Eye]) -> tuple[Sensor, ...]:
+def _sensors(stand: Stand, sensors: Sequence[PlannedSensor]) -> tuple[Sensor, ...]:
     """The ``[[sensor]]`` of each view."""
     known = {sensor.name: sensor for sensor in stand.sensors}
-    return tuple(known.get(eye.name) or replace(stand.sensors[0], name=eye.name, device=eye.device) for eye in eyes)
+    return tuple(
+        known.get(sensor.name) or replace(stand.sensors[0], name=sensor.name, device=sensor.device)
+        for sensor in sensors
+    )
 
 
 def _target(part: Part, setting: Setting, turns: float, per_turn: float) -> Target:
@@ -248,17 +250,17 @@ def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Cha
     )  # fmt: skip
 
 
-def _unseen(field: Field, seen: Mask, why_not: str | None) -> tuple[str, ...]:
+def _unseen(search: Search, seen: Mask, why_not: str | None) -> tuple[str, ...]:
     """What no place can see, and what the views don't; ``why_not``: why there are none."""
-    if not field.candidates:
-        return (_no_place(field),)
-    surfaces, texts = field.target.surfaces, []
-    by_any = np.logical_or.reduce([c.seen for c in field.candidates])
+    if not search.candidates:
+        return (_no_place(search),)
+    surfaces, texts = search.target.surfaces, []
+    by_any = np.logical_or.reduce([c.seen for c in search.candidates])
     for k, name in enumerate(surfaces.names):
         own = surfaces.of == k
         never = own & ~by_any
         if never.sum() > HIDDEN * own.sum():
-            why = CAUSES[int(field.hidden[:, never].sum(axis=1).argmax())]
+            why = CAUSES[int(search.hidden[:, never].sum(axis=1).argmax())]
             texts.append(f"{_called(name)}: no place sees {100 * never.sum() / own.sum():.0f} % of it, {why}")
         elif why_not is None and (missed := own & ~seen).sum() > (1.0 - ENOUGH) * own.sum():
             texts.append(f"{_called(name)}: these views leave out {100 * missed.sum() / own.sum():.0f} % of it")
@@ -273,12 +275,12 @@ def _called(name: str) -> str:
     return f"{name} flanks" if name in ("left", "right") else name
 
 
-def _no_place(field: Field) -> str:
+def _no_place(search: Search) -> str:
     """Why there is no place at all."""
-    if field.hidden.any():
-        why = CAUSES[int(field.hidden.sum(axis=1).argmax())]
+    if search.hidden.any():
+        why = CAUSES[int(search.hidden.sum(axis=1).argmax())]
         return f"no place sees anything of the part: {why}"
-    if field.touching > field.blind:
+    if search.touching > search.blind:
         return (
             "no place: the sensor's housing would touch the part, the shaft or the table; check housing_mm, the range, "
             "and [plan] table_disc_mm, table_face_mm, clearance_mm and keep_out"

@@ -5,8 +5,7 @@ the uncertainty decides, told roughly: the sensors in those that are left are ca
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from dataclasses import field as default
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from math import degrees, radians
 
@@ -19,7 +18,7 @@ from truestand.planning.optics import Optics
 from truestand.planning.place import Place
 from truestand.planning.room import Room, apart, clearance
 from truestand.planning.sight import CAUSES, look
-from truestand.planning.target import Eye, Post, Target, View
+from truestand.planning.target import Mount, PlannedSensor, Target, View
 from truestand.planning.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
 
 ANGLES = np.radians(np.arange(35.0, 146.0, 7.5))
@@ -64,7 +63,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
+class ComparedPlaces:
     """A set of places, and how well it would measure."""
 
     places: tuple[Place, ...]
@@ -75,7 +74,7 @@ class Tried:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class Search:
     """All places that sensors can take."""
 
     setting: Setting
@@ -100,31 +99,31 @@ class Field:
         face = setting.shaft[0].bottom if room.table_face is None else room.table_face
         return (*setting.shaft, *self.target.swept, Round(room.table_radius, -1e9, face))
 
-    def gap(self, post: Post, others: Sequence[Post] = ()) -> float:
+    def gap(self, mount: Mount, others: Sequence[Mount] = ()) -> float:
         """mm between a housing and all else: the other views' housings as well, be they of the same device."""
-        base, optics = self.setting.artefact.base.radius, post.eye.optics
-        gaps = [clearance(post.place, base, optics, self.swept, self.room)]
-        gaps += [apart(post.place, other.place, base, (optics, other.eye.optics)) for other in others]
+        base, optics = self.setting.artefact.base.radius, mount.sensor.optics
+        gaps = [clearance(mount.place, base, optics, self.swept, self.room)]
+        gaps += [apart(mount.place, other.place, base, (optics, other.sensor.optics)) for other in others]
         return min(gaps)
 
-    def seen_from(self, post: Post) -> Mask:
+    def seen_from(self, mount: Mount) -> Mask:
         """The points (n,) that a view shows."""
         surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.target.shaft)
-        view = uncalibrated(post.place, self.setting)
-        return look(surfaces.points, surfaces.normals, view, post.eye.optics.tightened, bodies).seen
+        view = uncalibrated(mount.place, self.setting)
+        return look(surfaces.points, surfaces.normals, view, mount.sensor.optics.tightened, bodies).seen
 
 
-def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Optics], step: Step) -> Field:
+def search_of(setting: Setting, target: Target, room: Room, optics: Sequence[Optics], step: Step) -> Search:
     """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; ``optics``: of
     each kind of sensor.
     """
     surfaces, bodies = target.surfaces, (*target.bodies, *target.shaft)
-    field = Field(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
-    found, hidden, touching, blind = [], field.hidden.copy(), 0, 0
+    search = Search(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
+    found, hidden, touching, blind = [], search.hidden.copy(), 0, 0
     places = [(own, place) for own in optics for place in _places(setting, target, own)]
     for k, (own, place) in enumerate(places):
         step(k / len(places))
-        gap, view = field.gap(Post(Eye("", "", own), place, 0.0)), uncalibrated(place, setting)
+        gap, view = search.gap(Mount(PlannedSensor("", "", own), place, 0.0)), uncalibrated(place, setting)
         if gap < room.least_clearance:
             touching += 1
         elif not _shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):
@@ -134,7 +133,7 @@ def field_of(setting: Setting, target: Target, room: Room, optics: Sequence[Opti
             hidden += sight.hidden
             if sight.seen.any():
                 found.append(Candidate(place, own, gap, sight.seen, float(sight.facing[sight.seen].mean())))
-    return replace(field, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
+    return replace(search, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,69 +142,69 @@ class Choice:
 
     views: tuple[View, ...]
     """Empty: there are none."""
-    tried: tuple[Tried, ...]
+    tried: tuple[ComparedPlaces, ...]
     """Sets of places that were compared."""
     why_not: str
     """Why there is none; empty where it is not known."""
 
 
-def best_views(field: Field, eyes: Sequence[Eye], step: Step) -> Choice:
+def best_views(search: Search, sensors: Sequence[PlannedSensor], step: Step) -> Choice:
     """The places of these sensors that show most, and measure best among those that show as much."""
-    calibrated, rounds = _Calibrated(field), 0
-    ranked: list[tuple[tuple[int, float], tuple[Post, ...]]] = []
-    tried: list[Tried] = []
-    while not ranked and rounds < MOST_ROUNDS and (groups := _groups(field, len(eyes))):
+    calibrated, rounds = _Calibrated(search), 0
+    ranked: list[tuple[tuple[int, float], tuple[Mount, ...]]] = []
+    tried: list[ComparedPlaces] = []
+    while not ranked and rounds < MOST_ROUNDS and (groups := _groups(search, len(sensors))):
         rounds += 1
         for k, group in enumerate(groups):
             step(k / len(groups))
-            posts = _arranged(field, [field.candidates[i] for i in group], eyes)
-            if posts is not None and (worst := calibrated.worst(posts)) is not None:
-                ranked.append((worst, posts))
-                tried.append(Tried(tuple(post.place for post in posts), *worst))
-        field = _without(field, {i for group in groups for i in group})
-    for _, posts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
-        for candidate in (_rounded(field, _improved(field, posts, calibrated)), posts):
+            mounts = _arranged(search, [search.candidates[i] for i in group], sensors)
+            if mounts is not None and (worst := calibrated.worst(mounts)) is not None:
+                ranked.append((worst, mounts))
+                tried.append(ComparedPlaces(tuple(mount.place for mount in mounts), *worst))
+        search = _without(search, {i for group in groups for i in group})
+    for _, mounts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
+        for candidate in (_rounded(search, _improved(search, mounts, calibrated)), mounts):
             try:
-                return Choice(views_at(candidate, field.setting, field.target), tuple(tried), "")
+                return Choice(views_at(candidate, search.setting, search.target), tuple(tried), "")
             except NotEnoughData as error:
                 calibrated.why_not.append(str(error))
     return Choice((), tuple(tried), max(calibrated.why_not, key=calibrated.why_not.count, default=""))
 
 
-def _without(field: Field, places: set[int]) -> Field:
-    """The field without some of its candidates."""
-    return replace(field, candidates=tuple(c for k, c in enumerate(field.candidates) if k not in places))
+def _without(search: Search, places: set[int]) -> Search:
+    """The search without some of its candidates."""
+    return replace(search, candidates=tuple(c for k, c in enumerate(search.candidates) if k not in places))
 
 
 @dataclass
 class _Calibrated:
     """Single views, each calibrated once, whichever of some like sensors is there."""
 
-    field: Field
-    views: dict[tuple[Place, Optics], View | None] = default(default_factory=dict)
-    why_not: list[str] = default(default_factory=list)
+    search: Search
+    views: dict[tuple[Place, Optics], View | None] = field(default_factory=dict)
+    why_not: list[str] = field(default_factory=list)
     """Why the shaft can't be calibrated in some places."""
 
-    def worst(self, posts: Sequence[Post]) -> tuple[int, float] | None:
+    def worst(self, mounts: Sequence[Mount]) -> tuple[int, float] | None:
         """Surfaces that views don't measure, and about how large U is on the others; None: no calibration."""
-        field, views = self.field, [self._view(post) for post in posts]
+        search, views = self.search, [self._view(mount) for mount in mounts]
         known = [view for view in views if view is not None]
         if len(known) < len(views):
             return None
-        shares = field.target.rough_shares(loosely_joined(known))
-        return len(field.target.surfaces.names) - len(shares), max(shares.values(), default=0.0)
+        shares = search.target.rough_shares(loosely_joined(known))
+        return len(search.target.surfaces.names) - len(shares), max(shares.values(), default=0.0)
 
-    def _view(self, post: Post) -> View | None:
-        place = replace(post.place, azimuth=0.0)
-        key = place, post.eye.optics
+    def _view(self, mount: Mount) -> View | None:
+        search, place = self.search, replace(mount.place, azimuth=0.0)
+        key = place, mount.sensor.optics
         if key not in self.views:
             try:
-                (self.views[key],) = views_at([Post(post.eye, place, 0.0)], self.field.setting, self.field.target)
+                (self.views[key],) = views_at([Mount(mount.sensor, place, 0.0)], search.setting, search.target)
             except NotEnoughData as error:
                 self.views[key] = None
                 self.why_not.append(str(error))
         view = self.views[key]
-        return None if view is None else view.by(post.eye)
+        return None if view is None else view.by(mount.sensor)
 
 
 def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]:
@@ -224,22 +223,22 @@ def _shows_shaft(seen: tuple[float, ...], shaft: Sequence[Round]) -> bool:
     return sum(length >= least for length, least in zip(seen, enough, strict=True)) >= min(2, len(seen))
 
 
-def _groups(field: Field, number: int) -> list[tuple[int, ...]]:
+def _groups(search: Search, number: int) -> list[tuple[int, ...]]:
     """Sets of so many candidates that show as much together as any do."""
-    if not field.candidates:
+    if not search.candidates:
         return []
-    seen = np.array([c.seen for c in field.candidates])
-    groups = _grown(field, seen, _pool(field, seen), number)
+    seen = np.array([c.seen for c in search.candidates])
+    groups = _grown(search, seen, _pool(search, seen), number)
     if not groups:
         return []
-    missing = np.array([field.missing(np.logical_or.reduce(seen[list(g)])) for g in groups])
+    missing = np.array([search.missing(np.logical_or.reduce(seen[list(g)])) for g in groups])
     as_good = np.flatnonzero(missing <= missing.min() + AS_GOOD)
     return [groups[k] for k in as_good[:: max(1, as_good.size // MOST_GROUPS)]]
 
 
-def _pool(field: Field, seen: Array) -> list[int]:
+def _pool(search: Search, seen: Array) -> list[int]:
     """Candidates that show most of one surface, or of all together: some of each, seen squarely or not."""
-    surfaces, facing = field.target.surfaces, np.array([c.facing for c in field.candidates])
+    surfaces, facing = search.target.surfaces, np.array([c.facing for c in search.candidates])
     shown = np.minimum([list(surfaces.coverage(s).values()) for s in seen], ENOUGH)
     picked: list[int] = []
     for score in (shown.sum(axis=1), *shown.T):
@@ -249,61 +248,63 @@ def _pool(field: Field, seen: Array) -> list[int]:
     return list(dict.fromkeys(picked))
 
 
-def _grown(field: Field, seen: Array, pool: Sequence[int], number: int) -> list[tuple[int, ...]]:
+def _grown(search: Search, seen: Array, pool: Sequence[int], number: int) -> list[tuple[int, ...]]:
     """Sets of so many: all pairs, and those that show most with one more."""
     groups: list[tuple[int, ...]] = list(combinations(pool, min(number, 2)))
     for _ in range(number - 2):
-        missing = [field.missing(np.logical_or.reduce(seen[list(g)])) for g in groups]
+        missing = [search.missing(np.logical_or.reduce(seen[list(g)])) for g in groups]
         best = np.argsort(missing)[:POOL]
         groups = sorted({tuple(sorted((*groups[k], i))) for k in best for i in pool if i not in groups[k]})
     return groups
 
 
-def _arranged(field: Field, candidates: Sequence[Candidate], eyes: Sequence[Eye]) -> tuple[Post, ...] | None:
+def _arranged(
+    search: Search, candidates: Sequence[Candidate], sensors: Sequence[PlannedSensor]
+) -> tuple[Mount, ...] | None:
     """The sensors in these places, about the table so that their housings don't meet; None: they do, or the places are
     not for these sensors.
     """
-    placed: list[Post] = []
+    placed: list[Mount] = []
     left = list(candidates)
-    for eye in eyes:
-        own = next((c for c in left if c.optics == eye.optics), None)
+    for sensor in sensors:
+        own = next((c for c in left if c.optics == sensor.optics), None)
         if own is None:
             return None
         left.remove(own)
         for azimuth in (*AZIMUTHS, 0.0) if placed else (0.0, *AZIMUTHS):
-            post = Post(eye, replace(own.place, azimuth=float(azimuth)), 0.0)
-            if (gap := field.gap(post, placed)) >= field.room.least_clearance:
-                placed.append(replace(post, clearance=gap))
+            mount = Mount(sensor, replace(own.place, azimuth=float(azimuth)), 0.0)
+            if (gap := search.gap(mount, placed)) >= search.room.least_clearance:
+                placed.append(replace(mount, clearance=gap))
                 break
         else:
             return None
     return tuple(placed)
 
 
-def _improved(field: Field, posts: tuple[Post, ...], calibrated: _Calibrated) -> tuple[Post, ...]:
+def _improved(search: Search, mounts: tuple[Mount, ...], calibrated: _Calibrated) -> tuple[Mount, ...]:
     """The same views, each moved by a step where that measures better and shows as much."""
-    worst, missing = calibrated.worst(posts), _missing_of(field, posts)
-    for k, (by, sign) in product(range(len(posts)), product(NEXT, (1.0, -1.0))):
-        place = posts[k].place
+    worst, missing = calibrated.worst(mounts), _missing_of(search, mounts)
+    for k, (by, sign) in product(range(len(mounts)), product(NEXT, (1.0, -1.0))):
+        place = mounts[k].place
         moved = replace(
             place, phi=place.phi + sign * by[0], standoff=place.standoff + sign * by[1],
             height=place.height + sign * by[2], plane_offset=place.plane_offset + sign * by[3],
         )  # fmt: skip
-        if abs(moved.plane_offset) > max(OFFSETS) * field.setting.thinnest:
+        if abs(moved.plane_offset) > max(OFFSETS) * search.setting.thinnest:
             continue
-        tried = _with_gaps(field, (*posts[:k], replace(posts[k], place=moved), *posts[k + 1 :]))
-        if tried is None or _missing_of(field, tried) > missing + AS_GOOD / 2:
+        tried = _with_gaps(search, (*mounts[:k], replace(mounts[k], place=moved), *mounts[k + 1 :]))
+        if tried is None or _missing_of(search, tried) > missing + AS_GOOD / 2:
             continue
         found = calibrated.worst(tried)
         if found is not None and worst is not None and found < worst:
-            posts, worst = tried, found
-    return posts
+            mounts, worst = tried, found
+    return mounts
 
 
-def _rounded(field: Field, posts: tuple[Post, ...]) -> tuple[Post, ...]:
+def _rounded(search: Search, mounts: tuple[Mount, ...]) -> tuple[Mount, ...]:
     """The same views where a person would put them; where that would touch something, as they are."""
-    found = tuple(replace(post, place=_round(post.place)) for post in posts)
-    return _with_gaps(field, found) or posts
+    found = tuple(replace(mount, place=_round(mount.place)) for mount in mounts)
+    return _with_gaps(search, found) or mounts
 
 
 def _round(place: Place) -> Place:
@@ -313,11 +314,11 @@ def _round(place: Place) -> Place:
     )  # fmt: skip
 
 
-def _with_gaps(field: Field, posts: tuple[Post, ...]) -> tuple[Post, ...] | None:
+def _with_gaps(search: Search, mounts: tuple[Mount, ...]) -> tuple[Mount, ...] | None:
     """The views with their clearance; None where it is too small."""
-    found = tuple(replace(p, clearance=field.gap(p, [q for q in posts if q is not p])) for p in posts)
-    return found if all(p.clearance >= field.room.least_clearance for p in found) else None
+    found = tuple(replace(p, clearance=search.gap(p, [q for q in mounts if q is not p])) for p in mounts)
+    return found if all(p.clearance >= search.room.least_clearance for p in found) else None
 
 
-def _missing_of(field: Field, posts: Sequence[Post]) -> float:
-    return field.missing(np.logical_or.reduce([field.seen_from(post) for post in posts]))
+def _missing_of(search: Search, mounts: Sequence[Mount]) -> float:
+    return search.missing(np.logical_or.reduce([search.seen_from(mount) for mount in mounts]))

@@ -4,14 +4,14 @@ The laser ray comes from the sensor's origin, the camera looks from beside it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import tan
 
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
-from truestand.core.frames import in_rotor
+from truestand.core.frames import Pose, in_rotor
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.planning.obstacles import Body, clear
 from truestand.planning.optics import Optics
@@ -24,8 +24,6 @@ CAUSES = (
     "hidden from the camera",
 )
 """Why a point may not be seen, in the order in which it is asked."""
-
-
 LEAST_FACING = 0.035
 """Cosine of the steepest angle (88 degrees) at which the camera sees a spot of the laser."""
 
@@ -50,6 +48,11 @@ class Sight:
         """Why most of some points (n,) are not seen."""
         first = np.argmax(np.stack(self.hidden), axis=0)
         return CAUSES[int(np.bincount(first[of & ~self.seen], minlength=len(CAUSES)).argmax())]
+
+
+def centred(view: Calibration) -> Calibration:
+    """A view with a shaft that runs true: some run-out changes no shadow."""
+    return replace(view, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
 
 
 def look(points: Array, normals: Array, view: Calibration, optics: Optics, bodies: Sequence[Body]) -> Sight:

@@ -8,7 +8,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
-from truestand.core.inspection import Characteristic
+from truestand.core.inspection import Characteristic, Status
 from truestand.core.scan import Scan
 from truestand.planning.obstacles import Body, Round
 from truestand.planning.optics import Optics
@@ -35,7 +35,7 @@ class Surfaces:
 
 
 @dataclass(frozen=True, slots=True)
-class Eye:
+class PlannedSensor:
     """A view's sensor, before it has a place."""
 
     name: str
@@ -45,10 +45,10 @@ class Eye:
 
 
 @dataclass(frozen=True, slots=True)
-class Post:
+class Mount:
     """A sensor in a place."""
 
-    eye: Eye
+    sensor: PlannedSensor
     place: Place
     clearance: float
     """mm: between its housing and the nearest thing."""
@@ -58,21 +58,25 @@ class Post:
 class View:
     """A sensor in a place, with the calibration that it would have there."""
 
-    post: Post
+    mount: Mount
     scan: Scan
     """Of the shaft."""
     calibration: Calibration
     """In the frames of the first view."""
 
-    def by(self, eye: Eye) -> "View":
+    def by(self, sensor: PlannedSensor) -> "View":
         """The same by another sensor of its kind."""
-        if eye == self.post.eye:
+        if sensor == self.mount.sensor:
             return self
         stand = self.scan.stand
-        stand = replace(stand, sensors=(replace(stand.sensor, name=eye.name, device=eye.device),))
+        stand = replace(stand, sensors=(replace(stand.sensor, name=sensor.name, device=sensor.device),))
         return View(
-            replace(self.post, eye=eye), replace(self.scan, stand=stand), replace(self.calibration, stand=stand)
+            replace(self.mount, sensor=sensor), replace(self.scan, stand=stand), replace(self.calibration, stand=stand)
         )
+
+
+ORDER: tuple[Status, ...] = ("measured", "partial", "not_measurable")
+"""Of what views tell, the best first."""
 
 
 class Target(Protocol):

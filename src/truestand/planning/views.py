@@ -20,8 +20,8 @@ from truestand.planning.imagined_scan import angle_source, imagined_scan
 from truestand.planning.obstacles import Body, Round
 from truestand.planning.optics import Optics
 from truestand.planning.place import Place
-from truestand.planning.sight import look
-from truestand.planning.target import Post, Target, View
+from truestand.planning.sight import centred, look
+from truestand.planning.target import Mount, Target, View
 
 PROFILES, POINTS, TURNS = 300, 120, 1.1
 """Of the imagined scan of a shaft."""
@@ -62,13 +62,13 @@ def uncalibrated(place: Place, setting: Setting) -> Calibration:
     return Calibration("stand", pose, Pose(np.eye(3), np.zeros(3)), setting.stand, angle_source(setting.stand), "index")
 
 
-def views_at(posts: Sequence[Post], setting: Setting, target: Target) -> tuple[View, ...]:
+def views_at(mounts: Sequence[Mount], setting: Setting, target: Target) -> tuple[View, ...]:
     """Sensors in their places, calibrated together.
 
     Raises:
         NotEnoughData: the shaft can't be calibrated from there, or not to be trusted.
     """
-    scans = tuple(_scan_of_shaft(post, setting) for post in posts)
+    scans = tuple(_scan_of_shaft(mount, setting) for mount in mounts)
     several, artefact = len(scans) > 1, setting.artefact
     found = calibrate_views(scans, artefact) if several else calibrate(scans[0], artefact)
     untrusted = [reason for reason in found.reasons if reason.code != UNTIED.code]
@@ -76,8 +76,8 @@ def views_at(posts: Sequence[Post], setting: Setting, target: Target) -> tuple[V
         raise NotEnoughData(str(untrusted[0]))
     calibrations = [in_first_frame(view, found) for view in found.views] if several else [found]
     return tuple(
-        View(post, scan, _followed(calibration, post, target))
-        for post, scan, calibration in zip(posts, scans, calibrations, strict=True)
+        View(mount, scan, _followed(calibration, mount, target))
+        for mount, scan, calibration in zip(mounts, scans, calibrations, strict=True)
     )
 
 
@@ -96,11 +96,11 @@ def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
     return tuple(replace(view, calibration=replace(view.calibration, joint=joint)) for view in views)
 
 
-def _scan_of_shaft(post: Post, setting: Setting) -> Scan:
-    few, stand = replace(post.eye.optics, points=POINTS), setting.stand.of_view(post.eye.name)
-    stand = replace(stand, sensors=(mounted(stand.sensor, post.place),))
+def _scan_of_shaft(mount: Mount, setting: Setting) -> Scan:
+    few, stand = replace(mount.sensor.optics, points=POINTS), setting.stand.of_view(mount.sensor.name)
+    stand = replace(stand, sensors=(mounted(stand.sensor, mount.place),))
     base = setting.artefact.base.radius
-    return imagined_scan(setting.shaft, post.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
+    return imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
 
 
 def mounted(sensor: Sensor, place: Place) -> Sensor:
@@ -118,13 +118,12 @@ def shaft_in_view(
         height = np.arange(cylinder.bottom + MARGIN, cylinder.top - MARGIN, SPACING)
         points = np.stack([np.full(height.size, cylinder.radius), np.zeros(height.size), height], axis=1)
         normals = np.tile([1.0, 0.0, 0.0], (height.size, 1))
-        centred = replace(view, shaft_from_rotor=Pose(np.eye(3), np.zeros(3)))
-        sight = look(points, normals, centred, optics, (*shaft, *bodies))
+        sight = look(points, normals, centred(view), optics, (*shaft, *bodies))
         seen.append(SPACING * float(np.count_nonzero(sight.seen)))
     return tuple(seen)
 
 
-def _followed(view: Calibration, post: Post, target: Target) -> Calibration:
+def _followed(view: Calibration, mount: Mount, target: Target) -> Calibration:
     """The calibration as it is applied to a part: shaft in view beside it shows where the sensor stands then."""
-    longest = max(shaft_in_view(view, post.eye.optics, target.shaft, target.bodies), default=0.0)
+    longest = max(shaft_in_view(view, mount.sensor.optics, target.shaft, target.bodies), default=0.0)
     return replace(view, followed=longest > LEAST_HEIGHT_MM)

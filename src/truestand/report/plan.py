@@ -28,9 +28,9 @@ def plan_report(plan: Plan, company: Company | None = None, created: str | None 
 
 
 def _head(plan: Plan, company: Company | None, created: str | None) -> str:
-    field = plan.field
+    search = plan.search
     facts = [f"part {plan.part.name}", f"shaft {plan.setting.artefact.name}"]
-    facts += [f"{len(field.candidates) + field.touching + field.blind} places looked at"]
+    facts += [f"{len(search.candidates) + search.touching + search.blind} places looked at"]
     facts += [f"planned {created}"] if created else []
     if plan.complete:
         kind, mark, word = "conforms", "\N{CHECK MARK}", f"{_views(len(plan.views))} will do"
@@ -56,7 +56,7 @@ def _places(plan: Plan) -> str:
         return ""
     heads = "".join(f'<th class="n">{escape(name)}</th>' for name in PLACE_COLUMNS)
     rows = "".join(
-        f"<tr><th>{escape(view.post.eye.name)}<small>{escape(view.post.eye.device)}</small></th>"
+        f"<tr><th>{escape(view.mount.sensor.name)}<small>{escape(view.mount.sensor.device)}</small></th>"
         + "".join(f'<td class="n">{escape(text)}</td>' for text in place_row(view))
         + "</tr>"
         for view in plan.views
@@ -103,14 +103,14 @@ def _row(e: Expected) -> str:
 
 
 def _pictures(plan: Plan) -> str:
-    text, target = "", plan.field.target
+    text, target = "", plan.search.target
     if plan.views and isinstance(target, GearTarget):
         text += "<h2>What each view sees</h2>" + framed(
             figures.flanks(plan, target),
             "One tooth's flanks, root below. Colour: angle between laser ray and surface normal; grey: not seen, "
             "because it is too steep, out of range or line, or hidden.",
         )
-    if plan.field.candidates:
+    if plan.search.candidates:
         text += "<h2>Other places</h2>" + framed(
             figures.tried(plan),
             "Left: what single places show, of the surface of which they show least. Right: those that were compared "

@@ -34,7 +34,7 @@ def places(plan: Plan) -> Figure:
     for k, (axes, view) in enumerate(zip(panels, plan.views, strict=True)):
         _bodies(axes, plan)
         _sensor_from_side(axes, view, plan, SURFACES[k % len(SURFACES)])
-        axes.set(title=f"{view.post.eye.name}, from the side", xlabel="from the axis, mm", ylabel="height, mm")
+        axes.set(title=f"{view.mount.sensor.name}, from the side", xlabel="from the axis, mm", ylabel="height, mm")
     _from_above(above, plan)
     for axes in (*panels, above):
         axes.set_aspect("equal")
@@ -44,10 +44,10 @@ def places(plan: Plan) -> Figure:
 
 def _bodies(axes: Axes, plan: Plan) -> None:
     """Table, shaft and part, cut through the axis."""
-    face = plan.field.swept[-1]
-    reach = max(b.radius for b in (*plan.setting.shaft, *plan.field.target.swept)) + 25.0
+    face = plan.search.swept[-1]
+    reach = max(b.radius for b in (*plan.setting.shaft, *plan.search.target.swept)) + 25.0
     axes.add_patch(Rectangle((-reach, face.top - 6.0), 2 * reach, 6.0, color=PALE))
-    for bodies, colour in ((plan.setting.shaft, SHAFT), (plan.field.target.swept, PART)):
+    for bodies, colour in ((plan.setting.shaft, SHAFT), (plan.search.target.swept, PART)):
         for b in bodies:
             corner, width, height = (-b.radius, b.bottom), 2 * b.radius, b.top - b.bottom
             axes.add_patch(Rectangle(corner, width, height, facecolor=colour, edgecolor=GREY, lw=0.6))
@@ -55,7 +55,7 @@ def _bodies(axes: Axes, plan: Plan) -> None:
 
 
 def _sensor_from_side(axes: Axes, view: View, plan: Plan, colour: str) -> None:
-    optics, pose = view.post.eye.optics, view.post.place.pose(plan.setting.artefact.base.radius)
+    optics, pose = view.mount.sensor.optics, view.mount.place.pose(plan.setting.artefact.base.radius)
     width, _, depth = optics.housing
     box = [(-width / 2, 0), (width / 2, 0), (width / 2, -depth), (-width / 2, -depth)]
     axes.add_patch(Polygon(_side(pose, box), facecolor=colour, alpha=0.25, edgecolor=colour))
@@ -74,11 +74,11 @@ def _side(pose: Pose, points: Sequence[tuple[float, float]]) -> Array:
 
 def _from_above(axes: Axes, plan: Plan) -> None:
     """Table, part and housings."""
-    table = plan.field.swept[-1]
+    table = plan.search.swept[-1]
     axes.add_patch(Circle((0, 0), table.radius, facecolor=SHAFT, edgecolor=GREY, lw=0.6))
-    for b in plan.field.target.swept:
+    for b in plan.search.target.swept:
         axes.add_patch(Circle((0, 0), b.radius, facecolor=PART, edgecolor=GREY, lw=0.6))
-    for area in plan.field.room.keep_out:
+    for area in plan.search.room.keep_out:
         low, high = (degrees(a) for a in area.azimuth)
         outer = min(area.radius[1], 3 * table.radius)
         width = outer - min(area.radius[0], outer)
@@ -89,17 +89,17 @@ def _from_above(axes: Axes, plan: Plan) -> None:
 
 
 def _housing_from_above(axes: Axes, view: View, plan: Plan, colour: str) -> None:
-    pose = about_axis(view.post.place.azimuth, 0.0) @ view.post.place.pose(plan.setting.artefact.base.radius)
-    width, thick, depth = view.post.eye.optics.housing
+    pose = about_axis(view.mount.place.azimuth, 0.0) @ view.mount.place.pose(plan.setting.artefact.base.radius)
+    width, thick, depth = view.mount.sensor.optics.housing
     corners = np.array(
         [(x, y, z) for x in (-width / 2, width / 2) for y in (-thick / 2, thick / 2) for z in (-depth, 0.0)]
     )
     outline = _hull(pose(corners)[:, :2])
     axes.add_patch(Polygon(outline, facecolor=colour, alpha=0.3, edgecolor=colour))
-    start, end = pose(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, view.post.place.standoff]]))[:, :2]
+    start, end = pose(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, view.mount.place.standoff]]))[:, :2]
     axes.plot(*np.stack([start, end]).T, color=colour, lw=1.0)
     x, y = outline.mean(axis=0)
-    axes.text(x, y, view.post.eye.name, ha="center", va="center", color=INK, fontsize=7.5)
+    axes.text(x, y, view.mount.sensor.name, ha="center", va="center", color=INK, fontsize=7.5)
 
 
 def _hull(points: Array) -> Array:
@@ -119,7 +119,7 @@ def flanks(plan: Plan, target: GearTarget) -> Figure:
         extent = (*picture.heights, *picture.rolls)
         for axes, flank, incidence in zip(row, FLANKS, np.degrees(picture.incidence), strict=True):
             drawn = image(axes, incidence, extent, (40.0, STEEPEST), SEQUENTIAL + "_r")
-            axes.set(title=f"{view.post.eye.name}: {flank} flanks")
+            axes.set(title=f"{view.mount.sensor.name}: {flank} flanks")
         row[0].set_ylabel("roll length, mm")
     for axes in panels[-1]:
         axes.set_xlabel("height, mm")
@@ -132,9 +132,9 @@ def tried(plan: Plan) -> Figure:
     """Places from which the shaft can be calibrated, by how much they show; those compared by their U."""
     fig = figure(WIDTH, 3.2)
     left, right = fig.subplots(1, 2)
-    coverage = plan.field.target.surfaces.coverage
+    coverage = plan.search.target.surfaces.coverage
     best: dict[tuple[float, float], float] = {}
-    for c in plan.field.candidates:
+    for c in plan.search.candidates:
         where = round(degrees(c.place.phi), 1), round(c.place.height, 1)
         best[where] = max(best.get(where, 0.0), min(coverage(c.seen).values()))
     phi, height = np.array(list(best)).T if best else np.zeros((2, 0))
@@ -149,7 +149,7 @@ def tried(plan: Plan) -> Figure:
         fig.colorbar(points, ax=right, label="largest U of the limits, about, %", pad=0.01)
     for axes, key in ((left, "height"), (right, "standoff")):
         for view in plan.views:
-            p = view.post.place
+            p = view.mount.place
             axes.plot(degrees(p.phi), getattr(p, key), marker="x", color="#a8240b", ms=8, mew=1.8)
     right.set(title="Places that were compared", xlabel="phi, °", ylabel="stand-off, mm")
     return fig

@@ -13,10 +13,10 @@ STATUS = {"measured": "measured", "partial": "seen in part", "not_measurable": "
 
 def place_row(view: View) -> tuple[str, ...]:
     """The numbers of ``PLACE_COLUMNS``."""
-    p = view.post.place
+    p = view.mount.place
     return (
         number(degrees(p.phi), 1), number(p.standoff, 1), number(p.height, 1), number(p.plane_offset, 2),
-        number(degrees(p.azimuth), 0), number(view.post.clearance, 0),
+        number(degrees(p.azimuth), 0), number(view.mount.clearance, 0),
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ def plan_tables(plan: Plan) -> RenderableType:
     """Where the sensors go, and with what U each characteristic would be measured."""
     places = text_table("Places", ("view", "device"), PLACE_COLUMNS)
     for view in plan.views:
-        places.add_row(view.post.eye.name, view.post.eye.device, *place_row(view))
+        places.add_row(view.mount.sensor.name, view.mount.sensor.device, *place_row(view))
     lines = text_table("Expected", ("characteristic", "flank or section"), ("U (k = 2)", "limit", "U of the limits"))
     lines.add_column("")
     for e in plan.asked:

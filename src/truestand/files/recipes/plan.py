@@ -86,22 +86,22 @@ def _without_sensors(text: str) -> tuple[str, bool]:
 
 def _sensor_text(view: View, plan: Plan) -> str:
     """A ``[[sensor]]``, with its place in words."""
-    place = view.post.place
-    sensor = mounted(plan.setting.stand.of_view(view.post.eye.name).sensor, place)
+    place = view.mount.place
+    sensor = mounted(plan.setting.stand.of_view(view.mount.sensor.name).sensor, place)
     words = (
         f"# Planned: phi {degrees(place.phi):.1f} deg; the middle of its line meets the shaft's base at height "
         f"{place.height:.1f} mm,\n# {place.standoff:.1f} mm away; laser plane {place.plane_offset:+.2f} mm off the "
-        f"axis; azimuth {degrees(place.azimuth):.0f} deg; {view.post.clearance:.0f} mm clear."
+        f"axis; azimuth {degrees(place.azimuth):.0f} deg; {view.mount.clearance:.0f} mm clear."
     )
     return f"{words}\n[[sensor]]\n{sensor_lines(sensor)}\n"
 
 
 def _virtual_view_text(view: View) -> str:
     """The same place on the virtual stand."""
-    place = view.post.place
+    place = view.mount.place
     keys = {
         "azimuth_deg": degrees(place.azimuth), "phi_deg": degrees(place.phi), "standoff_mm": place.standoff,
         "height_mm": place.height, "laser_plane_offset_mm": place.plane_offset,
     }  # fmt: skip
     lines = "\n".join(f"{key} = {round(value, 4) + 0.0!r}" for key, value in keys.items())
-    return f'[[simulation.view]]\nname = "{view.post.eye.name}"\n{lines}\n'
+    return f'[[simulation.view]]\nname = "{view.mount.sensor.name}"\n{lines}\n'

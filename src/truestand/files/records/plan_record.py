@@ -25,25 +25,25 @@ def plan_record(plan: Plan, created: str) -> Record:
         "unseen": list(plan.unseen),
         "fewer_views": None if plan.fewer is None else _fewer(plan.fewer),
         "assumed": list(plan.assumed),
-        "tried": {"places": len(plan.field.candidates), "housing_touches": plan.field.touching,
-                  "shaft_not_in_view": plan.field.blind, "compared": len(plan.tried)},
+        "tried": {"places": len(plan.search.candidates), "housing_touches": plan.search.touching,
+                  "shaft_not_in_view": plan.search.blind, "compared": len(plan.tried)},
         "software": SOFTWARE,
         "created": created,
     }  # fmt: skip
 
 
 def _view(view: View) -> Record:
-    place = view.post.place
+    place = view.mount.place
     return {
-        "name": view.post.eye.name,
-        "device": view.post.eye.device,
+        "name": view.mount.sensor.name,
+        "device": view.mount.sensor.device,
         "phi_deg": _rounded(degrees(place.phi)),
         "standoff_mm": _rounded(place.standoff),
         "height_mm": _rounded(place.height),
         "laser_plane_offset_mm": _rounded(place.plane_offset),
         "azimuth_deg": _rounded(degrees(place.azimuth)),
         "position": {},
-        "clearance_mm": _rounded(view.post.clearance),
+        "clearance_mm": _rounded(view.mount.clearance),
     }
 
 
