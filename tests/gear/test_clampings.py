@@ -99,6 +99,12 @@ def test_every_flank_is_read_by_all_clampings_alike():
 
 
 @pytest.mark.more
+def test_a_sound_gear_clamped_again_has_no_damage():
+    """Near the root one profile meets a flank where many do at the tip: a lone reading there is no outlier."""
+    assert not [r for r in found(WORN, OFFSETS).remarks if r.code == "damage"]
+
+
+@pytest.mark.more
 def test_a_perfect_gear_is_not_tied_and_nothing_is_decided():
     loose = found(PERFECT, (None,) * 3)
     assert "part_not_tied" in {r.code for r in loose.reasons}
@@ -109,8 +115,9 @@ def test_a_perfect_gear_is_not_tied_and_nothing_is_decided():
 @pytest.mark.parametrize("turned", [OFFSETS, (0, 8, 16)])
 def test_teeth_that_the_pitches_can_not_confirm_decide_nothing(turned):
     """An even gear looks the same, turned or not: closure would give its run-out to the table."""
-    _, reasons, remarks = laid_together(clamped(PERFECT), SPUR, turned)
-    assert [r.code for r in reasons] == ["part_not_tied"] and not remarks
+    surfaces, reasons, remarks = laid_together(clamped(PERFECT), SPUR, turned)
+    assert [r.code for r in reasons] == ["part_not_tied"]
+    assert surfaces == clamped(PERFECT)[:1] and [r.code for r in remarks] == ["first_clamping_alone"]
 
 
 @pytest.mark.more
@@ -130,6 +137,34 @@ def test_a_table_that_errs_by_more_than_its_u_allows_is_a_contradiction():
     surfaces = roll_views(worse, calibrated(), clamped_again=True)
     _, reasons, _ = laid_together(surfaces, SPUR, (None,) * 3)
     assert [r.code for r in reasons] == ["closure_contradicts"] and "angle_U_arcsec" in str(reasons[0])
+
+
+@pytest.mark.more
+def test_a_part_with_play_is_tied_wherever_it_sits():
+    """How it sits moves left and right flanks in their own directions, by more than its pitches differ."""
+    seated = [
+        replace(WORN, eccentricity=e, eccentricity_direction=d) for e, d in ((0.012, 1.0), (0.012, 4.4), (0.004, 1.7))
+    ]
+    scans = tuple(scan(e, teeth, 20 + teeth) for e, teeth in zip(seated, OFFSETS, strict=True))
+    surfaces = roll_views(scans, calibrated(), clamped_again=True)
+    together, reasons, remarks = laid_together(surfaces, replace(SPUR, bore_clearance=0.03), (None,) * 3)
+    assert not reasons and len(together) == 3
+    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in str(remarks[0])
+
+
+@pytest.mark.more
+def test_what_differs_between_clampings_stands_in_u():
+    """A table that errs eight times a turn, for which closure does not look; neighbouring teeth feel it by a quarter
+    more than the wave that U assumes.
+    """
+    scans = [scan(WORN, teeth, 10 + teeth) for teeth in OFFSETS]
+    uneven = tuple(replace(s, angle=s.angle + TABLE * np.cos(8 * s.angle)) for s in scans)
+    uneven_found = inspect(roll_views(uneven, calibrated(), clamped_again=True), SPUR, OFFSETS)
+    assert not uneven_found.reasons
+    for name, more in (("F_p", 1.0), ("f_p", 1.25)):
+        c = line(uneven_found, name, "left")
+        assert abs(c.value - true(WORN)[name, "left", None]) < more * c.U
+    assert c.U > 1.5 * line(found(WORN, OFFSETS), "f_p", "left").U
 
 
 @pytest.mark.more

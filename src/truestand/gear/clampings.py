@@ -41,6 +41,7 @@ MOST_WAVES = 6
 """A turn, that a table's errors may have when clampings are tied."""
 MOST = 1.5
 """Times its U that what closure finds may be."""
+FIRST_ALONE = Message("first_clamping_alone", "the first clamping alone is shown; the others can't be laid onto it")
 LEAST_VARIANCE = 1e-16
 """rad2: no wave is known better."""
 LEAST_NOISE = 1e-4
@@ -75,11 +76,19 @@ class Closure:
     """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
     seated: float
     """and mm, of the seats."""
+    left: float
+    """rad: standard deviation of what differs between clampings beyond all that."""
 
     def expanded(self, wave: int) -> float:
         """Of a wave (k = 2, rad), in the phase in which it is known worst."""
         own = slice(2 * wave, 2 * wave + 2)
         return K * sqrt(max(float(np.linalg.eigvalsh(self.covariance[own, own])[-1]), LEAST_VARIANCE))
+
+    @property
+    def faster(self) -> float:
+        """U (k = 2, rad) of the waves beyond once a turn: of those that were found, and of all others."""
+        found = max(self.expanded(k) for k in range(1, len(self.orders)))
+        return max(found, K * self.left / sqrt(len(self.seats)))
 
     def contradictions(self, radius: float) -> tuple[Message, ...]:
         """What of it can't be, by what was known beforehand; ``radius``: mm, of the measuring circle."""
@@ -108,7 +117,7 @@ def laid_together(
 
     ``turned``: by how many teeth the part sat turned in each, counter-clockwise from above, 0 in the first one of each
     view; None: its pitches tell. Pitches too even to tell decide nothing, whatever is stated: nobody could notice a
-    part that was not turned at all.
+    part that was not turned at all. Only the first clamping counts then, as where closure contradicts.
 
     Raises:
         BadRecipe: not one number for each surface, the first not 0, or a number that the pitches contradict.
@@ -123,12 +132,13 @@ def laid_together(
         Tie(0, 0.0, True) if first == k else _tie(toothings[first], toothings[k], turned[k])
         for k, first in enumerate(firsts)
     ]
+    alone = tuple(s for k, s in enumerate(surfaces) if firsts[k] == k)
     if untied := [k for k, tie in enumerate(ties, 1) if not tie.sure]:
-        return tuple(surfaces), (_not_tied(untied),), ()
+        return alone, (_not_tied(untied),), (FIRST_ALONE,)
     placed = [_turned_back(s, datum, tie.turn) for s, tie in zip(surfaces, ties, strict=True)]
     closure = _closure(placed, nominal, datum)
     if wrong := closure.contradictions(nominal.measuring_radius):
-        return tuple(placed), wrong, ()
+        return alone, wrong, (FIRST_ALONE,)
     closed = [_with_table(s, closure, nominal.measuring_radius) for s in placed]
     seated = [_shifted(s, datum, seat) for s, seat in zip(closed, closure.seats, strict=True)]
     return tuple(seated), (), (_said(closure, ties, nominal.measuring_radius),)
@@ -172,7 +182,8 @@ def _said(closure: Closure, ties: Sequence[Tie], radius: float) -> Message:
     turned = ", ".join(f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth)
     text = (
         f"closure over {len(ties)} clampings: the table errs by {size:.1f} +- {1000 * U * radius:.1f} um once a turn "
-        f"at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; {turned}"
+        f"at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; {turned}; "
+        f"{1000 * closure.left * radius:.1f} um rms are left between them"
     )
     return Message("part_clamped_again", text)
 
@@ -205,17 +216,20 @@ def _tie(first: Toothing, other: Toothing, stated: int | None) -> Tie:
 
 
 def _agreement(difference: Array, nominal: Involute) -> tuple[float, float, int]:
-    """Mean of differences (2, teeth) mm of places, their rms about it and the waves that a table may make, and how many
+    """Mean of differences (2, teeth) mm of places, their rms about it and what table and seat may make, and how many
     there are.
+
+    A table turns both flanks of a tooth alike; how the part sits moves them once a turn, each in its own direction.
     """
     side, tooth = np.nonzero(np.isfinite(difference))
     orders = range(1, min(MOST_WAVES, (side.size - 2) // 6) + 1)
     if side.size < LEAST_FLANKS:
         return 0.0, np.inf, side.size
-    design = np.column_stack([np.ones(side.size), _waves(np.asarray(tooth * nominal.gear.pitch), orders)])
+    waves = _waves(np.asarray(tooth * nominal.gear.pitch), orders)
+    design = np.column_stack([np.ones(side.size), waves, SIGMA[side][:, None] * waves[:, :2]])
     values = difference[side, tooth]
-    solution, *_ = np.linalg.lstsq(design, values, rcond=None)
-    rest, free = values - design @ solution, max(side.size - design.shape[1], 1)
+    solution, _, rank, _ = np.linalg.lstsq(design, values, rcond=None)
+    rest, free = values - design @ solution, max(side.size - int(rank), 1)
     return float(solution[0]), max(sqrt(float(rest @ rest) / free), LEAST_NOISE), side.size
 
 
@@ -276,7 +290,8 @@ def _closure(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Cl
         rows.append(design)
         values.append(place[seen])
     design, value = np.concatenate(rows), np.concatenate(values)
-    weight = 1.0 / (_noise(design, value) ** 2)
+    left = _noise(design, value)
+    weight = 1.0 / left**2
     normal = weight * design.T @ design
     known = _before(surfaces[0].origin[0], nominal, orders)
     seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
@@ -288,7 +303,7 @@ def _closure(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Cl
     solution = inverse @ (weight * design.T @ value)
     seats = np.zeros((clampings, 2))
     seats[1:] = solution[flanks:-waves].reshape(-1, 3)[:, 1:]
-    return Closure(orders, solution[-waves:], inverse[-waves:, -waves:], seats, known, seated)
+    return Closure(orders, solution[-waves:], inverse[-waves:, -waves:], seats, known, seated, left)
 
 
 def _middles(toothing: Toothing, flanks: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -323,8 +338,7 @@ def _with_table(surface: Surface, closure: Closure, radius: float) -> Surface:
     """
     scan, calibration = surface.origin
     angle = table_angle(scan, calibration)
-    once, *faster = (closure.expanded(k) for k in range(len(closure.orders)))
-    table = replace(scan.stand.table, angle_U=once, sideways_U=max(faster) * radius)
+    table = replace(scan.stand.table, angle_U=closure.expanded(0), sideways_U=closure.faster * radius)
     angle = angle - _waves(angle % tau, closure.orders) @ closure.waves
     corrected = replace(scan, angle=angle, stand=replace(scan.stand, table=table))
     return apply_calibration(corrected, replace(calibration, speed_factor=1.0, applied_to=corrected))

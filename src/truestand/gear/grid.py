@@ -26,7 +26,8 @@ TRACE_SHARE = 1 / 20
 MEDIAN_SPAN = 16 * GATE
 """mm of delta in which medians are found: the published compensation moves teeth by millimetres."""
 LEAST_SHARE = 0.25
-"""Share of the flank's usual number of points below which a cell's points are outliers, off the flank,"""
+"""Share of the number of points that are usual of a flank, at the roll length of a cell, below which the cell's points
+are outliers, off the flank,"""
 SOLID_SHARE = 0.05
 """and of what is left, below which a cell does not count as seen."""
 LEAST_SPREAD = 1e-4
@@ -102,14 +103,15 @@ def grid_of(flanks: Flanks, height_cell: float | None = None) -> Grid:
     cell = cell_of(flanks, nominal, rolls, edges)
     cells = int(np.prod(shape))
     median, number = medians(cell, flanks.delta, cells, MEDIAN_SPAN)
-    count = _without_outliers(number.reshape(2 * nominal.gear.teeth, -1)).reshape(-1)
+    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), (edges[:-1] + edges[1:]) / 2
+    count = _without_outliers(number.reshape(2 * nominal.gear.teeth, rolls, -1), _often_met(nominal, centres[0]))
+    count = count.reshape(-1)
     off = np.abs(flanks.delta - median[cell])
 
     def mean(values: Array) -> Array:
         total = np.bincount(cell, values, minlength=cells)
         return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(shape)
 
-    centres = centres_of(nominal.control_roll, nominal.tip_roll, rolls), (edges[:-1] + edges[1:]) / 2
     roll, height = mean(flanks.roll), mean(flanks.height)
     return Grid(
         nominal,
@@ -155,14 +157,23 @@ def column_of(height: Array, edges: Array) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(edges, height, side="right") - 1, 0, edges.size - 2)
 
 
-def _usual(count: NDArray[np.generic]) -> Array:
+def _usual(count: Array | NDArray[np.generic]) -> Array:
     """Median number of points (flanks,) of the cells (flanks, cells) that hold any."""
     return np.array([np.median(c[c > 0]) if c.any() else 0.0 for c in count])
 
 
-def _without_outliers(count: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Counts (flanks, cells), 0 where there are so few that they are no part of the flank."""
-    return np.where(count >= np.maximum(LEAST_SHARE * _usual(count), 1.0)[:, None], count, 0)
+def _often_met(nominal: Involute, rolls: Array) -> Array:
+    """How often (rolls, 1) profiles meet a flank at some roll lengths (mm): the share of the most often met of them."""
+    often = 1.0 / step_on_flank(nominal, rolls, 1.0)
+    return np.asarray(often / often.max())[:, None]
+
+
+def _without_outliers(count: NDArray[np.int64], often: Array) -> NDArray[np.int64]:
+    """Counts (flanks, rolls, heights), 0 where there are so few that they are no part of the flank, which is met so
+    ``often`` (rolls, 1).
+    """
+    usual = _usual((count / often).reshape(len(count), -1))[:, None, None] * often
+    return np.where(count >= np.maximum(LEAST_SHARE * usual, 1.0), count, 0)
 
 
 def centres_of(low: float, high: float, cells: int) -> Array:
