@@ -7,7 +7,7 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from truestand.devices.axis import RotaryTable
+from truestand.devices.axis import Axis
 from truestand.devices.tables import TableRecipe, open_table
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.grbl_server import GrblServer
@@ -71,7 +71,7 @@ def table_at(protocol, motion=None, pace=PACE, tables=None, mortal=False, **limi
             table.close()
 
 
-def on_virtual_time(table: RotaryTable, clock: Clock) -> RotaryTable:
+def on_virtual_time(table: Axis, clock: Clock) -> Axis:
     return replace(table, clock=clock.now, sleep=lambda s: time.sleep(s / clock.pace))
 
 

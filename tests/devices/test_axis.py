@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
-from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, DriveState, Limits, RotaryTable
+from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, Axis, DriveState, Limits
 
 
 @dataclass
@@ -52,7 +52,7 @@ def table_of(*states, **limits):
         now[0] += seconds
 
     drive = Scripted(list(states))
-    return RotaryTable(drive, Limits(**limits), lambda: now[0], sleep), drive, now
+    return Axis(drive, Limits(**limits), lambda: now[0], sleep), drive, now
 
 
 def test_homing_ends_homed_or_in_an_error():

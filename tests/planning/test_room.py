@@ -9,22 +9,24 @@ from truestand.core.stand import Sensor
 from truestand.planning.obstacles import Round
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
-from truestand.planning.room import KeepOut, Room, apart, clearance
+from truestand.planning.room import KeepOut, Room, apart, clearance, in_room
 
 OPTICS, _ = optics_of(Sensor("front", range=(70.0, 120.0), housing=(60.0, 20.0, 40.0)))
+SIZE = OPTICS.housing
 LEVEL = Place(radians(-90.0), 100.0, 0.0)
 """Its housing ends 100 mm before the base of 10 mm: 110 mm from the axis, from -30 to 30 mm high."""
+STANDS = in_room(LEVEL, 10.0)
 
 
 def test_a_level_sensor_is_as_far_from_a_cylinder_as_it_stands():
-    assert clearance(LEVEL, 10.0, OPTICS, [Round(30.0, -5.0, 5.0)], Room()) == pytest.approx(80.0, abs=0.01)
-    assert clearance(LEVEL, 10.0, OPTICS, [Round(200.0, -99.0, -50.0)], Room()) == pytest.approx(20.0, abs=0.01)
+    assert clearance(STANDS, SIZE, [Round(30.0, -5.0, 5.0)], Room()) == pytest.approx(80.0, abs=0.01)
+    assert clearance(STANDS, SIZE, [Round(200.0, -99.0, -50.0)], Room()) == pytest.approx(20.0, abs=0.01)
 
 
 def test_the_nearest_thing_counts():
     bodies = [Round(30.0, -5.0, 5.0), Round(90.0, 40.0, 50.0)]
     # (20, 10) mm from the nearest corner of the housing, its half width of 10 mm aside.
-    assert clearance(LEVEL, 10.0, OPTICS, bodies, Room()) == pytest.approx(np.hypot(20.0, 10.0), abs=0.6)
+    assert clearance(STANDS, SIZE, bodies, Room()) == pytest.approx(np.hypot(20.0, 10.0), abs=0.6)
 
 
 @pytest.mark.parametrize(
@@ -38,13 +40,13 @@ def test_the_nearest_thing_counts():
     ],
 )
 def test_keep_out_areas_are_stretches_of_a_ring(area, distance):
-    found = clearance(LEVEL, 10.0, OPTICS, [], Room(keep_out=(area,)))
+    found = clearance(STANDS, SIZE, [], Room(keep_out=(area,)))
     assert found == pytest.approx(distance, abs=0.6)
 
 
 def test_housings_meet_where_sensors_stand_at_the_same_azimuth():
     opposite = Place(LEVEL.phi, LEVEL.standoff, LEVEL.height, azimuth=pi)
     beside = Place(LEVEL.phi, LEVEL.standoff, LEVEL.height, azimuth=radians(90.0))
-    assert apart(LEVEL, LEVEL, 10.0, (OPTICS, OPTICS)) == 0.0
-    assert apart(LEVEL, opposite, 10.0, (OPTICS, OPTICS)) == pytest.approx(220.0, abs=0.01)
-    assert apart(LEVEL, beside, 10.0, (OPTICS, OPTICS)) == pytest.approx(np.hypot(100.0, 100.0), abs=0.01)
+    assert apart(LEVEL, LEVEL, 10.0, (SIZE, SIZE)) == 0.0
+    assert apart(LEVEL, opposite, 10.0, (SIZE, SIZE)) == pytest.approx(220.0, abs=0.01)
+    assert apart(LEVEL, beside, 10.0, (SIZE, SIZE)) == pytest.approx(np.hypot(100.0, 100.0), abs=0.01)

@@ -7,7 +7,7 @@ import pytest
 from station.doubles import MemoryDrive, MemorySensor
 from truestand.core.errors import DeviceError
 from truestand.core.stand import Stand
-from truestand.devices.axis import RotaryTable
+from truestand.devices.axis import Axis
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station import diagnostics
@@ -22,14 +22,14 @@ DIAGNOSTICS = {
 
 @pytest.mark.parametrize("name", DIAGNOSTICS)
 def test_a_laser_that_stays_on_at_the_end_is_named(monkeypatch, name):
-    station = Station(Stand(), RotaryTable(MemoryDrive()), [MemorySensor(gone=True)])
+    station = Station(Stand(), Axis(MemoryDrive()), [MemorySensor(gone=True)])
     monkeypatch.setattr(diagnostics, "open_station", lambda *arguments: nullcontext(station))
     with pytest.raises(DeviceError, match="Laser may be ON: sensor front"):
         DIAGNOSTICS[name]()
 
 
 def test_an_encoder_that_does_not_count_in_a_turn_of_10_degrees_is_reported_with_the_counts_expected(monkeypatch):
-    station = Station(Stand(counts_per_turn=360_000), RotaryTable(MemoryDrive()), [MemorySensor()])
+    station = Station(Stand(counts_per_turn=360_000), Axis(MemoryDrive()), [MemorySensor()])
     monkeypatch.setattr(diagnostics, "open_station", lambda *arguments: nullcontext(station))
     monkeypatch.setattr(diagnostics, "REST_S", 0.0)
     devices = DevicesRecipe(

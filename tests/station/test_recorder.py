@@ -10,7 +10,7 @@ import pytest
 from station.doubles import LAYOUT, MemoryDrive, MemorySensor
 from truestand.core.errors import DeviceLost
 from truestand.core.stand import Stand
-from truestand.devices.axis import DriveState, RotaryTable
+from truestand.devices.axis import Axis, DriveState
 from truestand.devices.sensor import Frame
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.files.scans.scan_log import Kind, read_log
@@ -57,7 +57,7 @@ def test_a_recorder_that_fails_after_the_last_poll_makes_the_scan_incomplete(tmp
     monkeypatch.setattr(acquire_module, "LAST_FRAMES_S", 0.0)  # no more polls once the table has arrived
     monkeypatch.setattr(watch, "SILENCE_S", inf)  # a busy machine is no silent sensor
     drive = ArrivingDrive()
-    station = Station(Stand(), RotaryTable(drive), [StreamingSensor(lost=drive.arrived)])
+    station = Station(Stand(), Axis(drive), [StreamingSensor(lost=drive.arrived)])
     log = tmp_path / "k1.log"
     with pytest.raises(DeviceLost, match="the cable came off"):
         acquire(station, SETTINGS, [SENSOR], log, "now")

@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from station.doubles import MemoryDrive, MemorySensor
 from truestand.core.errors import DeviceError, Fault, TruestandError
 from truestand.core.stand import Sensor, Stand
-from truestand.devices.axis import RotaryTable
+from truestand.devices.axis import Axis
 from truestand.devices.sensors import range_camera
 from truestand.devices.sensors.range_camera import RangeCamera
 from truestand.devices.sensors.recipe import SensorRecipe
@@ -19,7 +19,7 @@ from truestand.station.state_machine import PERMITTED, TRANSITIONS, Event, State
 
 
 def test_devices_that_can_not_be_stopped_are_named_lasers_first():
-    table = RotaryTable(MemoryDrive(gone=True), clock=lambda: 0.0, sleep=lambda s: None)
+    table = Axis(MemoryDrive(gone=True), clock=lambda: 0.0, sleep=lambda s: None)
     station = Station(Stand(), table, [MemorySensor("back"), MemorySensor("front", gone=True)])
     assert station.make_safe() == [
         "Laser may be ON: sensor front: memory sensor: no answer",
@@ -36,7 +36,7 @@ def test_a_laser_that_its_sensor_can_not_switch_is_named(monkeypatch, laser, wor
         name="front", driver="range-camera", address="127.0.0.1", x_step_mm=0.1, z_step_mm=0.1, laser=laser
     )
     camera = RangeCamera(recipe, Sensor("front", 100.0, 8))
-    station = Station(Stand(), RotaryTable(MemoryDrive()), [camera])
+    station = Station(Stand(), Axis(MemoryDrive()), [camera])
     station.machine.state = State.WATCHING
     station.set_lasers({"front": recipe.power})
     assert "".join(station.make_safe()).startswith(words)
@@ -49,7 +49,7 @@ class StandUnderAnySequence(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.drive, self.sensor = MemoryDrive(), MemorySensor()
-        table = RotaryTable(self.drive, clock=lambda: 0.0, sleep=lambda s: None)
+        table = Axis(self.drive, clock=lambda: 0.0, sleep=lambda s: None)
         self.station = Station(Stand(), table, [self.sensor])
 
     @property

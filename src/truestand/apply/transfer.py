@@ -13,12 +13,15 @@ from truestand.core.calibration import Calibration, Check
 from truestand.core.frames import RADIAL, Pose, in_table
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
+from truestand.core.stand import Sensor
 from truestand.core.surface import Surface, apply_calibration
 
 MOST_MOVED_MM = 0.01
 """By which sensor or shaft may have moved since the calibration."""
 MOST_ARC_MM = 0.02
 """At the part's outside: how well the zero of the table's angle must be known."""
+MOST_RETAKEN = 2.0
+"""Of a positioner's U, by which a place that it has taken twice may differ."""
 NOTICEABLE_MM = 0.001
 """Of a move that is taken into account, below which nothing is said."""
 SAMPLED_PROFILES = 200
@@ -77,7 +80,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     if band is None:
         return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
     limit = MOST_ARC_MM / _outside(scan, calibration)
-    checks = _moved(band)
+    checks = _moved(band, calibration.stand.sensor)
     calibration = replace(_moved_out(calibration, band), wobble=band.wobble)
     unknown = calibration.angle_zero == "unknown"
     by_index = scan.angle_zero == calibration.angle_zero == "index"
@@ -163,6 +166,12 @@ def configuration_reasons(scan: Scan, calibration: Calibration) -> tuple[Message
     if scan.stand.sensor.mirrored != calibration.stand.sensor.mirrored:
         text = "the scan's sensor is mirrored differently from the calibration's: check [[sensor]] mirrored"
         reasons.append(Message("sensor_mirrored_differs", text))
+    if scan.stand.sensor.position != calibration.stand.sensor.position:
+        text = (
+            f"the positioner of view {calibration.name!r} was told another position for the scan than for the "
+            "calibration: check [sensor.position], or calibrate again"
+        )
+        reasons.append(Message("position_differs", text))
     return tuple(reasons)
 
 
@@ -182,11 +191,14 @@ def untied_reasons(scan: Scan, calibration: Calibration, start_stated: bool = Fa
     return (Message("angle_untied", text),)
 
 
-def _moved(band: Witness) -> tuple[Check, ...]:
-    """Whether sensor and shaft stand where they stood, as far as the witness band tells."""
-    where = ", ".join(band.surfaces)
+def _moved(band: Witness, sensor: Sensor) -> tuple[Check, ...]:
+    """Whether sensor and shaft stand where they stood, as far as the witness band tells; a positioner takes a place
+    again no better than it can.
+    """
+    where, again = ", ".join(band.surfaces), MOST_RETAKEN * (sensor.position_U or 0.0)
     return (
-        Check.at_most_um("sensor_moved_radially", f"sensor moved radially ({where}), um", band.radial, MOST_MOVED_MM,
+        Check.at_most_um("sensor_moved_radially", f"sensor moved radially ({where}), um", band.radial,
+                         MOST_MOVED_MM + again,
                          "the sensor has moved or warmed up since the calibration: calibrate again"),
         *_steady(band, where),
         Check.at_most_um("shaft_runs_otherwise", f"shaft runs more or less eccentrically ({where}), um",

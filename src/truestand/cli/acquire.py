@@ -16,6 +16,7 @@ from truestand.cli.options import (
     QuietOption,
     StoreOption,
     output_option,
+    view_names,
 )
 from truestand.cli.store import keep, results_folder
 from truestand.cli.terminal import hint, print_json, progress, scan_progress
@@ -24,7 +25,7 @@ from truestand.files.scans.write_scan import NATIVE, check_output
 from truestand.station.convert import convert
 from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.log import load_log
-from truestand.station.recipe import read_devices, scan_settings
+from truestand.station.recipe import read_devices, scan_settings, stops_of
 from truestand.station.scan import ScanOutcome, output_paths, take_scan, write_scans
 
 
@@ -33,6 +34,10 @@ def acquire(
     output: Annotated[Path, output_option("--output", "-o", metavar="SCAN.h5", help="The scan; native.")],
     turns: Annotated[
         float | None, typer.Option(min=0.01, max=1000.0, help="Turns to scan; default: [devices.acquire] turns.")
+    ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option("--view", metavar="front,rear,...", help="The views to scan by; default: all of the stand."),
     ] = None,
     keep_log: Annotated[bool, typer.Option("--keep-log", help="Keep the log beside the scan.")] = False,
     store: StoreOption = None,
@@ -43,6 +48,9 @@ def acquire(
 ) -> None:
     """Check the devices, home, turn and record: 0 complete, 3 incomplete (written, with the reason), 130 interrupted.
 
+    Of views that a positioner goes to, one after the other; with several views their names are added to that of the
+    scan.
+
     Not a safety function: doors, lasers and motors need their own.
 
     Example: truestand acquire --stand stand.toml -o k1.h5
@@ -52,10 +60,11 @@ def acquire(
     described, devices = read_devices(stand)
     results = results_folder(store, stand)
     settings = scan_settings(described, devices.acquire, turns)
-    for path in output_paths(output, devices.names):
+    views = view_names(view)
+    for path in output_paths(output, stops_of(described, devices, views)):
         check_output(path, force)
     with interrupted_by_signals(), scan_progress(quiet) as show:
-        outcome = take_scan(stand, described, devices, settings, output, show, keep_log)
+        outcome = take_scan(stand, described, devices, settings, output, show, keep_log, views)
     if outcome.written:
         evidence = {f"scan {one.scan.sensor}": one.path for one in outcome.written} | {"stand": stand}
         status = "complete" if outcome.complete else "incomplete"

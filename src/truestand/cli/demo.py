@@ -27,7 +27,7 @@ from truestand.files.records.record import read_json
 from truestand.report.terminal import inspection_table, summary_table, views_table
 from truestand.station.interrupts import interrupted_by_signals
 from truestand.station.pipeline import Inputs, Outputs, calibrate_job, inspect_job
-from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings
+from truestand.station.recipe import DevicesRecipe, read_devices, scan_settings, stops_of
 from truestand.station.scan import output_paths, take_scan
 from truestand.station.stand_lock import state_path
 
@@ -94,8 +94,8 @@ class DemoStand:
     quiet: bool
 
     def paths(self, name: str) -> tuple[Path, ...]:
-        """Of the scans by that name, one by each sensor."""
-        return output_paths(self.out / name, self.devices.names)
+        """Of the scans by that name, one by each view."""
+        return output_paths(self.out / name, stops_of(self.stand, self.devices))
 
     def scan(self, name: str, description: str) -> tuple[Scan, ...]:
         """Take a scan by each sensor of the stand at its addresses, into the folder."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from truestand.apply.transfer import Transfer, transfer
-from truestand.cli.options import UNDECIDED, radians_or_none
+from truestand.cli.options import UNDECIDED, radians_or_none, view_names
 from truestand.cli.terminal import hint, progress
 from truestand.core.errors import BadRecipe
 from truestand.core.scan import Scan, interpret
@@ -64,7 +64,7 @@ class ScanReader:
 def scan_reader(stand: Path | None, start_angle_deg: float | None, quiet: bool, views: str | None = None) -> ScanReader:
     """The reader, its recipe read before the work begins; ``views``: names of the scans' views, *front,rear*."""
     described = None if stand is None else read_stand(stand)
-    names = () if views is None else tuple(name.strip() for name in views.split(","))
+    names = view_names(views) or ()
     return ScanReader(described, radians_or_none(start_angle_deg), quiet, names)
 
 

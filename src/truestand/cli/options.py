@@ -93,6 +93,13 @@ ViewOption = Annotated[
         help="Several sensors: the name of the one that took the scan, one each; default: the scan carries it.",
     ),
 ]  # fmt: skip
+
+
+def view_names(text: str | None) -> tuple[str, ...] | None:
+    """The names of ``--view``; None where it is not given."""
+    return None if text is None else tuple(name.strip() for name in text.split(","))
+
+
 SensorsOption = Annotated[
     int, typer.Option("--views", min=1, max=2, help="Sensors of the stand; with two the gear is a helical one.")
 ]

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from math import radians
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,8 +12,7 @@ from truestand.cli.options import ForceOption, QuietOption, output_option, radia
 from truestand.cli.terminal import progress
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
-from truestand.core.stand import Sensor
-from truestand.devices.sensors.recipe import SensorRecipe
+from truestand.core.stand import Stand
 from truestand.files.atomic import write_json_atomic
 from truestand.files.recipes.parts import read_part, read_part_simulation
 from truestand.files.recipes.recipes import read_shaft, read_simulation, read_stand
@@ -20,9 +20,10 @@ from truestand.files.scans.write_scan import check_output, write_recording
 from truestand.sim import VirtualPart, paper_shaft, simulation_from, truth_record, virtual_part_from
 from truestand.sim import simulate as simulate_scan
 from truestand.sim.live.faults import FaultKind, fault_at
+from truestand.sim.live.positioner import AxisEndpoint
 from truestand.sim.live.stand import SensorEndpoint, VirtualStand, virtual_stand
 from truestand.station.interrupts import interrupted_by_signals
-from truestand.station.recipe import read_devices, sensor_of
+from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of, stops_of
 
 FAULT_POLL_INTERVAL_S = 0.05
 
@@ -98,16 +99,18 @@ def serve_virtual_stand(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
 ) -> None:
-    """Serve a virtual table and virtual sensors at the addresses of [devices], until Ctrl-C or SIGTERM.
+    """Serve a virtual table, positioner and sensors at the addresses of [devices], until Ctrl-C or SIGTERM.
 
     Example: truestand stand simulate stand.toml --part gear.toml --pace 5
     """
     faults = sorted((fault_at(text) for text in fault or []), key=lambda one: one[2])
     described, recipes = read_devices(stand)
-    endpoints = [_endpoint(recipe, sensor_of(described, recipe.name)) for recipe in recipes.sensor]
+    endpoints, axes = _endpoints(described, recipes), _axes(recipes)
     on_shaft, shaft = _virtual_part(part), _shaft(artefact)
     simulation = simulation_from(read_simulation(stand))
-    virtual = virtual_stand(described, simulation, shaft, recipes.table, endpoints, on_shaft, pace, seed)
+    virtual = virtual_stand(
+        described, simulation, shaft, recipes.table, endpoints, on_shaft, pace, seed, axes, _repeats_within(recipes)
+    )  # fmt: skip
     virtual.mount(part is not None if mounted is None else mounted == "part")
     if truth is not None:
         write_json_atomic(truth, truth_record(virtual.truth(part is not None)))
@@ -124,11 +127,33 @@ def _virtual_part(recipe: Path | None) -> VirtualPart | None:
     return virtual_part_from(read_part(recipe), read_part_simulation(recipe), f"{recipe}: [simulation]")
 
 
-def _endpoint(recipe: SensorRecipe, sensor: Sensor) -> SensorEndpoint:
-    """Where the virtual sensor is."""
-    if recipe.driver != "scancontrol":
-        raise BadRecipe(f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only')
-    return SensorEndpoint(recipe.name, recipe.address, recipe.model, *recipe.shape(sensor))
+def _endpoints(stand: Stand, devices: DevicesRecipe) -> list[SensorEndpoint]:
+    """Where the virtual sensors are, and which view each takes first."""
+    found, views = [], {view: stop.position for stop in stops_of(stand, devices) for view in stop.views}
+    for recipe in devices.sensor:
+        if recipe.driver != "scancontrol":
+            raise BadRecipe(
+                f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only'
+            )
+        sensor = sensor_of(stand, recipe.name)
+        at = views[sensor.name] if sensor.position else None
+        shape = recipe.shape(sensor)
+        found.append(SensorEndpoint(recipe.name, recipe.address, recipe.model, *shape, sensor.name, at))
+    return found
+
+
+def _axes(devices: DevicesRecipe) -> tuple[AxisEndpoint, ...]:
+    """The virtual positioner's axes."""
+    return tuple(
+        AxisEndpoint(axis.name, axis, axis.linear, tuple(axis.motion.direction.tolist()), axis.through_mm)
+        for axis in devices.axes
+    )
+
+
+def _repeats_within(devices: DevicesRecipe) -> tuple[float, float]:
+    """mm and rad, standard deviations: as its recipe states."""
+    p = devices.positioner
+    return (0.0, 0.0) if p is None else (p.position_U_um / 2000.0, radians(p.position_U_deg / 2))
 
 
 def _serve(virtual: VirtualStand, faults: list[tuple[FaultKind, float | None, float]]) -> None:

@@ -202,8 +202,8 @@ class Positions:
     """Harmonics that these angles can't separate: they stand in ``form``."""
 
 
-VIEW_UNKNOWNS = UNKNOWNS + 2
-"""Of each view: those of its geometry, then its azimuth and its height."""
+AZIMUTH, HEIGHT, VIEW_UNKNOWNS = UNKNOWNS, UNKNOWNS + 1, UNKNOWNS + 2
+"""Of each view: the unknowns of its geometry, then its azimuth and its height."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,16 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
+class AxisPosition:
+    """Where an axis of the positioner stands."""
+
+    axis: str
+    value: float
+    """mm, or rad of an axis that is not ``linear``."""
+    linear: bool = True
+
+
+@dataclass(frozen=True, slots=True)
 class Sensor:
     """A laser line-profile sensor. Expanded uncertainties are k = 2."""
 
@@ -68,6 +78,12 @@ class Sensor:
     """rad: between ray and surface normal, beyond which nothing comes back."""
     housing: tuple[float, float, float] | None = None
     """mm along the sensor's x, y and z: a box about x = y = 0 that ends at z = 0."""
+    position: tuple[AxisPosition, ...] = ()
+    """Of the positioner that carries it to this place; empty: it stands there."""
+    position_U: float | None = None
+    """mm along any direction, k = 2: how well a positioner takes the place again,"""
+    position_tilt_U: float | None = None
+    """and rad about any."""
 
     @property
     def mounting(self) -> tuple[float, float]:

@@ -1,7 +1,8 @@
-"""The axis interface: a rotary table that homes, moves and stops within its limits and timeouts.
+"""The axis interface: a rotary table, or an axis of a positioner, that homes, moves and stops within its limits.
 
 Drivers only start motions and read the state (``Drive``); waiting, limits and timeouts are here, once. Angles are rad
-as the table counts them, many turns, 0 = home; speeds rad/s. Nothing here is a safety function.
+as the controller counts them, many turns, 0 = home; speeds rad/s. A linear axis counts mm where a table counts degrees.
+Nothing here is a safety function.
 """
 
 import time
@@ -36,7 +37,7 @@ class DriveState:
 
 
 class Drive(Protocol):
-    """Interface of a table's driver. Calls return at once, or raise ``DeviceLost`` within the connection's timeout."""
+    """Interface of a driver. Calls return at once, or raise ``DeviceLost`` within the connection's timeout."""
 
     @property
     def name(self) -> str:
@@ -63,12 +64,12 @@ class Drive(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits and timeouts of the table."""
+    """Limits and timeouts of an axis."""
 
     speed: float = radians(90.0)
     """rad/s."""
     lowest: float = -inf
-    """rad; a table without stops turns endlessly."""
+    """rad; an axis without stops turns endlessly."""
     highest: float = inf
     tolerance: float = radians(0.05)
     """rad by which a move may miss its target."""
@@ -79,19 +80,23 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class RotaryTable:
+class Axis:
     """A drive within its limits. Clock and sleep are given, so that tests repeat."""
 
     drive: Drive
     limits: Limits = field(default_factory=Limits)
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
+    what: str = "table"
+    """In messages,"""
+    unit: str = "deg"
+    """as the unit of a linear axis, mm."""
 
     def home(self) -> None:
         """Find the home position; position is 0 there.
 
         Raises:
-            MoveTimeout: not found in ``home_time``; the table was halted.
+            MoveTimeout: not found in ``home_time``; it was halted.
             DeviceError: the controller is in a fault of its own.
         """
         self.drive.start_home()
@@ -104,19 +109,19 @@ class RotaryTable:
 
         Raises:
             LimitExceeded: beyond the limits; nothing moved.
-            MoveTimeout: did not arrive; the table was halted.
+            MoveTimeout: did not arrive; it was halted.
         """
         needed = self.start_move(position, speed)
-        self.wait(2 * needed + MOVE_MARGIN_S, f"moving to {degrees(position):.3f} deg")
+        self.wait(2 * needed + MOVE_MARGIN_S, f"moving to {self._text(position)}")
         missed = abs(self.state().position - position)
         if missed > self.limits.tolerance:
             raise MoveTimeout(
-                f"{self.drive.name}: stopped {degrees(missed):.3f} deg from {degrees(position):.3f} deg; "
-                "look for what blocks the table, then reset"
+                f"{self.drive.name}: stopped {self._text(missed)} from {self._text(position)}; "
+                f"look for what blocks the {self.what}, then reset"
             )
 
     def start_move(self, position: float, speed: float) -> float:
-        """Begin to go to ``position`` (rad); the table stops there by itself. Returns the time (s) that it needs.
+        """Begin to go to ``position`` (rad); the axis stops there by itself. Returns the time (s) that it needs.
 
         Raises:
             LimitExceeded: beyond the limits; nothing moved.
@@ -125,7 +130,7 @@ class RotaryTable:
         self.demand(position, speed)
         state = self.state()
         if not state.homed:
-            raise DeviceError(f"{self.drive.name}: the table is not homed; home it first")
+            raise DeviceError(f"{self.drive.name}: the {self.what} is not homed; home it first")
         self.drive.start_move(position, speed)
         return abs(position - state.position) / speed
 
@@ -137,13 +142,14 @@ class RotaryTable:
         """
         if not 0 < speed <= self.limits.speed:
             raise LimitExceeded(
-                f"found a speed of {degrees(speed):.3f} deg/s, the table goes up to {degrees(self.limits.speed):.3f}; "
-                "slow down or raise max_speed_deg_per_s in stand.toml"
+                f"found a speed of {self._text(speed)}/s, the {self.what} goes up to {degrees(self.limits.speed):.3f}; "
+                f"slow down or raise max_speed_{self.unit}_per_s in stand.toml"
             )
         if not (isfinite(position) and self.limits.lowest <= position <= self.limits.highest):
             raise LimitExceeded(
-                f"found a target of {degrees(position):.3f} deg, the table goes from {degrees(self.limits.lowest):.3f} "
-                f"to {degrees(self.limits.highest):.3f} deg; change the scan or the limits in stand.toml"
+                f"found a target of {self._text(position)}, the {self.what} goes from "
+                f"{degrees(self.limits.lowest):.3f} to {self._text(self.limits.highest)}; change the target or the "
+                "limits in stand.toml"
             )
 
     def stop(self) -> None:
@@ -156,7 +162,7 @@ class RotaryTable:
         self.wait(self.limits.stop_time, "stopping", halt=False)
 
     def state(self) -> DriveState:
-        """State of the table now.
+        """State of the axis now.
 
         Raises:
             DeviceLost: no answer.
@@ -172,7 +178,7 @@ class RotaryTable:
         self.drive.close()
 
     def wait(self, seconds: float, motion: str, halt: bool = True) -> None:
-        """Wait until the table is at rest; ``motion`` names what it does, in errors.
+        """Wait until it is at rest; ``motion`` names what it does, in errors.
 
         Raises:
             MoveTimeout: still moving after ``seconds``; halted where ``halt``.
@@ -191,9 +197,12 @@ class RotaryTable:
                     self.drive.halt()
                 raise MoveTimeout(
                     f"{self.drive.name}: {motion} took longer than {seconds:.1f} s, now at "
-                    f"{degrees(state.position):.3f} deg; look for what blocks the table, then reset"
+                    f"{self._text(state.position)}; look for what blocks the {self.what}, then reset"
                 )
             self.sleep(POLL_INTERVAL_S)
+
+    def _text(self, value: float) -> str:
+        return f"{degrees(value):.3f} {self.unit}"
 
 
 def timed(question: Callable[..., T], *arguments: Any) -> tuple[T, float, float]:
@@ -208,7 +217,7 @@ def lost(name: str, found: str) -> DeviceLost:
     """For a controller that does not answer, or no longer."""
     return DeviceLost(
         f"{name}: {found}; need a controller that answers there; "
-        "check power, cable, and address in [devices.table] of stand.toml"
+        "check power, cable, and its address under [devices] of stand.toml"
     )
 
 
@@ -216,7 +225,7 @@ def malformed(name: str, found: str, needed: str) -> DeviceError:
     """For an answer that is none of the protocol."""
     return DeviceError(
         f"{name}: found {found}, need {needed}; "
-        "check that protocol and address in [devices.table] of stand.toml belong to this controller"
+        "check that its protocol and address under [devices] of stand.toml belong to this controller"
     )
 
 

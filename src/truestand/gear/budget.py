@@ -28,6 +28,7 @@ from truestand.core.assumptions import (
     SIDEWAYS_U,
     SPEED,
     TEMPERATURE_U,
+    K,
 )
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, Contribution
 from truestand.core.frames import PLANE_OFFSET, RADIAL, UNKNOWNS
@@ -38,7 +39,7 @@ from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid, cell_of
 from truestand.gear.views import GearView, view_of
-from truestand.uncertainty.influence import STEPS, moved_points, part_from_shaft
+from truestand.uncertainty.influence import STEPS, moved_points, part_from_shaft, retaken
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
@@ -63,6 +64,7 @@ UNKNOWN_NAMES = (
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
     *("axis of the shaft",) * 4,
 )  # fmt: skip
+POSITIONER = "place taken by the positioner"
 AZIMUTH_NAME, HEIGHT_NAME = "azimuth between views", "height between views"
 
 
@@ -317,6 +319,19 @@ def _cholesky(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.cholesky(correlation))
 
 
+def _of_positioner(calibration: Calibration, cells: SeenCells) -> list[Influence]:
+    """What a positioner leaves open that has taken the place of a view again."""
+    columns = retaken(calibration)
+    if not columns.size:
+        return []
+    moves = cells.moves(calibration)
+    return [
+        cells.influence(POSITIONER, np.tensordot(K * column, moves, 1), float(np.abs(column).max()))
+        for column in columns.T
+        if column.any()
+    ]
+
+
 def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:
     """What is one sensor's own: range errors along the ray, what steep incidence does, its radial zero since it was
     calibrated.
@@ -340,6 +355,7 @@ def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[In
         cells.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         cells.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
         *_of_stability(scan, calibration, cells),
+        *_of_positioner(calibration, cells),
         *_of_wobble(calibration, cells),
     ]
 

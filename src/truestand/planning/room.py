@@ -9,9 +9,10 @@ import numpy as np
 from truestand.core.arrays import Array
 from truestand.core.frames import Pose, about_axis
 from truestand.planning.obstacles import Round
-from truestand.planning.optics import Optics
 from truestand.planning.place import Place
 
+Size = tuple[float, float, float]
+"""mm of a housing along the sensor's x, y and z."""
 SAMPLES = 7
 """Along each edge of a housing."""
 
@@ -46,34 +47,35 @@ class Room:
     least_clearance: float = 5.0
 
 
-def clearance(place: Place, base_radius: float, optics: Optics, bodies: Sequence[Round], room: Room) -> float:
+def clearance(room_from_sensor: Pose, size: Size, bodies: Sequence[Round], room: Room) -> float:
     """mm between a sensor's housing and what turns, ``bodies`` about the axis, or what to keep out of."""
-    points = _in_room(place, base_radius)(_housing(optics))
+    points = room_from_sensor(housing(size))
     radius, height = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
     gaps = [np.hypot(np.maximum(radius - b.radius, 0.0), _gap(height, (b.bottom, b.top))).min() for b in bodies]
     gaps += [area.distance(points).min() for area in room.keep_out]
     return float(min(gaps, default=1e9))
 
 
-def apart(first: Place, second: Place, base_radius: float, optics: tuple[Optics, Optics]) -> float:
+def apart(first: Place, second: Place, base_radius: float, sizes: tuple[Size, Size]) -> float:
     """mm between the housings of two sensors."""
-    poses = [_in_room(place, base_radius) for place in (first, second)]
+    poses = [in_room(place, base_radius) for place in (first, second)]
     gaps = []
     for own, other in ((0, 1), (1, 0)):
-        points = (poses[other].inverse @ poses[own])(_housing(optics[own]))
-        x, y, z = optics[other].housing
+        points = (poses[other].inverse @ poses[own])(housing(sizes[own]))
+        x, y, z = sizes[other]
         limits = ((-x / 2, x / 2), (-y / 2, y / 2), (-z, 0.0))
         gaps.append(np.sqrt(sum(_gap(points[:, k], limits[k]) ** 2 for k in range(3))).min())
     return float(min(gaps))
 
 
-def _in_room(place: Place, base_radius: float) -> Pose:
+def in_room(place: Place, base_radius: float) -> Pose:
+    """room_from_sensor of a place; ``base_radius``: mm, of the shaft's base."""
     return about_axis(place.azimuth, 0.0) @ place.pose(base_radius)
 
 
-def _housing(optics: Optics) -> Array:
+def housing(size: Size) -> Array:
     """Points (n, 3) mm all over a housing, in the sensor's frame."""
-    x, y, z = optics.housing
+    x, y, z = size
     grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, SAMPLES)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     return np.asarray(grid * [x, y, z] - [0.0, 0.0, z / 2])
 

@@ -16,7 +16,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.planning.obstacles import Round
 from truestand.planning.optics import Optics
 from truestand.planning.place import Place
-from truestand.planning.room import Room, apart, clearance
+from truestand.planning.room import Room, apart, clearance, in_room
 from truestand.planning.sight import CAUSES, look
 from truestand.planning.target import Mount, PlannedSensor, Target, View
 from truestand.planning.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
@@ -101,9 +101,9 @@ class Search:
 
     def gap(self, mount: Mount, others: Sequence[Mount] = ()) -> float:
         """mm between a housing and all else: the other views' housings as well, be they of the same device."""
-        base, optics = self.setting.artefact.base.radius, mount.sensor.optics
-        gaps = [clearance(mount.place, base, optics, self.swept, self.room)]
-        gaps += [apart(mount.place, other.place, base, (optics, other.sensor.optics)) for other in others]
+        base, size = self.setting.artefact.base.radius, mount.sensor.optics.housing
+        gaps = [clearance(in_room(mount.place, base), size, self.swept, self.room)]
+        gaps += [apart(mount.place, other.place, base, (size, other.sensor.optics.housing)) for other in others]
         return min(gaps)
 
     def seen_from(self, mount: Mount) -> Mask:

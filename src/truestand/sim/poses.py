@@ -46,6 +46,23 @@ def sensor_pose(mounting: Mounting, artefact: Artefact) -> Array:
     return rigid(np.column_stack([x, np.cross(z, x), z]), met - mounting.standoff * z)
 
 
+def mounting_of(room_from_sensor: Array, artefact: Artefact) -> Mounting:
+    """The mounting of a sensor that stands so in the room: ``sensor_pose`` and azimuth, turned round."""
+    x, y, z = room_from_sensor[:3, :3].T
+    towards = np.cross(y, [0.0, 0.0, 1.0])
+    towards = towards / np.linalg.norm(towards) * (1.0 if towards @ z < 0 else -1.0)
+    sideways = np.cross([0.0, 0.0, 1.0], towards)
+    up = np.cross(y, towards) * (1.0 if np.cross(y, towards)[2] > 0 else -1.0)
+    alpha, phi = float(np.arctan2(up @ sideways, up[2])), float(np.arctan2(x @ up, z @ up))
+    origin = room_from_sensor[:3, 3]
+    along = origin[2] / cos(alpha)
+    standoff = (origin @ towards - artefact.base.radius) / abs(sin(phi))
+    return Mounting(
+        phi, float(standoff), float(cos(alpha) * (along + standoff * cos(phi))), alpha,
+        float(origin @ sideways - along * sin(alpha)), float(np.arctan2(towards[1], towards[0])),
+    )  # fmt: skip
+
+
 def shaft_from_rotor(running: Running, azimuth: float) -> Array:
     """The transform (4, 4) from R to C: the shaft axis leans by the smallest rotation, about a horizontal line.
 

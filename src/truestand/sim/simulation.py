@@ -214,9 +214,13 @@ class Simulation:
         if mounting is None:
             names = ", ".join(repr(name) for name, _ in self.views)
             raise BadRecipe(f"found view {view!r}, need one of the [[simulation.view]]s: {names}")
+        return replace(self.mounted(mounting), views=())
+
+    def mounted(self, mounting: Mounting) -> "Simulation":
+        """The same with the sensor elsewhere."""
         turned = mounting.azimuth - self.mounting.azimuth
         workpiece = replace(self.workpiece, clamped=self.workpiece.clamped - turned)
-        return replace(self, mounting=mounting, workpiece=workpiece, views=())
+        return replace(self, mounting=mounting, workpiece=workpiece)
 
 
 def speed_and_rate(stand: Stand) -> tuple[float, float]:

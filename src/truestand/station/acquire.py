@@ -1,4 +1,6 @@
-"""Taking a scan: check, home, laser on, turn, record, laser off, stop. Safe whatever happens; frames are kept."""
+"""Taking a scan: check, go there, home, laser on, turn, record, laser off, stop. Safe whatever happens; frames are
+kept.
+"""
 
 import shutil
 import tempfile
@@ -19,6 +21,7 @@ from truestand.files.recipes.recipes import stand_recipe
 from truestand.files.scans.scan_log import INCOMPLETE, SUSPECT, TABLE, Kind, LogWriter, Record
 from truestand.station.log import SensorPlan, begin_record
 from truestand.station.recipe import ScanSettings
+from truestand.station.route import Route
 from truestand.station.stand import Station
 from truestand.station.state_machine import Event, State
 from truestand.station.watch import SETTLING_S, EncoderWatch, SensorWatch, TableWatch
@@ -33,6 +36,7 @@ SPARE_BYTES = 200e6
 NATIVE_SHARE = 1.5
 """Room for the native file beside the log, over the log's own size: both are there for a moment."""
 DISK_CHECK_INTERVAL_S = 1.0
+POSITIONER_CHECK_INTERVAL_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +76,18 @@ def acquire(
     created: str,
     show: Show = lambda live: None,
     written: Callable[[Record], None] = lambda record: None,
+    route: Route | None = None,
 ) -> None:
     """Record one scan to ``log``, and hand each record to ``written`` once it is there.
 
-    ``sensors``: the recipes of the station's sensors, in their order.
+    ``sensors``: the recipes of the station's sensors, in their order; ``route``: where the positioner brings them.
 
-    Whatever goes wrong, an interruption too, ends with the table halted, the lasers off, and the frames on the disk.
+    Whatever goes wrong, an interruption too, ends with all that moves halted, the lasers off, and the frames on the
+    disk.
 
     Raises:
         Fault, DeviceError, NoSpace: while the stand moved; then its machine is in FAULT. Or before anything moved.
+        BadRecipe: no clear way for the positioner, to this place or to one after it; before anything moved.
         FileExistsError: the log is already there.
     """
     with station.stopped_on_error():
@@ -91,7 +98,7 @@ def acquire(
             for sensor, recipe in zip(station.sensors, sensors, strict=True)
         )
         _require_space(log, settings, plans)
-        station.home()
+        station.home(() if route is None or station.positioner is None else route.way(station.positioner))
         with LogWriter(log, written) as writer:
             begin = begin_record(stand_recipe(station.stand), settings, plans, created, f"truestand {__version__}")
             writer.append_json(Kind.BEGIN, begin, time.monotonic())
@@ -167,6 +174,7 @@ class _Recording:
     start: float = 0.0
     """rad of the table before it turns."""
     _disk_checked: float = 0.0
+    _positioner_checked: float = 0.0
 
     def record(self) -> None:
         """Record from the first frame to rest; the END record tells whether the recording is complete."""
@@ -258,10 +266,21 @@ class _Recording:
         for sensor in self.sensors:
             _raise_fault(sensor.watch.overdue(now))
             _raise_fault(sensor.watch.too_lossy(self.settings.most_lost, expected))
+        if now - self._positioner_checked > POSITIONER_CHECK_INTERVAL_S:
+            self._positioner_checked = now
+            _raise_fault(self._unsteady())
         if now - self._disk_checked > DISK_CHECK_INTERVAL_S:
             self._disk_checked = now
             if shutil.disk_usage(self.log.path.parent).free < SPARE_BYTES / 4:
                 raise NoSpace(f"{self.log.path.parent}: the disk is all but full; what was recorded so far is kept")
+
+    def _unsteady(self) -> str:
+        """The problem of a positioner that should stand still; empty = none."""
+        for axis in self.station.axes[1:]:
+            state = axis.state()
+            if state.fault or state.moving:
+                return f"positioner: {axis.drive.name}: {state.fault or 'it moves while a scan is recorded'}"
+        return ""
 
     def _raise_failures(self) -> None:
         """Raise the error of a thread that has failed."""

@@ -11,12 +11,13 @@ import numpy as np
 
 from truestand.core.errors import BadRecipe, DeviceError, TruestandError
 from truestand.core.stand import Stand
-from truestand.devices.axis import RotaryTable
+from truestand.devices.axis import Axis
 from truestand.devices.layout import decode
+from truestand.devices.positioner import AxisRecipe
 from truestand.devices.sensor import Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.sensors.recipe import SensorRecipe
-from truestand.devices.tables.opening import open_table
+from truestand.devices.tables.opening import open_axis
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
 from truestand.station.stand import Station, open_station
@@ -40,7 +41,7 @@ class DeviceAnswer:
     """The answer of one device to the question for its identity or state."""
 
     device: str
-    """table or sensor."""
+    """table, axis or sensor."""
     name: str
     address: str
     answers: bool
@@ -71,26 +72,30 @@ class StreamReport:
 
 
 def ask_devices(stand: Stand, devices: DevicesRecipe) -> list[DeviceAnswer]:
-    """Ask the table and each sensor; one that doesn't answer is an answer too.
+    """Ask the table, the positioner and each sensor; one that doesn't answer is an answer too.
 
     Raises:
         BadRecipe: a device for a sensor that the stand doesn't have.
     """
-    return [_ask_table(devices.table), *(_ask_sensor(stand, s) for s in devices.sensor)]
+    return [
+        _ask_axis("table", devices.table.protocol, devices.table),
+        *(_ask_axis("axis", axis.name, axis) for axis in devices.axes),
+        *(_ask_sensor(stand, s) for s in devices.sensor),
+    ]
 
 
-def _ask_table(recipe: TableRecipe) -> DeviceAnswer:
+def _ask_axis(device: str, name: str, recipe: TableRecipe | AxisRecipe) -> DeviceAnswer:
     try:
-        with closing(open_table(recipe)) as table:
-            state = table.state()
+        with closing(open_axis(recipe, recipe.limits)) as axis:
+            state = axis.state()
     except TruestandError as error:
-        return DeviceAnswer("table", recipe.protocol, recipe.address, answers=False, problem=str(error))
+        return DeviceAnswer(device, name, recipe.address, answers=False, problem=str(error))
     details = {
-        "position_deg": f"{degrees(state.position):.3f}",
+        f"position_{recipe.unit}": f"{degrees(state.position):.3f}",
         "homed": "yes" if state.homed else "no",
         "moving": "yes" if state.moving else "no",
     }
-    return DeviceAnswer("table", recipe.protocol, recipe.address, answers=True, details=details, problem=state.fault)
+    return DeviceAnswer(device, name, recipe.address, answers=True, details=details, problem=state.fault)
 
 
 def _ask_sensor(stand: Stand, recipe: SensorRecipe) -> DeviceAnswer:
@@ -204,7 +209,7 @@ def _turn_table(station: Station, devices: DevicesRecipe) -> dict[str, str]:
     return {"moved": "10 degrees and back", **report}
 
 
-def _rest_turn_rest(table: RotaryTable, target: float) -> Iterator[None]:
+def _rest_turn_rest(table: Axis, target: float) -> Iterator[None]:
     """Goes on as long as a turn to ``target``, with rest before and after, so that the encoder counts all of it."""
     yield from _for_seconds(REST_S)
     table.start_move(target, TEST_TURN)
@@ -228,17 +233,17 @@ def live_values(
         watches = [SensorWatch(s.name, s.start(), began) for s in station.sensors]
         updated = dict.fromkeys((w.name for w in watches), began)
         while time.monotonic() - began < seconds:
-            rows = {"table": _table_row(station)}
+            rows = {axis.what: _axis_row(axis) for axis in station.axes}
             for sensor, watch in zip(station.sensors, watches, strict=True):
                 rows[sensor.name] = _sensor_row(sensor, watch, updated[sensor.name])
                 updated[sensor.name] = time.monotonic()
             yield rows
 
 
-def _table_row(station: Station) -> dict[str, str]:
-    state = station.table.state()
+def _axis_row(axis: Axis) -> dict[str, str]:
+    state = axis.state()
     motion = state.fault or ("moving" if state.moving else "at rest" if state.homed else "at rest, not homed")
-    return {"position": f"{degrees(state.position):.3f} deg", "state": motion}
+    return {"position": f"{degrees(state.position):.3f} {axis.unit}", "state": motion}
 
 
 def _sensor_row(sensor: LineSensor, watch: SensorWatch, updated: float) -> dict[str, str]:
@@ -261,19 +266,22 @@ def _sensor_row(sensor: LineSensor, watch: SensorWatch, updated: float) -> dict[
 
 
 def reset_fault(path: Path) -> str:
-    """Clear the table controller's own fault, and forget the latched one; its reason, empty where there was none.
+    """Clear the controllers' own faults, and forget the latched one; its reason, empty where there was none.
 
     Raises:
         BadRecipe: a stand.toml without devices, or with wrong ones.
-        DeviceError: the stand is in use, or the table doesn't answer.
+        DeviceError: the stand is in use, or a controller doesn't answer.
     """
     _, devices = read_devices(path)
     require_unused(path)
-    with closing(open_table(devices.table)) as table:
-        table.reset()
-        fault = table.state().fault
-    if fault:
-        raise DeviceError(f"{table.drive.name}: {fault}; it stays after a reset: mend the cause at the controller")
+    axes: list[tuple[TableRecipe | AxisRecipe, str]] = [(devices.table, "table")]
+    axes += [(axis, f"axis {axis.name}") for axis in devices.axes]
+    for recipe, what in axes:
+        with closing(open_axis(recipe, recipe.limits, what)) as axis:
+            axis.reset()
+            fault = axis.state().fault
+        if fault:
+            raise DeviceError(f"{axis.drive.name}: {fault}; it stays after a reset: mend the cause at the controller")
     return reset_latched_fault(path)
 
 

@@ -1,8 +1,8 @@
 """A second process that stops the stand when the first one dies: ``python -m truestand.station.guard STAND.toml``.
 
 Its standard input is a pipe from the recording process. ``done`` on it, and the guard ends; the end of the pipe without
-it means that the process was killed: the guard halts the table over a connection of its own, and switches the lasers
-off as soon as the sensors have noticed the loss and give control free. Not a safety function.
+it means that the process was killed: the guard halts table and positioner over connections of its own, and switches the
+lasers off as soon as the sensors have noticed the loss and give control free. Not a safety function.
 """
 
 import signal
@@ -18,9 +18,11 @@ from pathlib import Path
 
 from truestand.core.errors import DeviceLost, TruestandError
 from truestand.core.stand import Stand
+from truestand.devices.positioner import AxisRecipe
 from truestand.devices.sensors.opening import open_sensor
 from truestand.devices.sensors.recipe import SensorRecipe
-from truestand.devices.tables.opening import open_table
+from truestand.devices.tables.line import Lines
+from truestand.devices.tables.opening import open_axis
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of
 
@@ -106,8 +108,13 @@ def main(arguments: list[str]) -> int:
 
 
 def stop_all(stand: Stand, devices: DevicesRecipe) -> int:
-    """Halt the table and switch the lasers off, each tried until it obeys; how many did not."""
-    commands = [partial(_halt, devices.table), *(partial(_switch_laser_off, stand, s) for s in devices.sensor)]
+    """Halt all that moves and switch the lasers off, each tried until it obeys; how many did not."""
+    lines: Lines = {}
+    commands = [
+        partial(_halt, devices.table, lines),
+        *(partial(_halt, axis, lines) for axis in devices.axes),
+        *(partial(_switch_laser_off, stand, s) for s in devices.sensor),
+    ]
     with ThreadPoolExecutor(len(commands)) as together:
         results = [together.submit(_until_done, command) for command in commands]
     return sum(not result.result() for result in results)
@@ -124,9 +131,9 @@ def _until_done(command: Callable[[], None]) -> bool:
     return False
 
 
-def _halt(recipe: TableRecipe) -> None:
-    with closing(open_table(recipe)) as table:
-        table.drive.halt()
+def _halt(recipe: TableRecipe | AxisRecipe, lines: Lines) -> None:
+    with closing(open_axis(recipe, recipe.limits, lines=lines)) as axis:
+        axis.drive.halt()
 
 
 def _switch_laser_off(stand: Stand, recipe: SensorRecipe) -> None:

@@ -10,7 +10,7 @@ from truestand.core.errors import DeviceError, Fault
 from truestand.core.scan import Scan, interpret
 from truestand.station.acquire import Live
 from truestand.station.pipeline import Inputs, Outcome, Outputs, TakeScans, calibrate_job, inspect_job, verify_job
-from truestand.station.recipe import read_devices, scan_settings
+from truestand.station.recipe import read_devices, scan_settings, stops_of
 from truestand.station.scan import output_paths, take_scan
 
 Kind = Literal["calibrate", "inspect", "verify"]
@@ -68,10 +68,10 @@ def run_job(job: Job, observer: Observer) -> Outcome[Any]:
     """
     folder, report = job.folder, job.folder / "report.html"
     shaft, part = folder / "shaft.h5", folder / "part.h5"
-    _, devices = read_devices(job.stand)
+    stops = stops_of(*read_devices(job.stand))
 
     def scans(path: Path) -> tuple[Path, ...]:
-        return output_paths(path, devices.names)
+        return output_paths(path, stops)
 
     def take(path: Path) -> TakeScans:
         return lambda stand: _scans(job, observer, path)
@@ -89,7 +89,7 @@ def run_job(job: Job, observer: Observer) -> Outcome[Any]:
 
 
 def _scans(job: Job, observer: Observer, path: Path) -> tuple[Scan, ...]:
-    """A complete scan by each of the stand's sensors; an incomplete one is an error."""
+    """A complete scan by each of the stand's views; an incomplete one is an error."""
     stand, devices = read_devices(job.stand)
     job.folder.mkdir(parents=True, exist_ok=True)
     with observer.during("acquire"):

@@ -1,7 +1,7 @@
 """``[devices]`` of stand.toml: which table and sensors the stand has, and how a scan is taken with them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import degrees, radians, tau
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,10 +10,12 @@ from pydantic import Field, model_validator
 
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Sensor, Stand
+from truestand.devices.positioner import AxisRecipe, PositionerRecipe
 from truestand.devices.sensors.recipe import SensorRecipe
 from truestand.devices.tables.recipe import TableRecipe
 from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import read_devices_table, read_stand
+from truestand.planning.kinematics import Position
 
 
 class AcquireRecipe(Recipe):
@@ -31,12 +33,18 @@ class DevicesRecipe(Recipe):
 
     table: TableRecipe
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
+    positioner: PositionerRecipe | None = None
     acquire: AcquireRecipe = AcquireRecipe()
 
     @property
     def names(self) -> list[str]:
         """Of the sensors."""
         return [s.name for s in self.sensor]
+
+    @property
+    def axes(self) -> list[AxisRecipe]:
+        """Of the positioner; none where there is none."""
+        return [] if self.positioner is None else self.positioner.axis
 
     @model_validator(mode="after")
     def _names_differ(self) -> "DevicesRecipe":
@@ -90,6 +98,94 @@ def settings_from(record: Mapping[str, Any]) -> ScanSettings:
     )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """What scans at once: views whose devices stand there, and those that the positioner brings to one place."""
+
+    devices: DevicesRecipe
+    """Its sensors bear the names of their views."""
+    position: Position | None
+    """Of the positioner, mm and rad; None: nobody needs it."""
+
+    @property
+    def views(self) -> list[str]:
+        """Their names."""
+        return self.devices.names
+
+
+def stops_of(stand: Stand, devices: DevicesRecipe, views: Sequence[str] | None = None) -> tuple[Stop, ...]:
+    """Where and with which devices to scan all views of a stand, or some of them: views that are in the same place of
+    the positioner at once, with those that need none.
+
+    Raises:
+        BadRecipe: a view that isn't there, or several of one device in one place or without a place.
+    """
+    names = {s.name for s in stand.sensors}
+    for view in views or ():
+        if view not in names:
+            raise BadRecipe(f"found --view {view}, need one of the [[sensor]]s: {', '.join(sorted(names))}")
+    at: dict[Position | None, list[SensorRecipe]] = {}
+    for device in devices.sensor:
+        for sensor in _views_of(stand, device.name):
+            if views is None or sensor.name in views:
+                place = _position_of(sensor, devices)
+                at.setdefault(place, []).append(device.model_copy(update={"name": sensor.name}))
+    standing = at.pop(None, [])
+    for together in (standing, *at.values()):
+        _demand_one_each(stand, together)
+    if not at:
+        return (_stop(devices, standing, None),)
+    first, *others = (_stop(devices, together, place) for place, together in at.items())
+    return (replace(first, devices=_stop(devices, [*standing, *first.devices.sensor], None).devices), *others)
+
+
+def _stop(devices: DevicesRecipe, sensors: list[SensorRecipe], position: Position | None) -> Stop:
+    return Stop(devices.model_copy(update={"sensor": sensors}), position)
+
+
+def _views_of(stand: Stand, device: str) -> list[Sensor]:
+    """The views that a device takes.
+
+    Raises:
+        BadRecipe: none.
+    """
+    found = [s for s in stand.sensors if device in (s.device, s.name)]
+    if not found:
+        names = ", ".join(dict.fromkeys(s.device or s.name for s in stand.sensors))
+        raise BadRecipe(f"[[devices.sensor]] found name {device!r}, need one of the [[sensor]]s: {names}")
+    return found
+
+
+def _position_of(sensor: Sensor, devices: DevicesRecipe) -> Position | None:
+    """Where the positioner brings a view, its axes in their order; None: nowhere.
+
+    Raises:
+        BadRecipe: a positioner that isn't there, or not the axes that it has.
+    """
+    if not sensor.position:
+        return None
+    stated = {(p.axis, p.linear): p.value for p in sensor.position}
+    wanted = [(axis.name, axis.linear) for axis in devices.axes]
+    if set(stated) != set(wanted):
+        found = ", ".join(f"{name}_{'mm' if linear else 'deg'}" for name, linear in stated)
+        needed = ", ".join(axis.key for axis in devices.axes) or "none, for there is no [devices.positioner]"
+        raise BadRecipe(f"[sensor.position] of {sensor.name!r}: found {found}, need {needed}")
+    return tuple(stated[axis] for axis in wanted)
+
+
+def _demand_one_each(stand: Stand, sensors: list[SensorRecipe]) -> None:
+    """Refuse two views of one device at once."""
+    devices: dict[str, str] = {}
+    for recipe in sensors:
+        device = sensor_of(stand, recipe.name).device or recipe.name
+        if device in devices:
+            raise BadRecipe(
+                f"found views {devices[device]!r} and {recipe.name!r} of device {device!r} in one place, need a "
+                "[sensor.position] of each; moved by hand, scan each by itself (--view)"
+            )
+        devices[device] = recipe.name
+
+
 def read_devices(path: Path | str) -> tuple[Stand, DevicesRecipe]:
     """Stand and devices of a stand.toml.
 
@@ -103,7 +199,8 @@ def read_devices(path: Path | str) -> tuple[Stand, DevicesRecipe]:
         )
     devices = checked(DevicesRecipe, table, f"{path}: [devices]")
     for device in devices.sensor:
-        sensor_of(stand, device.name)
+        for sensor in _views_of(stand, device.name):
+            _position_of(sensor, devices)
         if device.driver == "scancontrol" and device.encoder and not stand.counts_per_turn:
             raise BadRecipe(
                 f"{path}: sensor {device.name!r} has encoder = true, and [scan] counts_per_turn is 0; state the "
@@ -113,15 +210,12 @@ def read_devices(path: Path | str) -> tuple[Stand, DevicesRecipe]:
 
 
 def sensor_of(stand: Stand, name: str) -> Sensor:
-    """The sensor of that name.
+    """The sensor of that name, or the first one that a device of that name is.
 
     Raises:
         BadRecipe: there is none.
     """
-    sensors = {s.name: s for s in stand.sensors}
-    if name not in sensors:
-        raise BadRecipe(f"[[devices.sensor]] found name {name!r}, need one of the [[sensor]]s: {', '.join(sensors)}")
-    return sensors[name]
+    return next((s for s in stand.sensors if s.name == name), None) or _views_of(stand, name)[0]
 
 
 def scan_settings(stand: Stand, acquire: AcquireRecipe, turns: float | None = None) -> ScanSettings:

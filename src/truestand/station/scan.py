@@ -1,4 +1,4 @@
-"""One scan from its settings to its files: the stand's lock, the guard, the recording, the native files."""
+"""From settings to scans on the disk: the stand's lock, the guard, the recording of each stop, the native files."""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
@@ -16,7 +16,8 @@ from truestand.station.acquire import Live, acquire
 from truestand.station.convert import SensorScan, convert
 from truestand.station.guard import guard
 from truestand.station.log import Log, LogBuilder
-from truestand.station.recipe import DevicesRecipe, ScanSettings
+from truestand.station.recipe import DevicesRecipe, ScanSettings, Stop, stops_of
+from truestand.station.route import Route, route_of
 from truestand.station.stand import open_station
 from truestand.station.stand_lock import REMEDY, StandLock, failure_texts
 
@@ -48,14 +49,15 @@ class ScanOutcome:
         return bool(self.written) and all(w.scan.complete for w in self.written)
 
 
-def output_path(output: Path, sensor: str, sensors: int) -> Path:
-    """Where a sensor's scan goes: with several sensors its name is added."""
-    return output if sensors == 1 else output.with_name(f"{output.stem}-{sensor}{output.suffix}")
+def output_path(output: Path, view: str, views: int) -> Path:
+    """Where a view's scan goes: with several views its name is added."""
+    return output if views == 1 else output.with_name(f"{output.stem}-{view}{output.suffix}")
 
 
-def output_paths(output: Path, sensors: Sequence[str]) -> tuple[Path, ...]:
-    """Where the scans of sensors by these names go, in their order."""
-    return tuple(output_path(output, name, len(sensors)) for name in sensors)
+def output_paths(output: Path, stops: Sequence[Stop]) -> tuple[Path, ...]:
+    """Where the scans of all views go, in the order in which they are taken."""
+    views = [view for stop in stops for view in stop.views]
+    return tuple(output_path(output, name, len(views)) for name in views)
 
 
 def take_scan(
@@ -66,11 +68,13 @@ def take_scan(
     output: Path,
     show: Callable[[Live], None] = lambda live: None,
     keep_log: bool = False,
+    views: Sequence[str] | None = None,
 ) -> ScanOutcome:
-    """Take a scan as ``settings`` say with the stand of ``recipe`` (stand.toml), into ``output`` (.h5).
+    """Take a scan by each view, or by some, as ``settings`` say with the stand of ``recipe`` (stand.toml), into
+    ``output`` (.h5): at once, or one after the other where the positioner goes from place to place.
 
     A fault while the stand moved is a result: what came is written, marked incomplete, and the stand stays in fault
-    until it is reset. With several sensors, ``output`` gets their names.
+    until it is reset. With several views, ``output`` gets their names.
 
     Raises:
         Fault: the stand is still in fault.
@@ -79,21 +83,44 @@ def take_scan(
         BadRecipe: there is a log from before.
         KeyboardInterrupt: before anything was recorded.
     """
-    log = output.with_suffix(".log")
-    if log.exists():
-        raise BadRecipe(f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it")
-    builder = LogBuilder(log)
+    stops = stops_of(stand, devices, views)
+    number, route = sum(len(stop.views) for stop in stops), route_of(recipe, stand, devices, stops)
+    logs = [output_path(output, stop.views[0], len(stops)).with_suffix(".log") for stop in stops]
+    for log in logs:
+        if log.exists():
+            raise BadRecipe(
+                f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it"
+            )
+    whole = ScanOutcome(())
     with closing(StandLock(recipe)) as lock:
-        lock.set_in_use(now(), log.absolute())
-        outcome = _record(recipe, stand, devices, settings, builder, show, lock)
-    assert builder.log is not None
-    return replace(outcome, written=_write(builder.log, log, output, outcome, keep_log))
+        for k, (stop, log) in enumerate(zip(stops, logs, strict=True)):
+            builder = LogBuilder(log)
+            lock.set_in_use(now(), log.absolute())
+            shown = show if len(stops) == 1 else _as_part_of(show, k, len(stops))
+            outcome = _record(recipe, stand, stop, settings, builder, shown, lock, route)
+            assert builder.log is not None
+            written = _write(builder.log, log, output, outcome, keep_log, number)
+            whole = replace(outcome, written=(*whole.written, *written))
+            if not whole.complete or outcome.fault:
+                break
+            if route is not None and stop.position is not None:
+                route = route.after
+    return whole
 
 
-def _write(content: Log, log: Path, output: Path, outcome: ScanOutcome, keep_log: bool) -> tuple[WrittenScan, ...]:
-    """The scans of a log that was just recorded; where nothing came, what ended the recording is raised instead."""
+def _as_part_of(show: Callable[[Live], None], number: int, of: int) -> Callable[[Live], None]:
+    """How far one scan of several is, shown as how far all are."""
+    return lambda live: show(replace(live, done=(number + live.done) / of))
+
+
+def _write(
+    content: Log, log: Path, output: Path, outcome: ScanOutcome, keep_log: bool, views: int
+) -> tuple[WrittenScan, ...]:
+    """The scans of a log that was just recorded, of so many ``views`` in all; where nothing came, what ended the
+    recording is raised instead.
+    """
     try:
-        written = write_scans(convert(content), output, force=True)
+        written = write_scans(convert(content), output, force=True, views=views)
     except NotEnoughData:
         if not keep_log:
             log.unlink()
@@ -115,18 +142,20 @@ def _write(content: Log, log: Path, output: Path, outcome: ScanOutcome, keep_log
 def _record(
     recipe: Path,
     stand: Stand,
-    devices: DevicesRecipe,
+    stop: Stop,
     settings: ScanSettings,
     builder: LogBuilder,
     show: Callable[[Live], None],
     lock: StandLock,
+    route: Route | None,
 ) -> ScanOutcome:
     """Record, and return what ended it; an error before anything is in the log is passed on."""
     not_stopped: dict[str, str] = {}
     try:
-        with guard(recipe) as hand_over, open_station(stand, devices) as station:
+        with guard(recipe) as hand_over, open_station(stand, stop.devices) as station:
             try:
-                acquire(station, settings, devices.sensor, builder.path, now(), show, builder.add)
+                goes = None if stop.position is None else route
+                acquire(station, settings, stop.devices.sensor, builder.path, now(), show, builder.add, goes)
             finally:
                 not_stopped = station.not_stopped
                 if not_stopped:
@@ -146,11 +175,15 @@ def _record(
     return ScanOutcome(())
 
 
-def write_scans(scans: Iterable[SensorScan], output: Path, force: bool = False) -> tuple[WrittenScan, ...]:
-    """The scans of a log as native files; their recordings are then as if read from the files."""
+def write_scans(
+    scans: Iterable[SensorScan], output: Path, force: bool = False, views: int | None = None
+) -> tuple[WrittenScan, ...]:
+    """The scans of a log as native files; their recordings are then as if read from the files. ``views``: how many
+    there are in all; None: those of the log.
+    """
     written = []
     for scan in scans:
-        path = output_path(output, scan.sensor, scan.sensors)
+        path = output_path(output, scan.sensor, views or scan.sensors)
         write_recording(scan.recording, path, scan.stand, force=force)
         stand = stand_from_recipe(stand_recipe(scan.stand))  # its um and degrees rounded as in the file
         recording = replace(scan.recording, format=FORMAT, sha256=sha256_of(path), stand=stand)

@@ -9,13 +9,17 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import ceil, tau
+from typing import Literal
 
-from truestand.core.errors import DeviceError, TruestandError
+from truestand.core.errors import DeviceError, Fault, TruestandError
 from truestand.core.stand import Stand
-from truestand.devices.axis import Drive, DriveState, RotaryTable
+from truestand.devices.axis import Axis, Drive, DriveState
+from truestand.devices.positioner import Positioner, open_positioner
 from truestand.devices.sensor import Frame, Laser, Layout, LineSensor, StreamStatistics
 from truestand.devices.sensors.opening import open_sensor
-from truestand.devices.tables.opening import open_table
+from truestand.devices.tables.line import Lines
+from truestand.devices.tables.opening import open_axis
+from truestand.planning.kinematics import Position
 from truestand.station.recipe import DevicesRecipe, sensor_of
 from truestand.station.stand_lock import failure_texts
 from truestand.station.state_machine import TRANSITIONS, Event, StateMachine
@@ -30,6 +34,7 @@ class InterlockedDrive:
 
     inner: Drive
     machine: StateMachine
+    action: Literal["motion", "positioning"] = "motion"
 
     @property
     def name(self) -> str:
@@ -42,7 +47,7 @@ class InterlockedDrive:
         Raises:
             Fault: a state that permits no motion.
         """
-        with self.machine.permit("motion"):
+        with self.machine.permit(self.action):
             self.inner.start_home()
 
     def start_move(self, position: float, speed: float) -> None:
@@ -51,7 +56,7 @@ class InterlockedDrive:
         Raises:
             Fault: a state that permits no motion.
         """
-        with self.machine.permit("motion"):
+        with self.machine.permit(self.action):
             self.inner.start_move(position, speed)
 
     def halt(self) -> None:
@@ -122,11 +127,13 @@ class InterlockedSensor:
 
 @dataclass(slots=True)
 class Station:
-    """Table and sensors of a stand. Every motion and every laser needs a state of ``machine`` that permits it."""
+    """Table, sensors and positioner of a stand. Every motion and every laser needs a state of ``machine`` that permits
+    it."""
 
     stand: Stand
-    table: RotaryTable
+    table: Axis
     sensors: Sequence[LineSensor]
+    positioner: Positioner | None = None
     machine: StateMachine = field(default_factory=StateMachine)
     not_stopped: dict[str, str] = field(default_factory=dict)
     """Warning and reason of each device that did not obey the last ``make_safe``; empty = all did."""
@@ -134,32 +141,56 @@ class Station:
     def __post_init__(self) -> None:
         self.table = replace(self.table, drive=InterlockedDrive(self.table.drive, self.machine))
         self.sensors = [InterlockedSensor(sensor, self.machine) for sensor in self.sensors]
+        if self.positioner is not None:
+            axes = (
+                replace(axis, drive=InterlockedDrive(axis.drive, self.machine, "positioning"))
+                for axis in self.positioner.axes
+            )
+            self.positioner = replace(self.positioner, axes=tuple(axes))
 
     def check(self) -> None:
-        """Ask every device for an answer; the table first.
+        """Ask every device for an answer; what moves first.
 
         Raises:
             DeviceError: one that doesn't answer, or says that it is in a fault of its own.
         """
         self.machine.fire(Event.CHECK)
-        state = self.table.state()
-        if state.fault:
-            raise DeviceError(f"{self.table.drive.name}: {state.fault}; mend the cause, then `truestand stand reset`")
+        for axis in self.axes:
+            state = axis.state()
+            if state.fault:
+                raise DeviceError(f"{axis.drive.name}: {state.fault}; mend the cause, then `truestand stand reset`")
         for sensor in self.sensors:
             sensor.identity()
         self.machine.fire(Event.PASSED)
 
-    def home(self) -> None:
-        """Bring the table to the start of a scan: home, or a whole number of turns from it.
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """All that moves: the table, and the axes of the positioner."""
+        return (self.table, *(() if self.positioner is None else self.positioner.axes))
+
+    def home(self, way: Sequence[Position] = ()) -> None:
+        """Bring the positioner along its ``way``, homed before where it doesn't know where it is, and the table to the
+        start of a scan: home, or a whole number of turns from it.
 
         Raises:
             DeviceError: the table doesn't answer, home or arrive.
+            Fault: the positioner doesn't.
         """
         self.machine.fire(Event.HOME)
+        if self.positioner is not None and way:
+            self._bring(self.positioner, way)
         if not self.table.state().homed:
             self.table.home()
         self.table.move_to(self._start(), RETURN_SPEED_SHARE * self.table.limits.speed)
         self.machine.fire(Event.HOMED)
+
+    def _bring(self, positioner: Positioner, way: Sequence[Position]) -> None:
+        try:
+            if not positioner.homed:
+                positioner.home()
+            positioner.move_along(way)
+        except DeviceError as error:
+            raise Fault(f"positioner: {error}") from error
 
     def _start(self) -> float:
         """The nearest whole turn (rad) onward from where the table is; a table with stops starts at 0."""
@@ -178,12 +209,16 @@ class Station:
             sensor.set_laser(powers[sensor.name])
 
     def make_safe(self) -> list[str]:
-        """Halt the table and switch off all lasers, all at once; a warning for each device that did not obey."""
+        """Halt table and positioner and switch off all lasers, all at once; a warning for each device that did not
+        obey.
+        """
         self.not_stopped = {"Laser may be ON, table may be turning": "stopping was broken off"}
         commands: dict[str, Callable[[], None]] = {
             f"Laser may be ON: sensor {s.name}": partial(s.set_laser, "off") for s in self.sensors
         }
         commands["Table may be turning"] = self.table.drive.halt
+        for axis in self.axes[1:]:
+            commands[f"Positioner may be moving: {axis.what}"] = axis.drive.halt
         with ThreadPoolExecutor(len(commands)) as together:
             sent = {hazard: together.submit(command) for hazard, command in commands.items()}
         errors = {hazard: command.exception() for hazard, command in sent.items()}
@@ -226,10 +261,14 @@ def open_station(stand: Stand, devices: DevicesRecipe) -> Iterator[Station]:
         DeviceLost: one doesn't answer.
     """
     with ExitStack() as connections:
-        table = open_table(devices.table)
+        lines: Lines = {}
+        table = open_axis(devices.table, devices.table.limits, lines=lines)
         connections.callback(table.close)
+        positioner = None if devices.positioner is None else open_positioner(devices.positioner, lines)
+        if positioner is not None:
+            connections.callback(positioner.close)
         sensors: list[LineSensor] = []
         for recipe in devices.sensor:
             sensors.append(open_sensor(recipe, sensor_of(stand, recipe.name)))
             connections.callback(sensors[-1].close)
-        yield Station(stand, table, sensors)
+        yield Station(stand, table, sensors, positioner)

@@ -65,12 +65,15 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.FAULT, Event.RESET): State.IDLE,
 }
 
-Action = Literal["motion", "laser"]
+Action = Literal["motion", "positioning", "laser"]
 PERMITTED: dict[Action, frozenset[State]] = {
     "motion": frozenset({State.HOMING, State.STARTING, State.RECORDING}),
+    "positioning": frozenset({State.HOMING}),
     "laser": frozenset({State.WATCHING, State.STARTING, State.RECORDING}),
 }
-"""States in which a motion may be begun, or a laser switched on; a halt and laser off are permitted in all."""
+"""States in which a motion may be begun, the positioner moved, or a laser switched on; a halt and laser off are
+permitted in all.
+"""
 
 
 class StateMachine:

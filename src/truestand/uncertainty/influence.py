@@ -5,10 +5,13 @@ parts of one standard deviation each, moves all points of a part at once. What a
 points, part by part, is the calibration's line in its budget, correlations included.
 """
 
+from math import sqrt
+
 import numpy as np
 
 from truestand.core.arrays import Array
-from truestand.core.calibration import Calibration
+from truestand.core.assumptions import K
+from truestand.core.calibration import AZIMUTH, HEIGHT, VIEW_UNKNOWNS, Calibration
 from truestand.core.frames import (
     ECCENTRICITY_X,
     PHI,
@@ -86,7 +89,8 @@ def influence(calibration: Calibration, x: Array, z: Array, angle: Array) -> Arr
 
 
 def independent_parts(calibration: Calibration) -> Array | None:
-    """The covariance as independent parts (k, 8), each one standard deviation of the unknowns together.
+    """The covariance, and what a positioner adds, as independent parts (k, 8), each one standard deviation of the
+    unknowns together.
 
     None where the record carries no covariance of them all.
     """
@@ -94,7 +98,29 @@ def independent_parts(calibration: Calibration) -> Array | None:
     if covariance.shape != (UNKNOWNS, UNKNOWNS):
         return None
     root, values = square_root(covariance)
-    return np.asarray(root.T[values > 1e-12 * values[-1]])
+    again = retaken(calibration)[:UNKNOWNS].T
+    return np.concatenate([root.T[values > 1e-12 * values[-1]], again[again.any(axis=1)]])
+
+
+def retaken(calibration: Calibration) -> Array:
+    """By how much (``VIEW_UNKNOWNS``, 6) the unknowns of a view, its azimuth and its height may be off because a
+    positioner has taken its place again since the calibration: standard deviations, one column a direction.
+
+    It went there twice, so that its repeatability counts twice. What shaft in view has told is none of it.
+    """
+    sensor, scan, calibrated = calibration.stand.sensor, calibration.applied_to, calibration.scan
+    same = scan is not None and calibrated is not None and bool(scan.sha256) and scan.sha256 == calibrated.sha256
+    if not sensor.position or same:
+        return np.zeros((VIEW_UNKNOWNS, 0))
+    shift, turn = (sqrt(2.0) / K * (U or 0.0) for U in (sensor.position_U, sensor.position_tilt_U))
+    p, height = unknowns_of(calibration)
+    columns = np.zeros((VIEW_UNKNOWNS, 6))
+    columns[RADIAL, 0] = 0.0 if calibration.followed else shift
+    columns[PLANE_OFFSET, 1] = columns[HEIGHT, 2] = shift
+    columns[PHI, 3] = turn
+    columns[[PLANE_TILT, PLANE_OFFSET], 4] = turn, -height * turn  # about its own origin, which stays
+    columns[[AZIMUTH, PLANE_OFFSET], 5] = turn, -p[RADIAL] * turn
+    return columns
 
 
 def moves(calibration: Calibration, x: Array, z: Array, angle: Array, normal: Array) -> Array | None:

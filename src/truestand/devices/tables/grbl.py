@@ -4,7 +4,6 @@ The driver stores what GRBL doesn't know: whether it was homed since it was star
 the home search GRBL answers nothing; it isn't lost then.
 """
 
-import threading
 import time
 from contextlib import suppress
 from math import degrees, radians
@@ -12,7 +11,7 @@ from typing import Literal
 
 from truestand.core.errors import DeviceError
 from truestand.devices.axis import DriveState, refused, timed
-from truestand.devices.tables.line import Line
+from truestand.devices.tables.line import Line, Lines
 from truestand.devices.tables.recipe import PORTS, GrblRecipe, is_network
 from truestand.devices.wire import grbl
 from truestand.devices.wire.grbl import Alarm, Message, Ok, Refused, Report, Welcome
@@ -31,13 +30,16 @@ HOMING_TIMEOUT_S = 0.05
 class GrblTable:
     """A ``Drive``; safe to use from two threads."""
 
-    def __init__(self, address: str, recipe: GrblRecipe, timeout: float) -> None:
-        self.name = f"table at {address} (GRBL)"
+    def __init__(
+        self, address: str, recipe: GrblRecipe, timeout: float, what: str = "table", lines: Lines | None = None
+    ) -> None:
+        self.name = f"{what} at {address} (GRBL)"
         self._recipe = recipe
-        self._line = Line(self.name, address, timeout, PORTS["grbl"], recipe.baud)
+        own = Line(self.name, address, timeout, PORTS["grbl"], recipe.baud)
+        self._line = own if lines is None else lines.setdefault(address, own)
         self._boot = timeout if is_network(address) else max(timeout, BOOT_TIMEOUT_S)
         self._index = recipe.axes.index(recipe.axis)
-        self._lock = threading.RLock()
+        self._lock = self._line.lock
         self._opened = 0
         self._home: Literal["unknown", "searching", "found", "known"] = "unknown"
         self._zero = 0.0
@@ -115,7 +117,7 @@ class GrblTable:
             raise refused(
                 self.name,
                 f"found {len(position)} axes in its report, need axis {self._recipe.axis}",
-                "check axis and axes in [devices.table.grbl], and that the board reports machine positions ($10=1)",
+                "check axis and axes in its grbl table, and that the board reports machine positions ($10=1)",
             )
         return position[self._index]
 

@@ -4,6 +4,7 @@ Every call ends within the timeout: silence and a broken cable are ``DeviceLost`
 """
 
 import socket
+import threading
 import time
 
 from truestand.core.errors import DeviceError
@@ -15,11 +16,12 @@ MAX_LINE = 512
 
 
 class Line:
-    """Lines to and from ``address``. Its user holds a lock around a question and its answer."""
+    """Lines to and from ``address``. Its users hold ``lock`` around a question and its answer."""
 
     def __init__(self, name: str, address: str, timeout: float, port: int, baud: int) -> None:
         self.name = name
         self.timeout = timeout
+        self.lock = threading.RLock()
         self.opened = 0
         """How often it was opened: each time the device may have been restarted."""
         self._where = (address, port, baud)
@@ -88,6 +90,10 @@ class Line:
     def _broken(self, wrong: OSError) -> DeviceError:
         self.close()
         return lost(self.name, wrong.strerror or str(wrong) or "the connection broke")
+
+
+Lines = dict[str, Line]
+"""Connections by address: the axes of one controller share theirs, for a serial port has one end only."""
 
 
 class _Tcp:

@@ -34,8 +34,8 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # our own error
 class ModbusTable:
     """A ``Drive``; safe to use from two threads."""
 
-    def __init__(self, address: str, registers: ModbusRecipe, timeout: float) -> None:
-        self.name = f"table at {address} (Modbus TCP)"
+    def __init__(self, address: str, registers: ModbusRecipe, timeout: float, what: str = "table") -> None:
+        self.name = f"{what} at {address} (Modbus TCP)"
         self._map = registers
         self._timeout = timeout
         self._lock = threading.RLock()
@@ -96,7 +96,7 @@ class ModbusTable:
                     raise refused(
                         self.name,
                         f"the PLC didn't repeat command number {number} in its status within {self._timeout:g} s",
-                        "check that its program runs, and the map in [devices.table.modbus]",
+                        "check that its program runs, and the map in its modbus table",
                     )
                 time.sleep(POLL_INTERVAL_S)
 
@@ -152,7 +152,7 @@ class ModbusTable:
             raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
         if answer.isError():
             raise refused(
-                self.name, f"Modbus exception {answer.exception_code}", "check the map in [devices.table.modbus]"
+                self.name, f"Modbus exception {answer.exception_code}", "check the map in its modbus table"
             )
         return answer
 

@@ -49,8 +49,8 @@ class _Session:
 class OpcUaTable:
     """A ``Drive``; safe to use from two threads."""
 
-    def __init__(self, address: str, recipe: OpcUaRecipe, timeout: float) -> None:
-        self.name = f"table at {address} (OPC UA)"
+    def __init__(self, address: str, recipe: OpcUaRecipe, timeout: float, what: str = "table") -> None:
+        self.name = f"{what} at {address} (OPC UA)"
         self._address, self._recipe, self._timeout = address, recipe, timeout
         self._lock = threading.RLock()
         self._client: Client | None = None
@@ -190,4 +190,4 @@ class OpcUaTable:
         await asyncio.sleep(0)  # the socket closes in the loop's next round
 
 
-ADVICE = "check the names in [devices.table.opcua] of stand.toml, and whether the controller is in a fault"
+ADVICE = "check the names in its opcua table, and whether the controller is in a fault"

@@ -7,13 +7,23 @@ import re
 from math import inf, radians
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, model_validator
 
 from truestand.devices.axis import Limits
 from truestand.files.checking import Recipe
 
 Protocol = Literal["modbus", "opcua", "zaber", "grbl"]
 Register = Annotated[int, Field(ge=0, le=65534)]
+
+
+def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise ValueError(f"found {list(pair)}, need [lowest, highest]")
+    return pair
+
+
+Reach = Annotated[tuple[float, float], AfterValidator(_ordered)]
+"""Lowest and highest position of an axis."""
 PORTS = {"modbus": 502, "zaber": 55550, "grbl": 23}
 """Default network ports: Modbus TCP, Zaber's X-MCC and virtual devices, GRBL boards with a network (telnet)."""
 
@@ -115,16 +125,12 @@ class GrblRecipe(Recipe):
         return self
 
 
-class TableRecipe(Recipe):
-    """``[devices.table]``."""
+class ControllerRecipe(Recipe):
+    """What a table and an axis of a positioner share: which controller turns it, and how long it may take."""
 
     protocol: Protocol
     address: Annotated[str, Field(min_length=1)]
     """``host:port``, ``opc.tcp://host:port/path``, or a serial port: ``/dev/ttyUSB0``, ``COM3``."""
-    max_speed_deg_per_s: PositiveFloat = 90.0
-    range_deg: tuple[float, float] | None = None
-    """For a table with stops; without it the table turns endlessly."""
-    tolerance_deg: PositiveFloat = 0.05
     home_timeout_s: PositiveFloat = 60.0
     stop_timeout_s: PositiveFloat = 5.0
     timeout_s: PositiveFloat = 0.5
@@ -134,15 +140,8 @@ class TableRecipe(Recipe):
     zaber: ZaberRecipe = ZaberRecipe()
     grbl: GrblRecipe = GrblRecipe()
 
-    @field_validator("range_deg")
-    @classmethod
-    def _ordered(cls, pair: tuple[float, float] | None) -> tuple[float, float] | None:
-        if pair is not None and not pair[0] < pair[1]:
-            raise ValueError(f"found {list(pair)}, need [lowest, highest]")
-        return pair
-
     @model_validator(mode="after")
-    def _matching(self) -> "TableRecipe":
+    def _matching(self) -> "ControllerRecipe":
         """The address is one of the protocol."""
         if (self.protocol == "opcua") != self.address.startswith("opc.tcp://"):
             wanted = "opc.tcp://host:port" if self.protocol == "opcua" else "host:port or a serial port"
@@ -151,18 +150,32 @@ class TableRecipe(Recipe):
             host_and_port(self.address, PORTS["modbus"])
         return self
 
+    def within(self, speed: float, reach: Reach | None, tolerance: float) -> Limits:
+        """Limits and timeouts, of a speed, a range and a tolerance in deg (or mm, of a linear axis)."""
+        lowest, highest = reach or (-inf, inf)
+        return Limits(
+            radians(speed), radians(lowest), radians(highest), radians(tolerance), self.home_timeout_s,
+            self.stop_timeout_s,
+        )  # fmt: skip
+
+
+class TableRecipe(ControllerRecipe):
+    """``[devices.table]``."""
+
+    max_speed_deg_per_s: PositiveFloat = 90.0
+    range_deg: Reach | None = None
+    """For a table with stops; without it the table turns endlessly."""
+    tolerance_deg: PositiveFloat = 0.05
+
+    @property
+    def unit(self) -> str:
+        """Of its positions, in messages."""
+        return "deg"
+
     @property
     def limits(self) -> Limits:
         """Limits and timeouts of the table."""
-        lowest, highest = self.range_deg or (-inf, inf)
-        return Limits(
-            radians(self.max_speed_deg_per_s),
-            radians(lowest),
-            radians(highest),
-            radians(self.tolerance_deg),
-            self.home_timeout_s,
-            self.stop_timeout_s,
-        )
+        return self.within(self.max_speed_deg_per_s, self.range_deg, self.tolerance_deg)
 
 
 def host_and_port(address: str, port: int) -> tuple[str, int]:

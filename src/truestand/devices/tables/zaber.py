@@ -1,19 +1,18 @@
 """A Zaber stage over TCP or a serial port: the ASCII protocol. Angles travel as microsteps."""
 
 import re
-import threading
 import time
 from math import tau
 
 from truestand.devices.axis import DriveState, malformed, refused, timed
-from truestand.devices.tables.line import Line
+from truestand.devices.tables.line import Line, Lines
 from truestand.devices.tables.recipe import PORTS, ZaberRecipe
 from truestand.devices.wire.malformed import Malformed
 from truestand.devices.wire.zaber import FAULTS, NOT_HOMED, SPEED_UNIT, Command, Reply, decode_reply
 
 ADVICE = {
-    "BADDATA": "check counts_per_turn in [devices.table.zaber] and the stage's limit.min, limit.max and limit.speed",
-    "BADAXIS": "check axis in [devices.table.zaber]",
+    "BADDATA": "check counts_per_turn in its zaber table and the stage's limit.min, limit.max and limit.speed",
+    "BADAXIS": "check axis in its zaber table",
     "PARKED": "unpark the stage with Zaber Launcher",
     "DRIVERDISABLED": "mend the cause, then reset",
 }
@@ -23,11 +22,14 @@ ADVICE = {
 class ZaberTable:
     """A ``Drive``; safe to use from two threads."""
 
-    def __init__(self, address: str, recipe: ZaberRecipe, timeout: float) -> None:
-        self.name = f"table at {address} (Zaber ASCII)"
+    def __init__(
+        self, address: str, recipe: ZaberRecipe, timeout: float, what: str = "table", lines: Lines | None = None
+    ) -> None:
+        self.name = f"{what} at {address} (Zaber ASCII)"
         self._recipe = recipe
-        self._line = Line(self.name, address, timeout, PORTS["zaber"], recipe.baud)
-        self._lock = threading.RLock()
+        own = Line(self.name, address, timeout, PORTS["zaber"], recipe.baud)
+        self._line = own if lines is None else lines.setdefault(address, own)
+        self._lock = self._line.lock
         self._id = 0
 
     def start_home(self) -> None:

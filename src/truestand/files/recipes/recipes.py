@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import product
 from math import degrees, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -17,11 +18,13 @@ from pydantic import Field, model_validator
 
 from truestand.core.artefact import Artefact, Certificate, Cylinder
 from truestand.core.errors import BadRecipe
-from truestand.core.stand import Sensor, Stand, Table
+from truestand.core.stand import AxisPosition, Sensor, Stand, Table
 from truestand.files.atomic import write_text_atomic
 from truestand.files.checking import R, Recipe, checked
 
 Positive = Annotated[float, Field(gt=0)]
+AxisKey = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*_(mm|deg)$")]
+"""An axis of the positioner and its unit."""
 STARTERS = ("stand.toml", "shaft.toml", "gear.toml")
 HELICAL = (
     ("helix_angle_deg = 0.0 ", "helix_angle_deg = 15.0"),
@@ -65,6 +68,9 @@ class SensorRecipe(Recipe):
     triangulation_deg: Annotated[float, Field(gt=-80, lt=80)] | None = None
     incidence_limit_deg: Annotated[float, Field(gt=0, lt=90)] | None = None
     housing_mm: tuple[Positive, Positive, Positive] | None = None
+    position: dict[AxisKey, float] | None = None
+    position_U_um: Positive | None = None
+    position_U_deg: Positive | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> "SensorRecipe":
@@ -98,7 +104,7 @@ class CompanyRecipe(Recipe):
 
 class StandRecipe(Recipe):
     """stand.toml as a whole; ``[simulation]`` is checked by the virtual stand, ``[devices]`` by the station, ``[plan]``
-    where it is read."""
+    where it is read. How well the positioner takes a place again is a matter of each view that it carries."""
 
     table: TableRecipe = TableRecipe()
     sensor: Annotated[list[SensorRecipe], Field(min_length=1)]
@@ -111,6 +117,21 @@ class StandRecipe(Recipe):
     serial: str | None = None
     order: str | None = None
     operator: str | None = None
+
+    @model_validator(mode="after")
+    def _carried(self) -> "StandRecipe":
+        positioner = self.devices.get("positioner")
+        stated = positioner if isinstance(positioner, Mapping) else {}
+        for sensor, key in product([s for s in self.sensor if s.position], ("position_U_um", "position_U_deg")):
+            U = stated.get(key)
+            if getattr(sensor, key) is None and isinstance(U, int | float) and U > 0:
+                setattr(sensor, key, float(U))
+            if getattr(sensor, key) is None:
+                raise ValueError(
+                    f"sensor {sensor.name!r}: found a position and no {key}, need how well the positioner takes a "
+                    "place again (k = 2); state it under [devices.positioner]"
+                )
+        return self
 
 
 class CylinderRecipe(Recipe):
@@ -420,7 +441,15 @@ def _sensor(s: SensorRecipe) -> Sensor:
         triangulation=None if s.triangulation_deg is None else radians(s.triangulation_deg),
         incidence_limit=None if s.incidence_limit_deg is None else radians(s.incidence_limit_deg),
         housing=s.housing_mm,
+        position=tuple(_axis_position(key, value) for key, value in (s.position or {}).items()),
+        position_U=None if s.position_U_um is None else s.position_U_um / 1000.0,
+        position_tilt_U=None if s.position_U_deg is None else radians(s.position_U_deg),
     )
+
+
+def _axis_position(key: str, value: float) -> AxisPosition:
+    axis, _, unit = key.rpartition("_")
+    return AxisPosition(axis, value if unit == "mm" else radians(value), unit == "mm")
 
 
 def _sensor_recipe(s: Sensor) -> SensorRecipe:
@@ -443,6 +472,13 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         triangulation_deg=None if s.triangulation is None else degrees(s.triangulation),
         incidence_limit_deg=None if s.incidence_limit is None else degrees(s.incidence_limit),
         housing_mm=s.housing,
+        position={
+            f"{p.axis}_mm" if p.linear else f"{p.axis}_deg": p.value if p.linear else degrees(p.value)
+            for p in s.position
+        }
+        or None,
+        position_U_um=None if s.position_U is None else s.position_U * 1000.0,
+        position_U_deg=None if s.position_tilt_U is None else degrees(s.position_tilt_U),
     )
 
 
@@ -453,7 +489,9 @@ def sensor_lines(sensor: Sensor) -> str:
 
 
 def _toml_value(value: Any) -> str:
-    """A text, number, truth value or list of numbers as TOML: JSON is the same there."""
+    """A text, number, truth value, list of numbers or table of them as TOML: JSON is the same of most."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml_value(of)}' for key, of in value.items())} }}"
     return json.dumps(round(value, 9) if isinstance(value, float) else value, ensure_ascii=False)
 
 

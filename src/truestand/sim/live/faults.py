@@ -1,5 +1,6 @@
-"""Faults on request, of a sensor, its network and the table."""
+"""Faults on request, of a sensor, its network, the table and the positioner."""
 
+from collections.abc import Sequence
 from enum import IntEnum
 
 from truestand.core.errors import BadRecipe
@@ -28,6 +29,8 @@ class FaultKind(IntEnum):
     """Requests to send packets again are not answered."""
     STUCK_ENCODER = 9
     STALLED_TABLE = 10
+    STALLED_AXIS = 11
+    """Of the positioner: all of its axes."""
 
 
 DEFAULT_STRENGTH = {FaultKind.LOSE_PACKETS: 0.02, FaultKind.LATENCY: 200.0}
@@ -38,8 +41,8 @@ NAMES = {kind.name.lower().replace("_", "-"): kind for kind in FaultKind}
 class Faults:
     """The active faults; read by the device's threads, so each change is one assignment."""
 
-    def __init__(self, table: VirtualTable | None = None) -> None:
-        self._table = table
+    def __init__(self, table: VirtualTable | None = None, axes: Sequence[VirtualTable] = ()) -> None:
+        self._table, self._axes = table, tuple(axes)
         self._active: dict[FaultKind, float] = {}
 
     def __contains__(self, kind: FaultKind) -> bool:
@@ -70,13 +73,19 @@ class Faults:
             if self._table is None:
                 raise BadRecipe(f"{kind.name} is a fault of the table, and this stand has none")
             self._table.stick_encoder() if kind is FaultKind.STUCK_ENCODER else self._table.stall()
+        if kind is FaultKind.STALLED_AXIS:
+            if not self._axes:
+                raise BadRecipe(f"{kind.name} is a fault of the positioner, and this stand has none")
+            for axis in self._axes:
+                axis.stall()
         self._active = {**self._active, kind: given}
 
     def clear(self) -> None:
         """End all faults."""
         self._active = {}
-        if self._table is not None:
-            self._table.release()
+        for moving in (self._table, *self._axes):
+            if moving is not None:
+                moving.release()
 
 
 def fault_at(text: str) -> tuple[FaultKind, float | None, float]:

@@ -8,7 +8,7 @@ import re
 from collections import deque
 from math import degrees, radians
 
-from truestand.devices.tables.recipe import PORTS, TableRecipe
+from truestand.devices.tables.recipe import PORTS, ControllerRecipe
 from truestand.sim.live.servers import LineServer, Receive, Send
 from truestand.sim.live.table import VirtualTable
 
@@ -32,7 +32,7 @@ ANSWERS = {
 class GrblServer(LineServer):
     """Serves one table; ``home_position`` is the machine position that homing sets, in the board's units."""
 
-    def __init__(self, table: VirtualTable, recipe: TableRecipe, home_position: float = 0.0) -> None:
+    def __init__(self, table: VirtualTable, recipe: ControllerRecipe, home_position: float = 0.0) -> None:
         super().__init__(recipe.address, PORTS["grbl"])
         self.table, self.map, self.home_position = table, recipe.grbl, home_position
         self._locked, self._held = not table.status().homed, False

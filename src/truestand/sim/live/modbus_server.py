@@ -9,7 +9,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from truestand.devices.tables.recipe import PORTS, TableRecipe, host_and_port
+from truestand.devices.tables.recipe import PORTS, ControllerRecipe, host_and_port
 from truestand.sim.live.servers import ServerThread
 from truestand.sim.live.table import VirtualTable
 
@@ -24,7 +24,7 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 class ModbusServer(ServerThread):
     """Serves one table; after a first heartbeat, ``watchdog`` s without another stop the table with a fault."""
 
-    def __init__(self, table: VirtualTable, recipe: TableRecipe, watchdog: float | None = None) -> None:
+    def __init__(self, table: VirtualTable, recipe: ControllerRecipe, watchdog: float | None = None) -> None:
         super().__init__()
         self.table = table
         self.map = recipe.modbus

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from asyncua import Node, Server, ua
 
-from truestand.devices.tables.recipe import TableRecipe
+from truestand.devices.tables.recipe import ControllerRecipe
 from truestand.sim.live.servers import ServerThread
 from truestand.sim.live.table import VirtualTable
 
@@ -30,7 +30,7 @@ class OpcUaServer(ServerThread):
     it runs.
     """
 
-    def __init__(self, table: VirtualTable, recipe: TableRecipe) -> None:
+    def __init__(self, table: VirtualTable, recipe: ControllerRecipe) -> None:
         super().__init__()
         self.table, self.map = table, recipe.opcua
         self._url = recipe.address

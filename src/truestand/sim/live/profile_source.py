@@ -1,5 +1,7 @@
 """What a virtual sensor sees: the virtual stand at this moment."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from truestand.core.arrays import Array
@@ -10,14 +12,15 @@ from truestand.sim.live.scancontrol_frames import Counts, FrameFormat, Raw, raw_
 from truestand.sim.live.table import VirtualTable
 from truestand.sim.parts import VirtualPart
 from truestand.sim.sensor_model import SensorModel
-from truestand.sim.simulation import DEFAULT_COUNTS_PER_TURN, Simulation, speed_and_rate
+from truestand.sim.simulation import DEFAULT_COUNTS_PER_TURN, Mounting, Simulation, speed_and_rate
 from truestand.sim.truth import Truth
 
 
 class SimulatedSource:
-    """Profiles computed at the angle where the table stands at that time.
+    """Profiles computed at the angle where the table stands at that time, and from where the sensor does.
 
-    Called by the streaming thread, in the order of time.
+    Called by the streaming thread, in the order of time. ``stands``: where the sensor stands now that a positioner
+    carries; None while it moves, which it does with its laser off.
 
     Raises:
         BadRecipe: a part that can't be, or not on this shaft.
@@ -32,15 +35,25 @@ class SimulatedSource:
         scale: tuple[float, float],
         part: VirtualPart | None = None,
         seed: int = 0,
+        stands: Callable[[], Mounting | None] = lambda: None,
     ) -> None:
-        self._table, self._scale = table, scale
+        self._table, self._scale, self._stands = table, scale, stands
         self._stand, self._simulation, self._artefact, self._part = stand, simulation, artefact, part
         self._rng = np.random.default_rng(seed)
-        self._shaft = self._model(None)
-        self._shaft_with_part = None if part is None else self._model(part)
+        self._models: dict[bool, SensorModel] = {}
+        """Of the shaft alone, and with the part."""
+        for with_part in (False, True):
+            self._model(with_part)
 
-    def _model(self, part: VirtualPart | None) -> SensorModel:
-        return SensorModel(self._stand, self._simulation, self._artefact, part, self._rng)
+    def _model(self, with_part: bool) -> SensorModel:
+        """What the sensor sees from where it stands now; computed where it has moved, or the part is another one."""
+        mounting = self._stands()
+        if mounting is not None and mounting != self._simulation.mounting:
+            self._simulation, self._models = self._simulation.mounted(mounting), {}
+        if with_part not in self._models:
+            part = self._part if with_part else None
+            self._models[with_part] = SensorModel(self._stand, self._simulation, self._artefact, part, self._rng)
+        return self._models[with_part]
 
     @property
     def part_mounted(self) -> bool:
@@ -53,7 +66,7 @@ class SimulatedSource:
         Raises:
             BadRecipe: there is no part.
         """
-        if part and self._shaft_with_part is None:
+        if part and self._part is None:
             raise BadRecipe("there is no part to put on the virtual stand; give it one with --part")
         self._table.part_mounted = part
 
@@ -63,11 +76,13 @@ class SimulatedSource:
         Raises:
             BadRecipe: a part that can't be, or not on this shaft.
         """
-        self._part, self._shaft_with_part = part, self._model(part)
+        self._part = part
+        self._models.pop(True, None)
+        self._model(with_part=True)
 
     def readings(self, times: Array) -> tuple[Array, Array, Counts]:
         """x, z (n, M) mm as the sensor reports them, and encoder counts (n,), at times (n,) s."""
-        model = self._shaft_with_part if self.part_mounted and self._shaft_with_part else self._shaft
+        model = self._model(self.part_mounted)
         x, z = model.profiles(self._stand.table.sign * self._table.angle_at(times))
         return -x if model.mirrored else x, z, self.counts(times)
 
@@ -77,6 +92,7 @@ class SimulatedSource:
         ``frame.points`` rays of the fan, or every second, fourth, ... of the sensor's own.
         """
         if not lit:
+            self._model(self.part_mounted)  # in time for when it is
             return np.zeros((times.size, frame.lines, frame.points), np.uint16), self.counts(times)
         x, z, counts = self.readings(times)
         every = max(x.shape[1] // frame.points, 1)
@@ -90,9 +106,10 @@ class SimulatedSource:
     def truth(self, part: bool) -> Truth:
         """What is true of the stand, of the shaft alone or with the part on it; without angles of profiles."""
         speed, rate = speed_and_rate(self._stand)
+        model = self._model(with_part=False)
         return Truth(
-            self._stand, self._simulation, self._shaft.table_from_sensor, self._shaft.shaft_from_rotor, speed / rate,
-            np.empty(0), self._artefact, self._part if part else None,
+            self._stand, self._simulation, model.table_from_sensor, model.shaft_from_rotor, speed / rate, np.empty(0),
+            self._artefact, self._part if part else None,
         )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The virtual stand as devices: one clock, a table behind its protocol, sensors that see its true angle."""
+"""The virtual stand as devices: one clock, table and positioner behind their protocols, sensors where these have them."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -8,11 +8,12 @@ from ipaddress import ip_address
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe, DeviceError
 from truestand.core.stand import Stand
-from truestand.devices.tables.recipe import TableRecipe
+from truestand.devices.tables.recipe import ControllerRecipe, TableRecipe
 from truestand.devices.wire.gvcp import PORT
 from truestand.sim.live.clock import Clock
 from truestand.sim.live.faults import FaultKind, Faults
 from truestand.sim.live.gige_device import GigeDevice
+from truestand.sim.live.positioner import AxisEndpoint, VirtualPositioner
 from truestand.sim.live.profile_source import SimulatedSource
 from truestand.sim.live.registers import Identity
 from truestand.sim.live.scancontrol_frames import scale_of
@@ -28,7 +29,7 @@ class SensorEndpoint:
     """Address and type of a virtual sensor. ``SensorRecipe`` would bring in the decoder, which sim must not share."""
 
     name: str
-    """Of the [[sensor]]."""
+    """Of the device."""
     address: str
     """IPv4, 127.x.x.x."""
     model: str = "29xx-50"
@@ -36,23 +37,26 @@ class SensorEndpoint:
     points: int = 640
     rate: float = 200.0
     """Profiles per second, for the truth; the driver sets the rate."""
+    view: str = ""
+    """The [[sensor]] that it is, or the first one; empty: it has its name."""
+    at: tuple[float, ...] | None = None
+    """mm or rad: where the positioner's axes are when it takes that view; None: it stands there."""
 
 
 class VirtualStand(Service):
-    """Table and sensors, ready to be started.
+    """Table, positioner and sensors, ready to be started.
 
     Args:
         clock: the stand's time.
         table: the rotary table.
         sensors: by name; their faults may be those of the table too.
-        protocol: of the table.
-        server: of the table.
+        servers: of all that moves, by its name and protocol, the table first.
     """
 
     def __init__(
-        self, clock: Clock, table: VirtualTable, sensors: dict[str, GigeDevice], protocol: str, server: ServerThread
+        self, clock: Clock, table: VirtualTable, sensors: dict[str, GigeDevice], servers: dict[str, ServerThread]
     ) -> None:
-        self.clock, self.table, self.sensors, self.protocol, self.server = clock, table, sensors, protocol, server
+        self.clock, self.table, self.sensors, self.servers = clock, table, sensors, servers
         self._running = ExitStack()
 
     def start(self) -> None:
@@ -62,14 +66,15 @@ class VirtualStand(Service):
             DeviceError: one of them is taken, or not this machine's.
         """
         with ExitStack() as started:
-            try:
-                self.server.start()
-            except OSError as wrong:
-                raise DeviceError(
-                    f"virtual table: can't serve {self.protocol} ({wrong}); take another port in [devices.table], or "
-                    "end the program that holds this one"
-                ) from wrong
-            started.callback(self.server.stop)
+            for name, server in self.servers.items():
+                try:
+                    server.start()
+                except OSError as wrong:
+                    raise DeviceError(
+                        f"virtual {name}: can't serve ({wrong}); take another port under [devices], or end the "
+                        "program that holds this one"
+                    ) from wrong
+                started.callback(server.stop)
             for sensor in self.sensors.values():
                 started.enter_context(sensor)
             self._running = started.pop_all()
@@ -81,7 +86,7 @@ class VirtualStand(Service):
     def addresses(self) -> list[str]:
         """Device, name and address of each: "table modbus 127.0.0.1:5020", "sensor front 127.0.0.11:3956"."""
         sensors = [f"sensor {name} {device.identity.address}:{PORT}" for name, device in self.sensors.items()]
-        return [f"table {self.protocol} {self.server.address}", *sensors]
+        return [*(f"{name} {server.address}" for name, server in self.servers.items()), *sensors]
 
     def begin(self, kind: FaultKind, strength: float | None = None) -> None:
         """Begin a fault of all sensors, or of the table; ``NONE`` ends all.
@@ -115,27 +120,39 @@ def virtual_stand(
     part: VirtualPart | None = None,
     pace: float = 1.0,
     seed: int = 0,
+    axes: Sequence[AxisEndpoint] = (),
+    repeats_within: tuple[float, float] = (0.0, 0.0),
 ) -> VirtualStand:
     """The virtual stand that a stand.toml describes: [simulation] behind [devices].
+
+    ``axes``: of the positioner; ``repeats_within``: mm and rad, standard deviations of where it brings its sensor.
 
     Of ``simulation.acquisition`` only the ripple is used, by the table; the program that scans decides the rest.
 
     Raises:
         BadRecipe: no scanCONTROL type, an address that is not this machine's own, a part that can't be.
     """
-    _demand_loopback("[devices.table]", table.address.removeprefix("opc.tcp://").rpartition(":")[0] or table.address)
+    for recipe in (table, *(axis.recipe for axis in axes)):
+        host = recipe.address.removeprefix("opc.tcp://").rpartition(":")[0] or recipe.address
+        _demand_loopback("[devices.table]" if recipe is table else "[[devices.positioner.axis]]", host)
     clock = Clock(pace)
     acquisition = simulation.acquisition
     turning = VirtualTable(clock, Motion(ripple=acquisition.ripple, ripple_per_turn=acquisition.ripple_per_turn))
+    positioner = VirtualPositioner(clock, axes, repeats_within, seed)
+    faults = Faults(turning, positioner.axes)
     devices = {
-        endpoint.name: _sensor(endpoint, stand, simulation, artefact, turning, part, seed + number)
+        endpoint.name: _sensor(endpoint, stand, simulation, artefact, turning, part, seed + number, positioner, faults)
         for number, endpoint in enumerate(sensors)
     }
-    return VirtualStand(clock, turning, devices, table.protocol, table_server(turning, table))
+    servers = {f"table {table.protocol}": axis_server(turning, table)} | {
+        f"axis {axis.name} {axis.recipe.protocol}": axis_server(moving, axis.recipe)
+        for axis, moving in zip(axes, positioner.axes, strict=True)
+    }
+    return VirtualStand(clock, turning, devices, servers)
 
 
-def table_server(table: VirtualTable, recipe: TableRecipe) -> ServerThread:
-    """The table behind the protocol of its recipe. Only the library of this protocol is loaded."""
+def axis_server(table: VirtualTable, recipe: ControllerRecipe) -> ServerThread:
+    """A table or an axis behind the protocol of its recipe. Only the library of this protocol is loaded."""
     if recipe.protocol == "modbus":
         from truestand.sim.live.modbus_server import ModbusServer
 
@@ -161,16 +178,21 @@ def _sensor(
     table: VirtualTable,
     part: VirtualPart | None,
     seed: int,
+    positioner: VirtualPositioner,
+    faults: Faults,
 ) -> GigeDevice:
     _demand_loopback(f'sensor "{endpoint.name}"', endpoint.address)
-    sensor = next(s for s in stand.sensors if s.name == endpoint.name)
+    view = endpoint.view or endpoint.name
+    sensor = next(s for s in stand.sensors if s.name == view)
     alone = replace(stand, sensors=(replace(sensor, points=endpoint.points, profile_rate=endpoint.rate),))
+    seen, at = simulation.seen_from(view), endpoint.at
     source = SimulatedSource(
-        alone, simulation.seen_from(endpoint.name), artefact, table, scale_of(endpoint.model), part, seed
-    )
+        alone, seen, artefact, table, scale_of(endpoint.model), part, seed,
+        (lambda: None) if at is None else (lambda: positioner.carried(seen.mounting, at, artefact)),
+    )  # fmt: skip
     model = f"scanCONTROL {endpoint.model}" if endpoint.model[:1].isdigit() else endpoint.model
     identity = Identity(endpoint.address, model, sensor.serial or f"V{seed + 1:07d}", endpoint.name[:15])
-    return GigeDevice(identity, source, table.clock, Faults(table), endpoint.points, seed=seed)
+    return GigeDevice(identity, source, table.clock, faults, endpoint.points, seed=seed)
 
 
 def _demand_loopback(whose: str, host: str) -> None:

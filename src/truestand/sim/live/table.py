@@ -8,7 +8,7 @@ past stays unchanged, because the profiles of a sensor are computed a few millis
 
 import threading
 from dataclasses import dataclass, field, replace
-from math import copysign, floor, inf, radians, sqrt, tau
+from math import copysign, floor, inf, isfinite, radians, sqrt, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ class Motion:
     """True angle at power-on; the controller's position is 0 there until it is homed."""
     home_speed: float = radians(60.0)
     """Of the home search; the way back to the mark goes at a fifth of it."""
+    mark_every: float = tau
+    """Between home marks; inf: there is just one, at 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +189,9 @@ class VirtualTable:
         """Search for the home mark below, and take it as 0."""
         with self._lock:
             motor, profile = self._plan()
-            motor, mark = replace(motor, homed=False), tau * floor(motor.position / tau)
+            every = self.motion.mark_every
+            mark = every * floor(motor.position / every) if isfinite(every) else 0.0
+            motor = replace(motor, homed=False)
             profile.reach_position(mark - HOME_OVERSHOOT, min(self.motion.home_speed, self.motion.top_speed))
             profile.reach_position(mark, self.motion.home_speed / 5)
             final = replace(_at_rest(motor, mark), homed=True, home_mark=mark, origin=mark)

@@ -5,7 +5,7 @@ One device with one axis, and enough of the protocol that Zaber's own software c
 
 from math import tau
 
-from truestand.devices.tables.recipe import PORTS, TableRecipe
+from truestand.devices.tables.recipe import PORTS, ControllerRecipe
 from truestand.devices.wire.malformed import Malformed
 from truestand.devices.wire.zaber import SPEED_UNIT, Reply, decode_command
 from truestand.sim.live.servers import LineServer, Receive, Send
@@ -28,7 +28,7 @@ REJECTED = "RJ "
 class ZaberServer(LineServer):
     """Serves one table."""
 
-    def __init__(self, table: VirtualTable, recipe: TableRecipe) -> None:
+    def __init__(self, table: VirtualTable, recipe: ControllerRecipe) -> None:
         super().__init__(recipe.address, PORTS["zaber"])
         r = recipe.zaber
         self.table = table
