@@ -1,5 +1,6 @@
 """``truestand plan``: where to put the sensors for a part."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -7,6 +8,7 @@ import typer
 
 from truestand.cli.options import DONE, UNDECIDED, ArtefactOption, JsonOption, QuietOption, ReportOption, output_option
 from truestand.cli.terminal import hint, print_json, print_table, progress
+from truestand.devices.positioner import read_carrier
 from truestand.files.atomic import write_json_atomic, write_text_atomic
 from truestand.files.recipes.parts import read_part
 from truestand.files.recipes.plan import planned_stand, read_task
@@ -43,7 +45,8 @@ def plan(
 
     Example: truestand plan gear.toml --stand stand.toml --artefact shaft.toml -o plan.json --report plan.html
     """
-    described, shaft, drawing, task = read_stand(stand), read_shaft(artefact), read_part(part), read_task(stand)
+    described, shaft, drawing = read_stand(stand), read_shaft(artefact), read_part(part)
+    task = replace(read_task(stand), carrier=read_carrier(stand, described))
     with progress("Looking for places", quiet) as advance:
         found = plan_views(drawing, described, shaft, task, views, lambda share: advance(round(STEPS * share), STEPS))
     created = now()

@@ -9,17 +9,22 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import pairwise
 from math import degrees, radians
+from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
 from truestand.core.frames import Pose, about_axis, table_from_sensor
+from truestand.core.stand import Stand
+from truestand.core.units import UM_PER_MM
 from truestand.devices.axis import Axis, Limits
 from truestand.devices.tables.line import Lines
 from truestand.devices.tables.opening import open_axis
 from truestand.devices.tables.recipe import ControllerRecipe, Reach
-from truestand.files.checking import Recipe
+from truestand.files.checking import Recipe, checked
+from truestand.files.recipes.recipes import read_devices_table
+from truestand.planning.carried import Carrier
 from truestand.planning.kinematics import Kinematics, Motion, Position
 from truestand.planning.obstacles import Round
 
@@ -131,7 +136,10 @@ class PositionerRecipe(Recipe):
     axis: Annotated[list[AxisRecipe], Field(min_length=1, max_length=MOST_AXES)]
     """The first one carries the others. They home in this order."""
     at_zero: AtZeroRecipe
-    swept: Annotated[list[SweptRecipe], Field(min_length=1)]
+    swept: list[SweptRecipe] = Field(default_factory=list)
+    """What turns; a plan writes it."""
+    device: str | None = None
+    """Which one it carries; default: the first one."""
     position_U_um: PositiveFloat
     """How well a place is taken again (k = 2), along and"""
     position_U_deg: PositiveFloat
@@ -148,6 +156,12 @@ class PositionerRecipe(Recipe):
     def kinematics(self) -> Kinematics:
         """How it carries its sensor."""
         return Kinematics(tuple(axis.motion for axis in self.axis), self.at_zero.pose)
+
+    def carrier(self, stand: Stand) -> Carrier:
+        """The positioner of a stand, for plans."""
+        first = stand.sensors[0]
+        device = self.device or first.device or first.name
+        return Carrier(self.kinematics, device, self.position_U_um / UM_PER_MM, radians(self.position_U_deg))
 
     @property
     def bodies(self) -> tuple[Round, ...]:
@@ -200,6 +214,18 @@ class Positioner:
         """Close all connections."""
         for axis in self.axes:
             axis.close()
+
+
+def read_carrier(path: Path | str, stand: Stand) -> Carrier | None:
+    """The positioner of a stand.toml, for plans; None where there is none.
+
+    Raises:
+        BadRecipe: a wrong or missing key.
+    """
+    table = read_devices_table(path).get("positioner")
+    if table is None:
+        return None
+    return checked(PositionerRecipe, table, f"{path}: [devices.positioner]").carrier(stand)
 
 
 def open_positioner(recipe: PositionerRecipe, lines: Lines | None = None) -> Positioner:

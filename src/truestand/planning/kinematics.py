@@ -12,6 +12,8 @@ from truestand.planning.place import Place
 
 Position = tuple[float, ...]
 """Of each axis, in their order: mm or rad."""
+DIGITS = 12
+"""Of an azimuth, rad."""
 UPRIGHT = 1e-9
 """rad by which a laser plane may lean and count as parallel to the table's axis."""
 
@@ -77,7 +79,7 @@ def place_of(room_from_sensor: Pose, base_radius: float) -> Place | None:
     normal, towards = room_from_sensor.rotation[:, 1], room_from_sensor.rotation[:, 2]
     if abs(normal[2]) > UPRIGHT:
         return None
-    azimuth = atan2(-towards[1], -towards[0])
+    azimuth = round(atan2(-towards[1], -towards[0]), DIGITS) + 0.0
     phi, radial, height, _, offset = sensor_parameters(about_axis(-azimuth, 0.0) @ room_from_sensor)
     if abs(sin(phi)) < UPRIGHT:
         return None

@@ -16,6 +16,7 @@ from truestand.gear.evaluate import AREAL
 from truestand.gear.geometry import FLANKS
 from truestand.parts.drawings import Turned
 from truestand.parts.inspect import Part
+from truestand.planning.carried import Carrier
 from truestand.planning.cast_target import cad_target, turned_target
 from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
@@ -40,6 +41,8 @@ class Task:
     """What a plan is made for, beside part, stand and shaft; None: it is assumed."""
 
     room: Room = field(default_factory=Room)
+    carrier: Carrier | None = None
+    """The positioner, where there is one."""
     eccentricity: float | None = None
     """mm: by which the shaft will run out."""
     turns: float | None = None
@@ -122,8 +125,9 @@ def plan(
     """Where to put the sensors of a stand to inspect a part on a shaft.
 
     ``views``: so many; None: the fewest that do. Places are tried over angle, stand-off, height, plane offset and
-    azimuth; each is calibrated on an imagined scan of the shaft, and the part is assessed as an inspection does it. The
-    first sensor of the stand takes the views for which there is no other: one device in several places.
+    azimuth, or over the positions of a positioner; each is calibrated on an imagined scan of the shaft, and the part is
+    assessed as an inspection does it. The first sensor of the stand takes the views for which there is no other: one
+    device in several places.
 
     Raises:
         BadRecipe: a sensor without its range, or a number of views below one.
@@ -132,12 +136,12 @@ def plan(
     if views is not None and views < 1:
         raise BadRecipe(f"found --views {views}, need one or more")
     most = task.most_views if views is None else views
-    sensors, assumed = _planned_sensors(stand, most)
+    sensors, assumed = _planned_sensors(stand, most, task.carrier)
     turns, eccentricity = task.turns or TURNS, task.eccentricity or ECCENTRICITY
-    setting = Setting(replace(stand, sensors=_sensors(stand, sensors)), artefact, eccentricity)
+    stand_of_views = replace(stand, sensors=_sensors(stand, sensors, task.carrier))
+    setting = Setting(stand_of_views, artefact, eccentricity, task.carrier)
     target = _target(part, setting, turns, _profiles_per_turn(stand))
-    kinds = tuple(dict.fromkeys(sensor.optics for sensor in sensors))
-    search = search_of(setting, target, task.room, kinds, lambda share: step(share / 3))
+    search = search_of(setting, target, task.room, sensors, lambda share: step(share / 3))
     texts = (*assumed, *_assumed(stand, task))
     found: Plan | None = None
     for number in range(1 if views is None else max(views - 1, 1), most + 1):
@@ -170,26 +174,36 @@ def _with(
     )  # fmt: skip
 
 
-def _planned_sensors(stand: Stand, most: int) -> tuple[tuple[PlannedSensor, ...], tuple[str, ...]]:
-    """A sensor for each view: those of the stand, then the first one again; and what is assumed of them."""
+def _planned_sensors(
+    stand: Stand, most: int, carrier: Carrier | None
+) -> tuple[tuple[PlannedSensor, ...], tuple[str, ...]]:
+    """A sensor for each view: those of the stand, then the one that is carried, or the first one, again; and what is
+    assumed of them.
+    """
     sensors, assumed = [], []
     for sensor in stand.sensors:
         optics, texts = optics_of(sensor)
-        sensors.append(PlannedSensor(sensor.name, sensor.device or sensor.name, optics))
+        device = sensor.device or sensor.name
+        carried = carrier is not None and device == carrier.device
+        sensors.append(PlannedSensor(sensor.name, device, optics, carried))
         assumed += [f"[[sensor]] {sensor.name!r} {text}" for text in texts]
-    first = sensors[0]
+    again = next((sensor for sensor in sensors if sensor.carried), sensors[0])
     for k in range(len(sensors) + 1, most + 1):
-        sensors.append(PlannedSensor(f"{first.name}-{k}", first.device, first.optics))
+        sensors.append(replace(again, name=f"{again.name}-{k}"))
     return tuple(sensors[:most]), tuple(assumed)
 
 
-def _sensors(stand: Stand, sensors: Sequence[PlannedSensor]) -> tuple[Sensor, ...]:
+def _sensors(stand: Stand, sensors: Sequence[PlannedSensor], carrier: Carrier | None) -> tuple[Sensor, ...]:
     """The ``[[sensor]]`` of each view."""
     known = {sensor.name: sensor for sensor in stand.sensors}
-    return tuple(
-        known.get(sensor.name) or replace(stand.sensors[0], name=sensor.name, device=sensor.device)
-        for sensor in sensors
-    )
+    found = []
+    for planned in sensors:
+        alike = next(s for s in stand.sensors if (s.device or s.name) == planned.device)
+        sensor = known.get(planned.name) or replace(alike, name=planned.name, device=planned.device)
+        if carrier is not None and planned.carried:
+            sensor = replace(sensor, position_U=carrier.position_U, position_tilt_U=carrier.position_tilt_U)
+        found.append(replace(sensor, position=()))
+    return tuple(found)
 
 
 def _target(part: Part, setting: Setting, turns: float, per_turn: float) -> Target:

@@ -4,31 +4,25 @@ Sight is cheap and decides first: a place from which a surface can't be seen is 
 the uncertainty decides, told roughly: the sensors in those that are left are calibrated.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
-from math import degrees, radians
+from itertools import combinations, islice
 
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
+from truestand.planning.corridor import Corridors
+from truestand.planning.kinematics import Position
 from truestand.planning.obstacles import Round
 from truestand.planning.optics import Optics
 from truestand.planning.place import Place
+from truestand.planning.places import beside, places_for, rounded
 from truestand.planning.room import Room, apart, clearance, in_room
 from truestand.planning.sight import CAUSES, look
 from truestand.planning.target import Mount, PlannedSensor, Target, View
 from truestand.planning.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
 
-ANGLES = np.radians(np.arange(35.0, 146.0, 7.5))
-"""Between axis and sensor, either way round about its z where the camera makes a difference."""
-STANDOFFS, HEIGHTS, OFFSETS = 6, 6, (0.0, -0.15, 0.15, -0.3, 0.3)
-"""Places tried along the range, and along the part; plane offsets, in radii of the thinnest cylinder of the shaft."""
-RANGE_MARGIN = 2.0
-"""mm of range at either end that places leave."""
-BEYOND = 10.0
-"""mm above and below the surfaces at which the laser's middle may meet the shaft."""
 LEAST_SHAFT, LEAST_SHARE = 5.0, 0.5
 """mm of each of two cylinders that must be seen to calibrate, or share of shorter ones."""
 ENOUGH = 0.97
@@ -41,9 +35,6 @@ often others are looked at where none can be.
 """
 AZIMUTHS = np.radians([120.0, 150.0, 90.0, 180.0, 60.0, 210.0, 240.0, 270.0, 300.0, 30.0, 330.0])
 """Of a further sensor against the first, in the order of preference."""
-NEXT = ((radians(3.0), 0.0, 0.0, 0.0), (0.0, 4.0, 0.0, 0.0), (0.0, 0.0, 3.0, 0.0), (0.0, 0.0, 0.0, 0.3))
-"""Steps by which a place is made better: angle, stand-off, height, plane offset."""
-
 Step = Callable[[float], None]
 """Told the share 0..1 of the work that is done."""
 
@@ -54,6 +45,8 @@ class Candidate:
 
     place: Place
     optics: Optics
+    position: Position | None
+    """Of the positioner that brings a sensor there; None: it stands there."""
     clearance: float
     """mm."""
     seen: Mask
@@ -93,18 +86,35 @@ class Search:
         return sum(max(ENOUGH - share, 0.0) for share in self.target.surfaces.coverage(seen).values())
 
     @property
+    def turning(self) -> tuple[Round, ...]:
+        """All that turns above the table."""
+        return (*self.setting.shaft, *self.target.swept)
+
+    @property
     def swept(self) -> tuple[Round, ...]:
-        """All that turns, and the table."""
+        """The same, and the table."""
         setting, room = self.setting, self.room
         face = setting.shaft[0].bottom if room.table_face is None else room.table_face
-        return (*setting.shaft, *self.target.swept, Round(room.table_radius, -1e9, face))
+        return (*self.turning, Round(room.table_radius, -1e9, face))
 
     def gap(self, mount: Mount, others: Sequence[Mount] = ()) -> float:
-        """mm between a housing and all else: the other views' housings as well, be they of the same device."""
+        """mm between a housing and all else: the other views' housings as well, be they of the same device, unless a
+        positioner carries both.
+        """
         base, size = self.setting.artefact.base.radius, mount.sensor.optics.housing
         gaps = [clearance(in_room(mount.place, base), size, self.swept, self.room)]
-        gaps += [apart(mount.place, other.place, base, (size, other.sensor.optics.housing)) for other in others]
+        for other in others:
+            if not (mount.sensor.carried and other.sensor.carried):
+                gaps.append(apart(mount.place, other.place, base, (size, other.sensor.optics.housing)))
         return min(gaps)
+
+    def barred(self, mounts: Sequence[Mount]) -> str:
+        """Why the positioner can't go to all places of some views; empty: it can, or isn't needed."""
+        carrier, carried = self.setting.carrier, [mount for mount in mounts if mount.position is not None]
+        if carrier is None or not carried:
+            return ""
+        size, positions = carried[0].sensor.optics.housing, [m.position for m in carried if m.position is not None]
+        return carrier.barred(Corridors(carrier.kinematics, size, self.swept, self.room), positions)
 
     def seen_from(self, mount: Mount) -> Mask:
         """The points (n,) that a view shows."""
@@ -113,15 +123,18 @@ class Search:
         return look(surfaces.points, surfaces.normals, view, mount.sensor.optics.tightened, bodies).seen
 
 
-def search_of(setting: Setting, target: Target, room: Room, optics: Sequence[Optics], step: Step) -> Search:
-    """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; ``optics``: of
-    each kind of sensor.
+def search_of(
+    setting: Setting, target: Target, room: Room, sensors: Sequence[PlannedSensor], step: Step
+) -> Search:
+    """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; of those that a
+    positioner carries, the places that it reaches.
     """
     surfaces, bodies = target.surfaces, (*target.bodies, *target.shaft)
     search = Search(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
     found, hidden, touching, blind = [], search.hidden.copy(), 0, 0
-    places = [(own, place) for own in optics for place in _places(setting, target, own)]
-    for k, (own, place) in enumerate(places):
+    kinds = dict.fromkeys((sensor.optics, sensor.carried) for sensor in sensors)
+    places = [(own, *where) for own, carried in kinds for where in places_for(own, carried, setting, target)]
+    for k, (own, place, position) in enumerate(places):
         step(k / len(places))
         gap, view = search.gap(Mount(PlannedSensor("", "", own), place, 0.0)), uncalibrated(place, setting)
         if gap < room.least_clearance:
@@ -132,7 +145,8 @@ def search_of(setting: Setting, target: Target, room: Room, optics: Sequence[Opt
             sight = look(surfaces.points, surfaces.normals, view, own.tightened, bodies)
             hidden += sight.hidden
             if sight.seen.any():
-                found.append(Candidate(place, own, gap, sight.seen, float(sight.facing[sight.seen].mean())))
+                facing = float(sight.facing[sight.seen].mean())
+                found.append(Candidate(place, own, position, gap, sight.seen, facing))
     return replace(search, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
 
 
@@ -162,8 +176,13 @@ def best_views(search: Search, sensors: Sequence[PlannedSensor], step: Step) -> 
                 ranked.append((worst, mounts))
                 tried.append(ComparedPlaces(tuple(mount.place for mount in mounts), *worst))
         search = _without(search, {i for group in groups for i in group})
-    for _, mounts in sorted(ranked, key=lambda pair: pair[0])[:MOST_JOINT]:
-        for candidate in (_rounded(search, _improved(search, mounts, calibrated)), mounts):
+    best = sorted(ranked, key=lambda pair: pair[0])
+    for mounts in islice((mounts for _, mounts in best if not calibrated.barred(mounts)), MOST_JOINT):
+        improved = _improved(search, mounts, calibrated)
+        as_people_would = tuple(rounded(mount, search.setting) for mount in improved)
+        for candidate in (_with_gaps(search, as_people_would) or improved, mounts):
+            if calibrated.barred(candidate):
+                continue
             try:
                 return Choice(views_at(candidate, search.setting, search.target), tuple(tried), "")
             except NotEnoughData as error:
@@ -181,9 +200,15 @@ class _Calibrated:
     """Single views, each calibrated once, whichever of some like sensors is there."""
 
     search: Search
-    views: dict[tuple[Place, Optics], View | None] = field(default_factory=dict)
+    views: dict[tuple[Place, PlannedSensor], View | None] = field(default_factory=dict)
     why_not: list[str] = field(default_factory=list)
     """Why the shaft can't be calibrated in some places."""
+
+    def barred(self, mounts: Sequence[Mount]) -> bool:
+        """Whether the positioner can't go to all of some places."""
+        if why := self.search.barred(mounts):
+            self.why_not.append(why)
+        return bool(why)
 
     def worst(self, mounts: Sequence[Mount]) -> tuple[int, float] | None:
         """Surfaces that views don't measure, and about how large U is on the others; None: no calibration."""
@@ -196,25 +221,15 @@ class _Calibrated:
 
     def _view(self, mount: Mount) -> View | None:
         search, place = self.search, replace(mount.place, azimuth=0.0)
-        key = place, mount.sensor.optics
+        key = place, replace(mount.sensor, name="", device="")
         if key not in self.views:
             try:
-                (self.views[key],) = views_at([Mount(mount.sensor, place, 0.0)], search.setting, search.target)
+                (self.views[key],) = views_at([replace(mount, place=place)], search.setting, search.target)
             except NotEnoughData as error:
                 self.views[key] = None
                 self.why_not.append(str(error))
         view = self.views[key]
         return None if view is None else view.by(mount.sensor)
-
-
-def _places(setting: Setting, target: Target, optics: Optics) -> Iterator[Place]:
-    heights = target.surfaces.points[:, 2]
-    (near, far), signs = optics.range, (-1.0, 1.0) if optics.triangulation else (-1.0,)
-    along = np.linspace(heights.min() - BEYOND, heights.max() + BEYOND, HEIGHTS)
-    for sign, angle, standoff, height, offset in product(
-        signs, ANGLES, np.linspace(near + RANGE_MARGIN, far - RANGE_MARGIN, STANDOFFS), along, OFFSETS
-    ):
-        yield Place(float(sign * angle), float(standoff), float(height), float(offset * setting.thinnest))
 
 
 def _shows_shaft(seen: tuple[float, ...], shaft: Sequence[Round]) -> bool:
@@ -267,12 +282,13 @@ def _arranged(
     placed: list[Mount] = []
     left = list(candidates)
     for sensor in sensors:
-        own = next((c for c in left if c.optics == sensor.optics), None)
+        own = next((c for c in left if c.optics == sensor.optics and (c.position is not None) == sensor.carried), None)
         if own is None:
             return None
         left.remove(own)
-        for azimuth in (*AZIMUTHS, 0.0) if placed else (0.0, *AZIMUTHS):
-            mount = Mount(sensor, replace(own.place, azimuth=float(azimuth)), 0.0)
+        free = (*AZIMUTHS, 0.0) if placed else (0.0, *AZIMUTHS)
+        for azimuth in free if own.position is None else (own.place.azimuth,):
+            mount = Mount(sensor, replace(own.place, azimuth=float(azimuth)), 0.0, own.position)
             if (gap := search.gap(mount, placed)) >= search.room.least_clearance:
                 placed.append(replace(mount, clearance=gap))
                 break
@@ -284,34 +300,14 @@ def _arranged(
 def _improved(search: Search, mounts: tuple[Mount, ...], calibrated: _Calibrated) -> tuple[Mount, ...]:
     """The same views, each moved by a step where that measures better and shows as much."""
     worst, missing = calibrated.worst(mounts), _missing_of(search, mounts)
-    for k, (by, sign) in product(range(len(mounts)), product(NEXT, (1.0, -1.0))):
-        place = mounts[k].place
-        moved = replace(
-            place, phi=place.phi + sign * by[0], standoff=place.standoff + sign * by[1],
-            height=place.height + sign * by[2], plane_offset=place.plane_offset + sign * by[3],
-        )  # fmt: skip
-        if abs(moved.plane_offset) > max(OFFSETS) * search.setting.thinnest:
-            continue
-        tried = _with_gaps(search, (*mounts[:k], replace(mounts[k], place=moved), *mounts[k + 1 :]))
+    for k, moved in ((k, moved) for k, mount in enumerate(mounts) for moved in beside(mount, search.setting)):
+        tried = _with_gaps(search, (*mounts[:k], moved, *mounts[k + 1 :]))
         if tried is None or _missing_of(search, tried) > missing + AS_GOOD / 2:
             continue
         found = calibrated.worst(tried)
         if found is not None and worst is not None and found < worst:
             mounts, worst = tried, found
     return mounts
-
-
-def _rounded(search: Search, mounts: tuple[Mount, ...]) -> tuple[Mount, ...]:
-    """The same views where a person would put them; where that would touch something, as they are."""
-    found = tuple(replace(mount, place=_round(mount.place)) for mount in mounts)
-    return _with_gaps(search, found) or mounts
-
-
-def _round(place: Place) -> Place:
-    return replace(
-        place, phi=radians(round(2 * degrees(place.phi)) / 2), standoff=round(2 * place.standoff) / 2,
-        height=round(2 * place.height) / 2, plane_offset=round(20 * place.plane_offset) / 20,
-    )  # fmt: skip
 
 
 def _with_gaps(search: Search, mounts: tuple[Mount, ...]) -> tuple[Mount, ...] | None:

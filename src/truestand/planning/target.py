@@ -10,6 +10,7 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic, Status
 from truestand.core.scan import Scan
+from truestand.planning.kinematics import Position
 from truestand.planning.obstacles import Body, Round
 from truestand.planning.optics import Optics
 from truestand.planning.place import Place
@@ -42,6 +43,8 @@ class PlannedSensor:
     """Of the view."""
     device: str
     optics: Optics
+    carried: bool = False
+    """By the positioner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,8 @@ class Mount:
     place: Place
     clearance: float
     """mm: between its housing and the nearest thing."""
+    position: Position | None = None
+    """mm and rad: of the positioner's axes, where it carries it there."""
 
 
 @dataclass(frozen=True, slots=True)

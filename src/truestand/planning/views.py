@@ -15,7 +15,8 @@ from truestand.core.errors import NotEnoughData
 from truestand.core.frames import UNKNOWNS, Pose
 from truestand.core.message import UNTIED
 from truestand.core.scan import Scan
-from truestand.core.stand import Sensor, Stand
+from truestand.core.stand import AxisPosition, Sensor, Stand
+from truestand.planning.carried import Carrier
 from truestand.planning.imagined_scan import angle_source, imagined_scan
 from truestand.planning.obstacles import Body, Round
 from truestand.planning.optics import Optics
@@ -44,6 +45,8 @@ class Setting:
     artefact: Artefact
     eccentricity: float
     """mm: by which the shaft will run out."""
+    carrier: Carrier | None = None
+    """The positioner."""
 
     @property
     def shaft(self) -> tuple[Round, ...]:
@@ -98,15 +101,22 @@ def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
 
 def _scan_of_shaft(mount: Mount, setting: Setting) -> Scan:
     few, stand = replace(mount.sensor.optics, points=POINTS), setting.stand.of_view(mount.sensor.name)
-    stand = replace(stand, sensors=(mounted(stand.sensor, mount.place),))
+    stand = replace(stand, sensors=(mounted(stand.sensor, mount, setting.carrier),))
     base = setting.artefact.base.radius
     return imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
 
 
-def mounted(sensor: Sensor, place: Place) -> Sensor:
-    """The sensor as stand.toml must state it there: its laser plane may be farther off the axis than by accident."""
+def mounted(sensor: Sensor, mount: Mount, carrier: Carrier | None) -> Sensor:
+    """The sensor as stand.toml must state it there: its laser plane may be farther off the axis than by accident, and a
+    positioner may bring it.
+    """
     stated, _ = sensor.mounting
-    return replace(sensor, plane_offset_U=max(stated, OFFSET_FACTOR * abs(place.plane_offset)))
+    position = tuple(
+        AxisPosition(axis.name, value, axis.linear)
+        for axis, value in zip(() if carrier is None else carrier.kinematics.axes, mount.position or (), strict=False)
+    )
+    offset = max(stated, OFFSET_FACTOR * abs(mount.place.plane_offset))
+    return replace(sensor, plane_offset_U=offset, position=position)
 
 
 def shaft_in_view(

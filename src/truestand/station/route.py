@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
+from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 from truestand.devices.positioner import Positioner
 from truestand.files.recipes.plan import read_task
@@ -48,13 +49,18 @@ def route_of(recipe: Path, stand: Stand, devices: DevicesRecipe, stops: Sequence
     """The route of a stand of ``recipe`` (stand.toml) for some scans; None where no view needs the positioner.
 
     Raises:
-        BadRecipe: a wrong ``[plan]``.
+        BadRecipe: a wrong ``[plan]``, or nothing said of what turns.
     """
     placed = [(stop.position, f"the place of {', '.join(stop.views)}") for stop in stops]
     places = tuple((position, called) for position, called in placed if position is not None)
     if devices.positioner is None or not places:
         return None
     room, turning = read_task(recipe).room, devices.positioner.bodies
+    if not turning:
+        raise BadRecipe(
+            f"{recipe}: [devices.positioner] has no swept, need what turns, to keep clear of it; `truestand plan "
+            "--stand-out` writes it"
+        )
     face = min(body.bottom for body in turning) if room.table_face is None else room.table_face
     carried = [sensor_of(stand, view) for stop in stops for view in stop.views]
     sizes = [sensor.housing or HOUSING for sensor in carried if sensor.position]

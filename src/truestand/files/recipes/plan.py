@@ -8,15 +8,19 @@ from pydantic import Field, model_validator
 
 from truestand.files.checking import Recipe, checked
 from truestand.files.recipes.recipes import Positive, read_plan_table, sensor_lines
+from truestand.planning.obstacles import Round
 from truestand.planning.plan import MOST_VIEWS, Plan, Task
 from truestand.planning.room import KeepOut, Room
 from truestand.planning.target import View
 from truestand.planning.views import mounted
 
-SENSOR_TABLES = ("[[sensor]]", "[sensor.", "[[simulation.view]]")
+SWEPT = "[[devices.positioner.swept]]"
+SENSOR_TABLES = ("[[sensor]]", "[sensor.", "[[simulation.view]]", SWEPT)
 """What a plan takes the place of in a stand.toml."""
 PLACE_KEYS = ("phi_deg", "standoff_mm", "height_mm", "laser_plane_tilt_deg", "laser_plane_offset_mm", "azimuth_deg")
 """Of ``[simulation]``, which hold for a single sensor."""
+PLANNED_KEYS = {"[devices.positioner]": ("swept",), "[simulation]": PLACE_KEYS}
+"""Of tables that it leaves, by their names."""
 Pair = tuple[float, float]
 
 
@@ -60,7 +64,7 @@ def read_task(path: Path | str) -> Task:
         KeepOut((radians(k.azimuth_deg[0]), radians(k.azimuth_deg[1])), k.radius_mm, k.height_mm) for k in r.keep_out
     )
     room = Room(r.table_disc_mm / 2, r.table_face_mm, keep_out, r.clearance_mm)
-    return Task(room, r.eccentricity_mm, r.turns, r.most_views)
+    return Task(room, None, r.eccentricity_mm, r.turns, r.most_views)
 
 
 def planned_stand(text: str, plan: Plan) -> str:
@@ -68,7 +72,8 @@ def planned_stand(text: str, plan: Plan) -> str:
     kept, simulated = _without_sensors(text)
     sensors = "\n".join(_sensor_text(view, plan) for view in plan.views)
     views = "\n".join(_virtual_view_text(view) for view in plan.views) if simulated else ""
-    return "\n".join(part for part in (kept, sensors, views) if part)
+    swept = "\n".join(_swept_text(body) for body in plan.search.turning) if plan.setting.carrier else ""
+    return "\n".join(part for part in (kept, sensors, swept, views) if part)
 
 
 def _without_sensors(text: str) -> tuple[str, bool]:
@@ -78,8 +83,7 @@ def _without_sensors(text: str) -> tuple[str, bool]:
         if line.startswith("["):
             table = line.split("#")[0].strip()
             simulated |= table == "[simulation]"
-        own_place = table == "[simulation]" and line.split("=")[0].strip() in PLACE_KEYS
-        if not table.startswith(SENSOR_TABLES) and not own_place:
+        if not table.startswith(SENSOR_TABLES) and line.split("=")[0].strip() not in PLANNED_KEYS.get(table, ()):
             kept.append(line)
     return "\n".join(kept).rstrip() + "\n", simulated
 
@@ -87,13 +91,18 @@ def _without_sensors(text: str) -> tuple[str, bool]:
 def _sensor_text(view: View, plan: Plan) -> str:
     """A ``[[sensor]]``, with its place in words."""
     place = view.mount.place
-    sensor = mounted(plan.setting.stand.of_view(view.mount.sensor.name).sensor, place)
+    sensor = mounted(plan.setting.stand.of_view(view.mount.sensor.name).sensor, view.mount, plan.setting.carrier)
     words = (
         f"# Planned: phi {degrees(place.phi):.1f} deg; the middle of its line meets the shaft's base at height "
         f"{place.height:.1f} mm,\n# {place.standoff:.1f} mm away; laser plane {place.plane_offset:+.2f} mm off the "
         f"axis; azimuth {degrees(place.azimuth):.0f} deg; {view.mount.clearance:.0f} mm clear."
     )
     return f"{words}\n[[sensor]]\n{sensor_lines(sensor)}\n"
+
+
+def _swept_text(body: Round) -> str:
+    """What the positioner keeps its sensor away from."""
+    return f"{SWEPT}\nradius_mm = {body.radius:.3f}\nfrom_mm = {body.bottom:.3f}\nto_mm = {body.top:.3f}\n"
 
 
 def _virtual_view_text(view: View) -> str:

@@ -1,4 +1,4 @@
-"""The virtual stand as devices: one clock, table and positioner behind their protocols, sensors where these have them."""
+"""The virtual stand as devices: one clock, table and positioner behind their protocols, sensors where they stand."""
 
 from collections.abc import Sequence
 from contextlib import ExitStack
