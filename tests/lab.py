@@ -107,7 +107,7 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
     table = VirtualTable(clock)
     server = ModbusServer(table, TableRecipe(protocol="modbus", address="127.0.0.1:0"))
     faults = Faults(table)
-    addresses = [f"127.{20 + _worker}.{os.getpid() % 250}.{next(_hosts)}" for _ in sensors]
+    addresses = [own_address() for _ in sensors]
     server.start()
     recipe = folder / "stand.toml"
     recipe.write_text(_recipe(recipe.read_text(), server.address, sensors, addresses, points, turns, encoder, rate,
@@ -131,6 +131,11 @@ def lab(folder, pace=5.0, points=64, turns=0.25, sensors=("front",), encoder=Tru
         for device_ in devices:
             device_.close()
         server.stop()
+
+
+def own_address() -> str:
+    """A loopback address that no other test has."""
+    return f"127.{20 + _worker}.{os.getpid() % 250}.{next(_hosts)}"
 
 
 def _recipe(text, table, names, addresses, points, turns, encoder, rate, acquire, device):

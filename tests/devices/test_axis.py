@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTimeout
-from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, Axis, DriveState, Limits
+from truestand.devices.axis import MOVE_MARGIN_S, POLL_INTERVAL_S, STALL_S, Axis, DriveState, Limits
 
 
 @dataclass
@@ -74,11 +74,24 @@ def test_a_move_ends_where_it_should_or_in_an_error():
 
 
 def test_a_move_that_takes_twice_its_time_and_more_is_stopped():
-    table, drive, now = table_of(at(), at(moving=True))
+    table, drive, now = table_of(at(), *(at(0.002 * k, moving=True) for k in range(400)))
     with pytest.raises(MoveTimeout, match=r"longer than 6\.0 s"):
         table.move_to(1.0, 0.5)
     assert drive.told[-1] == "halt"
     assert now[0] == pytest.approx(2 * 2.0 + MOVE_MARGIN_S, abs=3 * POLL_INTERVAL_S)
+
+
+def test_a_move_without_progress_is_stopped_at_once():
+    table, drive, now = table_of(at(), at(0.1, moving=True), at(0.3, moving=True))
+    with pytest.raises(MoveTimeout, match=r"it stands still at 17\.189 deg while moving to 57\.296 deg"):
+        table.move_to(1.0, 0.5)
+    assert drive.told[-1] == "halt" and now[0] == pytest.approx(STALL_S, abs=4 * POLL_INTERVAL_S)
+
+
+def test_settling_at_the_target_is_no_stall():
+    table, drive, _ = table_of(at(), *[at(0.9999, moving=True)] * 100, at(1.0))
+    table.move_to(1.0, 0.5)
+    assert "halt" not in drive.told
 
 
 def test_late_clock_does_not_time_out_a_table_that_has_arrived():

@@ -18,7 +18,7 @@ from truestand.files.records.plan_record import plan_record
 from truestand.files.records.schemas import schema_text
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.drawings import Section, Turned
-from truestand.planning import search
+from truestand.planning import carried, places, search
 from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
@@ -35,7 +35,7 @@ SLEEVE = Turned((
 ))  # fmt: skip
 TOLD = {"s": 0.05, "W_k": 0.05, "M_d": 0.05, "d_a": 0.1, "d_f": 0.1, "f_Halpha": 0.1, "f_p": 0.3, "F_p": 0.5}
 """By what share U may differ: that of pitch depends on which teeth are off most, and a plan doesn't know them."""
-FEW = {"ANGLES": np.radians([70.0, 110.0]), "STANDOFFS": 3, "HEIGHTS": 3, "OFFSETS": (0.0, 0.2), "POOL": 6, "NEXT": ()}
+FEW = {"ANGLES": np.radians([70.0, 110.0]), "STANDOFFS": 3, "HEIGHTS": 3, "OFFSETS": (0.0, 0.2), "NEXT": ()}
 
 
 def stand(**sensor):
@@ -46,7 +46,9 @@ def stand(**sensor):
 @pytest.fixture
 def few_places(monkeypatch):
     for name, value in FEW.items():
-        monkeypatch.setattr(search, name, value)
+        monkeypatch.setattr(places, name, value)
+    monkeypatch.setattr(search, "POOL", 6)
+    monkeypatch.setattr(carried, "TRIED", (7, 7, 3, 3))
 
 
 def test_a_sensor_without_its_range_is_refused():

@@ -109,7 +109,7 @@ STAND_COMMANDS = {
     ),
     "simulate": (
         "simulate:serve_virtual_stand",
-        "Serve a virtual table and virtual sensors at the addresses of [devices], until Ctrl-C or SIGTERM.",
+        "Serve a virtual table, positioner and sensors at the addresses of [devices], until Ctrl-C or SIGTERM.",
     ),
 }
 STORE_COMMANDS = {

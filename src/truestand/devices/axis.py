@@ -16,6 +16,10 @@ from truestand.core.errors import DeviceError, DeviceLost, LimitExceeded, MoveTi
 T = TypeVar("T")
 POLL_INTERVAL_S = 0.02
 """Between two questions to a moving table."""
+STALL_S = 0.6
+"""Without any progress, from which an axis that says that it moves is blocked; slower than half its tolerance in this
+time no axis is moved.
+"""
 MOVE_MARGIN_S = 2.0
 """Beyond twice the time that a motion needs at its speed: acceleration, settling, a slow controller."""
 
@@ -112,7 +116,7 @@ class Axis:
             MoveTimeout: did not arrive; it was halted.
         """
         needed = self.start_move(position, speed)
-        self.wait(2 * needed + MOVE_MARGIN_S, f"moving to {self._text(position)}")
+        self.wait(2 * needed + MOVE_MARGIN_S, f"moving to {self._text(position)}", target=position)
         missed = abs(self.state().position - position)
         if missed > self.limits.tolerance:
             raise MoveTimeout(
@@ -177,22 +181,32 @@ class Axis:
         """Close the connection."""
         self.drive.close()
 
-    def wait(self, seconds: float, motion: str, halt: bool = True) -> None:
+    def wait(self, seconds: float, motion: str, halt: bool = True, target: float | None = None) -> None:
         """Wait until it is at rest; ``motion`` names what it does, in errors.
 
         Raises:
-            MoveTimeout: still moving after ``seconds``; halted where ``halt``.
+            MoveTimeout: still moving after ``seconds``, or it stands still on the way to a ``target`` (rad) though it
+                says that it moves; halted where ``halt``.
             DeviceError: the controller reports a fault.
         """
         end = self.clock() + seconds
+        left, since = inf, self.clock()
         while True:
-            late = self.clock() > end  # before the question: a busy computer is not a late table
+            asked = self.clock()  # before the question: a busy computer is not a late table
             state = self.state()
             if state.fault:
                 raise DeviceError(f"{self.drive.name}: {state.fault} while {motion}; mend the cause, then reset")
             if not state.moving:
                 return
-            if late:
+            if target is None or abs(abs(state.position - target) - left) > self.limits.tolerance / 2:
+                left, since = abs(state.position - (target or 0.0)), asked
+            elif asked - since > STALL_S and left > self.limits.tolerance:
+                self.drive.halt()
+                raise MoveTimeout(
+                    f"{self.drive.name}: it stands still at {self._text(state.position)} while {motion}: look for what "
+                    f"blocks the {self.what}, then reset"
+                )
+            if asked > end:
                 if halt:
                     self.drive.halt()
                 raise MoveTimeout(
