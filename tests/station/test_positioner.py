@@ -146,7 +146,7 @@ def test_killed_on_the_way_the_guard_stops_the_positioner(tmp_path):
             time.sleep(0.005)
         assert time.monotonic() - killed < LONGEST_STOP_S and stand.positioner.position[0] < 20.0
         process.wait()
-        with pytest.raises(Fault, match="the program that used the stand since .* died"):
+        with pytest.raises(Fault, match=r"the program that used the stand since .* died"):
             stand.take("k.h5")
 
 
