@@ -94,6 +94,32 @@ def test_together_the_laser_planes_differ_less_than_each_is_known():
     assert between < 0.5 * min(own) and abs(off[0] - off[1]) < 2 * between
 
 
+LEVEL = two_views(replace(FRONT, phi=radians(-77.0)), replace(REAR, phi=radians(-105.5)))
+BENT = replace(LEVEL, optics=replace(TWO.optics, noise=0.001, nonlinearity=0.024))
+"""Sensors whose range errs by a sine of 24 um, nearly twice what 20 um (k = 2) mean, and that hardly look up or down."""
+
+
+@pytest.mark.parametrize("phase", [0.4, 2.0, 3.6, 5.2])
+def test_sensors_that_are_not_linear_bend_no_shaft(phase):
+    """Each stretches the shaft's travel otherwise: between two views that is no tilt of shaft or laser plane."""
+    other = replace(BENT, optics=replace(BENT.optics, nonlinearity_phase=phase + 1.7))
+    first = replace(BENT, optics=replace(BENT.optics, nonlinearity_phase=phase))
+    calibration = calibrate_views((scans_of(first)[0], scans_of(other)[1]), SHAFT)
+    joint = calibration.joint.matrix
+    for k, view in enumerate(calibration.views):
+        true = seen(LEVEL, view.name).truth
+        tilt = (
+            sensor_parameters(view.table_from_sensor)[3]
+            - sensor_parameters(Pose.from_matrix(true.table_from_sensor))[3]
+        )
+        assert abs(tilt) < 2 * np.sqrt(joint[10 * k + 3, 10 * k + 3]), view.name
+        off = np.array(shaft_parameters(view.shaft_from_rotor)) - shaft_parameters(
+            Pose.from_matrix(true.shaft_from_rotor)
+        )
+        U = 2 * np.sqrt(np.diag(joint)[10 * k + 4 : 10 * k + 8])
+        assert (np.abs(off) < U).all(), (view.name, off / U)
+
+
 @pytest.mark.parametrize("simulation", [CENTRED, OVAL], ids=["round", "oval: two azimuths fit"])
 def test_a_centred_shaft_tells_no_azimuth(simulation):
     calibration = calibrated(simulation)

@@ -12,19 +12,23 @@ a wave of form w of n undulations (cosine + i sine) a view finds
 
 The views share the shaft; each has a pose, drift, speed and static profile of its own. Their costs, quadratic about
 their own estimates, are added, so that what they share counts once.
+
+A sensor that is not linear stretches what it sees of an eccentric shaft's travel, otherwise on each cylinder: views of
+one shaft differ by that, which is no evidence of where it runs.
 """
 
 from dataclasses import dataclass, replace
-from math import hypot, pi, sqrt
+from math import cos, hypot, pi, sqrt
 
 import numpy as np
 
 from truestand.calibration.estimate import solve
-from truestand.calibration.model import Prior, precision_of
+from truestand.calibration.model import FIXED_U, Prior, precision_of
 from truestand.calibration.refine import Refined
 from truestand.calibration.result import height_zero_u
 from truestand.core.arrays import Array, Ints
-from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, TILT_X, TILT_Y
+from truestand.core.assumptions import SMOOTH, K
+from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, PHI, TILT_X, TILT_Y
 
 TRIED = 3600
 """Azimuths at which two views' shafts are laid over each other."""
@@ -36,6 +40,7 @@ MOST_ALIKE = 16.0
 """By how much another azimuth may fit worse (chi-square) and still be the right one."""
 NOT_KNOWN_U = pi / sqrt(3.0)
 """rad: standard uncertainty of an azimuth of which nothing is known."""
+STRETCH = "linearity of the sensor over the shaft's travel"
 AZIMUTH, HEIGHT_ZERO = "azimuth of the view", "height zero: the shoulder"
 SETTLED = 1e-9
 """mm or rad."""
@@ -66,6 +71,20 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
+class Stretch:
+    """By how much, relative, a sensor sees the shaft's travel longer than it is, or (1/mm) how that changes along it."""
+
+    own: Pair
+    """The offset or slope of a view's that grows with it,"""
+    shared: Pair
+    """the base's offset of all,"""
+    at: int
+    """and where it stands among the unknowns of all."""
+    u: float
+    """Standard uncertainty beforehand."""
+
+
+@dataclass(frozen=True, slots=True)
 class View:
     """A view's fit, and how its unknowns follow from all."""
 
@@ -75,8 +94,24 @@ class View:
     places: Ints
     """and where they stand among all."""
     links: tuple[Link, ...]
+    stretches: tuple[Stretch, ...]
     pose: Pair | None
     """Where azimuth and height stand among all; None: the first view."""
+
+    def seen(self, q: Array) -> tuple[Array, Array]:
+        """The same as its sensor sees them, the shaft's travel stretched."""
+        p, jacobian = self.own(q)
+        azimuth, _ = self.place(q)
+        turn = complex(np.exp(-1j * azimuth))
+        for stretch in self.stretches:
+            own, shared = list(stretch.own), list(stretch.shared)
+            travel, by = turn * complex(*q[shared]), float(q[stretch.at])
+            p[own] += _pair(by * travel)
+            jacobian[np.ix_(own, shared)] += np.column_stack([_pair(by * turn), _pair(1j * by * turn)])
+            jacobian[own, stretch.at] += _pair(travel)
+            if self.pose is not None:
+                jacobian[own, self.pose[0]] += _pair(-1j * by * travel)
+        return p, jacobian
 
     def own(self, q: Array) -> tuple[Array, Array]:
         """Its unknowns (p,) from all ``q`` (n,), and their Jacobian (p, n)."""
@@ -119,13 +154,13 @@ class Joint:
     def followers(self, view: View) -> Array:
         """How all unknowns follow a view's own estimate: (n, p)."""
         normal = self.information + np.diag(precision_of(self.priors, self.parameters.size))
-        _, jacobian = view.own(self.parameters)
+        _, jacobian = view.seen(self.parameters)
         return solve(normal, jacobian.T @ view.fit.solution.information)
 
 
-def together(fits: tuple[Refined, ...]) -> Joint:
-    """The views' fits as one: Gauss-Newton over all unknowns."""
-    views, size = _laid_out(fits)
+def together(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> Joint:
+    """The views' fits as one: Gauss-Newton over all unknowns. ``linearity``: U (mm, k = 2) of each view's sensor."""
+    views, size = _laid_out(fits, linearity)
     priors = _priors(views)
     precision = precision_of(priors, size)
     q = _start(views, size)
@@ -158,7 +193,7 @@ def _data(views: tuple[View, ...], q: Array) -> tuple[Array, Array, Array]:
     information, scores = np.zeros((2, q.size, q.size))
     gradient = np.zeros(q.size)
     for view in views:
-        p, jacobian = view.own(q)
+        p, jacobian = view.seen(q)
         data = view.fit.solution
         information += jacobian.T @ data.information @ jacobian
         gradient += jacobian.T @ (data.gradient + data.information @ (p - data.parameters))
@@ -166,7 +201,7 @@ def _data(views: tuple[View, ...], q: Array) -> tuple[Array, Array, Array]:
     return information, gradient, scores
 
 
-def _laid_out(fits: tuple[Refined, ...]) -> tuple[tuple[View, ...], int]:
+def _laid_out(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> tuple[tuple[View, ...], int]:
     """The views with the places of their unknowns among all, and how many these are.
 
     The first view's stand first, as they are; then of each further one its own, what it sees of the shaft that no view
@@ -175,7 +210,7 @@ def _laid_out(fits: tuple[Refined, ...]) -> tuple[tuple[View, ...], int]:
     seen: dict[Key, Pair] = {}
     middles: dict[int, float] = {}
     views, size = [], 0
-    for number, fit in enumerate(fits):
+    for number, (fit, U) in enumerate(zip(fits, linearity, strict=True)):
         pairs = _shaft_pairs(fit)
         shared = {i for pair in pairs.values() for i in pair}
         private = np.array([i for i in range(fit.model.size) if i not in shared], dtype=np.intp)
@@ -189,7 +224,9 @@ def _laid_out(fits: tuple[Refined, ...]) -> tuple[tuple[View, ...], int]:
             middles.setdefault(band.cylinder, middle)
         pose = (size, size + 1) if number else None
         size += 2 if number else 0
-        views.append(View(fit, private, places, _links(fit, pairs, seen, middles), pose))
+        stretches = _stretches(fit, pairs, seen, U / K, size)
+        size += len(stretches)
+        views.append(View(fit, private, places, _links(fit, pairs, seen, middles), stretches, pose))
     return tuple(views), size
 
 
@@ -219,6 +256,30 @@ def _links(fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], middles:
     return tuple(links)
 
 
+def _stretches(
+    fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], u: float, first: int
+) -> tuple[Stretch, ...]:
+    """How a sensor whose range errs by ``u`` (mm, standard), smoothly over ``SMOOTH``, stretches what it sees of the
+    base, and of further cylinders against that; they stand from ``first`` on.
+    """
+    shared = seen["offset", fit.segments.bands[0].cylinder, 1]
+    _, range_of_base = fit.plane.from_uv(*_middle(fit, 0))
+    aslant = abs(cos(fit.solution.parameters[PHI]))  # of range along the shaft
+    found: list[Stretch] = []
+    for k, band in enumerate(fit.segments.bands):
+        _, z = fit.plane.from_uv(*_middle(fit, k))
+        apart = sqrt(2.0) * min(abs(float(z - range_of_base)) / SMOOTH, 1.0) if k else 1.0
+        changing = sqrt(2.0) * aslant / SMOOTH
+        for name, share in (("offset", apart), ("slope", changing)):
+            found.append(Stretch(pairs[name, band.cylinder, 1], shared, first + len(found), share * u / SMOOTH))
+    return tuple(found)
+
+
+def _middle(fit: Refined, k: int) -> tuple[Array, Array]:
+    """Where in the laser plane (mm) the middle of a cylinder is seen."""
+    return np.asarray(fit.model.radii[k]), np.asarray(fit.segments.bands[k].middle)
+
+
 def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
     """What is known beforehand: of the shaft once, of each view's own, and nothing of where it stands but that its
     height 0 is the shoulder, too.
@@ -231,6 +292,8 @@ def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
         for prior in view.fit.priors:
             index = tuple(place[i] for i in prior.index)
             found.setdefault((prior.name, index), replace(prior, index=index))
+        for stretch in view.stretches:
+            found[STRETCH, (stretch.at,)] = Prior(STRETCH, (stretch.at,), max(stretch.u, FIXED_U))
     shoulder = [height_zero_u(view.fit) for view in views]
     for view, u in zip(views, shoulder, strict=True):
         if view.pose is not None:

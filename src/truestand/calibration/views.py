@@ -45,7 +45,8 @@ def calibrate_views(scans: tuple[Scan, ...], artefact: Artefact) -> Calibration:
         NotEnoughData: a scan that can't be calibrated.
     """
     _demand_views(scans)
-    joint = together(tuple(fit_of(scan, artefact, segment(scan, artefact)) for scan in scans))
+    fits = tuple(fit_of(scan, artefact, segment(scan, artefact)) for scan in scans)
+    joint = together(fits, tuple(scan.stand.sensor.linearity for scan in scans))
     checks = tuple(_same_shaft(view, joint) for view in joint.views)
     plane = plane_identifiable(scans[0], artefact, joint.views[0].fit)
     parameters, parts = weigh(joint.parameters, joint.information, joint.score_covariance, joint.priors, plane)
@@ -157,13 +158,18 @@ def _place_hidden(zero: AngleZero, view: View, joint: Joint, azimuth_U: float) -
 def _same_shaft(view: View, joint: Joint) -> Check:
     """Whether a view sees the same shaft as all together: its axis where it sees it, and its form.
 
-    What one view takes for its laser plane may be the steps' coaxiality, which all together know better.
+    What one view takes for its laser plane may be the steps' coaxiality, which all together know better; and its sensor
+    may stretch the shaft's travel.
     """
     fit = view.fit
     off = view.own(joint.parameters)[0] - fit.solution.parameters
     covariance = fit.covariance["noise"] + fit.covariance.get(COAXIALITY, 0.0)
     axis = np.stack([axis_sensitivity(b.middle) for b in fit.segments.bands])
-    U = K * sqrt(float(np.einsum("kij,jl,kil->k", axis, covariance[:UNKNOWNS, :UNKNOWNS], axis).max()))
+    travel = float(np.hypot(*joint.parameters[[ECCENTRICITY_X, ECCENTRICITY_Y]]))
+    U = K * hypot(
+        sqrt(float(np.einsum("kij,jl,kil->k", axis, covariance[:UNKNOWNS, :UNKNOWNS], axis).max())),
+        travel * view.stretches[0].u,
+    )
     form = off[fit.model.forms_slice]
     return Check.at_most_um(
         "view_of_another_shaft", "sees the shaft otherwise than all views together, um",
