@@ -96,7 +96,7 @@ def test_together_the_laser_planes_differ_less_than_each_is_known():
 
 LEVEL = two_views(replace(FRONT, phi=radians(-77.0)), replace(REAR, phi=radians(-105.5)))
 BENT = replace(LEVEL, optics=replace(TWO.optics, noise=0.001, nonlinearity=0.024))
-"""Sensors whose range errs by a sine of 24 um, nearly twice what 20 um (k = 2) mean, and that hardly look up or down."""
+"""Their range errs by a sine of 24 um, nearly twice what 20 um (k = 2) mean; they hardly look up or down."""
 
 
 @pytest.mark.parametrize("phase", [0.4, 2.0, 3.6, 5.2])
