@@ -9,12 +9,13 @@ import numpy as np
 from truestand.apply.right_view import demand_own_view
 from truestand.apply.witness import Witness, witness
 from truestand.core.assumptions import K
-from truestand.core.calibration import Calibration, Check
-from truestand.core.frames import RADIAL, Pose, in_table
+from truestand.core.calibration import AZIMUTH, Calibration, Check
+from truestand.core.frames import PLANE_OFFSET, RADIAL, Pose, in_table
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import AngleZero, Scan
 from truestand.core.stand import Sensor
 from truestand.core.surface import Surface, apply_calibration
+from truestand.uncertainty.influence import retaken
 
 MOST_MOVED_MM = 0.01
 """By which sensor or shaft may have moved since the calibration."""
@@ -79,7 +80,7 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     demand_own_view(scan, whole, band)
     if band is None:
         return Transfer(scan, _with_reasons(calibration, (*reasons, *untied), scan))
-    limit = MOST_ARC_MM / _outside(scan, calibration)
+    band, limit = _with_place_retaken(band, scan, calibration), MOST_ARC_MM / _outside(scan, calibration)
     checks = _moved(band, calibration.stand.sensor)
     calibration = replace(_moved_out(calibration, band), wobble=band.wobble)
     unknown = calibration.angle_zero == "unknown"
@@ -93,6 +94,18 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
         calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
     failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)
+
+
+def _with_place_retaken(band: Witness, scan: Scan, calibration: Calibration) -> Witness:
+    """The band, its angle known no better than a positioner takes a place again: a sensor farther to the side sees the
+    shaft's axis in another direction.
+    """
+    again = retaken(replace(calibration, applied_to=scan))
+    if not again.size or calibration.artefact is None:
+        return band
+    radius = min(c.radius for c in calibration.artefact.cylinders if c.name in band.surfaces)
+    u = float(np.linalg.norm(again[PLANE_OFFSET] / radius + again[AZIMUTH]))
+    return replace(band, angle_U=min(float(np.hypot(band.angle_U, K * u)), np.pi))
 
 
 def _moved_out(calibration: Calibration, band: Witness) -> Calibration:

@@ -72,7 +72,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """By how much, relative, a sensor sees the shaft's travel longer than it is, or (1/mm) how that changes along it."""
+    """By how much, relative, a sensor stretches the shaft's travel, or (1/mm) how that changes along the shaft."""
 
     own: Pair
     """The offset or slope of a view's that grows with it,"""

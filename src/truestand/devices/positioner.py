@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import Field, PositiveFloat, field_validator, model_validator
 
 from truestand.core.frames import Pose, about_axis, table_from_sensor
 from truestand.core.stand import Stand
@@ -99,12 +99,19 @@ class AtZeroRecipe(Recipe):
     it.
     """
 
-    phi_deg: float
-    radial_mm: float
+    phi_deg: Annotated[float, Field(gt=-180, lt=180)]
+    radial_mm: PositiveFloat
     height_mm: float
     laser_plane_offset_mm: float = 0.0
     laser_plane_tilt_deg: float = 0.0
     azimuth_deg: float = 0.0
+
+    @field_validator("phi_deg")
+    @classmethod
+    def _looks_at_the_axis(cls, phi: float) -> float:
+        if phi == 0:
+            raise ValueError("need an angle between the table's axis and the sensor's z, e.g. -90")
+        return phi
 
     @property
     def pose(self) -> Pose:

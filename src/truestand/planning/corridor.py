@@ -9,8 +9,10 @@ import numpy as np
 from truestand.core.errors import BadRecipe
 from truestand.planning.kinematics import Kinematics, Position
 from truestand.planning.obstacles import Round
-from truestand.planning.room import Room, Size, clearance, housing
+from truestand.planning.room import Room, Size, clearance, corners
 
+FAR = 20.0
+"""mm more than what is needed, from which it doesn't matter how much more."""
 LEAST_ADVANCE = 0.25
 """mm of the housing between two looks at its clearance, at least."""
 
@@ -26,8 +28,10 @@ class Corridors:
     room: Room
 
     def clearance(self, position: Position) -> float:
-        """mm between the housing and all else."""
-        return clearance(self.kinematics.pose(position), self.housing, self.bodies, self.room)
+        """mm between the housing and all else, as ``room.clearance`` has it."""
+        least = self.room.least_clearance
+        pose = self.kinematics.pose(position)
+        return clearance(pose, self.housing, self.bodies, self.room, least, least + FAR)
 
     def way(self, start: Position, end: Position, called: str) -> tuple[Position, ...]:
         """Positions from ``start`` to ``end``, both included, each reached from the one before by one axis alone;
@@ -39,16 +43,19 @@ class Corridors:
         self._demand_reach(end, called)
         if start == end:
             return (start,)
-        nearest = 0.0
         for positions in self._ways(start, end):
-            gap = min(self._along(before, after) for before, after in pairwise(positions))
-            if gap >= self.room.least_clearance:
+            if all(self._is_clear(before, after) for before, after in pairwise(positions)):
                 return positions
-            nearest = max(nearest, gap)
+        least = f"{self.room.least_clearance:g} mm"
+        at = next((name for name, p in (("where it is now", start), ("there", end)) if not self._is_clear(p, p)), "")
+        why = (
+            f": {at} the housing is nearer than {least} to part, table or what to keep out of"
+            if at
+            else (f" on which the housing stays {least} away from part, table and what to keep out of")
+        )
         raise BadRecipe(
-            f"positioner: found no clear way to {called}: at best the housing of the sensor comes within "
-            f"{nearest:.1f} mm of part, table or what to keep out of, need {self.room.least_clearance:g}; move it away "
-            "by hand, home it, or change the place"
+            f"positioner: found no clear way to {called}{why}; move the sensor away by hand, home it, or change the "
+            "place"
         )
 
     def _demand_reach(self, position: Position, called: str) -> None:
@@ -72,21 +79,19 @@ class Corridors:
                 for order in permutations(_moving(back, after)):
                     yield (start, back, *_in_order(back, after, order), end)
 
-    def _along(self, start: Position, end: Position) -> float:
-        """Least clearance (mm) on the way from one position to another by one axis; what is less than needed ends it.
+    def _is_clear(self, start: Position, end: Position) -> bool:
+        """Whether all is clear on the way from one position to another by one axis.
 
-        It goes on by as much as the housing is clear: in between it can't meet anything.
+        The next look is as far on as the housing is clear: in between it can't meet anything.
         """
         (axis,) = _moving(start, end) or (0,)
         length = abs(end[axis] - start[axis])
-        rate = self.kinematics.farthest(axis, start, housing(self.housing))
-        least, done = np.inf, 0.0
+        rate, done = self.kinematics.farthest(axis, start, corners(self.housing)), 0.0
         while True:
             share = min(done / length, 1.0) if length else 1.0
             gap = self.clearance(_with(start, axis, start[axis] + share * (end[axis] - start[axis])))
-            least = min(least, gap)
             if gap < self.room.least_clearance or share == 1.0:
-                return least
+                return gap >= self.room.least_clearance
             done += max(gap - self.room.least_clearance, LEAST_ADVANCE) / rate
 
 

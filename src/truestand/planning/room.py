@@ -1,7 +1,8 @@
 """The room around a stand: where a sensor's housing may not be."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from math import tau
 
 import numpy as np
@@ -13,8 +14,9 @@ from truestand.planning.place import Place
 
 Size = tuple[float, float, float]
 """mm of a housing along the sensor's x, y and z."""
-SAMPLES = 7
-"""Along each edge of a housing."""
+CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+COARSE, FINE = 15.0, 0.4
+"""mm: edges of the cells that a housing is first divided into, and half the diagonal of the last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +33,9 @@ class KeepOut:
         radius, azimuth = np.hypot(points[:, 0], points[:, 1]), np.arctan2(points[:, 1], points[:, 0])
         width = min(self.azimuth[1] - self.azimuth[0], tau)
         beyond = (azimuth - self.azimuth[0]) % tau
-        round_to = np.where(beyond <= width, 0.0, np.minimum(beyond - width, tau - beyond))
-        around = np.where(round_to < tau / 4, radius * np.sin(round_to), radius)
-        return np.sqrt(around**2 + _gap(radius, self.radius) ** 2 + _gap(points[:, 2], self.height) ** 2)
+        to_edge = np.where(beyond <= width, 0.0, np.minimum(beyond - width, tau - beyond))
+        outwards, beside = radius * np.cos(to_edge), radius * np.sin(to_edge)  # from the nearer edge
+        return np.sqrt(beside**2 + _gap(outwards, self.radius) ** 2 + _gap(points[:, 2], self.height) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,25 +49,51 @@ class Room:
     least_clearance: float = 5.0
 
 
-def clearance(room_from_sensor: Pose, size: Size, bodies: Sequence[Round], room: Room) -> float:
-    """mm between a sensor's housing and what turns, ``bodies`` about the axis, or what to keep out of."""
-    points = room_from_sensor(housing(size))
-    radius, height = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
-    gaps = [np.hypot(np.maximum(radius - b.radius, 0.0), _gap(height, (b.bottom, b.top))).min() for b in bodies]
-    gaps += [area.distance(points).min() for area in room.keep_out]
-    return float(min(gaps, default=1e9))
+def clearance(
+    room_from_sensor: Pose, size: Size, bodies: Sequence[Round], room: Room, least: float = 0.0, enough: float = np.inf
+) -> float:
+    """mm between a sensor's housing and what turns, ``bodies`` about the axis, or what to keep out of: as much at
+    least, and hardly more than a millimetre more. Of less than ``least`` or more than ``enough`` it is a rougher one.
+    """
+
+    def distance(points: Array) -> Array:
+        points = room_from_sensor(points)
+        radius, height = np.hypot(points[:, 0], points[:, 1]), points[:, 2]
+        gaps = [np.hypot(np.maximum(radius - b.radius, 0.0), _gap(height, (b.bottom, b.top))) for b in bodies]
+        return np.asarray(np.minimum.reduce([*gaps, *(area.distance(points) for area in room.keep_out)]))
+
+    return _clear(distance, size, least, enough) if bodies or room.keep_out else 1e9
 
 
 def apart(first: Place, second: Place, base_radius: float, sizes: tuple[Size, Size]) -> float:
-    """mm between the housings of two sensors."""
-    poses = [in_room(place, base_radius) for place in (first, second)]
-    gaps = []
-    for own, other in ((0, 1), (1, 0)):
-        points = (poses[other].inverse @ poses[own])(housing(sizes[own]))
-        x, y, z = sizes[other]
-        limits = ((-x / 2, x / 2), (-y / 2, y / 2), (-z, 0.0))
-        gaps.append(np.sqrt(sum(_gap(points[:, k], limits[k]) ** 2 for k in range(3))).min())
-    return float(min(gaps))
+    """mm between the housings of two sensors, as ``clearance`` has it."""
+    own, other = (in_room(place, base_radius) for place in (first, second))
+    x, y, z = sizes[1]
+    limits = ((-x / 2, x / 2), (-y / 2, y / 2), (-z, 0.0))
+
+    def distance(points: Array) -> Array:
+        points = (other.inverse @ own)(points)
+        return np.asarray(np.sqrt(sum(_gap(points[:, k], limits[k]) ** 2 for k in range(3))))
+
+    return _clear(distance, sizes[0], 0.0, np.inf)
+
+
+def _clear(distance: Callable[[Array], Array], size: Size, least: float, enough: float) -> float:
+    """Least ``distance`` (mm, of points (n, 3) in the sensor's frame) of a housing from something: a bound from below.
+
+    Cells are divided in which it may be: from their middles no distance changes by more than half their diagonal.
+    Nothing is too thin to be found.
+    """
+    edges = np.array(size) / np.ceil(np.array(size) / COARSE)
+    middles = _grid(size, edges)
+    while True:
+        reach, found = float(np.linalg.norm(edges)) / 2, distance(middles)
+        nearest, low = float(found.min()), found - reach
+        bound = max(float(low.min()), 0.0)
+        if reach <= FINE or nearest <= FINE or nearest < least or bound >= enough:
+            return bound
+        edges = edges / 2
+        middles = (middles[low < nearest][:, None] + edges / 2 * CORNERS).reshape(-1, 3)
 
 
 def in_room(place: Place, base_radius: float) -> Pose:
@@ -73,11 +101,16 @@ def in_room(place: Place, base_radius: float) -> Pose:
     return about_axis(place.azimuth, 0.0) @ place.pose(base_radius)
 
 
-def housing(size: Size) -> Array:
-    """Points (n, 3) mm all over a housing, in the sensor's frame."""
-    x, y, z = size
-    grid = np.stack(np.meshgrid(*[np.linspace(-0.5, 0.5, SAMPLES)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    return np.asarray(grid * [x, y, z] - [0.0, 0.0, z / 2])
+def corners(size: Size) -> Array:
+    """(8, 3) mm of a housing, in the sensor's frame."""
+    return np.asarray((CORNERS - [0.0, 0.0, 1.0]) / 2 * size)
+
+
+def _grid(size: Size, edges: Array) -> Array:
+    """Middles (n, 3) mm of the cells with these ``edges`` that a housing is divided into."""
+    along = [(np.arange(round(length / edge)) + 0.5) * edge for length, edge in zip(size, edges, strict=True)]
+    grid = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.asarray(grid - [size[0] / 2, size[1] / 2, size[2]])
 
 
 def _gap(values: Array, limits: tuple[float, float]) -> Array:

@@ -88,7 +88,8 @@ class Search:
     @property
     def turning(self) -> tuple[Round, ...]:
         """All that turns above the table."""
-        return (*self.setting.shaft, *self.target.swept)
+        bodies, travel = (*self.setting.shaft, *self.target.swept), self.setting.eccentricity
+        return tuple(replace(body, radius=body.radius + travel) for body in bodies)
 
     @property
     def swept(self) -> tuple[Round, ...]:
@@ -97,12 +98,13 @@ class Search:
         face = setting.shaft[0].bottom if room.table_face is None else room.table_face
         return (*self.turning, Round(room.table_radius, -1e9, face))
 
-    def gap(self, mount: Mount, others: Sequence[Mount] = ()) -> float:
-        """mm between a housing and all else: the other views' housings as well, be they of the same device, unless a
+    def gap(self, mount: Mount, others: Sequence[Mount] = (), enough: float = np.inf) -> float:
+        """mm (more than ``enough`` roughly) between a housing and all else: the other views' housings as well, be they of the same device, unless a
         positioner carries both.
         """
         base, size = self.setting.artefact.base.radius, mount.sensor.optics.housing
-        gaps = [clearance(in_room(mount.place, base), size, self.swept, self.room)]
+        pose = in_room(mount.place, base)
+        gaps = [clearance(pose, size, self.swept, self.room, self.room.least_clearance, enough)]
         for other in others:
             if not (mount.sensor.carried and other.sensor.carried):
                 gaps.append(apart(mount.place, other.place, base, (size, other.sensor.optics.housing)))
@@ -136,7 +138,8 @@ def search_of(
     places = [(own, *where) for own, carried in kinds for where in places_for(own, carried, setting, target)]
     for k, (own, place, position) in enumerate(places):
         step(k / len(places))
-        gap, view = search.gap(Mount(PlannedSensor("", "", own), place, 0.0)), uncalibrated(place, setting)
+        view, mount = uncalibrated(place, setting), Mount(PlannedSensor("", "", own), place, 0.0)
+        gap = search.gap(mount, enough=room.least_clearance)
         if gap < room.least_clearance:
             touching += 1
         elif not _shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):

@@ -86,13 +86,9 @@ def take_scan(
     stops = stops_of(stand, devices, views)
     number, route = sum(len(stop.views) for stop in stops), route_of(recipe, stand, devices, stops)
     logs = [output_path(output, stop.views[0], len(stops)).with_suffix(".log") for stop in stops]
-    for log in logs:
-        if log.exists():
-            raise BadRecipe(
-                f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it"
-            )
     whole = ScanOutcome(())
     with closing(StandLock(recipe)) as lock:
+        _refuse_logs(logs)
         for k, (stop, log) in enumerate(zip(stops, logs, strict=True)):
             builder = LogBuilder(log)
             lock.set_in_use(now(), log.absolute())
@@ -106,6 +102,15 @@ def take_scan(
             if route is not None and stop.position is not None:
                 route = route.after
     return whole
+
+
+def _refuse_logs(logs: Sequence[Path]) -> None:
+    """Refuse to write over what a scan before left."""
+    for log in logs:
+        if log.exists():
+            raise BadRecipe(
+                f"{log} is there already, from a scan that was cut off: `truestand recover` it, or remove it"
+            )
 
 
 def _as_part_of(show: Callable[[Live], None], number: int, of: int) -> Callable[[Live], None]:

@@ -19,6 +19,7 @@ from truestand.core.frames import (
     PLANE_TILT,
     RADIAL,
     UNKNOWNS,
+    LaserPlane,
     Pose,
     in_rotor,
     sensor_parameters,
@@ -106,7 +107,8 @@ def retaken(calibration: Calibration) -> Array:
     """By how much (``VIEW_UNKNOWNS``, 6) the unknowns of a view, its azimuth and its height may be off because a
     positioner has taken its place again since the calibration: standard deviations, one column a direction.
 
-    It went there twice, so that its repeatability counts twice. What shaft in view has told is none of it.
+    It went there twice, so that its repeatability counts twice. What shaft in view has told is none of it: the sensor
+    is as far out, where it sees the base, as it was.
     """
     sensor, scan, calibrated = calibration.stand.sensor, calibration.applied_to, calibration.scan
     same = scan is not None and calibrated is not None and bool(scan.sha256) and scan.sha256 == calibrated.sha256
@@ -118,9 +120,23 @@ def retaken(calibration: Calibration) -> Array:
     columns[RADIAL, 0] = 0.0 if calibration.followed else shift
     columns[PLANE_OFFSET, 1] = columns[HEIGHT, 2] = shift
     columns[PHI, 3] = turn
+    columns[RADIAL, 3] = -turn * _outwards_by_phi(calibration) if calibration.followed else 0.0
     columns[[PLANE_TILT, PLANE_OFFSET], 4] = turn, -height * turn  # about its own origin, which stays
     columns[[AZIMUTH, PLANE_OFFSET], 5] = turn, -p[RADIAL] * turn
     return columns
+
+
+def _outwards_by_phi(calibration: Calibration) -> float:
+    """By how much (mm/rad) the middle of the shaft's base, as the sensor saw it, moves outwards with its angle phi."""
+    base = None if calibration.artefact is None else calibration.artefact.base
+    seen = [s for s in calibration.static_profiles if base is not None and s.surface == base.name]
+    if base is None or not seen:
+        return 0.0
+    phi, radial, height, _, _ = sensor_parameters(calibration.table_from_sensor)
+    at = np.array([seen[0].height.mean() - calibration.height])
+    x, z = LaserPlane(phi, radial, height).from_uv(np.array([base.radius]), at)
+    (more, _), (less, _) = (LaserPlane(phi + step, radial, height).to_uv(x, z) for step in (STEPS[PHI], -STEPS[PHI]))
+    return float((more - less)[0] / (2 * STEPS[PHI]))
 
 
 def moves(calibration: Calibration, x: Array, z: Array, angle: Array, normal: Array) -> Array | None:

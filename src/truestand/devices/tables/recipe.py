@@ -18,7 +18,7 @@ Register = Annotated[int, Field(ge=0, le=65534)]
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     if not pair[0] < pair[1]:
-        raise ValueError(f"found {list(pair)}, need [lowest, highest]")
+        raise ValueError("need [lowest, highest]")
     return pair
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import product
-from math import degrees, radians
+from math import degrees, inf, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -120,11 +120,19 @@ class StandRecipe(Recipe):
 
     @model_validator(mode="after")
     def _carried(self) -> "StandRecipe":
+        for sensor in self.sensor:
+            if not sensor.position and (sensor.position_U_um or sensor.position_U_deg):
+                raise ValueError(
+                    f"sensor {sensor.name!r}: found position_U_um or position_U_deg and no position, need where the "
+                    "positioner is for it; for a sensor that stands there, stability_U_um says how it moves"
+                )
         positioner = self.devices.get("positioner")
         stated = positioner if isinstance(positioner, Mapping) else {}
         for sensor, key in product([s for s in self.sensor if s.position], ("position_U_um", "position_U_deg")):
             U = stated.get(key)
-            if getattr(sensor, key) is None and isinstance(U, int | float) and U > 0:
+            if getattr(sensor, key) is None and isinstance(U, int | float):
+                if not 0 < U < inf:
+                    raise ValueError(f"devices.positioner.{key}: found {U}, need more than 0")
                 setattr(sensor, key, float(U))
             if getattr(sensor, key) is None:
                 raise ValueError(
