@@ -8,6 +8,7 @@ Radial rays sample a flank coarsely near its root: one step of the table covers 
 A cell between two profiles is not hidden, so it counts as seen when its neighbours within one such step are.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, pi
 
@@ -124,6 +125,14 @@ def grid_of(flanks: Flanks, height_cell: float | None = None) -> Grid:
         edges,
         max(robust_sd(off) if off.size else 0.0, LEAST_SPREAD),
     )
+
+
+def means_of(of: Sequence[Flanks], grid: Grid) -> Array:
+    """Mean delta (2, teeth, roll lengths, heights) mm of some points in the cells of a grid; NaN: none."""
+    cells = [cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges) for flanks in of]
+    count = sum(np.bincount(cell, minlength=grid.delta.size) for cell in cells)
+    total = sum(np.bincount(c, f.delta, minlength=grid.delta.size) for c, f in zip(cells, of, strict=True))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(grid.delta.shape)
 
 
 def _spacing(flanks: Flanks) -> float:

@@ -42,6 +42,7 @@ from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import Grid, grid_of
+from truestand.gear.levels import levelled
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
@@ -92,6 +93,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     reasons = _reasons(whole, views, seams)
     views = with_correct_angles(views)
     views, seams = (views, seams) if seams else tied(views)
+    views, apart = levelled(views)
     flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
     folded, grid = fold(stacked([view.surface for view in views]), flanks.toothing), grid_of(flanks)
     flanks = below_tips(flanks, folded, grid.scatter)
@@ -122,7 +124,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
         characteristics=with_views(characteristics_of(assessment, diameters), flanks, views),
         without_damage=with_views(without_damage_of(assessment), flanks, views),
         defects=defects,
-        reasons=tuple(dict.fromkeys([*reasons, *_further_reasons(whole, views, folded, seams)])),
+        reasons=tuple(dict.fromkeys([*reasons, *apart, *_further_reasons(whole, views, folded, seams)])),
         remarks=remarks_of(views, coverage, damage, measures, diameters),
         settings=settings_of(nominal, datum, [view.scan for view in views], evaluator.grid.size[1]),
         defect_depth=gear.defect_depth,

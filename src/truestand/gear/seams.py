@@ -32,9 +32,9 @@ from truestand.core.robust import robust_sd
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.budget import joint_covariance, of_sensor, seen_cells
-from truestand.gear.flanks import Flanks, Toothing, find_toothing, flank_offsets
+from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.grid import Grid, cell_of, grid_of
+from truestand.gear.grid import grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.influence import unknowns_of
 
@@ -148,7 +148,7 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     flanks = joined([view.borne_out() for view in views], views)
     grid, toothing = grid_of(flanks), flanks.toothing
     seen = [followed(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
-    means = [_means(part_of(flanks, views, k), grid) for k in range(len(views))]
+    means = [means_of([part_of(flanks, views, k)], grid) for k in range(len(views))]
     found = []
     for (a, b), side in product(_pairs([view.name for view in views]), (0, 1)):
         apart = means[a] - means[b]
@@ -164,14 +164,6 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
 def _pairs(names: Sequence[str]) -> list[tuple[int, int]]:
     """Pairs of scans by different views: those of a part clamped again by one view tell nothing of where it stands."""
     return [(a, b) for a, b in combinations(range(len(names)), 2) if names[a] != names[b]]
-
-
-def _means(flanks: Flanks, grid: Grid) -> Array:
-    """Mean delta (2, teeth, roll lengths, heights) mm of the points of one view in the cells of all; NaN: none."""
-    cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
-    count = np.bincount(cell, minlength=grid.delta.size)
-    total = np.bincount(cell, flanks.delta, minlength=grid.delta.size)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan).reshape(grid.delta.shape)
 
 
 def followed(scan: Scan, calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> Followed:

@@ -99,8 +99,8 @@ class Search:
         return (*self.turning, Round(room.table_radius, -1e9, face))
 
     def gap(self, mount: Mount, others: Sequence[Mount] = (), enough: float = np.inf) -> float:
-        """mm (more than ``enough`` roughly) between a housing and all else: the other views' housings as well, be they of the same device, unless a
-        positioner carries both.
+        """mm (more than ``enough`` roughly) between a housing and all else: the other views' housings as well, be they
+        of the same device, unless a positioner carries both.
         """
         base, size = self.setting.artefact.base.radius, mount.sensor.optics.housing
         pose = in_room(mount.place, base)

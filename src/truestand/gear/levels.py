@@ -1,0 +1,118 @@
+"""Views that read the same flanks a little differently, laid onto each other.
+
+What a sensor makes of steep flanks, and of its range, is alike on every tooth of a side: a shift, a slope along the
+profile and one along the face. It is in the budget of each view; left between them it would be a step on every flank
+where one of them ceases to see it, which looks like damage.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations, product
+from math import hypot
+
+import numpy as np
+
+from truestand.core.arrays import Array, Mask
+from truestand.core.assumptions import INCIDENCE_U, K
+from truestand.core.frames import PHI, PLANE_TILT, UNKNOWNS
+from truestand.core.message import Message
+from truestand.core.robust import nan_median
+from truestand.gear.flanks import Flanks
+from truestand.gear.geometry import FLANKS, Involute
+from truestand.gear.grid import Grid, grid_of, means_of
+from truestand.gear.views import GearView, joined, part_of
+
+LEAST_SPAN = 0.5
+"""Of the profile, or of the face, over which two views must see the same cells for a slope between them to count."""
+LEAST_CELLS = 30
+"""Of a side that two views must both show."""
+CONTRADICTS = 1.5
+"""Times their U by which slopes must differ for views to contradict each other."""
+SLOPES = {1: "profile", 2: "face"}
+TERMS = 3
+"""A shift, a slope along the profile and one along the face."""
+
+
+def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[Message, ...]]:
+    """The views with their flanks at the mean of what all of them read, and why nothing may be decided: slopes that
+    differ by more than sensors do. One view alone as it is.
+    """
+    names = list(dict.fromkeys(view.name for view in views))
+    if len(names) < 2:
+        return views, ()
+    flanks = joined([view.borne_out() for view in views], views)
+    grid = grid_of(flanks)
+    of_views = [[part_of(flanks, views, k) for k, view in enumerate(views) if view.name == name] for name in names]
+    means = [means_of(of_view, grid) for of_view in of_views]
+    off = np.stack([_off([m[side] for m in means], grid) for side in (0, 1)], axis=1)
+    level = (replace(view, flanks=_without(view.flanks, off[names.index(view.name)])) for view in views)
+    return tuple(level), _contradictions(views, names, off)
+
+
+def _contradictions(views: Sequence[GearView], names: list[str], off: Array) -> tuple[Message, ...]:
+    """Why nothing may be decided where two views read a slope otherwise than their U allow."""
+    known = {view.name: _slope_known(view) for view in views}
+    found = []
+    for (a, b), side, (term, along) in product(combinations(range(len(names)), 2), (0, 1), SLOPES.items()):
+        apart, U = 2 * float(abs(off[a, side, term] - off[b, side, term])), hypot(known[names[a]], known[names[b]])
+        if apart > CONTRADICTS * U:
+            text = (
+                f"views {names[a]!r} and {names[b]!r} read the slope of {FLANKS[side]} flanks along the {along} "
+                f"{1000 * apart:.1f} um otherwise, U is {1000 * U:.1f} um: one of them has moved since the "
+                "calibration; verify each (truestand verify), or inspect by one view"
+            )
+            found.append(Message("views_contradict", text))
+    return tuple(found)
+
+
+def _slope_known(view: GearView) -> float:
+    """U (mm, k = 2) of a slope over the whole profile or face as a view reads it, roughly."""
+    sensor, covariance = view.scan.stand.sensor, view.calibration.covariance
+    incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
+    turn = K * float(np.sqrt(np.diag(covariance)[[PHI, PLANE_TILT]].max())) if covariance.shape[0] >= UNKNOWNS else 0.0
+    return hypot(incidence, sensor.linearity, turn * view.flanks.toothing.nominal.gear.face_width)
+
+
+def _off(means: Sequence[Array], grid: Grid) -> Array:
+    """By how much (views, ``TERMS``) mm each view reads more than the mean of all, on one side's flanks.
+
+    ``means``: of each view, (teeth, roll lengths, heights) mm; NaN: not seen.
+    """
+    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
+    (low, high), (bottom, top) = grid.nominal.profile_range, grid.nominal.helix_range
+    inside = ((grid.rolls >= low) & (grid.rolls <= high))[:, None] & ((grid.heights >= bottom) & (grid.heights <= top))
+    rows, values = [np.tile(np.eye(TERMS), len(means))], [np.zeros(TERMS)]  # the mean stays
+    for a, b in combinations(range(len(means)), 2):
+        apart = np.where(inside, nan_median(means[a] - means[b], axis=0), np.nan)
+        seen = np.isfinite(apart)
+        if np.count_nonzero(seen) < LEAST_CELLS:
+            continue
+        known = np.asarray(terms[:, seen].T * _told(seen, inside))
+        row = np.zeros((known.shape[0], len(means), TERMS))
+        row[:, a], row[:, b] = known, -known
+        rows.append(row.reshape(known.shape[0], -1))
+        values.append(apart[seen])
+    solution, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)
+    return np.asarray(solution.reshape(len(means), TERMS))
+
+
+def _told(seen: Mask, inside: Mask) -> Array:
+    """(``TERMS``,) 1 for what cells that two views both show tell of their difference, 0 for what they don't."""
+    spans = [seen.any(axis=axis).sum() / max(inside.any(axis=axis).sum(), 1) for axis in (1, 0)]
+    return np.array([1.0, *(float(span >= LEAST_SPAN) for span in spans)])
+
+
+def _terms(nominal: Involute, roll: Array, height: Array) -> Array:
+    """(``TERMS``, ...): 1, and from -1 to 1 along the profile and along the face."""
+    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
+    along_profile = (2 * roll - low - high) / (high - low) + 0.0 * height
+    along_face = (2 * height - bottom - top) / (top - bottom) + 0.0 * roll
+    return np.stack([np.ones_like(along_profile), along_profile, along_face])
+
+
+def _without(flanks: Flanks, off: Array) -> Flanks:
+    """The flanks without what their view reads more than the others, (2, ``TERMS``) mm."""
+    nominal = flanks.toothing.nominal
+    terms = _terms(nominal, flanks.roll, flanks.height)
+    side = (flanks.flank >= nominal.gear.teeth).astype(np.intp)
+    return replace(flanks, delta=flanks.delta - (off[side].T * terms).sum(axis=0))
