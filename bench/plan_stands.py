@@ -94,6 +94,10 @@ def with_angle_errors(recording: Recording, rng: np.random.Generator, part: Part
     return replace(recording, encoder=recording.encoder + error * (COUNTS / tau))
 
 
+class Untrusted(TruestandError):
+    """An inspection that decides nothing."""
+
+
 Found = dict[tuple[str, str], tuple[float, float]]
 """Of each characteristic, by name and flank or section: rms error over the teeth and mean U of the inspection, mm."""
 
@@ -123,7 +127,10 @@ def try_stand(name: str, views: int | None, seed: int) -> Found:
         surfaces = roll_views(tuple(parts), calibrate_views(tuple(shafts), shaft))
     else:
         surfaces = (roll(parts[0], calibrate(shafts[0], shaft)),)
-    return held_against(inspect(surfaces, part), true_figures(true, certified, shaft))
+    inspection = inspect(surfaces, part)
+    if inspection.reasons:
+        raise Untrusted(str(inspection.reasons[0]))
+    return held_against(inspection, true_figures(true, certified, shaft))
 
 
 def real_shaft(rng: np.random.Generator) -> Workpiece:
@@ -210,7 +217,7 @@ def main() -> None:
     found = planned(options.part, options.views)
     print(f"{options.part}: {len(found.views)} views, complete {found.complete}")
     told: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    refused = 0
+    refused = {"refused": 0, "untrusted": 0}
     seeds = range(options.first_seed, options.first_seed + options.stands)
     with ProcessPoolExecutor(options.jobs) as pool:
         for job in [pool.submit(partial(try_stand, options.part, options.views), seed) for seed in seeds]:
@@ -218,8 +225,9 @@ def main() -> None:
                 for key, line in job.result().items():
                     told.setdefault(key, []).append(line)
             except TruestandError as error:
-                refused += 1
-                print(f"refused: {error}")
+                kind = "untrusted" if isinstance(error, Untrusted) else "refused"
+                refused[kind] += 1
+                print(f"{kind}: {error}")
     print("| characteristic | U planned, um | U inspected, um | 2 rms error, um | largest | planned / 2 rms |")
     print("|---|---|---|---|---|---|")
     ratios = {}
@@ -231,7 +239,8 @@ def main() -> None:
         ratios[f"{e.name} {e.where}".strip()] = ratio = 1000 * e.U / twice
         print(f"| {e.name} {e.where} | {1000 * e.U:.2f} | {1000 * np.median(inspected):.2f} | {twice:.2f} | "
               f"{1000 * errors.max():.2f} | {ratio:.2f} |", flush=True)  # fmt: skip
-    print(f"{options.stands} stands, {refused} refused; ratio {min(ratios.values()):.2f} to {max(ratios.values()):.2f}")
+    lost = ", ".join(f"{number} {kind}" for kind, number in refused.items())
+    print(f"{options.stands} stands, {lost}; ratio {min(ratios.values()):.2f} to {max(ratios.values()):.2f}")
     if options.json:
         with open(options.json, "w") as file:  # noqa: PTH123
             json.dump(ratios, file, indent=2)
