@@ -119,7 +119,8 @@ def world(
         tilt=float(rng.uniform(2e-4, 1e-3)), tilt_direction=float(rng.uniform(0, tau)),
     )  # fmt: skip
     acquisition = replace(base.acquisition, profiles=round(1.1 * per_turn), columns=("encoder",))
-    sensors = tuple(Sensor(n, 200.0, points, (70.0, 120.0), linearity_U=LINEARITY_U, incidence_U=0.005) for n in NAMES)
+    linearity = 0.0005 if ideal else LINEARITY_U
+    sensors = tuple(Sensor(n, 200.0, points, (70.0, 120.0), linearity_U=linearity, incidence_U=0.005) for n in NAMES)
     stand = Stand(Table(tau * 200.0 / per_turn, "ccw", "home"), sensors, counts_per_turn=COUNTS)
     simulation = replace(
         base, mounting=Mounting(), running=running, workpiece=workpiece, acquisition=acquisition, views=views

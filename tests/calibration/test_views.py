@@ -48,9 +48,12 @@ def off_at(calibration, simulation):
 
 
 def test_ideal_sensors_stand_where_they_stand():
-    """A sixteenth of the paper's readings: what one scan's plane offset (1 um) and direction (20 urad) leave."""
-    off, turned = off_at(calibrated(IDEAL), IDEAL)
-    assert np.hypot(off[0], off[1]) < 1.5 * UM and turned < 100 * URAD
+    """A sixteenth of the paper's readings; of 20 such stands the median is 1.0 um off, 95 % are within 2.8
+    (``bench/two_views.py ideal``).
+    """
+    stated = calibrate_views(scans_of(IDEAL, two_sensors(linearity_U=0.0005)), SHAFT)
+    off, turned = off_at(stated, IDEAL)
+    assert np.hypot(off[0], off[1]) < 2.8 * UM and turned < 100 * URAD
 
 
 def test_azimuth_and_poses_lie_in_their_u():

@@ -10,7 +10,8 @@ from truestand.core.arrays import Array, Ints
 from truestand.core.frames import UNKNOWNS
 from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
 
-MOST_STEPS = 30
+MOST_STEPS = 60
+"""Where form and coaxiality are hardly told from the laser plane, the last steps shrink by a tenth each."""
 MOST_HALVINGS_A_STEP, MOST_HALVINGS = 10, 30
 """Of one step and of all: a fit that must halve its steps that often is on its way to nowhere."""
 SLACK = 1e-5
