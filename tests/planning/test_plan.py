@@ -12,6 +12,7 @@ import pytest
 from gears import FANS, SPUR, WORN, calibrated, helical, scan_of, simulation
 from truestand.apply.transfer import roll
 from truestand.core.errors import BadRecipe
+from truestand.devices.positioner import read_carrier
 from truestand.files.recipes.plan import planned_stand, read_task
 from truestand.files.recipes.recipes import read_stand, write_starters
 from truestand.files.records.plan_record import plan_record
@@ -29,6 +30,8 @@ from truestand.planning.views import Setting
 from truestand.report.plan import plan_report
 from truestand.sim import paper_shaft, paper_stand
 from truestand.sim.recipe import simulation_from
+from truestand.station.recipe import read_devices, stops_of
+from truestand.station.route import route_of
 
 SLEEVE = Turned((
     Section("wide", 5.0, 15.0, 30.0, (29.95, 30.05), 0.02), Section("narrow", 15.0, 20.0, 26.0, (25.95, 26.05)),
@@ -112,6 +115,56 @@ def test_the_stand_of_a_plan_is_one_that_the_virtual_stand_scans_from(few_places
         assert degrees(mounting.phi) == pytest.approx(degrees(place.phi), abs=1e-3), name
         assert mounting.standoff == pytest.approx(place.standoff, abs=1e-3)
         assert mounting.plane_offset == pytest.approx(place.plane_offset, abs=1e-3)
+
+
+POSITIONER = """
+[devices.positioner]
+position_U_um = 4.0
+position_U_deg = 0.002
+at_zero = { phi_deg = -90.0, radial_mm = 120.5, height_mm = -15.0 }
+swept = [
+  { radius_mm = 99.0, from_mm = -60.0, to_mm = 0.0 },
+]
+[[devices.positioner.axis]]
+name = "lift"
+direction = [0, 0, 1]
+range_mm = [0, 80]
+protocol = "zaber"
+address = "127.0.0.1:5021"
+[[devices.positioner.axis]]
+name = "swivel"
+kind = "rotary"
+direction = [0, 1, 0]
+through_mm = [12.5, 0, -15]
+range_deg = [-30, 30]
+protocol = "modbus"
+address = "127.0.0.1:5022"
+"""
+
+
+@pytest.mark.more
+def test_a_plan_with_a_positioner_takes_places_that_it_reaches(few_places, tmp_path):
+    write_starters(tmp_path)
+    recipe = tmp_path / "stand.toml"
+    recipe.write_text(recipe.read_text() + POSITIONER)
+    known = read_stand(recipe)
+    carrier = read_carrier(recipe, known)
+    found = plan(SLEEVE, known, paper_shaft(), replace(read_task(recipe), carrier=carrier), views=2)
+    for view in found.views:
+        mount = view.mount
+        assert carrier.kinematics.place(mount.position, paper_shaft().base.radius) == mount.place
+        assert view.scan.stand.sensor.position_U == pytest.approx(0.004)
+    record = plan_record(found, "2026-11-26T00:00:00Z")
+    jsonschema.validate(record, json.loads(schema_text("plan")))
+    assert [set(v["position"]) for v in record["views"]] == [{"lift_mm", "swivel_deg"}] * 2
+    assert f"lift {record['views'][0]['position']['lift_mm']:.1f} mm" in plan_report(found)
+    recipe.write_text(planned_stand(recipe.read_text(), found))
+    stand_again, devices = read_devices(recipe)
+    stops = stops_of(stand_again, devices)
+    assert [stop.position for stop in stops] == [pytest.approx(v.mount.position, abs=1e-6) for v in found.views]
+    swept = [body.radius for body in devices.positioner.bodies]
+    assert swept == [pytest.approx(r + found.setting.eccentricity) for r in (12.5, 6.97, 15.0, 13.0)]
+    assert route_of(recipe, stand_again, devices, stops) is not None
 
 
 def test_the_room_is_read_and_unknown_keys_are_refused(tmp_path):

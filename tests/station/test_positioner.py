@@ -12,6 +12,7 @@ import pytest
 
 from patience import NOT_FOR_EVER
 from positioned import AT, SWEPT, positioned_lab
+from truestand.cli.simulate import _endpoints
 from truestand.core.errors import BadRecipe, Fault
 from truestand.files.scans.read import read_scan
 from truestand.sim.live.faults import FaultKind
@@ -197,3 +198,17 @@ def test_what_turns_can_be_stated_in_tables_of_their_own(tmp_path):
         stand.recipe.write_text(f"{stand.recipe.read_text()}\n[[devices.positioner.swept]]\n{table}\n")
         _, devices = read_devices(stand.recipe)
     assert devices.positioner.bodies[0].radius == 12.5
+
+
+def test_a_device_that_is_moved_by_hand_is_served_where_its_first_view_is(tmp_path):
+    """The virtual stand can't be moved by hand; a scan by all views is refused, one by each is not."""
+    with positioned_lab(tmp_path) as stand:
+        text = re.sub(r"position = .*\n", "", stand.recipe.read_text()).partition("[devices.positioner]")
+        rest = text[2][text[2].index("[devices.acquire]") :]
+        stand.recipe.write_text(text[0] + rest)
+        described, devices = read_devices(stand.recipe)
+        (endpoint,) = _endpoints(described, devices)
+        assert (endpoint.name, endpoint.view, endpoint.at) == ("scanner", "front", None)
+        with pytest.raises(BadRecipe, match="moved by hand, scan each by itself"):
+            stops_of(described, devices)
+        assert [stop.views for stop in stops_of(described, devices, ["rear"])] == [["rear"]]

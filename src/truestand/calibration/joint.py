@@ -99,7 +99,7 @@ class View:
     """Where azimuth and height stand among all; None: the first view."""
 
     def seen(self, q: Array) -> tuple[Array, Array]:
-        """The same as its sensor sees them, the shaft's travel stretched."""
+        """As ``own``, but as its sensor sees the shaft: its travel stretched."""
         p, jacobian = self.own(q)
         azimuth, _ = self.place(q)
         turn = complex(np.exp(-1j * azimuth))

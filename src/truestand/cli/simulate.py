@@ -23,7 +23,7 @@ from truestand.sim.live.faults import FaultKind, fault_at
 from truestand.sim.live.positioner import AxisEndpoint
 from truestand.sim.live.stand import SensorEndpoint, VirtualStand, virtual_stand
 from truestand.station.interrupts import interrupted_by_signals
-from truestand.station.recipe import DevicesRecipe, read_devices, sensor_of, stops_of
+from truestand.station.recipe import DevicesRecipe, position_of, read_devices, sensor_of
 
 FAULT_POLL_INTERVAL_S = 0.05
 
@@ -129,15 +129,14 @@ def _virtual_part(recipe: Path | None) -> VirtualPart | None:
 
 def _endpoints(stand: Stand, devices: DevicesRecipe) -> list[SensorEndpoint]:
     """Where the virtual sensors are, and which view each takes first."""
-    found, views = [], {view: stop.position for stop in stops_of(stand, devices) for view in stop.views}
+    found = []
     for recipe in devices.sensor:
         if recipe.driver != "scancontrol":
             raise BadRecipe(
                 f'sensor "{recipe.name}": found driver {recipe.driver}, the virtual stand has scancontrol only'
             )
         sensor = sensor_of(stand, recipe.name)
-        at = views[sensor.name] if sensor.position else None
-        shape = recipe.shape(sensor)
+        shape, at = recipe.shape(sensor), position_of(sensor, devices)
         found.append(SensorEndpoint(recipe.name, recipe.address, recipe.model, *shape, sensor.name, at))
     return found
 

@@ -198,8 +198,9 @@ class Axis:
                 raise DeviceError(f"{self.drive.name}: {state.fault} while {motion}; mend the cause, then reset")
             if not state.moving:
                 return
-            if target is None or abs(abs(state.position - target) - left) > self.limits.tolerance / 2:
-                left, since = abs(state.position - (target or 0.0)), asked
+            missing = 0.0 if target is None else abs(state.position - target)
+            if abs(missing - left) > self.limits.tolerance / 2:
+                left, since = missing, asked
             elif asked - since > STALL_S and left > self.limits.tolerance:
                 self.drive.halt()
                 raise MoveTimeout(

@@ -51,7 +51,7 @@ class Corridors:
         why = (
             f": {at} the housing is nearer than {least} to part, table or what to keep out of"
             if at
-            else (f" on which the housing stays {least} away from part, table and what to keep out of")
+            else f" on which the housing stays {least} away from part, table and what to keep out of"
         )
         raise BadRecipe(
             f"positioner: found no clear way to {called}{why}; move the sensor away by hand, home it, or change the "

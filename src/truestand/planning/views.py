@@ -101,12 +101,12 @@ def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
 
 def _scan_of_shaft(mount: Mount, setting: Setting) -> Scan:
     few, stand = replace(mount.sensor.optics, points=POINTS), setting.stand.of_view(mount.sensor.name)
-    stand = replace(stand, sensors=(mounted(stand.sensor, mount, setting.carrier),))
+    stand = replace(stand, sensors=(_mounted(stand.sensor, mount, setting.carrier),))
     base = setting.artefact.base.radius
     return imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
 
 
-def mounted(sensor: Sensor, mount: Mount, carrier: Carrier | None) -> Sensor:
+def _mounted(sensor: Sensor, mount: Mount, carrier: Carrier | None) -> Sensor:
     """The sensor as stand.toml must state it there: its laser plane may be farther off the axis than by accident, and a
     positioner may bring it.
     """

@@ -9,7 +9,16 @@ from truestand.report import plan_figures as figures
 from truestand.report.inspection_tables import table
 from truestand.report.notation import meaning, prose, symbol
 from truestand.report.page import K_NOTE, framed, head, not_measured, page, stamp
-from truestand.report.plan_tables import PLACE_COLUMNS, limits_text, outcome, place_row, price, share_text, u_text
+from truestand.report.plan_tables import (
+    PLACE_COLUMNS,
+    limits_text,
+    outcome,
+    place_row,
+    position_text,
+    price,
+    share_text,
+    u_text,
+)
 
 
 def plan_report(plan: Plan, company: Company | None = None, created: str | None = None) -> str:
@@ -56,7 +65,8 @@ def _places(plan: Plan) -> str:
         return ""
     heads = "".join(f'<th class="n">{escape(name)}</th>' for name in PLACE_COLUMNS)
     rows = "".join(
-        f"<tr><th>{escape(view.mount.sensor.name)}<small>{escape(view.mount.sensor.device)}</small></th>"
+        f"<tr><th>{escape(view.mount.sensor.name)}<small>{escape(view.mount.sensor.device)}</small>"
+        f"<small>{escape(position_text(view))}</small></th>"
         + "".join(f'<td class="n">{escape(text)}</td>' for text in place_row(view))
         + "</tr>"
         for view in plan.views

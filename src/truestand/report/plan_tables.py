@@ -20,6 +20,14 @@ def place_row(view: View) -> tuple[str, ...]:
     )  # fmt: skip
 
 
+def position_text(view: View) -> str:
+    """Where the axes of the positioner are: ``lift 20.0 mm, swivel 5.0°``; empty where none carries it."""
+    return ", ".join(
+        f"{p.axis} {number(p.value, 1)} mm" if p.linear else f"{p.axis} {number(degrees(p.value), 1)}°"
+        for p in view.scan.stand.sensor.position
+    )
+
+
 def expected_row(e: Expected) -> tuple[str, ...]:
     """Name, flank or section, U, limit, U as a share of the limits, and what that means."""
     return e.name, e.where, u_text(e), limits_text(e), share_text(e), outcome(e)

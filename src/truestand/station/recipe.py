@@ -128,7 +128,7 @@ def stops_of(stand: Stand, devices: DevicesRecipe, views: Sequence[str] | None =
     for device in devices.sensor:
         for sensor in _views_of(stand, device.name):
             if views is None or sensor.name in views:
-                place = _position_of(sensor, devices)
+                place = position_of(sensor, devices)
                 at.setdefault(place, []).append(device.model_copy(update={"name": sensor.name}))
     standing = at.pop(None, [])
     for together in (standing, *at.values()):
@@ -156,7 +156,7 @@ def _views_of(stand: Stand, device: str) -> list[Sensor]:
     return found
 
 
-def _position_of(sensor: Sensor, devices: DevicesRecipe) -> Position | None:
+def position_of(sensor: Sensor, devices: DevicesRecipe) -> Position | None:
     """Where the positioner brings a view, its axes in their order; None: nowhere.
 
     Raises:
@@ -200,7 +200,7 @@ def read_devices(path: Path | str) -> tuple[Stand, DevicesRecipe]:
     devices = checked(DevicesRecipe, table, f"{path}: [devices]")
     for device in devices.sensor:
         for sensor in _views_of(stand, device.name):
-            _position_of(sensor, devices)
+            position_of(sensor, devices)
         if device.driver == "scancontrol" and device.encoder and not stand.counts_per_turn:
             raise BadRecipe(
                 f"{path}: sensor {device.name!r} has encoder = true, and [scan] counts_per_turn is 0; state the "

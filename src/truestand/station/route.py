@@ -8,7 +8,6 @@ from pathlib import Path
 from truestand.core.errors import BadRecipe
 from truestand.core.stand import Stand
 from truestand.devices.positioner import Positioner
-from truestand.files.recipes.plan import read_task
 from truestand.planning.corridor import Corridors
 from truestand.planning.kinematics import Position
 from truestand.planning.obstacles import Round
@@ -55,6 +54,8 @@ def route_of(recipe: Path, stand: Stand, devices: DevicesRecipe, stops: Sequence
     places = tuple((position, called) for position, called in placed if position is not None)
     if devices.positioner is None or not places:
         return None
+    from truestand.files.recipes.plan import read_task  # it brings in the search for places
+
     room, turning = read_task(recipe).room, devices.positioner.bodies
     if not turning:
         raise BadRecipe(

@@ -12,7 +12,6 @@ from truestand.planning.obstacles import Round
 from truestand.planning.plan import MOST_VIEWS, Plan, Task
 from truestand.planning.room import KeepOut, Room
 from truestand.planning.target import View
-from truestand.planning.views import mounted
 
 SWEPT = "[[devices.positioner.swept]]"
 SENSOR_TABLES = ("[[sensor]]", "[sensor.", "[[simulation.view]]", SWEPT)
@@ -70,7 +69,7 @@ def read_task(path: Path | str) -> Task:
 def planned_stand(text: str, plan: Plan) -> str:
     """The text of a stand.toml with the sensors of a plan in place of its own, and as many of the virtual stand."""
     kept, simulated = _without_sensors(text)
-    sensors = "\n".join(_sensor_text(view, plan) for view in plan.views)
+    sensors = "\n".join(_sensor_text(view) for view in plan.views)
     views = "\n".join(_virtual_view_text(view) for view in plan.views) if simulated else ""
     swept = "\n".join(_swept_text(body) for body in plan.search.turning) if plan.setting.carrier else ""
     return "\n".join(part for part in (kept, sensors, swept, views) if part)
@@ -78,26 +77,36 @@ def planned_stand(text: str, plan: Plan) -> str:
 
 def _without_sensors(text: str) -> tuple[str, bool]:
     """The recipe without its sensors, and whether it has a ``[simulation]``."""
-    kept, table, simulated = [], "", False
+    kept, table, simulated, open_brackets = [], "", False, 0
     for line in text.splitlines():
+        if open_brackets > 0:  # the rest of a value that is left out
+            open_brackets += _brackets(line)
+            continue
         if line.startswith("["):
             table = line.split("#")[0].strip()
             simulated |= table == "[simulation]"
-        if not table.startswith(SENSOR_TABLES) and line.split("=")[0].strip() not in PLANNED_KEYS.get(table, ()):
+        if line.split("=")[0].strip() in PLANNED_KEYS.get(table, ()):
+            open_brackets = _brackets(line)
+        elif not table.startswith(SENSOR_TABLES):
             kept.append(line)
     return "\n".join(kept).rstrip() + "\n", simulated
 
 
-def _sensor_text(view: View, plan: Plan) -> str:
+def _brackets(line: str) -> int:
+    """How many more brackets a line opens than it closes."""
+    value = line.split("#")[0]
+    return value.count("[") - value.count("]")
+
+
+def _sensor_text(view: View) -> str:
     """A ``[[sensor]]``, with its place in words."""
     place = view.mount.place
-    sensor = mounted(plan.setting.stand.of_view(view.mount.sensor.name).sensor, view.mount, plan.setting.carrier)
     words = (
         f"# Planned: phi {degrees(place.phi):.1f} deg; the middle of its line meets the shaft's base at height "
         f"{place.height:.1f} mm,\n# {place.standoff:.1f} mm away; laser plane {place.plane_offset:+.2f} mm off the "
         f"axis; azimuth {degrees(place.azimuth):.0f} deg; {view.mount.clearance:.0f} mm clear."
     )
-    return f"{words}\n[[sensor]]\n{sensor_lines(sensor)}\n"
+    return f"{words}\n[[sensor]]\n{sensor_lines(view.scan.stand.sensor)}\n"
 
 
 def _swept_text(body: Round) -> str:

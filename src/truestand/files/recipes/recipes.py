@@ -480,14 +480,17 @@ def _sensor_recipe(s: Sensor) -> SensorRecipe:
         triangulation_deg=None if s.triangulation is None else degrees(s.triangulation),
         incidence_limit_deg=None if s.incidence_limit is None else degrees(s.incidence_limit),
         housing_mm=s.housing,
-        position={
-            f"{p.axis}_mm" if p.linear else f"{p.axis}_deg": p.value if p.linear else degrees(p.value)
-            for p in s.position
-        }
-        or None,
+        position=position_keys(s.position) or None,
         position_U_um=None if s.position_U is None else s.position_U * 1000.0,
         position_U_deg=None if s.position_tilt_U is None else degrees(s.position_tilt_U),
     )
+
+
+def position_keys(position: tuple[AxisPosition, ...]) -> dict[str, float]:
+    """A position of a positioner's axes as recipes and records state it: mm and degrees, by axis and unit."""
+    return {
+        f"{p.axis}_mm" if p.linear else f"{p.axis}_deg": p.value if p.linear else degrees(p.value) for p in position
+    }
 
 
 def sensor_lines(sensor: Sensor) -> str:

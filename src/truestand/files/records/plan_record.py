@@ -4,6 +4,7 @@ from math import degrees
 from typing import Any
 
 from truestand.core.units import um
+from truestand.files.recipes.recipes import position_keys
 from truestand.files.records.record import SOFTWARE, Record
 from truestand.planning.plan import Expected, Plan
 from truestand.planning.target import View
@@ -17,7 +18,7 @@ def plan_record(plan: Plan, created: str) -> Record:
         "version": 1,
         "part": plan.part.name,
         "complete": plan.complete,
-        "views": [_view(view, plan) for view in plan.views],
+        "views": [_view(view) for view in plan.views],
         "coverage": plan.coverage,
         "characteristics": [_expected(e) for e in plan.expected],
         "worst": None if worst is None else {"name": worst.name, "flank": worst.flank, "section": worst.section,
@@ -32,13 +33,8 @@ def plan_record(plan: Plan, created: str) -> Record:
     }  # fmt: skip
 
 
-def _view(view: View, plan: Plan) -> Record:
-    place, carrier = view.mount.place, plan.setting.carrier
-    axes = () if carrier is None else carrier.kinematics.axes
-    position = {
-        f"{axis.name}_{'mm' if axis.linear else 'deg'}": _rounded(value if axis.linear else degrees(value))
-        for axis, value in zip(axes, view.mount.position or (), strict=False)
-    }
+def _view(view: View) -> Record:
+    place = view.mount.place
     return {
         "name": view.mount.sensor.name,
         "device": view.mount.sensor.device,
@@ -47,7 +43,7 @@ def _view(view: View, plan: Plan) -> Record:
         "height_mm": _rounded(place.height),
         "laser_plane_offset_mm": _rounded(place.plane_offset),
         "azimuth_deg": _rounded(degrees(place.azimuth)),
-        "position": position,
+        "position": {key: _rounded(v) for key, v in position_keys(view.scan.stand.sensor.position).items()},
         "clearance_mm": _rounded(view.mount.clearance),
     }
 
@@ -79,7 +75,7 @@ def _fewer(plan: Plan) -> Record:
     lost = [e for e in plan.asked if e.status != "measured" or not e.capable]
     named: list[dict[str, Any]] = [{"name": e.name, "flank": e.flank, "section": e.section} for e in lost]
     return {
-        "views": [_view(view, plan) for view in plan.views],
+        "views": [_view(view) for view in plan.views],
         "coverage": plan.coverage,
         "U_of_limits": None if plan.worst is None else plan.worst.share,
         "not_measured_or_not_capable": named,
