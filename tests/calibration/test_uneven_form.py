@@ -35,14 +35,14 @@ def filmed(seed):
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("seed", tried([0, 7], 2, 5, 8))
+@pytest.mark.parametrize("seed", tried([0, 7], 2, 5, 8, 15, 19))
 def test_a_film_on_both_steps_is_in_u_or_doubted(seed):
-    """Offset, tilt and direction were 1.1 to 2.1 U off, *valid*."""
+    """Offset, tilt and direction were 1.1 to 4.1 U off, *valid*."""
     made, found = filmed(seed)
     errors = errors_of(found, made)
     off = {k: abs(e) / found.uncertainty[k].U for k, e in errors.items() if k not in found.not_identifiable}
-    assert found.reasons or max(off.values()) < 1.6  # of five shafts; 1.50 is the worst
-    (check,) = (c for c in found.checks if c.code == "form_changes_along_shaft")
+    assert found.reasons or max(off.values()) < 1.6  # of 24 shafts, 13 of them doubted; 1.56 is the worst
+    (check,) = (c for c in found.checks if c.name.startswith("form changes along the shaft"))
     assert found.reasons or not check.ok
 
 

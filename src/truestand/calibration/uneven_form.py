@@ -17,8 +17,8 @@ from truestand.core.arrays import Array
 SOURCE = "form that changes along the shaft"
 STRETCHES = 4
 """Of each cylinder, that are compared."""
-SLOW, FAST = np.arange(2, 8), np.arange(26, 40)
-"""Undulations that a film or dirt has, and such as only noise has."""
+SLOW, FAST = np.arange(2, 5), np.arange(26, 40)
+"""Undulations next to the first one, and such as only noise has."""
 
 
 def uneven_form(fit: Refined) -> Array:
@@ -34,11 +34,12 @@ def uneven_form(fit: Refined) -> Array:
             on = (readings.cylinder == k) & (solution.weights > 0) & (part == stretch)
             if on.any():
                 waves = np.exp(1j * np.multiply.outer(np.concatenate([SLOW, FAST]), psi[on]))
-                w = solution.weights[on]
+                w = fit.cells.weight[on]  # what is weighted down for its size is what is looked for
                 power.append(np.square(2 * np.abs(waves @ (w * solution.residuals[on])) / w.sum()))
         if power:
             slow, fast = np.split(np.mean(power, axis=0), [SLOW.size])
-            amplitudes[k] = np.sqrt(max(float(slow.mean() - fast.mean()), 0.0))
+            free = len(power) / max(len(power) - 1, 1)  # what all stretches share is in the form that was fitted
+            amplitudes[k] = np.sqrt(max(float(slow.mean() - fast.mean()), 0.0) * free)
     return amplitudes
 
 

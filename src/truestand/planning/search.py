@@ -125,9 +125,7 @@ class Search:
         return look(surfaces.points, surfaces.normals, view, mount.sensor.optics.tightened, bodies).seen
 
 
-def search_of(
-    setting: Setting, target: Target, room: Room, sensors: Sequence[PlannedSensor], step: Step
-) -> Search:
+def search_of(setting: Setting, target: Target, room: Room, sensors: Sequence[PlannedSensor], step: Step) -> Search:
     """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; of those that a
     positioner carries, the places that it reaches.
     """

@@ -151,9 +151,7 @@ class ModbusTable:
                 raise malformed(self.name, f"{self._received} bytes", "a Modbus answer") from wrong
             raise lost(self.name, f"no answer within {self._timeout:g} s") from wrong
         if answer.isError():
-            raise refused(
-                self.name, f"Modbus exception {answer.exception_code}", "check the map in its modbus table"
-            )
+            raise refused(self.name, f"Modbus exception {answer.exception_code}", "check the map in its modbus table")
         return answer
 
     def _count_received(self, sending: bool, data: bytes) -> bytes:
