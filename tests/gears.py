@@ -9,6 +9,7 @@ import numpy as np
 from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration
 from truestand.core.frames import Pose
+from truestand.core.inspection import Characteristic, Inspection
 from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Stand
 from truestand.gear.drawing import Gear
@@ -117,3 +118,8 @@ def true_calibration(upright: bool = False) -> Calibration:
         shaft_from_rotor=Pose.from_matrix(truth.shaft_from_rotor),
         speed_factor=1.0,
     )
+
+
+def line(inspection: Inspection, name: str, flank: str | None = None, tooth: int | None = None) -> Characteristic:
+    """A line of the whole gear, of a side of it, or of one flank."""
+    return next(c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))

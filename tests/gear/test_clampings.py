@@ -7,7 +7,7 @@ from math import radians, tau
 import numpy as np
 import pytest
 
-from gears import SPUR, WORN, simulation, stand
+from gears import SPUR, WORN, line, simulation, stand
 from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.calibrate import calibrate
@@ -65,10 +65,6 @@ def found(errors, turned):
     return inspect(clamped(errors), SPUR, turned)
 
 
-def line(inspection, name, flank):
-    return next(c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, None))
-
-
 def true(errors):
     return gear_figures(VirtualGear(SPUR, errors), paper_shaft(), simulation(2, True).workpiece)
 
@@ -115,9 +111,10 @@ def test_a_perfect_gear_is_not_tied_and_nothing_is_decided():
 @pytest.mark.parametrize("turned", [OFFSETS, (0, 8, 16)])
 def test_teeth_that_the_pitches_can_not_confirm_decide_nothing(turned):
     """An even gear looks the same, turned or not: closure would give its run-out to the table."""
-    surfaces, reasons, remarks = laid_together(clamped(PERFECT), SPUR, turned)
-    assert [r.code for r in reasons] == ["part_not_tied"]
-    assert surfaces == clamped(PERFECT)[:1] and [r.code for r in remarks] == ["first_clamping_alone"]
+    together = laid_together(clamped(PERFECT), SPUR, turned)
+    assert [r.code for r in together.reasons] == ["part_not_tied"]
+    assert together.surfaces == clamped(PERFECT)[:1]
+    assert [r.code for r in together.remarks] == ["first_clamping_alone"]
 
 
 @pytest.mark.more
@@ -125,8 +122,7 @@ def test_a_gear_that_was_not_turned_is_not_tied():
     scans = tuple(scan(WORN, 0, seed) for seed in (10, 11, 12))
     surfaces = roll_views(scans, calibrated(), clamped_again=True)
     for turned in (OFFSETS, (None,) * 3):
-        _, reasons, _ = laid_together(surfaces, SPUR, turned)
-        assert [r.code for r in reasons] == ["part_not_tied"]
+        assert [r.code for r in laid_together(surfaces, SPUR, turned).reasons] == ["part_not_tied"]
 
 
 @pytest.mark.more
@@ -135,7 +131,7 @@ def test_a_table_that_errs_by_more_than_its_u_allows_is_a_contradiction():
     scans = [scan(WORN, teeth, 10 + teeth) for teeth in OFFSETS]
     worse = tuple(replace(s, angle=s.angle + 8 * TABLE * np.cos(s.angle)) for s in scans)
     surfaces = roll_views(worse, calibrated(), clamped_again=True)
-    _, reasons, _ = laid_together(surfaces, SPUR, (None,) * 3)
+    reasons = laid_together(surfaces, SPUR, (None,) * 3).reasons
     assert [r.code for r in reasons] == ["closure_contradicts"] and "angle_U_arcsec" in str(reasons[0])
 
 
@@ -147,9 +143,9 @@ def test_a_part_with_play_is_tied_wherever_it_sits():
     ]
     scans = tuple(scan(e, teeth, 20 + teeth) for e, teeth in zip(seated, OFFSETS, strict=True))
     surfaces = roll_views(scans, calibrated(), clamped_again=True)
-    together, reasons, remarks = laid_together(surfaces, replace(SPUR, bore_clearance=0.03), (None,) * 3)
-    assert not reasons and len(together) == 3
-    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in str(remarks[0])
+    together = laid_together(surfaces, replace(SPUR, bore_clearance=0.03), (None,) * 3)
+    assert not together.reasons and len(together.surfaces) == 3
+    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in str(together.remarks[0])
 
 
 @pytest.mark.more

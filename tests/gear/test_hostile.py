@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from gears import SPUR, WORN, scan_of, simulation, true_calibration, truth_of
+from gears import SPUR, WORN, line, scan_of, simulation, true_calibration, truth_of
 from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, GearErrors
@@ -24,10 +24,6 @@ PHYSICAL = simulation(mixed_pixels=0.3, incidence_noise=True)
 def inspected(errors=WORN, how=None, gear=SPUR):
     scan = scan_of(SPUR, errors, how)
     return inspect_gear(apply_calibration(scan, replace(true_calibration(), reasons=())), gear)
-
-
-def line(found, name, flank=None):
-    return next(c for c in found.characteristics if (c.name, c.flank, c.tooth) == (name, flank, None))
 
 
 def off(found, name, flank, errors=WORN):

@@ -18,6 +18,7 @@ from gears import (
     WORN,
     calibrated,
     helical,
+    line,
     scan_of,
     simulation,
     true_calibration,
@@ -49,10 +50,6 @@ def inspected(gear=SPUR, errors=WORN, how=None, true=False):
 def value(found, name, flank=None, tooth=None):
     line = next(c for c in found.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))
     return line.value if line.value is not None else None
-
-
-def line(found, name, flank=None, tooth=None):
-    return next(c for c in found.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from gears import UPRIGHT, WORN, helical, simulation
+from gears import UPRIGHT, WORN, helical, line, simulation
 from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
@@ -64,10 +64,6 @@ def found(gear=GEAR, rear=REAR):
 @cache
 def true(gear=GEAR):
     return gear_figures(VirtualGear(gear, WORN), paper_shaft(), simulation(2, True).workpiece)
-
-
-def line(inspection, name, flank=None, tooth=None):
-    return next(c for c in inspection.characteristics if (c.name, c.flank, c.tooth) == (name, flank, tooth))
 
 
 @pytest.mark.parametrize("flank", ["left", "right"])

@@ -2,7 +2,7 @@
 
 from math import degrees
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -40,6 +40,9 @@ from truestand.gear.match import identify as identify_gear
 from truestand.report.terminal import inspection_table, seams_table
 from truestand.station.pipeline import Inputs, Outputs, inspect_job
 
+if TYPE_CHECKING:
+    from truestand.gear.ties import PartTurned
+
 
 def inspect(
     scans: Annotated[
@@ -65,8 +68,8 @@ def inspect(
     part_turned: Annotated[
         str | None,
         typer.Option(
-            metavar="0,7,16|auto",
-            help="Several scans of a gear that was clamped again: by how many teeth it sat turned in each.",
+            metavar="0,7,over|auto",
+            help="Several scans of a gear that was clamped again: by how many teeth it sat turned in each, or over.",
         ),
     ] = None,
     start_angle_deg: StartAngleOption = None,
@@ -110,20 +113,21 @@ def inspect(
     raise typer.Exit(VERDICT_CODES[inspection.verdict])
 
 
-def _teeth_turned(text: str | None, scans: int) -> tuple[int | None, ...] | None:
-    """By how many teeth the part sat turned in each scan; None in it: the pitches tell.
+def _teeth_turned(text: str | None, scans: int) -> "tuple[PartTurned, ...] | None":
+    """By how many teeth the part sat turned in each scan, or turned over; None in it: the pitches tell.
 
     Raises:
-        BadRecipe: no such numbers.
+        BadRecipe: neither.
     """
     if text is None:
         return None
-    if text.strip() == "auto":
-        return (None,) * scans
+    entries = [entry.strip() for entry in text.split(",")]
+    known: dict[str, PartTurned] = {"auto": None, "over": "over"}
     try:
-        return tuple(int(number) for number in text.split(","))
+        turned = tuple(known[entry] if entry in known else int(entry) for entry in entries)
     except ValueError as wrong:
-        raise BadRecipe(f"found --part-turned {text}, need numbers of teeth as 0,7,16, or auto") from wrong
+        raise BadRecipe(f"found --part-turned {text}, need numbers of teeth as 0,7,16, over, or auto") from wrong
+    return (None,) * scans if turned == (None,) else turned
 
 
 def roll(

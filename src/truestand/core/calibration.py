@@ -311,6 +311,16 @@ class Calibration:
         return self.stand.sensor.name
 
     @property
+    def sense(self) -> float:
+        """-1 where it brings a part into C that was turned over, which the table then turns the other way; else +1."""
+        return 1.0 if self.shaft_from_rotor.rotation[2, 2] > 0 else -1.0
+
+    @property
+    def reader(self) -> str:
+        """Who reads a part by it: a view, or a view after the part was turned over, which shows it from below."""
+        return self.name if self.sense > 0 else f"{self.name}, part turned over"
+
+    @property
     def first_from_table(self) -> Pose:
         """From its own T into the T of the first view."""
         return about_axis(self.azimuth, self.height)

@@ -86,7 +86,7 @@ def _rolled_up(best: GearView, error: Array) -> GearView:
     """The scan rolled up with ``error`` (profiles,) rad added to its table angle, its mean left out."""
     toothing = best.flanks.toothing
     angle = table_angle(best.scan, best.calibration)
-    scan = replace(best.scan, angle=angle + error - error.mean())
+    scan = replace(best.scan, angle=angle + best.calibration.sense * (error - error.mean()))
     calibration = replace(best.calibration, speed_factor=1.0)
     surface = apply_calibration(scan, calibration)
     return best.rolled_up(surface, find_toothing(surface, toothing.nominal, toothing.datum))
@@ -113,7 +113,7 @@ def _passes(rolled: GearView) -> "_Passes | None":
     flanks, scan, toothing = rolled.flanks, rolled.scan, rolled.flanks.toothing
     teeth = toothing.nominal.gear.teeth
     around = toothing.first_tooth + (flanks.flank % teeth) * toothing.nominal.gear.pitch
-    turn = np.rint((table_angle(scan, rolled.calibration)[flanks.profile] + around) / (2 * np.pi)).astype(np.int64)
+    turn = np.rint((rolled.angle[flanks.profile] + around) / (2 * np.pi)).astype(np.int64)
     turn -= turn.min()
     turns = int(turn.max()) + 1
     key = flanks.flank.astype(np.int64) * turns + turn
@@ -159,7 +159,7 @@ def _without_shape(flanks: Flanks, key: NDArray[np.int64], passes: int) -> Array
 
 
 def _angle_error(p: "_Passes", frequencies: list[float] | None, profiles: int, toothing: Toothing) -> Array:
-    """By how much (rad, (profiles,)) the part stood farther round, ccw, than its table angle said.
+    """By how much (rad, (profiles,)) the part stood farther round, ccw in C, than its table angle said.
 
     The passes of a flank only show it up to what repeats every turn. So it is looked for among what few numbers
     describe: a drift, and steady waves at no whole number a turn (a belt, a gearbox). Only where they don't explain it,

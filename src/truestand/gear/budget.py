@@ -38,6 +38,7 @@ from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid, cell_of
+from truestand.gear.levels import levelled_fields
 from truestand.gear.views import GearView, view_of
 from truestand.uncertainty.influence import STEPS, moved_points, part_from_shaft, retaken
 from truestand.uncertainty.lines import (
@@ -110,8 +111,10 @@ class SeenCells:
         """
         steps = STEPS[:, None] * np.eye(UNKNOWNS)
         own = [self.moved(calibration, step) / size for step, size in zip(steps, STEPS, strict=True)]
-        x, y, none = self.point[:, 0], self.point[:, 1], np.zeros(self.x.size)
-        return np.stack([*own, np.stack([-y, x, none], axis=1), np.stack([none, none, none + 1.0], axis=1)])
+        part = part_from_shaft(calibration)
+        up = part.rotation[:, 2]
+        round_it = np.cross(up, self.point - part.translation)
+        return np.stack([*own, round_it, np.broadcast_to(up, self.point.shape)])
 
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
         """The effect of moving the points by ``moved`` (n, 3) mm, or all alike by (3,) mm, in C."""
@@ -131,13 +134,6 @@ class Weighed:
     """mm: by how much the passes of a flank disagreed, as ``GearView`` has it."""
     share: Array | None = None
     """Of each cell's points that are the view's, (2, teeth, roll lengths, heights); None: all."""
-
-    def of_share(self, influence: Influence) -> Influence:
-        """What is left of an influence on this view's readings where others count as well."""
-        if self.share is None:
-            return influence
-        field = np.where(self.share > 0, influence.field * self.share, 0.0)
-        return replace(influence, field=field, outward=influence.outward * float(self.share.mean()))
 
 
 def weighed(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> tuple[Weighed, ...]:
@@ -162,45 +158,52 @@ def influences_of(views: tuple[Weighed, ...], grid: Grid, toothing: Toothing) ->
     cells, temperature = seen[0][1], toothing.nominal.gear.temperature
     grown = cells.point * np.array([1.0, 1.0, 0.0]) * temperature.expanded_growth
     return (
-        *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views),
-        *_of_sensors(seen),
-        *_together([_of_shaft(w.calibration, cells) for w, cells in seen], views),
-        *_together([_of_table(w, cells, toothing.nominal) for w, cells in seen], views),
+        *_together([_of_calibration(views, k, cells) for k, (_, cells) in enumerate(seen)], views, grid),
+        *_of_sensors(seen, grid),
+        *_together([_of_shaft(w.calibration, cells) for w, cells in seen], views, grid),
+        *_together([_of_table(w, cells, toothing.nominal) for w, cells in seen], views, grid),
         *_of_datum(toothing.datum, cells),
         cells.influence(temperature.line, grown, temperature.expanded / 2, "rectangular"),
     )  # fmt: skip
 
 
-def _of_sensors(seen: tuple[tuple[Weighed, SeenCells], ...]) -> list[Influence]:
+def _of_sensors(seen: tuple[tuple[Weighed, SeenCells], ...], grid: Grid) -> list[Influence]:
     """What is each sensor's own: the same in all scans that it took, of a part that was clamped again."""
-    by_sensor: dict[str, list[tuple[Weighed, SeenCells]]] = {}
-    for view, cells in seen:
-        by_sensor.setdefault(view.calibration.name, []).append((view, cells))
-    return [
-        influence
-        for of_one in by_sensor.values()
-        for influence in _together(
-            [of_sensor(view.scan, view.calibration, cells) for view, cells in of_one],
-            tuple(view for view, _ in of_one),
-        )
-    ]
+    views = tuple(view for view, _ in seen)
+    found = []
+    for name in dict.fromkeys(view.calibration.name for view in views):
+        own = [of_sensor(w.scan, w.calibration, cells) if w.calibration.name == name else [] for w, cells in seen]
+        found += _together(own, views, grid)
+    return found
 
 
-def _together(of_views: list[list[Influence]], views: tuple[Weighed, ...]) -> list[Influence]:
+def _together(of_views: list[list[Influence]], views: tuple[Weighed, ...], grid: Grid) -> list[Influence]:
     """Inputs that all views share: each moves the readings of all of them at once. A view may lack some: what wobbles
     in one scan need not do so in another.
     """
-    joined: dict[tuple[str, int], Influence] = {}
-    for view, influences in zip(views, of_views, strict=True):
+    if len(views) == 1:
+        return of_views[0]
+    by_input: dict[tuple[str, int], list[Influence | None]] = {}
+    for k, influences in enumerate(of_views):
         number: dict[str, int] = {}
-        for influence in map(view.of_share, influences):
+        for influence in influences:
             key = influence.name, number.get(influence.name, 0)
             number[influence.name] = key[1] + 1
-            before = joined.get(key)
-            joined[key] = influence if before is None else replace(
-                before, field=before.field + influence.field, outward=before.outward + influence.outward
-            )  # fmt: skip
-    return list(joined.values())
+            by_input.setdefault(key, [None] * len(views))[k] = influence
+    return [_joined(found, views, grid) for found in by_input.values()]
+
+
+def _joined(of_views: list[Influence | None], views: tuple[Weighed, ...], grid: Grid) -> Influence:
+    """One input that moves the readings of several views, as far as these count in each cell and are not laid onto each
+    other.
+    """
+    first = next(influence for influence in of_views if influence is not None)
+    shares = np.stack([np.ones(grid.delta.shape) if w.share is None else w.share for w in views])
+    fields = np.stack([np.zeros(grid.delta.shape) if i is None else i.field for i in of_views])
+    fields = np.where(shares > 0, fields, 0.0)
+    left = levelled_fields(fields, shares, [w.calibration.reader for w in views], grid)
+    outward = sum(i.outward * float(share.mean()) for i, share in zip(of_views, shares, strict=True) if i is not None)
+    return replace(first, field=(left * shares).sum(axis=0), outward=float(outward))
 
 
 def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:

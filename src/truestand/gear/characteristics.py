@@ -165,6 +165,8 @@ def _coverage(a: Assessment, name: str, at: tuple[int, ...]) -> float:
     """Share of what the figure needs; of both flanks where it needs both."""
     c = a.coverage
     which = c.profile if name in PROFILE_NAMES else c.helix if name in MEANS else c.position
+    if not at and not c.sides_tied:
+        return 0.0
     if not at:
         return float(np.minimum(c.position[0], c.position[1])[a.there].mean())
     return float(which[at] if len(at) > 1 else which[at][a.there].mean())

@@ -40,12 +40,16 @@ class Coverage:
     """(2, teeth) mm of height, in one stretch, for which the sensor's points are blind."""
     hidden: Mask
     """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
+    sides_tied: bool = True
+    """Whether left and right flanks were seen in one frame."""
 
 
-def coverage_of(evaluator: Evaluator, measures: Measures, step: float, blind: Array, hidden: Mask) -> Coverage:
+def coverage_of(
+    evaluator: Evaluator, measures: Measures, step: float, blind: Array, hidden: Mask, sides_tied: bool = True
+) -> Coverage:
     """What was seen of each flank; ``step``: table angle from one profile to the next, rad; ``blind`` (2, teeth) mm of
     each helix for which the sensor's points are blind; ``hidden`` (2,): sides with a part of the profile that no ray
-    shows on any tooth.
+    shows on any tooth; ``sides_tied``: whether both sides were seen in one frame.
     """
     grid, nominal = evaluator.grid, evaluator.grid.nominal
     seen = bridge_gaps(grid.solid, grid, step)
@@ -74,6 +78,7 @@ def coverage_of(evaluator: Evaluator, measures: Measures, step: float, blind: Ar
         _open_ends(evaluator.traces).reshape(2, *near.shape),
         blind,
         hidden,
+        sides_tied,
     )
 
 

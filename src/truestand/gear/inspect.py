@@ -49,7 +49,7 @@ from truestand.gear.remarks import remarks_of, unevenness
 from truestand.gear.seams import contradictions, tied, tied_roughly
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, below_tips, fold, other_teeth, teeth_there, tip_and_root
-from truestand.gear.views import GearView, joined, views_of, with_views
+from truestand.gear.views import GearView, each_by_one_side, joined, views_of, with_views
 
 HIDDEN_SHOULDER_U = 0.5
 """mm by which heights may be off where the calibration did not see the shoulder's face."""
@@ -76,9 +76,12 @@ class GearEvidence:
     """F_i (2, teeth) after the published compensation."""
 
 
-def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection:
+def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear, sides_tied: bool = True) -> Inspection:
     """Pitch, run-out, thickness, profile, helix and defects of a rolled-up gear, by one view of it or by several in one
     frame (``roll_views``).
+
+    ``sides_tied``: whether left and right flanks are as far apart as they are seen: not where they were seen before
+    and after the part was turned over (``clampings``).
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
@@ -90,6 +93,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     surfaces, seams = tied_roughly(surfaces, nominal, datum)
     whole = stacked(surfaces)
     views = views_of(surfaces, find_toothing(whole, nominal, datum))
+    views = views if sides_tied else each_by_one_side(views)
     reasons = _reasons(whole, views, seams)
     views = with_correct_angles(views)
     views, seams = (views, seams) if seams else tied(views)
@@ -103,7 +107,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear) -> Inspection
     smooth = smooth_surface(evaluator.grid.delta, evaluator.smooth)
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
     unshown = rays.beside.hidden | rays.own.hidden_between
-    coverage = coverage_of(evaluator, measures, step, blind_of_helices(views), unshown)
+    coverage = coverage_of(evaluator, measures, step, blind_of_helices(views), unshown, sides_tied)
     damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))

@@ -1,8 +1,10 @@
 """Views that read the same flanks a little differently, laid onto each other.
 
-What a sensor makes of steep flanks, and of its range, is alike on every tooth of a side: a shift, a slope along the
-profile and one along the face. It is in the budget of each view; left between them it would be a step on every flank
-where one of them ceases to see it, which looks like damage.
+What a sensor makes of steep flanks, of its range and of a laser plane that stands beside where the calibration has it
+is alike on every tooth of a side: a shift, a slope along the profile and one along the face. It is in the budget of
+each view; left between them it would be a step on every flank where one of them ceases to see it, which looks like
+damage. The same view reads as another one where the part was turned over: what it makes of left flanks it then makes of
+right ones, so that their mean is free of much of it (reversal).
 """
 
 from collections.abc import Sequence
@@ -14,7 +16,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.assumptions import INCIDENCE_U, K
-from truestand.core.frames import PHI, PLANE_TILT, UNKNOWNS
+from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
 from truestand.core.message import Message
 from truestand.core.robust import nan_median
 from truestand.gear.flanks import Flanks
@@ -37,27 +39,55 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
     """The views with their flanks at the mean of what all of them read, and why nothing may be decided: slopes that
     differ by more than sensors do. One view alone as it is.
     """
-    names = list(dict.fromkeys(view.name for view in views))
-    if len(names) < 2:
+    readers = list(dict.fromkeys(view.calibration.reader for view in views))
+    if len(readers) < 2:
         return views, ()
     flanks = joined([view.borne_out() for view in views], views)
     grid = grid_of(flanks)
-    of_views = [[part_of(flanks, views, k) for k, view in enumerate(views) if view.name == name] for name in names]
-    means = [means_of(of_view, grid) for of_view in of_views]
-    off = np.stack([_off([m[side] for m in means], grid) for side in (0, 1)], axis=1)
-    level = (replace(view, flanks=_without(view.flanks, off[names.index(view.name)])) for view in views)
-    return tuple(level), _contradictions(views, names, off)
+    by_reader = [
+        [part_of(flanks, views, k) for k, view in enumerate(views) if view.calibration.reader == reader]
+        for reader in readers
+    ]
+    off = _levels([means_of(of_reader, grid) for of_reader in by_reader], grid)
+    level = (replace(view, flanks=_without(view.flanks, off[readers.index(view.calibration.reader)])) for view in views)
+    return tuple(level), _contradictions(views, readers, off)
 
 
-def _contradictions(views: Sequence[GearView], names: list[str], off: Array) -> tuple[Message, ...]:
+def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: Grid) -> Array:
+    """What is left of fields (views, 2, teeth, roll lengths, heights) mm, by which each view may read delta otherwise,
+    when views are laid onto each other: ``shares`` of each view in the cells, who ``readers`` are (views,).
+    """
+    names = list(dict.fromkeys(readers))
+    if len(names) < 2:
+        return fields
+    of = np.array([names.index(reader) for reader in readers])
+    means = []
+    for n in range(len(names)):
+        share = shares[of == n].sum(axis=0)
+        mean = (shares[of == n] * fields[of == n]).sum(axis=0) / np.where(share > 0, share, 1.0)
+        means.append(np.where((share > 0) & grid.seen, mean, np.nan))
+    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
+    level = np.tensordot(_levels(means, grid), terms, 1)
+    return np.asarray(fields - level[of][:, :, None])
+
+
+def _levels(means: Sequence[Array], grid: Grid) -> Array:
+    """By how much (readers, 2, ``TERMS``) mm each one reads more than the mean of all; ``means``: of each one, (2,
+    teeth, roll lengths, heights) mm; NaN: not seen.
+    """
+    return np.stack([_off([m[side] for m in means], grid) for side in (0, 1)], axis=1)
+
+
+def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -> tuple[Message, ...]:
     """Why nothing may be decided where two views read a slope otherwise than their U allow."""
-    known = {view.name: _slope_known(view) for view in views}
+    known = {view.calibration.reader: _slopes_known(view) for view in views}
     found = []
-    for (a, b), side, (term, along) in product(combinations(range(len(names)), 2), (0, 1), SLOPES.items()):
-        apart, U = 2 * float(abs(off[a, side, term] - off[b, side, term])), hypot(known[names[a]], known[names[b]])
+    for (a, b), side, (term, along) in product(combinations(range(len(readers)), 2), (0, 1), SLOPES.items()):
+        apart = 2 * float(abs(off[a, side, term] - off[b, side, term]))
+        U = hypot(*(known[readers[k]][along] for k in (a, b)))
         if apart > CONTRADICTS * U:
             text = (
-                f"views {names[a]!r} and {names[b]!r} read the slope of {FLANKS[side]} flanks along the {along} "
+                f"views {readers[a]!r} and {readers[b]!r} read the slope of {FLANKS[side]} flanks along the {along} "
                 f"{1000 * apart:.1f} um otherwise, U is {1000 * U:.1f} um: one of them has moved since the "
                 "calibration; verify each (truestand verify), or inspect by one view"
             )
@@ -65,12 +95,18 @@ def _contradictions(views: Sequence[GearView], names: list[str], off: Array) -> 
     return tuple(found)
 
 
-def _slope_known(view: GearView) -> float:
-    """U (mm, k = 2) of a slope over the whole profile or face as a view reads it, roughly."""
+def _slopes_known(view: GearView) -> dict[str, float]:
+    """U (mm, k = 2) of a slope over the whole profile and over the whole face as a view reads them, roughly."""
     sensor, covariance = view.scan.stand.sensor, view.calibration.covariance
-    incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
-    turn = K * float(np.sqrt(np.diag(covariance)[[PHI, PLANE_TILT]].max())) if covariance.shape[0] >= UNKNOWNS else 0.0
-    return hypot(incidence, sensor.linearity, turn * view.flanks.toothing.nominal.gear.face_width)
+    nominal = view.flanks.toothing.nominal
+    read = hypot(INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U, sensor.linearity)
+    if covariance.shape[0] < UNKNOWNS:
+        return {"profile": read, "face": read}
+    known = K * np.sqrt(np.diag(covariance))
+    low, high = nominal.radius(np.array(nominal.profile_range))
+    beside = float(known[PLANE_OFFSET]) * nominal.base_radius * float(1 / low - 1 / high)
+    turned = float(known[[PHI, PLANE_TILT]].max()) * nominal.gear.face_width
+    return {"profile": hypot(read, beside, turned), "face": hypot(read, turned)}
 
 
 def _off(means: Sequence[Array], grid: Grid) -> Array:

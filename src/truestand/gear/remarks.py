@@ -49,7 +49,7 @@ def remarks_of(
         *_damaged(damage),
         *_short_face(flanks),
         *_other_diameters(diameters, nominal),
-        *_other_thickness(flanks.toothing),
+        *(_other_thickness(flanks.toothing) if coverage.sides_tied else ()),
         *dict.fromkeys(remark for view in views for remark in _angle_source(view)),
         *_slopes(measures, nominal),
     )
@@ -76,8 +76,8 @@ def _sides_not_seen(coverage: Coverage) -> tuple[Message, ...]:
     return tuple(
         Message(
             "side_not_seen",
-            f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the sensor "
-            "or the gear turned over, or with a second sensor",
+            f"the {flank} flanks were not seen: the camera looks from the other side; scan once more with the gear "
+            "turned over (--part-turned 0,over), or with a second sensor",
         )
         for side, flank in enumerate(FLANKS)
         if not coverage.position[side].any()

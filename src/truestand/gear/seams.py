@@ -22,7 +22,6 @@ from truestand.core.frames import (
     PLANE_TILT,
     RADIAL,
     UNKNOWNS,
-    about_axis,
     shaft_from_rotor,
     table_from_sensor,
 )
@@ -36,7 +35,7 @@ from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
-from truestand.uncertainty.influence import unknowns_of
+from truestand.uncertainty.influence import part_from_shaft, unknowns_of
 
 LEAST_TEETH = 3
 """Flanks of a side that two views must both show to be compared,"""
@@ -235,14 +234,12 @@ def corrected(calibrations: list[Calibration], differences: list[Difference]) ->
 def _without(calibration: Calibration, off: Array) -> Calibration:
     """A view's calibration whose unknowns, azimuth and height (``VIEW_UNKNOWNS``,) were ``off``, mm and rad."""
     p, height = unknowns_of(calibration)
-    own = shaft_from_rotor(*p[ECCENTRICITY_X:UNKNOWNS])
-    place = calibration.shaft_from_rotor @ own.inverse
     *moved, azimuth, up = -off
     q = p + np.array(moved)
+    placed = replace(calibration, azimuth=calibration.azimuth + azimuth, height=calibration.height + up)
+    own = shaft_from_rotor(*q[ECCENTRICITY_X:UNKNOWNS])
     return replace(
-        calibration,
+        placed,
         table_from_sensor=table_from_sensor(q[PHI], q[RADIAL], height, q[PLANE_TILT], q[PLANE_OFFSET]),
-        shaft_from_rotor=about_axis(azimuth, up) @ place @ shaft_from_rotor(*q[ECCENTRICITY_X:UNKNOWNS]),
-        azimuth=calibration.azimuth + azimuth,
-        height=calibration.height + up,
+        shaft_from_rotor=part_from_shaft(calibration) @ placed.first_from_table @ own,
     )

@@ -7,6 +7,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
@@ -36,11 +37,23 @@ class GearView:
     """mm: the same with the corrected angle."""
     explained: bool = True
     """Whether a drift and a few waves explained it: a free curve only says what differs from turn to turn."""
+    side: int | None = None
+    """The only side whose flanks count; None: both."""
 
     @property
     def name(self) -> str:
         """Of the view."""
         return self.calibration.name
+
+    @property
+    def teeth(self) -> int:
+        """Of the gear."""
+        return self.flanks.toothing.nominal.gear.teeth
+
+    @property
+    def angle(self) -> Array:
+        """Table angle (N,) rad in the sense in which it turns the part."""
+        return self.calibration.sense * table_angle(self.scan, self.calibration)
 
     @property
     def uneven_rms(self) -> float | None:
@@ -51,17 +64,40 @@ class GearView:
     def rolled_up(self, surface: Surface, toothing: Toothing) -> Self:
         """The same scan, rolled up otherwise."""
         scan, calibration = surface.origin
-        flanks = find_flanks(surface, toothing)
+        flanks = _of_side(find_flanks(surface, toothing), self.side)
         return replace(self, surface=surface, flanks=flanks, scan=scan, calibration=calibration)
 
     def borne_out(self) -> Flanks:
         """Its flanks without readings that stand alone."""
-        return without_lone_readings(self.flanks, self.scan.live, table_angle(self.scan, self.calibration))
+        return without_lone_readings(self.flanks, self.scan.live, self.angle)
 
 
 def views_of(surfaces: Sequence[Surface], toothing: Toothing) -> tuple[GearView, ...]:
     """The flanks that each of several surfaces in one frame shows of a toothing."""
     return tuple(GearView(s, find_flanks(s, toothing), *s.origin) for s in surfaces)
+
+
+def each_by_one_side(views: Sequence[GearView]) -> tuple[GearView, ...]:
+    """The views with only the side of which they show most, before and after a part was turned over: nothing says how
+    far the flanks of the other side, seen at a grazing angle, lie off those that the other scans show.
+    """
+    sides = {}
+    for sense in {view.calibration.sense for view in views}:
+        left = np.concatenate([v.flanks.flank < v.teeth for v in views if v.calibration.sense == sense])
+        sides[sense] = int(np.mean(left) < 0.5) if left.size else None
+    return tuple(
+        replace(view, flanks=_of_side(view.flanks, side), side=side)
+        for view, side in ((view, sides[view.calibration.sense]) for view in views)
+    )
+
+
+def _of_side(flanks: Flanks, side: int | None) -> Flanks:
+    """The points on flanks of one side only; None: all of them."""
+    if side is None:
+        return flanks
+    teeth = flanks.toothing.nominal.gear.teeth
+    on, outside = ((points.flank >= teeth) == bool(side) for points in (flanks, flanks.outside_gate))
+    return replace(flanks.select(on), outside_gate=flanks.outside_gate.select(outside))
 
 
 def joined(flanks: Sequence[Flanks], views: Sequence[GearView]) -> Flanks:

@@ -9,13 +9,13 @@ from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, TruestandError
 from truestand.core.inspection import Inspection
-from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.temperature import Temperature
-from truestand.gear.clampings import laid_together
+from truestand.gear.clampings import Together, laid_together
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
+from truestand.gear.ties import PartTurned
 from truestand.parts.cad import inspect_cad
 from truestand.parts.drawings import Cad, Turned
 from truestand.parts.turned import inspect_turned
@@ -26,12 +26,12 @@ LIKE_THE_SHAFT_MM = 1.0
 
 
 def inspect(
-    surface: Surface | Sequence[Surface], part: Part, part_turned: Sequence[int | None] | None = None
+    surface: Surface | Sequence[Surface], part: Part, part_turned: Sequence[PartTurned] | None = None
 ) -> Inspection:
     """Characteristics, each with its uncertainty (mm, k = 2), of a part that ``roll`` brought into C; defects of gears.
 
     Of gears, several views are inspected as one (``roll_views``); so are scans of a gear that was clamped again,
-    ``part_turned`` by so many teeth in each (``gear.clampings``).
+    ``part_turned`` by so many teeth in each, or turned over (``gear.clampings``).
 
     Source: gears by ISO 1328-1 and ISO 21771; form and run-out by ISO 12181, ISO 12180, ISO 1101; decisions by
     ISO 14253-1.
@@ -48,13 +48,16 @@ def inspect(
         surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:
         surfaces = tuple(_at_reference_temperature(s, part.temperature) for s in surfaces)
-    untied: tuple[Message, ...] = ()
-    clamped: tuple[Message, ...] = ()
+    together = Together(surfaces)
     if part_turned is not None and isinstance(part, Gear):
-        surfaces, untied, clamped = laid_together(surfaces, part, part_turned)
-    inspection = _inspected(surfaces, part)
-    inspection = replace(inspection, reasons=(*untied, *inspection.reasons), remarks=(*clamped, *inspection.remarks))
-    origins = [s.origin for s in surfaces]
+        together = laid_together(surfaces, part, part_turned)
+    inspection = _inspected(together, part)
+    inspection = replace(
+        inspection,
+        reasons=(*together.reasons, *inspection.reasons),
+        remarks=(*together.remarks, *inspection.remarks),
+    )
+    origins = [s.origin for s in together.surfaces]
     followed = dict.fromkeys(
         r for scan, calibration in origins for r in (*scan.remarks, *transfer_remarks(calibration))
     )
@@ -114,9 +117,9 @@ def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:
     )
 
 
-def _inspected(surfaces: tuple[Surface, ...], part: Part) -> Inspection:
+def _inspected(together: Together, part: Part) -> Inspection:
     if isinstance(part, Gear):
-        return inspect_gear(surfaces, part)
+        return inspect_gear(together.surfaces, part, together.sides_tied)
     if isinstance(part, Turned):
-        return inspect_turned(surfaces[0], part)
-    return inspect_cad(surfaces[0], part)
+        return inspect_turned(together.surfaces[0], part)
+    return inspect_cad(together.surfaces[0], part)

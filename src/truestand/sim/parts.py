@@ -32,6 +32,10 @@ class VirtualGear:
 
     gear: Gear
     errors: GearErrors = field(default_factory=GearErrors)
+    turned: float = 0.0
+    """rad, ccw from above, by which it sits turned on the shaft,"""
+    turned_over: bool = False
+    """after it was turned over, about a level line through the middle of its face."""
 
     def __post_init__(self) -> None:
         teeth, e = self.gear.teeth, self.errors
@@ -105,7 +109,10 @@ def shaft_from_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece)
     names = [c.name for c in artefact.cylinders if c.bottom <= middle <= c.top]
     off = next((m for m in workpiece.misalignments if m.surface in names), None)
     seat = np.eye(4) if off is None else _seat(off, artefact)
-    return turned(workpiece.clamped) @ seat @ shifted(e * cos(direction), e * sin(direction))
+    sits = turned(part.turned) @ (
+        rigid(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 2 * middle)) if part.turned_over else np.eye(4)
+    )
+    return turned(workpiece.clamped) @ seat @ sits @ shifted(e * cos(direction), e * sin(direction))
 
 
 def shaft_from_cad(part: VirtualCad, workpiece: Workpiece) -> Array:

@@ -208,6 +208,8 @@ class ChipRecipe(Recipe):
 class GearErrorsRecipe(Recipe):
     """``[simulation]`` of gear.toml."""
 
+    turned_deg: float = 0.0
+    turned_over: bool = False
     phase_deg: float = 3.0
     seed: Annotated[int, Field(ge=0)] = 0
     pitch_um: NonNegativeFloat = 0.0
@@ -341,7 +343,8 @@ def virtual_part_from(
         BadRecipe: a wrong or unknown key, or a tooth that the gear hasn't got.
     """
     if isinstance(part, Gear):
-        return VirtualGear(part, _gear_errors(checked(GearErrorsRecipe, table, where)))
+        gear = checked(GearErrorsRecipe, table, where)
+        return VirtualGear(part, _gear_errors(gear), radians(gear.turned_deg), gear.turned_over)
     if isinstance(part, Turned):
         return VirtualTurned(part, _workpiece(checked(WorkpieceRecipe, table, where)))
     pose = checked(CadPoseRecipe, table, where)

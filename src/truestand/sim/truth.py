@@ -142,7 +142,8 @@ class StandingGear:
 
 
 def standing_gear(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) -> StandingGear:
-    """The gear where it stands in C, without its dents, worn areas and chips."""
+    """The gear where it stood in C before it was clamped again, without its dents, worn areas and chips."""
+    part = replace(part, turned=0.0, turned_over=False)
     real = GearSurface(part.gear, replace(part.errors, dents=(), worn=(), chips=()))
     phase = real.first + workpiece.clamped
     nominal = GearSurface(part.gear, GearErrors(phase=phase))
@@ -162,7 +163,7 @@ def _gear_record(part: VirtualGear, artefact: Artefact, workpiece: Workpiece) ->
         "name": gear.name,
         "teeth": gear.teeth,
         "phase_deg": degrees(s.nominal.first),
-        "shaft_from_part": s.shaft_from_gear.tolist(),
+        "shaft_from_part": shaft_from_gear(part, artefact, workpiece).tolist(),
         "measuring_diameter_mm": measuring,
         "thickness_um": _um(np.nanmean(position[LEFT] - position[RIGHT])),
         **_runout(s, measuring / 2),

@@ -29,6 +29,7 @@ from truestand.report.pdf import check_report, write_report
 
 if TYPE_CHECKING:
     from truestand.apply.verify import Verification
+    from truestand.gear.ties import PartTurned
 
 Result = TypeVar("Result")
 StepObserver = Callable[[Literal["evaluate", "report"]], AbstractContextManager[Any]]
@@ -142,10 +143,10 @@ def calibrate_job(
 def inspect_job(
     inputs: Inputs, outputs: Outputs, take: TakeScans, during: StepObserver, *,
     identity: Mapping[str, str] | None = None, start_stated: bool = False, truth: Mapping[str, Any] | None = None,
-    part_turned: tuple[int | None, ...] | None = None,
+    part_turned: "tuple[PartTurned, ...] | None" = None,
 ) -> Outcome[Inspection]:  # fmt: skip
     """Inspect a part by a scan of it on the calibrated stand, by one of each view, or by several between which it was
-    clamped again, ``part_turned`` by so many teeth in each.
+    clamped again, ``part_turned`` by so many teeth in each, or turned over.
 
     ``identity``: serial, order, operator, where they are others than the recipe's; ``start_stated``: the table angle of
     the scan's first profile was given by the user; ``truth``: of a simulated scan.

@@ -1,0 +1,174 @@
+"""The table told from the gear by closure: what stays with the table while the gear is turned on it is the table's,
+
+    F_c(j) = g(j) + t(theta_j + o_c) + const_c,    t = sum of waves a turn
+
+(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). What is left of the table's errors, and of all else
+that does not turn with the gear, is averaged over the clampings.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truestand.apply.datum import Datum
+from truestand.core.arrays import Array
+from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
+from truestand.core.message import Message
+from truestand.core.scan import Scan
+from truestand.core.surface import Surface, apply_calibration, seen_at, table_angle
+from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
+from truestand.gear.geometry import SIGMA, Involute
+from truestand.uncertainty.lines import once_per_turn
+
+MOST = 1.5
+"""Times its U that what closure finds may be."""
+LEAST_VARIANCE = 1e-16
+"""rad2: no wave is known better."""
+LEAST_NOISE = 1e-7
+"""rad: flanks' places are not known better."""
+OF_CLAMPING = 3
+"""Unknowns of each clamping but the first: by what it turned the gear, and where the part sits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """What several clampings tell of the table, and of how the part sat in each."""
+
+    orders: tuple[int, ...]
+    """Waves a turn of the table's error:"""
+    waves: Array
+    """(2 orders,) rad, cosine and sine of each,"""
+    covariance: Array
+    """(2 orders, 2 orders) rad2."""
+    seats: Array
+    """(clampings, 2) mm: how far off the first one's axis the part sat in each."""
+    known: Array
+    """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
+    seated: float
+    """and mm, of the seats."""
+    left: float
+    """rad: standard deviation of what differs between clampings beyond all that."""
+
+    def expanded(self, wave: int) -> float:
+        """Of a wave (k = 2, rad), in the phase in which it is known worst."""
+        own = slice(2 * wave, 2 * wave + 2)
+        return K * sqrt(max(float(np.linalg.eigvalsh(self.covariance[own, own])[-1]), LEAST_VARIANCE))
+
+    @property
+    def faster(self) -> float:
+        """U (k = 2, rad) of the waves beyond once a turn: of those that were found, and of all others."""
+        found = max(self.expanded(k) for k in range(1, len(self.orders)))
+        return max(found, K * self.left / sqrt(len(self.seats)))
+
+    def contradictions(self, radius: float) -> tuple[Message, ...]:
+        """What of it can't be, by what was known beforehand; ``radius``: mm, of the measuring circle."""
+        found, once = [], float(np.hypot(*self.waves[:2]))
+        if once > MOST * K * self.known[0]:
+            text = (
+                f"closure: the table would err by {1000 * once * radius:.1f} um once a turn at the measuring circle, "
+                f"which its U ({1000 * K * self.known[0] * radius:.1f} um) does not allow: count the teeth, see that "
+                "the part sits as it sat (bore_clearance_mm), or state angle_U_arcsec under [table]"
+            )
+            found.append(Message("closure_contradicts", text))
+        off = float(np.hypot(*self.seats.T).max(initial=0.0))
+        if off > MOST * K * self.seated:
+            text = (
+                f"closure: the part would sit {1000 * off:.1f} um otherwise than in the first clamping, U is "
+                f"{1000 * K * self.seated:.1f} um: state its play (bore_clearance_mm)"
+            )
+            found.append(Message("part_sits_otherwise", text))
+        return tuple(found)
+
+    def without_table(self, surface: Surface, radius: float) -> Surface:
+        """The surface with the table's waves taken off its angle; what is left of them is known, as angle once a turn
+        and, at the measuring ``radius`` (mm), as sideways motion beyond.
+        """
+        scan, calibration = surface.origin
+        angle = table_angle(scan, calibration)
+        table = replace(scan.stand.table, angle_U=self.expanded(0), sideways_U=self.faster * radius)
+        angle = angle - waves_of(angle % tau, self.orders) @ self.waves
+        corrected = replace(scan, angle=angle, stand=replace(scan.stand, table=table))
+        return apply_calibration(corrected, replace(calibration, speed_factor=1.0, applied_to=corrected))
+
+
+def waves_of(angle: Array, orders: Sequence[int]) -> Array:
+    """Cosine and sine (n, 2 orders) of each wave a turn at angles (n,) rad."""
+    return np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], axis=-1)
+
+
+def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Closure:
+    """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, and how far
+    off the axis a part sits that was clamped again, are known beforehand as their budget says.
+    """
+    orders, clampings = _orders(nominal.gear.teeth), len(surfaces)
+    known = _before(surfaces[0].origin[0], nominal, orders)
+    seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
+    design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), orders)
+    left = _noise(design, places)
+    first, last = 2 * nominal.gear.teeth, design.shape[1] - known.size
+    seats = first + OF_CLAMPING * np.arange(clampings - 1)[:, None] + np.array([1, 2])
+    precision = np.zeros(design.shape[1])
+    precision[last:], precision[seats] = 1.0 / np.square(known), 1.0 / seated**2
+    covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
+    found = np.asarray(covariance @ design.T @ places / left**2)
+    sat = np.concatenate([np.zeros((1, 2)), found[seats]])
+    return Closure(orders, found[last:], np.asarray(covariance[last:, last:]), sat, known, seated, left)
+
+
+def _orders(teeth: int) -> tuple[int, ...]:
+    """Waves a turn that are looked for: slow ones, and the one that neighbouring teeth feel most."""
+    return tuple(sorted({1, 2, 3, max(2, teeth // 4)}))
+
+
+def _equations(surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence[int]) -> tuple[Array, Array]:
+    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + 2 orders), and the
+    places (n,) rad.
+    """
+    nominal = toothing.nominal
+    teeth, waves = nominal.gear.teeth, 2 * len(orders)
+    flanks, rows, values = 2 * teeth, [], []
+    for c, surface in enumerate(surfaces):
+        calibration, offsets = surface.origin[1], flank_offsets(surface, toothing)
+        place = (SIGMA[:, None] * offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
+        seen = np.flatnonzero(np.isfinite(place))
+        points, gradient = _middles(toothing, seen)
+        design = np.zeros((seen.size, flanks + OF_CLAMPING * (len(surfaces) - 1) + waves))
+        design[np.arange(seen.size), seen] = 1.0
+        if c:
+            moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
+            own = flanks + OF_CLAMPING * (c - 1) + np.arange(OF_CLAMPING)
+            design[:, own] = np.column_stack([np.ones(seen.size), moved])
+        # An angle that counts too much by t shows the flank turned back by t, or on, of a gear that was turned over.
+        design[:, -waves:] = -calibration.sense * waves_of(seen_at(calibration, points), orders)
+        rows.append(design)
+        values.append(place[seen])
+    return np.concatenate(rows), np.concatenate(values)
+
+
+def _middles(toothing: Toothing, flanks: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Where (n, 3) mm in C the measuring circle of some ``flanks`` (side * teeth + tooth) is at the middle of the face,
+    and the gradient (n, 3) of delta there.
+    """
+    nominal = toothing.nominal
+    side, tooth = np.divmod(flanks, nominal.gear.teeth)
+    roll, height = np.full(side.size, nominal.measuring_roll), np.full(side.size, nominal.middle)
+    points = toothing.points((side, tooth), roll, height, np.zeros(side.size))
+    return points, toothing.gradient(points, SIGMA[side])
+
+
+def _noise(design: Array, value: Array) -> float:
+    """Standard deviation (rad) of the flanks' places, from what waves, teeth and clampings leave of them."""
+    solution, _, rank, _ = np.linalg.lstsq(design, value, rcond=None)
+    rest = value - design @ solution
+    return max(sqrt(float(rest @ rest) / max(value.size - int(rank), 1)), LEAST_NOISE)
+
+
+def _before(scan: Scan, nominal: Involute, orders: Sequence[int]) -> Array:
+    """Standard uncertainty (2 orders,) rad of each wave beforehand."""
+    _, U = once_per_turn(scan)
+    stated = scan.stand.table.sideways_U
+    sideways = (SIDEWAYS_U if stated is None else stated) / nominal.measuring_radius
+    return np.repeat([sqrt((U / n) ** 2 + (sideways if n > 1 else 0.0) ** 2) / K for n in orders], 2)

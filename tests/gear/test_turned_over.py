@@ -1,0 +1,167 @@
+"""A gear that was turned over between its scans: both of its sides by one sensor, and what nothing ties."""
+
+from dataclasses import replace
+from functools import cache
+from math import radians, tau
+
+import numpy as np
+import pytest
+
+from gears import SPUR, UPRIGHT_POINTS, WORN, helical, line, simulation, stand
+from truestand.apply.views import roll_views
+from truestand.calibration.calibrate import calibrate
+from truestand.core.errors import BadRecipe
+from truestand.core.scan import interpret
+from truestand.gear.clampings import laid_together
+from truestand.parts.inspect import inspect
+from truestand.sim import Chip, VirtualGear, paper_shaft, simulate
+from truestand.sim.gear_truth import gear_figures
+
+UM = 1e-3
+COUNTS, ARCSEC10 = 360_000, radians(10.0 / 3600.0)
+STEEP = helical(45.0)
+"""One view sees one of its sides only."""
+RUNNING_OUT = replace(WORN, eccentricity=0.02)
+"""Its tips tell which tooth is which."""
+EVEN = replace(WORN, eccentricity=0.0)
+TURNED = radians(100.0)
+OWN = replace(stand(UPRIGHT_POINTS), counts_per_turn=COUNTS)
+
+
+@cache
+def scan(gear, errors, turned=0.0, over=False, seed=1, error=0.0):
+    """1.1 turns at 4,000 profiles each, of the shaft (None) or of a gear that sits so, by an encoder that errs by so
+    many rad once a turn.
+    """
+    how = simulation(4400, True)
+    how = replace(how, acquisition=replace(how.acquisition, columns=("encoder",)))
+    part = None if errors is None else VirtualGear(gear, errors, turned, over)
+    made = simulate(OWN, how, paper_shaft(), seed, None, part).recording
+    off = error * COUNTS / tau * np.cos(made.encoder * (tau / COUNTS) - 0.7)
+    return interpret(replace(made, encoder=made.encoder + off), OWN)
+
+
+@cache
+def stands():
+    return calibrate(scan(None, None, seed=0), paper_shaft())
+
+
+@cache
+def both(gear, errors, turned=TURNED, over=True):
+    scans = scan(gear, errors), scan(gear, errors, turned, over, seed=2)
+    return roll_views(scans, stands(), clamped_again=True)
+
+
+@cache
+def found(gear, errors):
+    return inspect(both(gear, errors), gear, (0, "over"))
+
+
+@cache
+def true(gear, errors):
+    return gear_figures(VirtualGear(gear, errors), paper_shaft(), simulation(2, True).workpiece)
+
+
+def codes(messages):
+    return {message.code for message in messages}
+
+
+def inside_u(inspection, truth):
+    """Share of the figures that lie within their U, their number, and the worst in U."""
+    off = [
+        abs(c.value - truth[key]) / c.U
+        for c in inspection.characteristics
+        if (key := (c.name, c.flank or "", c.tooth)) in truth and c.value is not None
+    ]
+    return np.mean(np.array(off) < 1), len(off), max(off)
+
+
+def test_one_sensor_sees_both_sides():
+    inspection, truth = found(STEEP, RUNNING_OUT), true(STEEP, RUNNING_OUT)
+    assert not inspection.reasons
+    for flank in ("left", "right"):
+        for name in ("f_p", "F_p"):
+            c = line(inspection, name, flank)
+            assert c.status == "measured" and abs(c.value - truth[name, flank, None]) < c.U < 9 * UM
+    share, number, worst = inside_u(inspection, truth)
+    assert number > 280 and share > 0.97 and worst < 1.5
+
+
+def test_what_needs_both_sides_is_not_measurable():
+    inspection = found(STEEP, RUNNING_OUT)
+    for name in ("s", "W_k", "M_d", "F_r"):
+        assert line(inspection, name, None).status == "not_measurable"
+    assert line(inspection, "d_a", None).status == "measured"
+    (said,) = [str(r) for r in inspection.remarks if r.code == "part_turned_over"]
+    assert "the tips tell which tooth is which" in said and "other_thickness" not in codes(inspection.remarks)
+
+
+@pytest.mark.more
+def test_alike_tips_leave_the_numbers_open_and_nothing_else():
+    """Left flanks seen at a grazing angle by the other scan were damage of 30 um."""
+    inspection, truth = found(STEEP, EVEN), true(STEEP, EVEN)
+    assert not inspection.reasons and "damage" not in codes(inspection.remarks)
+    (said,) = [str(r) for r in inspection.remarks if r.code == "part_turned_over"]
+    assert "numbered each from a tooth of their own" in said
+    for flank in ("left", "right"):
+        for name in ("f_p", "F_p"):
+            c = line(inspection, name, flank)
+            assert abs(c.value - truth[name, flank, None]) < c.U
+
+
+@pytest.mark.more
+def test_a_chipped_tooth_keeps_its_number():
+    chipped = replace(EVEN, chips=(Chip(5, 7.0, 21.0, 0.4),))
+    (defect,) = [d for d in found(STEEP, chipped).defects if d.kind.startswith("chipped")]
+    assert defect.tooth == 5 and defect.depth == pytest.approx(0.4, abs=0.05)
+
+
+@pytest.mark.more
+def test_the_same_flanks_from_below_lay_the_scans_onto_each_other():
+    """What a laser plane beside where it is taken to be does to a slope turns round with the part."""
+    inspection, alone = found(SPUR, RUNNING_OUT), inspect(both(SPUR, RUNNING_OUT)[0], SPUR)
+    assert not inspection.reasons and "part_turned_over" not in codes(inspection.remarks)
+    share, number, worst = inside_u(inspection, true(SPUR, RUNNING_OUT))
+    assert number == 2 * 24 * 6 + 4 and share > 0.97 and worst < 1.2
+    for name in ("s", "F_r"):
+        assert line(inspection, name, None).value == pytest.approx(line(alone, name, None).value, abs=1.5 * UM)
+
+    def by_offset(of):
+        budget = line(of, "f_Halpha", "left").budget
+        return next((c.U for c in budget if c.name == "lateral offset of the laser plane"), 0.0)
+
+    assert by_offset(inspection) < by_offset(alone) / 3
+
+
+@pytest.mark.more
+def test_the_table_turns_a_gear_from_below_the_other_way():
+    """An encoder that errs by 10 arc seconds once a turn, of which closure is told by one gear turned over."""
+
+    scans = [
+        scan(SPUR, WORN, radians(turned), over, seed, ARCSEC10)
+        for seed, (turned, over) in enumerate(((0.0, False), (100.0, True), (230.0, True)))
+    ]
+    inspection = inspect(roll_views(scans, stands(), clamped_again=True), SPUR, (0, "over", "over"))
+    (said,) = [str(r) for r in inspection.remarks if r.code == "part_clamped_again"]
+    size, U = (float(text) for text in said.split("errs by ")[1].split(" um")[0].split(" +- "))
+    assert size == pytest.approx(1000 * ARCSEC10 * 24.0, abs=max(U, 0.1)) and U < 1.0
+    for flank in ("left", "right"):
+        c = line(inspection, "F_p", flank)
+        assert abs(c.value - true(SPUR, WORN)["F_p", flank, None]) < min(c.U, 0.7 * UM)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("gear", [SPUR, STEEP])
+def test_a_part_that_was_not_turned_over_is_refused(gear):
+    with pytest.raises(BadRecipe, match="the pitches say that the part was not turned over, but turned by 7 teeth"):
+        inspect(both(gear, RUNNING_OUT, radians(105.0), over=False), gear, (0, "over"))
+
+
+@pytest.mark.more
+def test_another_part_turned_over_is_not_tied():
+    """Its tips run out otherwise."""
+    other = replace(RUNNING_OUT, chips=(Chip(3, 7.0, 21.0, 0.3), Chip(11, 7.0, 21.0, 0.3)))
+    first, _ = both(STEEP, RUNNING_OUT)
+    _, second = both(STEEP, other)
+    together = laid_together((first, second), STEEP, (0, "over"))
+    assert codes(together.reasons) == {"part_not_tied"} and together.surfaces == (first,)
