@@ -14,17 +14,13 @@ from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.calibration import ScanSummary
-from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose
-from truestand.core.inspection import Seam
+from truestand.core.inspection import Seam, contradictions
 from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import inspection_record
 from truestand.files.records.schemas import schema_text
 from truestand.gear.inspect import inspect_gear
-from truestand.gear.seams import contradictions
-from truestand.parts.drawings import Section, Turned
-from truestand.parts.inspect import inspect
 from truestand.report.inspection import inspection_report
 from truestand.sim import FlankErrors, VirtualGear, paper_shaft, simulate
 from truestand.sim.gear_truth import gear_figures
@@ -196,9 +192,3 @@ def test_a_third_view_tells_which_one_moved():
     ]
     assert "view 'b' has moved" in contradictions(tuple(seams))[0]
     assert "one of them has moved" in contradictions(tuple(seams[:1]))[0]
-
-
-def test_parts_that_are_no_gears_are_inspected_view_by_view():
-    part = Turned((Section("d1", 5.0, 25.0, 40.0),))
-    with pytest.raises(BadRecipe, match="found 2 views of a part that is no gear"):
-        inspect(roll_views(scans(VirtualGear(GEAR, WORN)), calibrated()), part)

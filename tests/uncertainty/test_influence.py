@@ -7,7 +7,7 @@ import numpy as np
 from solids import calibration
 from truestand.core.scan import Scan
 from truestand.core.surface import apply_calibration, readings_of, seen_at, sensor_origins
-from truestand.uncertainty.influence import independent_parts, influence, moves, points_of, unknowns_of
+from truestand.uncertainty.influence import independent_parts, influence, points_of, unknowns_of
 
 RNG = np.random.default_rng(1)
 X, Z, ANGLE = RNG.uniform(-15, 15, 50), RNG.uniform(75, 115, 50), RNG.uniform(0, 20, 50)
@@ -38,7 +38,6 @@ def test_the_parts_are_the_covariance():
     assert np.allclose(parts.T @ parts / np.outer(scale, scale), known.covariance / np.outer(scale, scale), atol=1e-9)
     none = replace(known, covariance=np.zeros((0, 0)))
     assert independent_parts(none) is None
-    assert moves(none, X, Z, ANGLE, np.zeros((50, 3))) is None
 
 
 def test_rays_start_at_the_sensor_and_meet_their_points():

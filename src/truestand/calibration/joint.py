@@ -41,7 +41,7 @@ MOST_ALIKE = 16.0
 NOT_KNOWN_U = pi / sqrt(3.0)
 """rad: standard uncertainty of an azimuth of which nothing is known."""
 STRETCH = "linearity of the sensor over the shaft's travel"
-AZIMUTH, HEIGHT_ZERO = "azimuth of the view", "height zero: the shoulder"
+AZIMUTH, HEIGHT = "azimuth of the view", "height between views"
 SETTLED = 1e-9
 """mm or rad."""
 MOST_STEPS = 30
@@ -299,7 +299,7 @@ def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
         if view.pose is not None:
             azimuth, height = view.pose
             found[AZIMUTH, (azimuth,)] = Prior(AZIMUTH, (azimuth,), NOT_KNOWN_U)
-            found[HEIGHT_ZERO, (height,)] = Prior(HEIGHT_ZERO, (height,), hypot(shoulder[0], u))
+            found[HEIGHT, (height,)] = Prior(HEIGHT, (height,), hypot(shoulder[0], u))
     return tuple(found.values())
 
 

@@ -18,6 +18,9 @@ from truestand.core.assumptions import (
     BEARING_U,
     COAXIALITY_U,
     EXPANSION,
+    HEIGHT_HIDDEN_U,
+    HEIGHT_SEEN_U,
+    HEIGHT_ZERO,
     SCALE_U,
     TEMPERATURE_U,
     K,
@@ -48,8 +51,6 @@ from truestand.core.scan import Scan
 from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN_DEG, Input, budget_of
 from truestand.uncertainty.lines import diameter_name, expanded_diameter, linearity_name, linearity_of, scale_name
 
-HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
-"""mm, k = 2, of the shoulder: where its face is hidden, its edge may be broken by as much; where it is seen."""
 SHARED = " (as the waves that all surfaces share)"
 IDENTIFIABLE = 0.5
 """A number is reported where the posterior u is at most this share of the prior's."""
@@ -224,7 +225,7 @@ def _inputs(
                "eccentricity_um": eccentricity * slope}),
         Input(scale_name(sensor), scale / 2, "normal",
               {"eccentricity_um": eccentricity}),
-        Input("height zero: the shoulder", height_zero_u(fit), "rectangular",
+        Input(HEIGHT_ZERO, height_zero_u(fit), "rectangular",
               {"eccentricity_um": 1000.0 * tilt, "laser_plane_offset_mm": abs(float(np.tan(p[PLANE_TILT])))}),
         Input(f"temperature of the artefact{ASSUMED}", TEMPERATURE_U / 2, "rectangular",
               {"radial_position_mm": EXPANSION * base.radius}),

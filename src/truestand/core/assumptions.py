@@ -43,6 +43,10 @@ ANGLE_ZERO_U = 2e-4
 """rad: where a scan starts against the zero of the table's angle."""
 ENCODER_U, STEADY_U = 5e-5, 2e-4
 """rad: once-per-turn error of an angle that is measured (10 arc seconds), and of one taken from a steady speed."""
+HEIGHT_HIDDEN_U, HEIGHT_SEEN_U = 0.5, 0.01
+"""mm, k = 2, of the shoulder: where its face is hidden, its edge may be broken by as much; where it is seen."""
+HEIGHT_ZERO = "height zero: the shoulder"
+"""Line of a calibration's budget."""
 SEATED_U = 5e-4
 """mm: by how much a part without play sits otherwise on its seat when it is clamped again."""
 CLAMPED_U = radians(0.5)

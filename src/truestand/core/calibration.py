@@ -8,7 +8,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import BEARING_U
+from truestand.core.assumptions import BEARING_U, HEIGHT_HIDDEN_U, HEIGHT_SEEN_U, HEIGHT_ZERO, K
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -324,6 +324,13 @@ class Calibration:
     def first_from_table(self) -> Pose:
         """From its own T into the T of the first view."""
         return about_axis(self.azimuth, self.height)
+
+    @property
+    def height_known(self) -> float:
+        """U (mm, k = 2) of the height 0 of its own C, which is the shoulder: its edge stands in where it is hidden."""
+        lines = (line for u in self.uncertainty.values() for line in u.contributions if line.name == HEIGHT_ZERO)
+        stated = max((line.value or 0.0 for line in lines), default=0.0)
+        return K * stated if stated else HEIGHT_HIDDEN_U if "height" in self.not_identifiable else HEIGHT_SEEN_U
 
     @property
     def whole_stand(self) -> Stand:

@@ -104,6 +104,33 @@ class Seam:
     U: float
     """k = 2: of the calibration and the sensors."""
     ok: bool
+    section: str | None = None
+    """Of a turned part."""
+
+    @property
+    def place(self) -> str:
+        """Where the surface is that both saw; empty: all over the part."""
+        if self.section is not None:
+            return f"section {self.section!r}"
+        return f"{self.flank} flanks" if self.flank else ""
+
+
+def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
+    """Why nothing may be decided where views contradict each other; a third view tells which of them moved."""
+    wrong = [seam for seam in seams if not seam.ok]
+    if not wrong:
+        return ()
+    worst = max(wrong, key=lambda seam: abs(seam.difference) / seam.U)
+    agreeing = {view for seam in seams if seam.ok for view in seam.views}
+    moved = {view for seam in wrong for view in seam.views} - agreeing
+    which = f"view {min(moved)!r} has" if len(moved) == 1 else "one of them has"
+    where = f" on the {worst.place}" if worst.place else ""
+    text = (
+        f"views {' and '.join(map(repr, worst.views))} differ by {1000 * abs(worst.difference):.1f} um{where}, U is "
+        f"{1000 * worst.U:.1f} um: {which} moved since the calibration; verify each (truestand verify), or inspect by "
+        "one view"
+    )
+    return (Message("views_contradict", text),)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,13 @@ from truestand.gear.geometry import SIGMA, Involute
 from truestand.gear.grid import Grid, cell_of
 from truestand.gear.levels import levelled_fields
 from truestand.gear.views import GearView, view_of
-from truestand.uncertainty.influence import STEPS, moved_points, part_from_shaft, retaken
+from truestand.uncertainty.influence import (
+    influence_of_view,
+    joint_covariance,
+    moved_points,
+    part_from_shaft,
+    retaken,
+)
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
@@ -109,12 +115,7 @@ class SeenCells:
         """How they move with each unknown of a view, its azimuth and its height: (``VIEW_UNKNOWNS``, n, 3) mm per mm or
         rad.
         """
-        steps = STEPS[:, None] * np.eye(UNKNOWNS)
-        own = [self.moved(calibration, step) / size for step, size in zip(steps, STEPS, strict=True)]
-        part = part_from_shaft(calibration)
-        up = part.rotation[:, 2]
-        round_it = np.cross(up, self.point - part.translation)
-        return np.stack([*own, round_it, np.broadcast_to(up, self.point.shape)])
+        return influence_of_view(calibration, self.point, self.x, self.z, self.theta)
 
     def influence(self, name: str, moved: Array, u: float, distribution: str = "normal") -> Influence:
         """The effect of moving the points by ``moved`` (n, 3) mm, or all alike by (3,) mm, in C."""
@@ -297,22 +298,6 @@ def _of_joint_calibration(views: tuple[Weighed, ...], k: int, cells: SeenCells) 
         moved = np.tensordot(steps[block[k] : block[k] + VIEW_UNKNOWNS], moves, 1)
         found.append(cells.influence(name, moved, float(np.abs(column).max())))
     return found
-
-
-def joint_covariance(calibrations: Sequence[Calibration]) -> Array | None:
-    """The covariance of all unknowns of several views, in their order; None where their record carries none.
-
-    What a witness band adds to the radial position of one of them is added here.
-    """
-    joint = calibrations[0].joint
-    if joint is None or any(c.covariance.shape[0] < UNKNOWNS for c in calibrations):
-        return None
-    at = np.concatenate([VIEW_UNKNOWNS * joint.views.index(c.name) + np.arange(VIEW_UNKNOWNS) for c in calibrations])
-    covariance = np.array(joint.matrix[np.ix_(at, at)])
-    for k, calibration in enumerate(calibrations):
-        radial = k * VIEW_UNKNOWNS + RADIAL
-        covariance[radial, radial] = max(covariance[radial, radial], calibration.covariance[RADIAL, RADIAL])
-    return covariance
 
 
 def _cholesky(covariance: Array) -> Array:

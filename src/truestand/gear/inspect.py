@@ -11,7 +11,7 @@ from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
 from truestand.core.frames import UNKNOWNS
-from truestand.core.inspection import Inspection, Seam
+from truestand.core.inspection import Inspection, Seam, contradictions
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
@@ -46,13 +46,11 @@ from truestand.gear.levels import levelled
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
-from truestand.gear.seams import contradictions, tied, tied_roughly
+from truestand.gear.seams import tied, tied_roughly
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, below_tips, fold, other_teeth, teeth_there, tip_and_root
 from truestand.gear.views import GearView, each_by_one_side, joined, views_of, with_views
 
-HIDDEN_SHOULDER_U = 0.5
-"""mm by which heights may be off where the calibration did not see the shoulder's face."""
 PUBLISHED_THIN = 8
 """Every so many points of a profile go through the published compensation, for comparison."""
 
@@ -168,7 +166,8 @@ def _reasons(surface: Surface, views: tuple[GearView, ...], seams: tuple[Seam, .
         reasons = (*reasons, Message("wrong_drawing", str(wrong)))
     else:
         hidden = all("height" in view.calibration.not_identifiable for view in views)
-        reasons = (*reasons, *other_face(surface, flanks.toothing, HIDDEN_SHOULDER_U if hidden else 0.0))
+        height_U = min(view.calibration.height_known for view in views) if hidden else 0.0
+        reasons = (*reasons, *other_face(surface, flanks.toothing, height_U))
     if not flanks.delta.size:
         raise NotEnoughData("found no readings on the flanks; check face_from_mm and where the sensor looks")
     return reasons

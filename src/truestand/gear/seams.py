@@ -26,16 +26,15 @@ from truestand.core.frames import (
     table_from_sensor,
 )
 from truestand.core.inspection import Seam
-from truestand.core.message import Message
 from truestand.core.robust import robust_sd
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
-from truestand.gear.budget import joint_covariance, of_sensor, seen_cells
+from truestand.gear.budget import of_sensor, seen_cells
 from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
-from truestand.uncertainty.influence import part_from_shaft, unknowns_of
+from truestand.uncertainty.influence import joint_covariance, part_from_shaft, unknowns_of
 
 LEAST_TEETH = 3
 """Flanks of a side that two views must both show to be compared,"""
@@ -123,23 +122,6 @@ def tied(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[Seam,
     surfaces = _rolled_up(surfaces, differences)
     toothing = find_toothing(stacked(surfaces), old.nominal, old.datum)
     return tuple(view.rolled_up(s, toothing) for view, s in zip(views, surfaces, strict=True)), seams
-
-
-def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
-    """Why nothing may be decided where views contradict each other; a third view tells which of them moved."""
-    wrong = [seam for seam in seams if not seam.ok]
-    if not wrong:
-        return ()
-    worst = max(wrong, key=lambda seam: abs(seam.difference) / seam.U)
-    agreeing = {view for seam in seams if seam.ok for view in seam.views}
-    moved = {view for seam in wrong for view in seam.views} - agreeing
-    which = f"view {min(moved)!r} has" if len(moved) == 1 else "one of them has"
-    text = (
-        f"views {' and '.join(map(repr, worst.views))} differ by {1000 * abs(worst.difference):.1f} um on the "
-        f"{worst.flank} flanks, U is {1000 * worst.U:.1f} um: {which} moved since the calibration; verify each "
-        "(truestand verify), or inspect by one view"
-    )
-    return (Message("views_contradict", text),)
 
 
 def _differences(views: tuple[GearView, ...]) -> list[Difference]:

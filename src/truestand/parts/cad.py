@@ -1,31 +1,42 @@
 """A part compared with its CAD model: how far each reading lies off it, along the ray that saw it.
 
 The calibrated sensor's own rays are cast onto the model, so that what the sensor can't see is not on_model, and a
-reading belongs to the surface that its ray should have hit and not to the nearest one.
+reading belongs to the surface that its ray should have hit and not to the nearest one. Several views are one cloud: the
+model is fitted to all of their readings, and each of its patches has the mean of them.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import degrees, sqrt, tau
 
 import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array, Ints
-from truestand.core.assumptions import ASSUMED, SLOPE_INCIDENCE_U
-from truestand.core.calibration import Calibration, Contribution
+from truestand.core.assumptions import ASSUMED, HEIGHT_ZERO, SLOPE_INCIDENCE_U
+from truestand.core.calibration import Contribution
 from truestand.core.frames import Pose
-from truestand.core.inspection import EDITION, GUARD_FACTOR, Characteristic, Inspection, decided, status_of
+from truestand.core.inspection import (
+    EDITION,
+    GUARD_FACTOR,
+    Characteristic,
+    Inspection,
+    Seam,
+    contradictions,
+    decided,
+    status_of,
+)
 from truestand.core.message import Message
-from truestand.core.scan import Scan
-from truestand.core.surface import Surface, sensor_origins, table_angle
+from truestand.core.surface import Surface
 from truestand.parts.drawings import Cad
 from truestand.parts.patches import Grid, Patches, Readings, farthest, patches_of
 from truestand.parts.rays import Rays, Solid, hits_near, solid_of
 from truestand.parts.registration import Registration, motions, register, registration_remarks
+from truestand.parts.views import CONTRADICTS, PartView, PartViews, largest, views_of
 from truestand.parts.visibility import coverage_of, unconfirmed_regions
 from truestand.statistics.noise import cleared
 from truestand.uncertainty import lines as budget_lines
-from truestand.uncertainty.influence import moves
 
 BLOCK = 256
 """Profiles cast at once."""
@@ -43,6 +54,10 @@ MOST_PATCHES = 3_000_000
 """Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
 WITHIN = "shape within a patch"
+LEAST_SEAM = 30
+"""Patches that two views must both show to be held against each other."""
+NOTICEABLE_HEIGHT = 0.05
+"""mm (U, k = 2) of the height between views below which nothing is said."""
 MOST_REGIONS = 12
 """Regions that the remarks name."""
 INCIDENCE = f"incidence on steep surfaces{ASSUMED}"
@@ -70,51 +85,46 @@ class CadEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _Comparison:
-    """A surface and the model that it is compared with."""
+    """What all views saw and the model that it is compared with."""
 
     part: Cad
-    surface: Surface
-    scan: Scan
-    angle: Array
-    """(N,) rad."""
-    calibration: Calibration
+    views: PartViews
     datum: Datum
     solid: Solid
 
 
-def inspect_cad(surface: Surface, part: Cad) -> Inspection:
+def inspect_cad(surface: Surface | Sequence[Surface], part: Cad) -> Inspection:
     """Deviations of the part from its model, after the fit that the recipe allows, with U (k = 2) and verdict.
 
     The pose of the recipe places the model about the datum axis. Statistics are taken on patches of the surface, less
-    noise's share (``statistics.noise``); coverage is the share of the visible surface that has readings.
+    noise's share (``statistics.noise``); coverage is the share of the visible surface that has readings. Several views
+    in one frame (``roll_views``) are one cloud; where they overlap they are held against each other.
 
     Raises:
         NotEnoughData: a model without surface.
         BadRecipe: a surface without its scan and calibration, or a datum that the shaft doesn't have.
     """
-    scan, calibration = surface.origin
-    datum = datum_of(calibration, part.datum, part.bore_clearance)
+    views = views_of(surface)
+    datum = datum_of(views.first.calibration, part.datum, part.bore_clearance)
     solid = solid_of(part.mesh, part.pose)
-    comparison = _Comparison(part, surface, scan, table_angle(scan, calibration), calibration, datum, solid)
+    comparison = _Comparison(part, views, datum, solid)
     registration = register(solid, _thinned(comparison, REGISTRATION_READINGS, datum.pose), part.fit, part.reach)
     model_from_shaft = registration.pose @ datum.pose
     grid = _grid(comparison)
     deviation, on_model = _compare(comparison, model_from_shaft, grid)
     patches = patches_of(grid, on_model, part.reach)
     marked = _points_on_model(comparison, model_from_shaft)
-    coverage, visible = coverage_of(solid, model_from_shaft, scan, calibration, marked)
+    coverage, visible = coverage_of(solid, model_from_shaft, views.each, marked)
     found = _characteristics(comparison, registration, model_from_shaft, patches, on_model, coverage)
-    unconfirmed = (
-        unconfirmed_regions(solid, model_from_shaft, scan, comparison.angle, calibration, part.reach)
-        if marked.size
-        else ()
-    )
+    unconfirmed = unconfirmed_regions(solid, model_from_shaft, views.each, part.reach) if marked.size else ()
+    seams = _seams(comparison, model_from_shaft, grid, on_model)
     shaft_from_model = (model_from_shaft.inverse @ Pose.from_matrix(part.pose)).matrix
     evidence = CadEvidence(grid.angle, grid.height, _most(patches), shaft_from_model, registration.angle, visible)
     return Inspection(
-        "cad", part.name, _confirmed(found, unconfirmed), reasons=calibration.reasons,
+        "cad", part.name, _confirmed(found, unconfirmed), reasons=(*views.reasons, *contradictions(seams)),
         remarks=(*_remarks(comparison, registration, patches, visible), *_region_remarks(unconfirmed)),
         settings=_settings(comparison, registration, grid), deviation=deviation, evidence=evidence,
+        seams=seams,
     )  # fmt: skip
 
 
@@ -155,7 +165,13 @@ def _remarks(
         Message("noise", f"noise {1000 * patches.scatter:.2g} um a reading"),
         *registration_remarks(registration),
     ]
-    if comparison.calibration.covariance.size == 0:
+    if (U := comparison.views.heights_known) > NOTICEABLE_HEIGHT:
+        text = (
+            f"heights between the views are known to {1000 * U:.0f} um only, and so is where the surfaces of one lie "
+            "against those of another: let both see the shoulder, or draw what one of them sees"
+        )
+        remarks.append(Message("heights_between_views", text))
+    if any(view.calibration.covariance.size == 0 for view in comparison.views.each):
         text = "the calibration carries no covariance: no U can be told, nothing is decided"
         remarks.append(Message("no_covariance", text))
     return tuple(remarks)
@@ -163,10 +179,11 @@ def _remarks(
 
 def _rays(comparison: _Comparison, rows: slice | Ints, pose: Pose, columns: slice | Ints) -> tuple[Rays, Ints]:
     """The readings of some profiles through ``pose``, their directions, and where they stand among these profiles'."""
-    x, y, z = (a[rows][:, columns] for a in (comparison.surface.x, comparison.surface.y, comparison.surface.z))
+    surface = comparison.views.surface
+    x, y, z = (a[rows][:, columns] for a in (surface.x, surface.y, surface.z))
     seen = np.flatnonzero(np.isfinite(z))
     points = pose(np.stack([x.ravel()[seen], y.ravel()[seen], z.ravel()[seen]], axis=-1))
-    origins = pose(sensor_origins(comparison.calibration, comparison.angle[rows]))
+    origins = pose(comparison.views.origins[rows])
     directions = points - np.repeat(origins, np.isfinite(z).sum(axis=1), axis=0)
     directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
     return Rays(points, directions), seen
@@ -174,8 +191,8 @@ def _rays(comparison: _Comparison, rows: slice | Ints, pose: Pose, columns: slic
 
 def _thinned(comparison: _Comparison, count: int, pose: Pose) -> Rays:
     """About ``count`` readings, spread over profiles and points alike."""
-    n, m = comparison.surface.x.shape
-    share = min(1.0, (count / max(n * m * comparison.scan.seen, 1.0)) ** 0.5)
+    n, m = comparison.views.surface.x.shape
+    share = min(1.0, (count / max(n * m * comparison.views.seen, 1.0)) ** 0.5)
     rows, columns = (np.unique(np.linspace(0, k - 1, max(int(k * share), 2)).astype(np.intp)) for k in (n, m))
     rays, _ = _rays(comparison, rows, pose, columns)
     return rays
@@ -193,7 +210,7 @@ def _grid(comparison: _Comparison) -> Grid:
     solid = comparison.solid
     low, high, outer = float(solid.low[2]) - GRID_MARGIN, float(solid.high[2]) + GRID_MARGIN, solid.outer + GRID_MARGIN
     area = float(solid.area.sum()) / 2  # some half of it is seen
-    readings = max(comparison.surface.x.size * comparison.scan.seen, 1.0)
+    readings = max(comparison.views.surface.x.size * comparison.views.seen, 1.0)
     edge = max(
         PATCH,
         sqrt(READINGS_PER_PATCH * area / readings),
@@ -215,7 +232,7 @@ def _most(patches: Patches) -> Array:
 
 def _compare(comparison: _Comparison, model_from_shaft: Pose, grid: Grid) -> tuple[Array, Readings]:
     """Deviation (N, M) mm of every reading, NaN off the model, and the readings on it."""
-    n, m = comparison.surface.x.shape
+    n, m = comparison.views.surface.x.shape
     deviation = np.full((n, m), np.nan)
     flats, cells = [], []
     for first in range(0, n, BLOCK):
@@ -296,6 +313,7 @@ def _line(
     whole = Characteristic(
         name, value, U, limits=_limits(comparison.part, name), coverage=coverage, status=status_of(coverage),
         standard="ISO 1101 profile of a surface" if name == "profile" else None, budget=lines,
+        views=comparison.views.names,
     )  # fmt: skip
     if budget is None:
         return decided(whole)
@@ -327,27 +345,17 @@ def _budgets(
     beyond: Array,
 ) -> list[tuple[tuple[Contribution, ...], float]] | None:
     """Lines and U of each characteristic; None where the calibration's own uncertainty is not known."""
-    row, column = np.divmod(flat, comparison.scan.x.shape[1])
-    origins = model_from_shaft(sensor_origins(comparison.calibration, comparison.angle[row]))
-    points = model_from_shaft(
-        np.stack([a[row, column] for a in (comparison.surface.x, comparison.surface.y, comparison.surface.z)], axis=-1)
-    )
-    directions = points - origins
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    hits = hits_near(comparison.solid, Rays(points, directions), comparison.part.reach)
-    normal = comparison.solid.normal[hits.triangle]
-    normal = np.where((hits.triangle >= 0)[:, None], normal, 0.0)
-    facing = normal @ model_from_shaft.rotation
-    lifts = moves(
-        comparison.calibration, comparison.scan.x[row, column], comparison.scan.z[row, column], comparison.angle[row],
-        facing,
-    )  # fmt: skip
+    rays, normal = _normals(comparison, model_from_shaft, flat)
+    points, directions, facing = rays.points, rays.directions, normal @ model_from_shaft.rotation
+    views = comparison.views
+    lifts = views.moves(flat, facing)
     if lifts is None:
         return None
     jacobian, names = motions(comparison.part.fit, points, normal, np.median(points, axis=0))
     fitted = [i for i, name in enumerate(names) if name not in registration.free_motions]
-    lifts = lifts - _taken_up(jacobian[:, fitted], lifts)
-    U = budget_lines.spread_of(_changes(maps, lifts))
+    heights = views.first.calibration.height_known / budget_lines.K * facing[None, :, 2]
+    lifts, heights = (of - _taken_up(jacobian[:, fitted], of) for of in (lifts, heights))
+    U, of_height = (budget_lines.spread_of(_changes(maps, of)) for of in (lifts, heights))
     steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, directions)), 0.95)))
     in_shaft = model_from_shaft.inverse(points)
     radius, height = np.hypot(in_shaft[:, 0], in_shaft[:, 1]), float(np.median(in_shaft[:, 2]))
@@ -357,33 +365,102 @@ def _budgets(
         factor = 2.0 if name == "profile" else 1.0
         lines = [
             budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
+            budget_lines.line(HEIGHT_ZERO, float(of_height[i]), "rectangular"),
             budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
             budget_lines.line(INCIDENCE, factor * SLOPE_INCIDENCE_U / STEEP_TANGENT * steep),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"),
-            *_further(comparison, factor, float(radius.max()), float(np.ptp(radius)), height),
-            budget_lines.angle_line(comparison.scan, factor * arm),
+            *largest(
+                _of_view(view, comparison, factor, (float(radius.max()), float(np.ptp(radius)), height, arm))
+                for view in comparison.views.each
+            ),
+            *_of_datum(comparison, factor, height),
         ]
         budgets.append(budget_lines.together(lines))
     return budgets
 
 
-def _further(comparison: _Comparison, factor: float, radius: float, depth: float, height: float) -> list[Contribution]:
-    """What sensor, table and datum add, the part's outside at ``radius`` mm."""
-    calibration, fit = comparison.calibration, comparison.part.fit
+def _normals(comparison: _Comparison, model_from_shaft: Pose, flat: Ints) -> tuple[Rays, Array]:
+    """Readings (n,) on the model, in its frame, and the normals (n, 3) of the triangles that their rays hit."""
+    surface = comparison.views.surface
+    row, column = np.divmod(flat, surface.x.shape[1])
+    points = model_from_shaft(np.stack([a[row, column] for a in (surface.x, surface.y, surface.z)], axis=-1))
+    directions = points - model_from_shaft(comparison.views.origins[row])
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    rays = Rays(points, directions)
+    hits = hits_near(comparison.solid, rays, comparison.part.reach)
+    return rays, np.where((hits.triangle >= 0)[:, None], comparison.solid.normal[hits.triangle], 0.0)
+
+
+def _of_view(
+    view: PartView, comparison: _Comparison, factor: float, extent: tuple[float, float, float, float]
+) -> list[Contribution]:
+    """What sensor and table add; ``extent`` of the part, mm: its outside, how deep it is seen, its height, and the arm
+    with which it turns.
+    """
+    (radius, depth, height, arm), calibration, fit = extent, view.calibration, comparison.part.fit
     apart = max(budget_lines.range_apart(calibration, radius, height), depth)
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
-    lines = [
+    return [
         budget_lines.linearity_line(calibration, apart, factor),
         budget_lines.scale_line(calibration, factor * apart),
         budget_lines.artefact_line(calibration, factor / 2),
-        budget_lines.stability_line(calibration, comparison.scan, factor),
+        budget_lines.stability_line(calibration, view.scan, factor),
         budget_lines.temperature_line(factor * radius, comparison.part.temperature),
         budget_lines.bearing_line(calibration, factor),
         budget_lines.zero_line(turning, factor),
+        budget_lines.angle_line(view.scan, factor * arm),
     ]
-    if fit != "all":  # a free fit takes up where the axis stands
-        lines += [budget_lines.line(c.name, factor * c.U, c.distribution) for c in comparison.datum.lines(height)]
-    return lines
+
+
+def _of_datum(comparison: _Comparison, factor: float, height: float) -> list[Contribution]:
+    """What the datum leaves open; a free fit takes up where the axis stands."""
+    lines = [] if comparison.part.fit == "all" else comparison.datum.lines(height)
+    return [budget_lines.line(c.name, factor * c.U, c.distribution) for c in lines]
+
+
+def _seams(comparison: _Comparison, model_from_shaft: Pose, grid: Grid, on_model: Readings) -> tuple[Seam, ...]:
+    """By how much views differ on the patches that both show: the median, along the normal."""
+    views = comparison.views
+    of, shown = views.view_of(on_model.flat // views.surface.x.shape[1]), []
+    for k in range(len(views.each) if len(views.each) > 1 else 0):
+        own = of == k
+        readings = Readings(on_model.flat[own], on_model.deviation[own], on_model.cell[own])
+        shown.append((readings, patches_of(grid, readings, comparison.part.reach)))
+    found = []
+    for a, b in combinations(range(len(shown)), 2):
+        apart = shown[a][1].mean - shown[b][1].mean
+        both = np.isfinite(apart)
+        picked = [readings.flat[patches.pick[both]] for readings, patches in (shown[a], shown[b])]
+        U = _seam_known(comparison, model_from_shaft, (a, b), picked) if both.sum() >= LEAST_SEAM else None
+        if U is not None:
+            difference = float(np.median(apart[both]))
+            agree = abs(difference) <= CONTRADICTS * U
+            found.append(Seam((views.each[a].name, views.each[b].name), None, difference, U, agree))
+    return tuple(found)
+
+
+def _seam_known(
+    comparison: _Comparison, model_from_shaft: Pose, of: tuple[int, int], flats: Sequence[Ints]
+) -> float | None:
+    """U (mm, k = 2) of the mean difference of two views on readings (n,) of each; None where it is not known."""
+    lifts, sensors = [], []
+    for k, flat in zip(of, flats, strict=True):
+        rays, normal = _normals(comparison, model_from_shaft, flat)
+        lift = comparison.views.moves(flat, normal @ model_from_shaft.rotation)
+        if lift is None:
+            return None
+        in_shaft = model_from_shaft.inverse(rays.points)
+        radius, height = float(np.hypot(in_shaft[:, 0], in_shaft[:, 1]).max()), float(np.median(in_shaft[:, 2]))
+        view = comparison.views.each[k]
+        apart = budget_lines.range_apart(view.calibration, radius, height)
+        sensors += [
+            budget_lines.linearity_line(view.calibration, apart),
+            budget_lines.scale_line(view.calibration, apart),
+            budget_lines.stability_line(view.calibration, view.scan, 1.0),
+        ]
+        lifts.append(lift.mean(axis=1))
+    apart_by = budget_lines.K * float(np.linalg.norm(lifts[0] - lifts[1]))
+    return budget_lines.together([budget_lines.line(budget_lines.CALIBRATION, apart_by), *sensors])[1]
 
 
 def _taken_up(jacobian: Array, lifts: Array) -> Array:

@@ -30,8 +30,8 @@ def inspect(
 ) -> Inspection:
     """Characteristics, each with its uncertainty (mm, k = 2), of a part that ``roll`` brought into C; defects of gears.
 
-    Of gears, several views are inspected as one (``roll_views``); so are scans of a gear that was clamped again,
-    ``part_turned`` by so many teeth in each, or turned over (``gear.clampings``).
+    Several views are inspected as one (``roll_views``); so are scans of a gear that was clamped again, ``part_turned``
+    by so many teeth in each, or turned over (``gear.clampings``).
 
     Source: gears by ISO 1328-1 and ISO 21771; form and run-out by ISO 12181, ISO 12180, ISO 1101; decisions by
     ISO 14253-1.
@@ -39,11 +39,11 @@ def inspect(
     Raises:
         NotEnoughData: nothing of the part is in view.
         WrongDrawing: what was seen is another gear than the drawing's.
-        BadRecipe: a surface doesn't say from which scan and calibration it comes, several of a part that is no gear, or
-            teeth that the pitches contradict.
+        BadRecipe: a surface doesn't say from which scan and calibration it comes, a part that is no gear was clamped
+            again, or teeth that the pitches contradict.
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
-    demand_views(len(surfaces), part)
+    demand_views(len(surfaces), part, part_turned is not None)
     if isinstance(part, Turned) and _is_shaft(part, surfaces[0].origin[1].artefact):
         surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:
@@ -64,17 +64,14 @@ def inspect(
     return replace(inspection, remarks=(*followed, *inspection.remarks))
 
 
-def demand_views(number: int, part: Part) -> None:
-    """Refuse what can't be inspected by so many views.
+def demand_views(number: int, part: Part, clamped_again: bool = False) -> None:
+    """Refuse what can't be inspected by so many scans.
 
     Raises:
-        BadRecipe: none, or several of a part that is no gear.
+        BadRecipe: none, or several clampings of a part that is no gear.
     """
-    if number > 1 and not isinstance(part, Gear):
-        raise BadRecipe(
-            f"found {number} views of a part that is no gear, need one; inspect each by itself, or roll them up into "
-            "one cloud"
-        )
+    if clamped_again and not isinstance(part, Gear):
+        raise BadRecipe("found --part-turned of a part that is no gear: only teeth tell how it was clamped again")
     if not number:
         raise BadRecipe("found no surface, need one of each view")
 
@@ -121,5 +118,5 @@ def _inspected(together: Together, part: Part) -> Inspection:
     if isinstance(part, Gear):
         return inspect_gear(together.surfaces, part, together.sides_tied)
     if isinstance(part, Turned):
-        return inspect_turned(together.surfaces[0], part)
-    return inspect_cad(together.surfaces[0], part)
+        return inspect_turned(together.surfaces, part)
+    return inspect_cad(together.surfaces, part)

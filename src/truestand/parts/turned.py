@@ -1,8 +1,11 @@
 """A turned part inspected: diameter, roundness, cylindricity and run-out of its sections about the datum axis.
 
-All are read off one map r - R (heights by angles) about the datum axis, from the deviations on patches (``rings``).
+All are read off one map r - R (heights by angles) about the datum axis, from the deviations on patches (``rings``). Of
+several views each section is read by the one that shows it best: a map of two would have a step where one of them
+ceases to see.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, sqrt, tau
 
@@ -10,7 +13,7 @@ import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array, Ints, Mask
-from truestand.core.calibration import Calibration, Contribution
+from truestand.core.calibration import Contribution
 from truestand.core.inspection import (
     EDITION,
     GUARD_FACTOR,
@@ -18,13 +21,14 @@ from truestand.core.inspection import (
     PARTIAL,
     Characteristic,
     Inspection,
+    Seam,
     Status,
+    contradictions,
     decided,
     status_of,
 )
 from truestand.core.message import Message
-from truestand.core.scan import Scan
-from truestand.core.surface import Surface, table_angle
+from truestand.core.surface import Surface
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import TRUSTED, Grid, Patches, Readings, patches_of
 from truestand.parts.rings import (
@@ -39,10 +43,10 @@ from truestand.parts.rings import (
     read_trend,
     trend_of,
 )
+from truestand.parts.views import PartView, PartViews, seams_between, views_of
 from truestand.statistics.lone_readings import lone_readings
 from truestand.statistics.noise import cleared, from_noise
 from truestand.uncertainty import lines as budget_lines
-from truestand.uncertainty.influence import moves
 
 REACH = 1.0
 """mm: a surface farther than this from its drawing is another one's, or an outlier."""
@@ -111,51 +115,86 @@ class TurnedEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _Inspected:
-    """The part and the scan that it is inspected on."""
+    """The part and the view that it is inspected by."""
 
     part: Turned
-    scan: Scan
-    angle: Array
-    """(N,) rad."""
-    calibration: Calibration
+    view: PartView
     datum: Datum
 
     @property
     def a_turn(self) -> float:
         """Profiles of one turn."""
-        return self.scan.profiles / max(self.scan.revolutions, 1.0)
+        return self.view.scan.profiles / max(self.view.scan.revolutions, 1.0)
 
 
-def inspect_turned(surface: Surface, part: Turned) -> Inspection:
+@dataclass(frozen=True, slots=True)
+class _Section:
+    """What one view says of a section."""
+
+    lines: tuple[Characteristic, ...]
+    """The diameter first."""
+    evidence: SectionEvidence | None
+    remarks: tuple[Message, ...]
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The higher, the better the section was seen: by the status of its lines, then by their U."""
+        seen = sum(_RANKS[line.status] for line in self.lines)
+        return seen, -sum(line.U or 0.0 for line in self.lines)
+
+
+_RANKS: dict[Status, int] = {"measured": 2, "partial": 1, "not_measurable": 0}
+
+
+def inspect_turned(surface: Surface | Sequence[Surface], part: Turned) -> Inspection:
     """Each section's diameter, roundness, cylindricity, circular and total run-out, with U (k = 2) and verdict.
 
     All about the datum axis. Where too little was seen there is no number; a circumference that isn't closed makes form
-    and run-out partial at best. Noise's share of the ranges is taken off (``statistics.noise``).
+    and run-out partial at best. Noise's share of the ranges is taken off (``statistics.noise``). Of several views in
+    one frame (``roll_views``) the one that shows a section best reads it; where two measure its diameter, they are held
+    against each other.
 
     Raises:
         BadRecipe: a surface without its scan and calibration, or a datum that the shaft doesn't have.
     """
-    scan, calibration = surface.origin
-    datum = datum_of(calibration, part.datum, part.bore_clearance)
-    inspected = _Inspected(part, scan, table_angle(scan, calibration), calibration, datum)
-    deviation = np.full(surface.x.shape, np.nan)
-    found: list[Characteristic] = []
-    drawn, remarks = [], [Message("datum", f"datum: {datum.remark}")]
+    views = views_of(surface)
+    datum = datum_of(views.first.calibration, part.datum, part.bore_clearance)
+    inspected = [_Inspected(part, view, datum) for view in views.each]
+    deviations = [np.full(view.surface.x.shape, np.nan) for view in views.each]
+    best: list[_Section] = []
+    seams: list[Seam] = []
     for section in part.sections:
-        seen = _seen(surface, inspected, section)
-        deviation.ravel()[seen.flat] = seen.deviation
-        lines, shown, remark = _section(inspected, section, seen)
-        found += lines
-        drawn += shown
-        remarks += remark
-    deviation.flags.writeable = False
-    if calibration.covariance.size == 0:
+        found = [_section(of, section, deviation) for of, deviation in zip(inspected, deviations, strict=True)]
+        seams += _seams(section, found, views.names)
+        k = max(range(len(found)), key=lambda n: found[n].rank)
+        lines = tuple(replace(line, views=views.names[k : k + 1]) for line in found[k].lines)
+        best.append(replace(found[k], lines=lines))
+    remarks = [Message("datum", f"datum: {datum.remark}"), *(remark for of in best for remark in of.remarks)]
+    if any(view.calibration.covariance.size == 0 for view in views.each):
         text = "the calibration carries no covariance: no U can be told, nothing is decided"
         remarks.append(Message("no_covariance", text))
     return Inspection(
-        "turned", part.name, tuple(found), reasons=calibration.reasons, remarks=tuple(remarks),
-        settings=_settings(part, datum), deviation=deviation, evidence=TurnedEvidence(tuple(drawn)),
+        "turned", part.name, tuple(line for of in best for line in of.lines),
+        reasons=(*views.reasons, *contradictions(tuple(seams))), remarks=tuple(remarks),
+        settings=_settings(part, datum), deviation=_stacked(deviations), seams=tuple(seams),
+        evidence=TurnedEvidence(tuple(of.evidence for of in best if of.evidence is not None)),
     )  # fmt: skip
+
+
+def _stacked(deviations: Sequence[Array]) -> Array:
+    """Deviations (N, M) mm of the readings of all views, one after the other."""
+    points = max(deviation.shape[1] for deviation in deviations)
+    wide = [np.pad(d, ((0, 0), (0, points - d.shape[1])), constant_values=np.nan) for d in deviations]
+    stacked = np.concatenate(wide)
+    stacked.flags.writeable = False
+    return stacked
+
+
+def _seams(section: Section, found: Sequence[_Section], names: Sequence[str]) -> tuple[Seam, ...]:
+    """By how much the radii differ that views measured."""
+    diameters = [(name, of.lines[0]) for name, of in zip(names, found, strict=False)]
+    known = [(name, d.value / 2, d.U / 2) for name, d in diameters if d.status == "measured" and d.value and d.U]
+    return seams_between(known, section.name)
 
 
 def _settings(part: Turned, datum: Datum) -> dict[str, str]:
@@ -242,13 +281,14 @@ class _Figures:
     """(5,) mm: what the noise alone would read."""
 
 
-def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
+def _seen(inspected: _Inspected, section: Section) -> _Seen:
     """The section's readings within the drawing's reach."""
+    surface, view = inspected.view.surface, inspected.view
     margin = min(MARGIN, 0.15 * (section.top - section.bottom))
     low, high = section.bottom + margin, section.top - margin
     pose, width = inspected.datum.pose, surface.x.shape[1]
     flats, places = [], []
-    for first in range(0, inspected.scan.profiles, BLOCK):
+    for first in range(0, view.scan.profiles, BLOCK):
         rows = slice(first, first + BLOCK)
         z = surface.z[rows]
         near = np.flatnonzero((z > low - REACH) & (z < high + REACH))  # NaN compares false
@@ -261,7 +301,7 @@ def _seen(surface: Surface, inspected: _Inspected, section: Section) -> _Seen:
     off = np.hypot(x, y) - section.diameter / 2
     clear = _clear_of_end_faces(z, off, low, high)
     x, y, z, flat, off = x[clear], y[clear], z[clear], flat[clear], off[clear]
-    lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, inspected.angle)
+    lone = lone_readings(off, np.zeros(off.size, dtype=np.int64), flat, width, view.angle)
     seen = _Seen(flat, off, np.arctan2(y, x), z, lone, low, high, LEVEL)
     for _ in range(TREND_PASSES):
         mean = patches_of(seen.grid, seen.readings(seen.grid), REACH).mean
@@ -356,21 +396,23 @@ def _with_shape_within(coarse: _Figures, fine: _Figures | None) -> tuple[_Figure
     return read, np.where(plain, left, more) + np.abs(read.more) / 6
 
 
-def _section(
-    inspected: _Inspected, section: Section, seen: _Seen
-) -> tuple[list[Characteristic], list[SectionEvidence], list[Message]]:
-    """One section's characteristics, what is drawn of it and what is to be said."""
+def _section(inspected: _Inspected, section: Section, deviation: Array) -> _Section:
+    """One section's characteristics, what is drawn of it and what is to be said; the ``deviation`` (N, M) mm of its
+    readings is filled in.
+    """
+    seen = _seen(inspected, section)
+    deviation.ravel()[seen.flat] = seen.deviation
     share = seen.share
     high_cells = _grid(inspected, seen, CIRCLE_HEIGHT, CELLS_PER_WAVE, READINGS_PER_CELL)
     coarse = _figures(inspected, section, high_cells, seen)
     coverage = 0.0 if coarse is None else min(coarse.rings.coverage, share)
     if coarse is None or coverage < PARTIAL:
-        missing = [_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section)]
+        missing = (_characteristic(section, how, None, None, coverage, "not_measurable") for how in _drawn(section))
         remark = (
             f"section {section.name!r}: {coverage:.0%} seen of a surface of {section.diameter:g} mm from "
             f"{section.bottom:g} to {section.top:g} mm; check the drawing, the datum and what is in view"
         )
-        return missing, [], [Message("section_not_seen", remark)]
+        return _Section(tuple(missing), None, (Message("section_not_seen", remark),))
     lowest = max(FINE_HEIGHT, FINE_SPACINGS * seen.spacing)
     low_cells = _grid(inspected, seen, lowest, FINE_CELLS_PER_WAVE, READINGS_PER_FINE_CELL)
     found, within = _with_shape_within(coarse, _figures(inspected, section, low_cells, seen))
@@ -378,10 +420,10 @@ def _section(
     whole = status_of(coverage)
     closed = whole if bool(found.rings.closed.all()) else "partial"
     U = _budgets(inspected, section, found, within)
-    lines = [
+    lines = tuple(
         _characteristic(section, how, float(value[i]), U[i], coverage, closed if i else whole)
         for i, how in enumerate(_drawn(section))
-    ]
+    )
     reading = found.reading
     evidence = SectionEvidence(
         section.name, found.rings.radius, found.grid.angle, found.grid.height, reading.travel, reading.form,
@@ -397,7 +439,7 @@ def _section(
     elif closed == "partial":
         text = f"section {section.name!r}: the circumference is not closed at every height"
         remarks.append(Message("section_not_closed", text))
-    return lines, [evidence], remarks
+    return _Section(lines, evidence, tuple(remarks))
 
 
 Drawn = tuple[str, tuple[float | None, float | None] | None, str]
@@ -442,16 +484,9 @@ def _moved(inspected: _Inspected, found: _Figures) -> Array | None:
     rings, used, pick = found.rings, found.used, found.patches.pick.ravel()
     at = np.flatnonzero(pick >= 0)
     flat = found.readings.flat[pick[at]]
-    row, column = np.divmod(flat, inspected.scan.x.shape[1])
     psi = np.broadcast_to(rings.angle, used.shape).ravel()[at]
     outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ inspected.datum.pose.rotation
-    lifts = moves(
-        inspected.calibration,
-        inspected.scan.x[row, column],
-        inspected.scan.z[row, column],
-        inspected.angle[row],
-        outward,
-    )
+    lifts = PartViews((inspected.view,)).moves(flat, outward)
     if lifts is None:
         return None
     maps = np.zeros((len(lifts), used.size))
@@ -471,7 +506,7 @@ def _budgets(
     moved = _moved(inspected, found)
     if moved is None:
         return [None] * len(STATISTICS)
-    calibration, rings, reading = inspected.calibration, found.rings, found.reading
+    calibration, rings, reading = inspected.view.calibration, found.rings, found.reading
     U = budget_lines.spread_of(moved)
     apart = budget_lines.range_apart(calibration, rings.radius, float(rings.height[rings.used].mean()))
     middle = (section.bottom + section.top) / 2
@@ -492,7 +527,7 @@ def _budgets(
                 budget_lines.linearity_line(calibration, apart, 2.0), budget_lines.scale_line(calibration, 2 * apart),
                 budget_lines.temperature_line(section.diameter, inspected.part.temperature),
                 budget_lines.artefact_line(calibration, 1.0),
-                budget_lines.stability_line(calibration, inspected.scan, 2.0),
+                budget_lines.stability_line(calibration, inspected.view.scan, 2.0),
             ]  # fmt: skip
         else:
             lines += [
@@ -501,6 +536,6 @@ def _budgets(
             ]  # fmt: skip
         if name.endswith("runout"):
             lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0),
-                      budget_lines.angle_line(inspected.scan, travel)]  # fmt: skip
+                      budget_lines.angle_line(inspected.view.scan, travel)]  # fmt: skip
         budgets.append(budget_lines.together(lines))
     return budgets

@@ -6,6 +6,7 @@ is cast from the sensor onto the model. A reading confirms the surface that its 
 place in the profile says, if the sensor's rays keep their direction.
 """
 
+from collections.abc import Sequence
 from math import degrees, tau
 
 import numpy as np
@@ -17,6 +18,7 @@ from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.parts.patches import Grid
 from truestand.parts.rays import Solid, clear_view, first_hits
+from truestand.parts.views import PartView
 
 SAMPLES = 3000
 SEEN_WITHIN = 0.75
@@ -54,10 +56,8 @@ SHAFT_MARGIN = 0.3
 """mm by which the shaft may stand before the model where the drawing doesn't say so."""
 
 
-def coverage_of(
-    solid: Solid, part_from_shaft: Pose, scan: Scan, calibration: Calibration, readings: Array
-) -> tuple[float, float]:
-    """Share of the visible surface that has readings, and share of the whole surface that is visible.
+def coverage_of(solid: Solid, part_from_shaft: Pose, views: Sequence[PartView], readings: Array) -> tuple[float, float]:
+    """Share of the surface visible to any view that has readings, and share of the whole surface that is visible.
 
     ``readings`` (n, 3) mm on the model, in its frame: a thinned set is enough. Visible is what the laser line sweeps
     over in a full turn, within the fan and range that the scan shows, facing the sensor with nothing in between.
@@ -65,6 +65,17 @@ def coverage_of(
     from scipy.spatial import cKDTree
 
     points, normal = _samples(solid)
+    seen = [_visible(solid, part_from_shaft, view, points, normal) for view in views]
+    visible = points[np.unique(np.concatenate(seen))]
+    if not len(visible) or not len(readings):
+        return 0.0, len(visible) / SAMPLES
+    distance, _ = cKDTree(readings).query(visible, distance_upper_bound=SEEN_WITHIN)
+    return float(np.isfinite(distance).mean()), len(visible) / SAMPLES
+
+
+def _visible(solid: Solid, part_from_shaft: Pose, view: PartView, points: Array, normal: Array) -> Ints:
+    """Which of the surface's ``points`` (n, 3) a view could see."""
+    scan, calibration = view.scan, view.calibration
     at = part_from_shaft.inverse(points)
     angle = seen_at(calibration, at)
     reached = np.flatnonzero(np.isfinite(angle))
@@ -75,11 +86,7 @@ def coverage_of(
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     facing = np.einsum("ij,ij->i", normal[reached], directions) < -LEAST_FACING
     reached, origins = reached[facing], origins[facing]
-    visible = points[reached[clear_view(solid, origins, points[reached], NEAR)]]
-    if not len(visible) or not len(readings):
-        return 0.0, len(visible) / SAMPLES
-    distance, _ = cKDTree(readings).query(visible, distance_upper_bound=SEEN_WITHIN)
-    return float(np.isfinite(distance).mean()), len(visible) / SAMPLES
+    return np.asarray(reached[clear_view(solid, origins, points[reached], NEAR)])
 
 
 def _samples(solid: Solid) -> tuple[Array, Array]:
@@ -109,14 +116,20 @@ def _in_fan(scan: Scan, x: Array, z: Array) -> Mask:
 
 
 def unconfirmed_regions(
-    solid: Solid, model_from_shaft: Pose, scan: Scan, angle: Array, calibration: Calibration, reach: float
+    solid: Solid, model_from_shaft: Pose, views: Sequence[PartView], reach: float
 ) -> tuple[str, ...]:
-    """Regions of the model's surface that rays of this scan should have hit and no reading confirms within ``reach``.
-
-    Where each is about the datum axis, and why. ``angle``: table angle (N,) rad.
+    """Regions of the model's surface that rays of a view should have hit and no reading of it confirms within
+    ``reach``: where each is about the datum axis, and why.
     """
+    found = (_unconfirmed(solid, model_from_shaft, view, reach) for view in views)
+    return tuple(dict.fromkeys(region for of_view in found for region in of_view))
+
+
+def _unconfirmed(solid: Solid, model_from_shaft: Pose, view: PartView, reach: float) -> tuple[str, ...]:
+    """The same of one view."""
+    scan, calibration = view.scan, view.calibration
     rows, columns = _sampled(scan)
-    origins, directions, length, distance, place = _rays(scan, angle, calibration, rows, columns)
+    origins, directions, length, distance, place = _rays(scan, view.angle, calibration, rows, columns)
     shaft = _at_shaft(origins, directions, calibration)
     origins, directions = model_from_shaft(origins), directions @ model_from_shaft.rotation.T
     triangle, hit = first_hits(solid, origins, directions)

@@ -175,17 +175,17 @@ def _budget(c: Characteristic) -> str:
 
 
 def seams(inspection: Inspection) -> str:
-    """What views differ by on the flanks that both saw, with its heading; empty of one view."""
+    """What views differ by on the surface that both saw, with its heading; empty of one view."""
     rows = "".join(
-        f"<tr><th>{escape(' – '.join(seam.views))}</th><td>{escape(seam.flank or '')}</td>"
+        f"<tr><th>{escape(' – '.join(seam.views))}</th><td>{escape(seam.place)}</td>"
         f"{cell(with_u(um(seam.difference), um(seam.U)))}<td>{AGREE[seam.ok]}</td></tr>"
         for seam in inspection.seams
     )
     if not rows:
         return ""
-    head = '<tr><th>views</th><th>flanks</th><th class="n">difference, µm</th><th></th></tr>'
+    head = '<tr><th>views</th><th>where</th><th class="n">difference, µm</th><th></th></tr>'
     return (
-        "<h2>Seams</h2><p>What is left of the difference between two views of the same flanks when all others have "
+        "<h2>Seams</h2><p>What is left of the difference between two views of the same surface when all others have "
         f"told where the views stand; beyond 1.5 <i>U</i> they contradict each other.</p>{table(head, rows)}"
     )
 

@@ -105,11 +105,11 @@ def inspection_table(
 
 
 def seams_table(seams: Sequence[Seam]) -> Table:
-    """What two views of the same flanks differ by when all others have told where the views stand."""
-    table = text_table("Seams", ("views", "flanks"), ("difference ± U (k = 2), um",), ("agree",))
+    """What two views of the same surface differ by when all others have told where the views stand."""
+    table = text_table("Seams", ("views", "where"), ("difference ± U (k = 2), um",), ("agree",))
     for seam in seams:
         difference = with_u(um(seam.difference), um(seam.U))
-        table.add_row(" - ".join(seam.views), seam.flank or "", difference, "yes" if seam.ok else "no")
+        table.add_row(" - ".join(seam.views), seam.place, difference, "yes" if seam.ok else "no")
     return table
 
 

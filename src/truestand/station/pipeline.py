@@ -162,7 +162,7 @@ def inspect_job(
     outputs.check()
     recipe, record_path = _needed(inputs.part, "the part's recipe"), _needed(inputs.calibration, "a calibration")
     part, calibration, company = read_part(recipe), read_calibration(record_path), _company(inputs)
-    demand_views(len(inputs.scans), part)
+    demand_views(len(inputs.scans), part, part_turned is not None)
     sha256 = sha256_of(record_path)
     changes = _changes(inputs)
     scans = take(calibration.whole_stand)

@@ -5,6 +5,7 @@ parts of one standard deviation each, moves all points of a part at once. What a
 points, part by part, is the calibration's line in its budget, correlations included.
 """
 
+from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
@@ -79,14 +80,22 @@ def unknowns_of(calibration: Calibration) -> tuple[Array, float]:
 
 def influence(calibration: Calibration, x: Array, z: Array, angle: Array) -> Array:
     """By how much the points in C of n readings follow each unknown: (8, n, 3), mm per mm or rad."""
-    p, height = unknowns_of(calibration)
     moved = []
-    for i, step in enumerate(STEPS):
-        change = np.zeros(UNKNOWNS)
-        change[i] = step
-        after, before = (points_of(p + sign * change, height, x, z, angle) for sign in (1.0, -1.0))
-        moved.append((after - before) / (2 * step))
+    for change in np.diag(STEPS):
+        after, before = (moved_points(calibration, sign * change, x, z, angle) for sign in (1.0, -1.0))
+        moved.append((after - before) / (2 * change.max()))
     return np.stack(moved)
+
+
+def influence_of_view(calibration: Calibration, points: Array, x: Array, z: Array, angle: Array) -> Array:
+    """By how much ``points`` (n, 3) mm of C, the places of n readings, follow each unknown of a view, its azimuth and
+    its height: (``VIEW_UNKNOWNS``, n, 3), mm per mm or rad.
+    """
+    part = part_from_shaft(calibration)
+    up = part.rotation[:, 2]
+    round_it = np.cross(up, points - part.translation)
+    own = influence(calibration, x, z, angle)
+    return np.concatenate([own, round_it[None], np.broadcast_to(up, (1, *points.shape))])
 
 
 def independent_parts(calibration: Calibration) -> Array | None:
@@ -139,13 +148,34 @@ def _outwards_by_phi(calibration: Calibration) -> float:
     return float((more - less)[0] / (2 * STEPS[PHI]))
 
 
-def moves(calibration: Calibration, x: Array, z: Array, angle: Array, normal: Array) -> Array | None:
-    """By how much each independent part of the covariance lifts n readings along their ``normal`` (n, 3): (k, n) mm.
+def joint_covariance(calibrations: Sequence[Calibration]) -> Array | None:
+    """The covariance of all unknowns of several views, in their order; None where their record carries none.
 
-    None where the calibration's record carries no covariance.
+    What a witness band adds to the radial position of one of them is added here.
     """
-    parts = independent_parts(calibration)
-    if parts is None:
+    joint = calibrations[0].joint
+    if joint is None or any(c.covariance.shape[0] < UNKNOWNS for c in calibrations):
         return None
-    lifts = np.einsum("pnc,nc->pn", influence(calibration, x, z, angle), normal)
-    return np.asarray(parts @ lifts)
+    at = np.concatenate([VIEW_UNKNOWNS * joint.views.index(c.name) + np.arange(VIEW_UNKNOWNS) for c in calibrations])
+    covariance = np.array(joint.matrix[np.ix_(at, at)])
+    for k, calibration in enumerate(calibrations):
+        radial = k * VIEW_UNKNOWNS + RADIAL
+        covariance[radial, radial] = max(covariance[radial, radial], calibration.covariance[RADIAL, RADIAL])
+    return covariance
+
+
+def joint_parts(calibrations: Sequence[Calibration]) -> Array | None:
+    """The joint covariance of several views, and what a positioner adds, as independent parts (k, ``VIEW_UNKNOWNS`` a
+    view); None where their record carries none.
+    """
+    covariance = joint_covariance(calibrations)
+    if covariance is None:
+        return None
+    root, values = square_root(covariance)
+    parts = [root.T[values > 1e-12 * values[-1]]]
+    for k, calibration in enumerate(calibrations):
+        again = retaken(calibration)
+        wide = np.zeros((again.shape[1], covariance.shape[0]))
+        wide[:, k * VIEW_UNKNOWNS : (k + 1) * VIEW_UNKNOWNS] = again.T
+        parts.append(wide[again.any(axis=0)])
+    return np.concatenate(parts)

@@ -78,7 +78,7 @@ def inspection_record(
 def _seam(seam: Seam) -> Record:
     return {
         "views": list(seam.views),
-        "flank": seam.flank,
+        **({"flank": seam.flank} if seam.section is None else {"section": seam.section}),
         "difference_um": UM * seam.difference,
         "U_um": UM * seam.U,
         "ok": seam.ok,
