@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from math import degrees, radians
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from patience import NOT_FOR_EVER
 from positioned import AT, SWEPT, positioned_lab
 from truestand.cli.simulate import _endpoints
 from truestand.core.errors import BadRecipe, Fault
+from truestand.devices.positioner import Positioner
 from truestand.files.scans.read import read_scan
 from truestand.sim.live.faults import FaultKind
 from truestand.station.diagnostics import ask_devices, reset_fault
 from truestand.station.recipe import read_devices, stops_of
+from truestand.station.route import Route
 from truestand.station.stand_lock import state_path
 
 LONGEST_STOP_S = 1.0
@@ -212,3 +215,15 @@ def test_a_device_that_is_moved_by_hand_is_served_where_its_first_view_is(tmp_pa
         with pytest.raises(BadRecipe, match="moved by hand, scan each by itself"):
             stops_of(described, devices)
         assert [stop.views for stop in stops_of(described, devices, ["rear"])] == [["rear"]]
+
+
+@pytest.mark.parametrize(("stands", "starts"), [(20.01, 20.0), (20.1, 20.1)])
+def test_a_way_starts_where_the_move_before_should_have_ended(stands, starts):
+    """Axes stop within their tolerance: a place with just the clearance asked for had no way from it."""
+    axis = SimpleNamespace(
+        state=lambda: SimpleNamespace(position=radians(stands), homed=True),
+        limits=SimpleNamespace(tolerance=radians(0.02)),
+    )
+    ways = SimpleNamespace(way=lambda start, place, _: (start, place))
+    route = Route(ways, (((30.0,), "the place of rear"),), frozenset({(20.0,), (30.0,)}))
+    assert route.way(Positioner((axis,), (True,))) == (pytest.approx((starts,)), (30.0,))

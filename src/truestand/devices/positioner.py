@@ -196,6 +196,13 @@ class Positioner:
             for axis, linear in zip(self.axes, self.linear, strict=True)
         )
 
+    def stands_at(self, place: Position) -> bool:
+        """Whether every axis is where a move to ``place`` (mm or rad) may have left it."""
+        return all(
+            abs(axis.state().position - (radians(value) if linear else value)) <= axis.limits.tolerance
+            for axis, linear, value in zip(self.axes, self.linear, place, strict=True)
+        )
+
     def home(self) -> None:
         """Find the home position of each axis, one after the other.
 

@@ -12,7 +12,7 @@ from truestand.planning.corridor import Corridors
 from truestand.planning.kinematics import Position
 from truestand.planning.obstacles import Round
 from truestand.planning.optics import HOUSING
-from truestand.station.recipe import DevicesRecipe, Stop, sensor_of
+from truestand.station.recipe import DevicesRecipe, Stop, position_of, sensor_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,9 @@ class Route:
     corridors: Corridors
     places: tuple[tuple[Position, str], ...]
     """For this scan and for those after it, and what each is called."""
+    known: frozenset[Position] = frozenset()
+    """Places of all views: a positioner that stands where a move to one of them left it is taken to stand there. Where
+    the housing is just as near as it may be, a hundredth of a millimetre would bar the way from it."""
 
     def way(self, positioner: Positioner) -> tuple[Position, ...]:
         """From where the positioner stands, or will once it is homed, to the first place.
@@ -31,12 +34,17 @@ class Route:
         Raises:
             BadRecipe: one of them is.
         """
-        start = positioner.position if positioner.homed else (0.0,) * len(positioner.axes)
+        start = self._start(positioner)
         first, *_ = [
             self.corridors.way(before, place, called)
             for (before, _), (place, called) in pairwise([(start, ""), *self.places])
         ]
         return first
+
+    def _start(self, positioner: Positioner) -> Position:
+        if not positioner.homed:
+            return (0.0,) * len(positioner.axes)
+        return next((place for place in self.known if positioner.stands_at(place)), positioner.position)
 
     @property
     def after(self) -> "Route":
@@ -67,4 +75,5 @@ def route_of(recipe: Path, stand: Stand, devices: DevicesRecipe, stops: Sequence
     sizes = [sensor.housing or HOUSING for sensor in carried if sensor.position]
     x, y, z = (max(size[k] for size in sizes) for k in range(3))
     bodies = (*turning, Round(room.table_radius, -1e9, face))
-    return Route(Corridors(devices.positioner.kinematics, (x, y, z), bodies, room), places)
+    known = frozenset(place for s in stand.sensors if (place := position_of(s, devices)) is not None)
+    return Route(Corridors(devices.positioner.kinematics, (x, y, z), bodies, room), places, known)
