@@ -109,10 +109,10 @@ class Seam:
 
     @property
     def place(self) -> str:
-        """Where the surface is that both saw; empty: all over the part."""
+        """Where the surface is that both saw."""
         if self.section is not None:
             return f"section {self.section!r}"
-        return f"{self.flank} flanks" if self.flank else ""
+        return f"the {self.flank} flanks" if self.flank else "all that both show"
 
 
 def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
@@ -124,11 +124,10 @@ def contradictions(seams: tuple[Seam, ...]) -> tuple[Message, ...]:
     agreeing = {view for seam in seams if seam.ok for view in seam.views}
     moved = {view for seam in wrong for view in seam.views} - agreeing
     which = f"view {min(moved)!r} has" if len(moved) == 1 else "one of them has"
-    where = f" on the {worst.place}" if worst.place else ""
     text = (
-        f"views {' and '.join(map(repr, worst.views))} differ by {1000 * abs(worst.difference):.1f} um{where}, U is "
-        f"{1000 * worst.U:.1f} um: {which} moved since the calibration; verify each (truestand verify), or inspect by "
-        "one view"
+        f"views {' and '.join(map(repr, worst.views))} differ by {1000 * abs(worst.difference):.1f} um on "
+        f"{worst.place}, U is {1000 * worst.U:.1f} um: {which} moved since the calibration; verify each (truestand "
+        "verify), or inspect by one view"
     )
     return (Message("views_contradict", text),)
 

@@ -159,9 +159,10 @@ def _settings(comparison: _Comparison, registration: Registration, grid: Grid) -
 def _remarks(
     comparison: _Comparison, registration: Registration, patches: Patches, visible: float
 ) -> tuple[Message, ...]:
+    whom = "the sensor" if len(comparison.views.each) == 1 else "the sensors"
     remarks = [
         Message("datum", f"datum: {comparison.datum.remark}"),
-        Message("visible", f"{visible:.0%} of the model's surface is visible to the sensor; coverage counts that part"),
+        Message("visible", f"{visible:.0%} of the model's surface is visible to {whom}; coverage counts that part"),
         Message("noise", f"noise {1000 * patches.scatter:.2g} um a reading"),
         *registration_remarks(registration),
     ]

@@ -169,7 +169,7 @@ def inspect_turned(surface: Surface | Sequence[Surface], part: Turned) -> Inspec
         k = max(range(len(found)), key=lambda n: found[n].rank)
         lines = tuple(replace(line, views=views.names[k : k + 1]) for line in found[k].lines)
         best.append(replace(found[k], lines=lines))
-    remarks = [Message("datum", f"datum: {datum.remark}"), *(remark for of in best for remark in of.remarks)]
+    remarks = [Message("datum", f"datum: {datum.remark}"), *_read_by(best), *(r for of in best for r in of.remarks)]
     if any(view.calibration.covariance.size == 0 for view in views.each):
         text = "the calibration carries no covariance: no U can be told, nothing is decided"
         remarks.append(Message("no_covariance", text))
@@ -179,6 +179,13 @@ def inspect_turned(surface: Surface | Sequence[Surface], part: Turned) -> Inspec
         settings=_settings(part, datum), deviation=_stacked(deviations), seams=tuple(seams),
         evidence=TurnedEvidence(tuple(of.evidence for of in best if of.evidence is not None)),
     )  # fmt: skip
+
+
+def _read_by(sections: Sequence[_Section]) -> tuple[Message, ...]:
+    """Which of several views has read each section."""
+    read = [(line.section, *line.views) for section in sections for line in section.lines[:1] if line.views]
+    text = ", ".join(f"{section!r} by {view!r}" for section, view in read)
+    return (Message("sections_read_by", f"sections are read by the view that shows each best: {text}"),) if read else ()
 
 
 def _stacked(deviations: Sequence[Array]) -> Array:
