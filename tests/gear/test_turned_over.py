@@ -22,8 +22,8 @@ COUNTS, ARCSEC10 = 360_000, radians(10.0 / 3600.0)
 STEEP = helical(45.0)
 """One view sees one of its sides only."""
 RUNNING_OUT = replace(WORN, eccentricity=0.02)
-"""Its tips tell which tooth is which."""
-EVEN = replace(WORN, eccentricity=0.0)
+MARKED = replace(RUNNING_OUT, chips=(Chip(5, 6.5, 10.0, 0.06),))
+"""One tip tells which tooth is which, and which side is up."""
 TURNED = radians(100.0)
 OWN = replace(stand(UPRIGHT_POINTS), counts_per_turn=COUNTS)
 
@@ -77,7 +77,7 @@ def inside_u(inspection, truth):
 
 
 def test_one_sensor_sees_both_sides():
-    inspection, truth = found(STEEP, RUNNING_OUT), true(STEEP, RUNNING_OUT)
+    inspection, truth = found(STEEP, MARKED), true(STEEP, MARKED)
     assert not inspection.reasons
     for flank in ("left", "right"):
         for name in ("f_p", "F_p"):
@@ -88,7 +88,7 @@ def test_one_sensor_sees_both_sides():
 
 
 def test_what_needs_both_sides_is_not_measurable():
-    inspection = found(STEEP, RUNNING_OUT)
+    inspection = found(STEEP, MARKED)
     for name in ("s", "W_k", "M_d", "F_r"):
         assert line(inspection, name, None).status == "not_measurable"
     assert line(inspection, "d_a", None).status == "measured"
@@ -97,23 +97,26 @@ def test_what_needs_both_sides_is_not_measurable():
 
 
 @pytest.mark.more
-def test_alike_tips_leave_the_numbers_open_and_nothing_else():
-    """Left flanks seen at a grazing angle by the other scan were damage of 30 um."""
-    inspection, truth = found(STEEP, EVEN), true(STEEP, EVEN)
-    assert not inspection.reasons and "damage" not in codes(inspection.remarks)
-    (said,) = [str(r) for r in inspection.remarks if r.code == "part_turned_over"]
-    assert "numbered each from a tooth of their own" in said
+@pytest.mark.parametrize("marks", [(), (Chip(5, 13.0, 17.0, 0.06),)], ids=["run-out alone", "a mark in the middle"])
+def test_tips_that_look_the_same_from_below_decide_nothing(marks):
+    """Its figures are shown, without a verdict. Left flanks seen at a grazing angle by the other scan were damage of
+    30 um.
+    """
+    part = replace(RUNNING_OUT, chips=marks)
+    inspection, truth = found(STEEP, part), true(STEEP, part)
+    assert codes(inspection.reasons) == {"turned_over_not_told"} and "damage" not in codes(inspection.remarks)
     for flank in ("left", "right"):
         for name in ("f_p", "F_p"):
             c = line(inspection, name, flank)
-            assert abs(c.value - truth[name, flank, None]) < c.U
+            assert abs(c.value - truth[name, flank, None]) < c.U and c.verdict is None
 
 
 @pytest.mark.more
 def test_a_chipped_tooth_keeps_its_number():
-    chipped = replace(EVEN, chips=(Chip(5, 7.0, 21.0, 0.4),))
-    (defect,) = [d for d in found(STEEP, chipped).defects if d.kind.startswith("chipped")]
-    assert defect.tooth == 5 and defect.depth == pytest.approx(0.4, abs=0.05)
+    chipped = replace(RUNNING_OUT, chips=(Chip(5, 17.0, 20.0, 0.4),))
+    inspection = found(STEEP, chipped)
+    (defect,) = [d for d in inspection.defects if d.kind.startswith("chipped")]
+    assert not inspection.reasons and defect.tooth == 5 and defect.depth == pytest.approx(0.4, abs=0.05)
 
 
 @pytest.mark.more
@@ -158,10 +161,26 @@ def test_a_part_that_was_not_turned_over_is_refused(gear):
 
 
 @pytest.mark.more
+def test_an_even_part_that_was_not_turned_over_decides_nothing():
+    """Its left flanks were shown as right ones: a slope of 14 um was told as 0.0 +- 1.4, *conforms*."""
+    even = replace(RUNNING_OUT, pitch_left=(), pitch_right=())
+    inspection = inspect(both(STEEP, even, radians(105.0), over=False), STEEP, (0, "over"))
+    assert codes(inspection.reasons) == {"turned_over_not_told"}
+    assert {c.verdict for c in inspection.characteristics} == {None}
+
+
+@pytest.mark.more
+def test_a_part_that_sits_otherwise_is_told_by_its_tips():
+    """Play that nobody stated: its toothing runs out by 20 um, but in another direction."""
+    seated = replace(MARKED, eccentricity_direction=MARKED.eccentricity_direction + 1.2)
+    together = laid_together((both(STEEP, MARKED)[0], both(STEEP, seated)[1]), STEEP, (0, "over"))
+    assert codes(together.reasons) == {"part_sits_otherwise"}
+
+
+@pytest.mark.more
 def test_another_part_turned_over_is_not_tied():
-    """Its tips run out otherwise."""
-    other = replace(RUNNING_OUT, chips=(Chip(3, 7.0, 21.0, 0.3), Chip(11, 7.0, 21.0, 0.3)))
-    first, _ = both(STEEP, RUNNING_OUT)
-    _, second = both(STEEP, other)
+    """Its tips are chipped elsewhere."""
+    other = replace(MARKED, chips=(Chip(3, 7.0, 21.0, 0.3), Chip(11, 7.0, 21.0, 0.3)))
+    first, second = both(STEEP, MARKED)[0], both(STEEP, other)[1]
     together = laid_together((first, second), STEEP, (0, "over"))
     assert codes(together.reasons) == {"part_not_tied"} and together.surfaces == (first,)

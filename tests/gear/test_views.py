@@ -31,7 +31,7 @@ STAND = two_sensors(points=240, incidence_U=0.005)
 GEAR = helical(30.0)
 FRONT = replace(simulation(2, True).mounting, **UPRIGHT)
 REAR = replace(FRONT, phi=radians(-110.0), plane_offset=-0.2, azimuth=AZIMUTH)
-"""Looks up where the front one looks down: it sees the flanks that a helix leans away from the other."""
+"""Looks down where the front one looks up: it sees the flanks that a helix leans away from the other."""
 
 
 @cache

@@ -35,15 +35,15 @@ def without_stuck(z: Array) -> tuple[Array, tuple[Message, ...]]:
     found = _stuck(z[:: max(1, z.shape[0] // SAMPLE)])
     if not found:
         return z, ()
-    out, remarks = z.copy(), []
+    out, stuck = z.copy(), []
     for point, at in found:
         there = np.abs(out[:, point] - at) < STEP
         if there.mean() < LEAST_SHARE / 2:
             continue  # left out already, as the step next to it
         out[there, point] = np.nan
-        text = f"point {point + 1} of the sensor is stuck at {at:.2f} mm in {there.mean():.0%} of the profiles"
-        remarks.append(Message("point_stuck", f"{text}: left out there"))
-    return out, tuple(remarks)
+        stuck.append(f"point {point + 1} of the sensor is stuck at {at:.2f} mm in {there.mean():.0%} of the profiles")
+    more = f", and so are {len(stuck) - 1} more points" if len(stuck) > 1 else ""
+    return out, (Message("point_stuck", f"{stuck[0]}{more}: left out there"),) if stuck else ()
 
 
 def _stuck(z: Array) -> list[tuple[int, float]]:

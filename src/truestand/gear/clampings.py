@@ -4,22 +4,26 @@ each other (``ties``), and the table told from the gear (``closure``).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import hypot, sqrt
 
 import numpy as np
 
 from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array
 from truestand.core.assumptions import K
+from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose, about_axis
+from truestand.core.frames import ECCENTRICITY, Pose, about_axis
 from truestand.core.message import Message
 from truestand.core.surface import Surface, apply_calibration
-from truestand.gear.closure import Closure, closure_of
+from truestand.gear.closure import MOST, Closure, closure_of, seated_u
 from truestand.gear.drawing import Gear
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import Involute, involute
 from truestand.gear.ties import OVER, Clamping, PartTurned, Tie, ties_of
 
+TIP_NOISE = 1e-3
+"""mm, standard: of a wave round the tips."""
 FIRST_ALONE = Message("first_clamping_alone", "the first clamping alone is shown; the others can't be laid onto it")
 
 
@@ -57,9 +61,9 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     if untied := [k for k, tie in enumerate(ties, 1) if not tie.sure]:
         return Together(alone, (_not_tied(untied),), (FIRST_ALONE,))
     placed = [_turned_back(c.surface, datum, tie.turn) for c, tie in zip(clampings, ties, strict=True)]
-    again = _turned_over(ties)
+    again, doubted = _turned_over(ties), _doubted(ties, surfaces[0].origin[1], gear)
     if not any(tie.by_flanks for k, tie in enumerate(ties) if firsts[k] != k):
-        return Together(tuple(placed), (), again, sides_tied=False)
+        return Together(tuple(placed), doubted, again, sides_tied=False)
     by_flanks = [k for k, tie in enumerate(ties) if tie.by_flanks]
     closure = closure_of([placed[k] for k in by_flanks], nominal, datum)
     if wrong := closure.contradictions(nominal.measuring_radius):
@@ -68,7 +72,7 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     seats[by_flanks] = closure.seats
     closed = [closure.without_table(s, nominal.measuring_radius) for s in placed]
     seated = tuple(_shifted(s, datum, seat) for s, seat in zip(closed, seats, strict=True))
-    return Together(seated, (), (_said(closure, ties, nominal.measuring_radius), *again), not again)
+    return Together(seated, doubted, (_said(closure, ties, nominal.measuring_radius), *again), not again)
 
 
 def _firsts(surfaces: Sequence[Surface], turned: Sequence[PartTurned]) -> list[int]:
@@ -101,7 +105,7 @@ def _clamping(surface: Surface, turned: PartTurned, nominal: Involute, datum: Da
     if turned != OVER:
         return Clamping(surface, toothing, turned)
     upright = _moved(surface, datum, Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 2 * nominal.middle])))
-    return Clamping(upright, find_toothing(upright, nominal, datum), turned, toothing)
+    return Clamping(upright, find_toothing(upright, nominal, datum), turned, Clamping(surface, toothing, None))
 
 
 def _not_tied(clampings: list[int]) -> Message:
@@ -132,14 +136,40 @@ def _turned_over(ties: Sequence[Tie]) -> tuple[Message, ...]:
     listed = ", ".join(map(str, apart))
     numbers = (
         "the tips tell which tooth is which"
-        if all(tie.numbered for tie in ties)
-        else "its tips are alike, so that left and right flanks are numbered each from a tooth of their own"
+        if all(tie.told for tie in ties)
+        else "left and right flanks are numbered each from a tooth of their own"
     )
     text = (
         f"clamping {listed}: turned over, the part shows other flanks than before; {numbers}. How far left and right "
         "flanks are apart nothing tells: s, W_k, M_d and F_r are not measurable"
     )
     return (Message("part_turned_over", text),)
+
+
+def _doubted(ties: Sequence[Tie], calibration: Calibration, gear: Gear) -> tuple[Message, ...]:
+    """Why nothing may be decided of a part whose tips don't tell that it was turned over, or that it sits as before.
+
+    An axis that the calibration has aside turns over with the part: twice as much shows between the scans.
+    """
+    found = []
+    if untold := [k for k, tie in enumerate(ties, 1) if not tie.told]:
+        text = (
+            f"clamping {', '.join(map(str, untold))}: nothing tells that the part was turned over, it shows no flank "
+            "again and its tips look the same from below: mark one tip off the middle of the face (a drop of lacquer, "
+            "0.05 mm high), or let a sensor see both sides"
+        )
+        found.append(Message("turned_over_not_told", text))
+    if not calibration.covariance.size:
+        return tuple(found)
+    axis = K * sqrt(float(np.linalg.eigvalsh(calibration.covariance[ECCENTRICITY, ECCENTRICITY])[-1]))
+    U, off = hypot(K * seated_u(gear), 2 * axis, K * TIP_NOISE), max((tie.off for tie in ties), default=0.0)
+    if off > MOST * U:
+        text = (
+            f"the tips say that the part sits {1000 * off:.1f} um otherwise than in the first clamping, U is "
+            f"{1000 * U:.1f} um: state its play (bore_clearance_mm)"
+        )
+        found.append(Message("part_sits_otherwise", text))
+    return tuple(found)
 
 
 def _turned_back(surface: Surface, datum: Datum, turn: float) -> Surface:

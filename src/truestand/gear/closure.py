@@ -2,8 +2,9 @@
 
     F_c(j) = g(j) + t(theta_j + o_c) + const_c,    t = sum of waves a turn
 
-(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). What is left of the table's errors, and of all else
-that does not turn with the gear, is averaged over the clampings.
+(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). The calibration's own errors stay with the stand as
+well: without them a laser plane beside where it is taken to be looks like a part that sits otherwise. What is left of
+the table's errors, and of all else that does not turn with the gear, is averaged over the clampings.
 """
 
 from collections.abc import Sequence
@@ -16,11 +17,15 @@ from numpy.typing import NDArray
 from truestand.apply.datum import Datum
 from truestand.core.arrays import Array
 from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
+from truestand.core.calibration import Calibration
+from truestand.core.frames import UNKNOWNS
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration, seen_at, table_angle
+from truestand.core.surface import Surface, apply_calibration, readings_of, seen_at, table_angle
+from truestand.gear.drawing import Gear
 from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import SIGMA, Involute
+from truestand.uncertainty.influence import independent_parts, influence
 from truestand.uncertainty.lines import once_per_turn
 
 MOST = 1.5
@@ -99,18 +104,24 @@ def waves_of(angle: Array, orders: Sequence[int]) -> Array:
     return np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], axis=-1)
 
 
+def seated_u(gear: Gear) -> float:
+    """Standard uncertainty (mm) of where a part sits on its seat that is clamped again, in each direction."""
+    return max(gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
+
+
 def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Closure:
-    """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, and how far
-    off the axis a part sits that was clamped again, are known beforehand as their budget says.
+    """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, the
+    calibration, and how far off the axis a part sits that was clamped again, are known beforehand as their budget says.
     """
     orders, clampings = _orders(nominal.gear.teeth), len(surfaces)
     known = _before(surfaces[0].origin[0], nominal, orders)
-    seated = max(nominal.gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
+    seated = seated_u(nominal.gear)
     design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), orders)
     left = _noise(design, places)
     first, last = 2 * nominal.gear.teeth, design.shape[1] - known.size
     seats = first + OF_CLAMPING * np.arange(clampings - 1)[:, None] + np.array([1, 2])
     precision = np.zeros(design.shape[1])
+    precision[first + OF_CLAMPING * (clampings - 1) : last] = 1.0  # parts of the calibration's covariance
     precision[last:], precision[seats] = 1.0 / np.square(known), 1.0 / seated**2
     covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
     found = np.asarray(covariance @ design.T @ places / left**2)
@@ -124,28 +135,46 @@ def _orders(teeth: int) -> tuple[int, ...]:
 
 
 def _equations(surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence[int]) -> tuple[Array, Array]:
-    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + 2 orders), and the
-    places (n,) rad.
+    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + independent parts of
+    each view's calibration + 2 orders), and the places (n,) rad.
     """
     nominal = toothing.nominal
     teeth, waves = nominal.gear.teeth, 2 * len(orders)
     flanks, rows, values = 2 * teeth, [], []
+    parts = _parts([surface.origin[1] for surface in surfaces])
+    calibrated, own_parts = flanks + OF_CLAMPING * (len(surfaces) - 1), sum(map(len, parts.values()))
     for c, surface in enumerate(surfaces):
         calibration, offsets = surface.origin[1], flank_offsets(surface, toothing)
         place = (SIGMA[:, None] * offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
         seen = np.flatnonzero(np.isfinite(place))
         points, gradient = _middles(toothing, seen)
-        design = np.zeros((seen.size, flanks + OF_CLAMPING * (len(surfaces) - 1) + waves))
+        design = np.zeros((seen.size, calibrated + own_parts + waves))
         design[np.arange(seen.size), seen] = 1.0
         if c:
             moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
             own = flanks + OF_CLAMPING * (c - 1) + np.arange(OF_CLAMPING)
             design[:, own] = np.column_stack([np.ones(seen.size), moved])
+        follow = _followed(calibration, points, gradient) * SIGMA[seen // teeth] / nominal.base_radius
+        at = calibrated + sum(len(parts[name]) for name in list(parts)[: list(parts).index(calibration.name)])
+        design[:, at : at + len(parts[calibration.name])] = (parts[calibration.name] @ follow).T
         # An angle that counts too much by t shows the flank turned back by t, or on, of a gear that was turned over.
         design[:, -waves:] = -calibration.sense * waves_of(seen_at(calibration, points), orders)
         rows.append(design)
         values.append(place[seen])
     return np.concatenate(rows), np.concatenate(values)
+
+
+def _parts(calibrations: Sequence[Calibration]) -> dict[str, Array]:
+    """The independent parts (k, 8) of the covariance of each view; none where its record carries none."""
+    known = {c.name: independent_parts(c) for c in calibrations}
+    return {name: np.zeros((0, UNKNOWNS)) if parts is None else parts for name, parts in known.items()}
+
+
+def _followed(calibration: Calibration, points: Array, gradient: Array) -> Array:
+    """By how much (8, n) delta of flanks at ``points`` (n, 3) mm of C, of such a ``gradient``, follows each unknown."""
+    angle = seen_at(calibration, points)
+    x, z = readings_of(calibration, points, angle)
+    return np.asarray(np.einsum("unc,nc->un", influence(calibration, x, z, angle), gradient))
 
 
 def _middles(toothing: Toothing, flanks: NDArray[np.intp]) -> tuple[Array, Array]:

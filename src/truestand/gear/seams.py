@@ -93,7 +93,7 @@ def tied_roughly(
     seen = [followed(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
     offsets = [flank_offsets(s, toothing).reshape(2, -1) for s in surfaces]
     differences = []
-    for (a, b), side in product(_pairs([s.origin[1].name for s in surfaces]), (0, 1)):
+    for (a, b), side in product(_pairs([s.origin[1] for s in surfaces]), (0, 1)):
         apart = offsets[a][side] - offsets[b][side]
         both = np.zeros(shape, dtype=bool)
         both[side] = np.isfinite(apart)[:, None]
@@ -131,7 +131,7 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     seen = [followed(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
     means = [means_of([part_of(flanks, views, k)], grid) for k in range(len(views))]
     found = []
-    for (a, b), side in product(_pairs([view.name for view in views]), (0, 1)):
+    for (a, b), side in product(_pairs([view.calibration for view in views]), (0, 1)):
         apart = means[a] - means[b]
         both = np.zeros(apart.shape, dtype=bool)
         both[side] = np.isfinite(apart[side]) & grid.in_ranges[side]
@@ -142,9 +142,12 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     return found
 
 
-def _pairs(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Pairs of scans by different views: those of a part clamped again by one view tell nothing of where it stands."""
-    return [(a, b) for a, b in combinations(range(len(names)), 2) if names[a] != names[b]]
+def _pairs(calibrations: Sequence[Calibration]) -> list[tuple[int, int]]:
+    """Pairs of scans by different views: those of a part clamped again by one view tell nothing of where it stands. And
+    those of a part turned over were turned onto what their own view saw before, azimuth and height included.
+    """
+    upright = [k for k, calibration in enumerate(calibrations) if calibration.sense > 0]
+    return [(a, b) for a, b in combinations(upright, 2) if calibrations[a].name != calibrations[b].name]
 
 
 def followed(scan: Scan, calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> Followed:

@@ -92,8 +92,8 @@ class Diameter:
     budget: tuple[Contribution, ...]
 
 
-def fold(surface: Surface, toothing: Toothing) -> FoldedMap:
-    """The folded map of every tooth."""
+def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> FoldedMap:
+    """The folded map of every tooth, of so many ``rows`` over the height or of as many as its points fill."""
     nominal = toothing.nominal
     g = nominal.gear
     low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
@@ -106,7 +106,7 @@ def fold(surface: Surface, toothing: Toothing) -> FoldedMap:
     tooth = np.rint(pitches)
     place = bin_index(pitches - tooth, -0.5, 0.5, PLACES)
     spacing = (top - bottom) * surface.x.shape[0] / max(height.size, 1)  # of the points of a profile
-    rows = max(1, round((top - bottom) / max(HEIGHT_CELL, COLUMNS * spacing)))
+    rows = rows or max(1, round((top - bottom) / max(HEIGHT_CELL, COLUMNS * spacing)))
     row = bin_index(height, bottom, top, rows)
     cell = ((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row
     middle, span = (low + high) / 2, 1.01 * (high - low)

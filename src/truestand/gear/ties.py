@@ -16,6 +16,7 @@ import numpy as np
 
 from truestand.core.arrays import Array
 from truestand.core.errors import BadRecipe, WrongDrawing
+from truestand.core.robust import nan_median
 from truestand.core.surface import Surface
 from truestand.gear.closure import waves_of
 from truestand.gear.flanks import Toothing
@@ -32,14 +33,16 @@ LEAST_PATTERN = 1.5e-3
 the gear is turned."""
 LEAST_TIPS = 3e-3
 """mm, rms: tips whose radii scatter less are alike, as the sensor sees them."""
+TIP_ROW, CHIP = 1.0, 0.03
+"""mm of the face in which tips are compared, and mm by which one departs plainly from the rest of its tooth."""
+AGREES = 0.6
+"""Share of the pattern's own rms that may be left of it where two patterns agree."""
 LEAST_FLANKS = 8
 """That two clampings must both show."""
 MOST_WAVES = 6
 """A turn, that a table's errors may have when clampings are tied."""
 LEAST_NOISE, LEAST_NOISE_OF_TIPS = 1e-4, 1e-3
 """mm: flanks' places, and tips' radii, are not known better."""
-SAME_PLACE = 0.02
-"""mm on the base circle within which an even gear sits as it sat: it was hardly moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +57,16 @@ class Tie:
     """Whether pitches, or tips, say so."""
     by_flanks: bool = True
     """Whether flanks say so that both show: left and right flanks are as far apart as they are."""
-    numbered: bool = True
-    """Whether the teeth are known to have the same numbers."""
+    told: bool = True
+    """Whether anything told that the part was turned over, and which tooth is which."""
+    off: float = 0.0
+    """mm: by how much it seems to sit otherwise than before, as its tips run out."""
 
     def beyond(self, other: "Tie") -> "Tie":
         """This tie to a clamping that has itself an ``other`` tie to the first."""
         return Tie(
             self.teeth + other.teeth, self.turn + other.turn, self.sure and other.sure,
-            self.by_flanks and other.by_flanks, self.numbered and other.numbered,
+            self.by_flanks and other.by_flanks, self.told and other.told, max(self.off, other.off),
         )  # fmt: skip
 
 
@@ -72,7 +77,7 @@ class Clamping:
     surface: Surface
     toothing: Toothing
     turned: PartTurned
-    as_scanned: Toothing | None = field(default=None, repr=False)
+    as_scanned: "Clamping | None" = field(default=None, repr=False)
 
     @property
     def over(self) -> bool:
@@ -82,12 +87,17 @@ class Clamping:
     @cached_property
     def places(self) -> Array:
         """Of the flanks (2, teeth) mm, counter-clockwise; NaN: not seen."""
-        return _places(self.toothing)
+        teeth = self.toothing.nominal.gear.teeth
+        return np.asarray(SIGMA[:, None] * self.toothing.offsets.reshape(2, teeth))
 
-    @cached_property
-    def tips(self) -> Array:
-        """Radius (teeth,) mm of each tip."""
-        return fold(self.surface, self.toothing).tip_radius(self.toothing.nominal)
+    def tips(self, rows: int) -> Array:
+        """Radius (teeth, rows) mm of each tip over its height: a tooth's median, but for what departs plainly from it,
+        as a chip does; against the median of all teeth at that height, as they may have a chamfer.
+        """
+        tips = nan_median(fold(self.surface, self.toothing, rows).tips(self.toothing.nominal), 1)
+        tips = tips - nan_median(tips, 0)
+        usual = nan_median(tips, 1)[:, None]
+        return np.where(np.isfinite(tips), np.where(np.abs(tips - usual) > CHIP, tips, usual), np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,18 +126,19 @@ def ties_of(clampings: Sequence[Clamping], firsts: Sequence[int]) -> tuple[Tie, 
     ties = [Tie() for _ in clampings]
     for k, first in enumerate(firsts):
         if k != first:
-            likely = [first, *(j for j in sorted({*firsts} - {first})), *(j for j in range(k) if clampings[j].over)]
-            likely = list(dict.fromkeys(likely)) if clampings[k].over else [first]
-            ties[k] = _tie(clampings, k, likely, ties)
+            ties[k] = _tie(clampings, k, first, firsts, ties)
     return tuple(ties)
 
 
-def _tie(clampings: Sequence[Clamping], k: int, likely: list[int], ties: Sequence[Tie]) -> Tie:
-    """How clamping ``k`` lies, by the first of the ``likely`` ones with which it shares flanks."""
-    own, first = clampings[k], clampings[likely[0]]
+def _tie(clampings: Sequence[Clamping], k: int, at: int, firsts: Sequence[int], ties: Sequence[Tie]) -> Tie:
+    """How clamping ``k`` lies: by the first one of its view, number ``at``, or, of a part that was turned over, by
+    another one with which it shares flanks.
+    """
+    own, first = clampings[k], clampings[at]
+    others = [*firsts, *(j for j in range(k) if clampings[j].over)] if own.over else []
     if own.as_scanned is not None:
         _demand_turned_over(first, own.as_scanned)
-    for j in likely:
+    for j in dict.fromkeys([at, *others]):
         shift = _by_pitches(clampings[j].places, own.places, own.toothing.nominal)
         if shift is not None:
             return _as_shifted(clampings[j], own, shift).beyond(ties[j])
@@ -161,18 +172,13 @@ def _turn(first: Clamping, own: Clamping, teeth: int) -> float:
     return own.toothing.first_tooth - first.toothing.first_tooth + teeth * own.toothing.nominal.gear.pitch
 
 
-def _places(toothing: Toothing) -> Array:
-    """Of the flanks (2, teeth) mm, counter-clockwise."""
-    return np.asarray(SIGMA[:, None] * toothing.offsets.reshape(2, toothing.nominal.gear.teeth))
-
-
-def _demand_turned_over(first: Clamping, as_scanned: Toothing) -> None:
+def _demand_turned_over(first: Clamping, as_scanned: Clamping) -> None:
     """Refuse a clamping whose pitches say that the part was not turned over at all.
 
     Raises:
         BadRecipe: it was not.
     """
-    shift = _by_pitches(first.places, _places(as_scanned), as_scanned.nominal)
+    shift = _by_pitches(first.places, as_scanned.places, as_scanned.toothing.nominal)
     if shift is not None and shift.sure:
         raise BadRecipe(
             f"found --part-turned {OVER}, the pitches say that the part was not turned over, but turned by "
@@ -185,18 +191,20 @@ def _by_pitches(before: Array, after: Array, nominal: Involute) -> _Shift | None
     fits = [_agreement(np.roll(after, -shift, axis=1) - before, nominal) for shift in range(nominal.gear.teeth)]
     if not np.isfinite([rms for _, rms, _ in fits]).any():
         return None
-    return _best(fits, _pattern(before, nominal) > LEAST_PATTERN)
+    return _best(fits, _pattern(before, nominal), LEAST_PATTERN)
 
 
-def _best(fits: Sequence[tuple[float, float, int]], uneven: bool) -> _Shift:
-    """The best of the shifts whose mean, rms and number are ``fits``: sure where the pattern is ``uneven`` and no other
-    one agrees as well.
+def _best(fits: Sequence[tuple[float, float, int]], pattern: float, least: float) -> _Shift:
+    """The best of the shifts whose mean, rms and number are ``fits``: sure where the ``pattern`` (mm, rms) is ``least``
+    and more, little of it is left, and no other shift agrees as well.
     """
     rms = np.array([fit[1] for fit in fits])
     order = np.argsort(rms)
     best, number = int(order[0]), fits[int(order[0])][2]
     gain = 2 * number * log(rms[order[1]] / rms[best]) if rms.size > 1 else np.inf
-    return _Shift(best, fits[best][0], float(rms[best]), bool(uneven and gain > 2 * log(rms.size / BY_CHANCE)))
+    alone = gain > 2 * log(rms.size / BY_CHANCE)
+    sure = pattern > least and rms[best] < AGREES * pattern and alone
+    return _Shift(best, fits[best][0], float(rms[best]), bool(sure))
 
 
 def _agreement(difference: Array, nominal: Involute) -> tuple[float, float, int]:
@@ -233,36 +241,48 @@ def _pattern(places: Array, nominal: Involute) -> float:
 def _by_tips(first: Clamping, own: Clamping) -> Tie:
     """How a clamping lies that shows none of the flanks that were seen before.
 
-    Tips that are alike say nothing, and nothing is lost but the numbers of the teeth; uneven ones that agree nowhere
-    are those of another part, or of one that was not turned over.
+    Tips that are alike don't tell whether the part was turned over at all, nor do marks that look the same from below;
+    uneven ones that agree nowhere are those of another part, or of one that was not turned over.
     """
     nominal = own.toothing.nominal
-    before, after = first.tips, own.tips
-    fits = [_tips_agree(np.roll(after, -shift) - before, nominal) for shift in range(nominal.gear.teeth)]
-    uneven = max(_tips_agree(tips, nominal)[1] for tips in (before, after))
-    if not np.isfinite(uneven) or uneven <= LEAST_TIPS:
-        return Tie(0, _turn(first, own, 0), not _hardly_moved(first, own), by_flanks=False, numbered=False)
-    shift = _best(fits, uneven=True)
-    return Tie(shift.teeth, _turn(first, own, shift.teeth), shift.sure, by_flanks=False)
+    rows = max(1, round(nominal.gear.face_width / TIP_ROW))
+    before, after = first.tips(rows), own.tips(rows)
+    pattern = max(_tips_agree(tips, nominal)[1] for tips in (before, after))
+    if not np.isfinite(pattern) or pattern <= LEAST_TIPS:
+        return Tie(0, _turn(first, own, 0), by_flanks=False, told=False)
+    shift = _by_marks(before, after, pattern, nominal)
+    told = own.as_scanned is None or not _by_marks(before, own.as_scanned.tips(rows), pattern, nominal).sure
+    off = _off_axis(np.roll(after, -shift.teeth, axis=0) - before, nominal)
+    return Tie(shift.teeth, _turn(first, own, shift.teeth), shift.sure, by_flanks=False, told=told, off=off)
+
+
+def _by_marks(before: Array, after: Array, pattern: float, nominal: Involute) -> _Shift:
+    """The shift at which the radii (teeth, heights) mm of the tips agree, of such a ``pattern`` (mm, rms)."""
+    teeth = nominal.gear.teeth
+    fits = [_tips_agree(np.roll(after, -shift, axis=0) - before, nominal) for shift in range(teeth)]
+    return _best(fits, pattern, LEAST_TIPS)
 
 
 def _tips_agree(difference: Array, nominal: Involute) -> tuple[float, float, int]:
-    """Mean of differences (teeth,) mm of tips' radii, their rms about it and how a part with play may sit, and how many
-    there are.
+    """Mean of differences (teeth, heights) mm of tips' radii, their rms about it and about a wave, and on how many
+    teeth there are any.
+
+    Run-out says nothing: it looks the same from below, and how the part sits, or where the calibration has the axis,
+    turns it.
     """
-    tooth = np.flatnonzero(np.isfinite(difference))
-    if tooth.size < LEAST_FLANKS:
-        return 0.0, np.inf, tooth.size
-    design = np.ones((tooth.size, 1))
-    if nominal.gear.bore_clearance:
-        design = np.column_stack([design, waves_of(np.asarray(tooth * nominal.gear.pitch), (1,))])
-    return _fitted(design, difference[tooth], LEAST_NOISE_OF_TIPS)
+    tooth, _ = at = np.nonzero(np.isfinite(difference))
+    teeth = np.unique(tooth).size
+    if teeth < LEAST_FLANKS:
+        return 0.0, np.inf, teeth
+    design = np.column_stack([np.ones(tooth.size), waves_of(np.asarray(tooth * nominal.gear.pitch), (1,))])
+    mean, rms, _ = _fitted(design, difference[at], LEAST_NOISE_OF_TIPS)
+    return mean, rms, teeth
 
 
-def _hardly_moved(first: Clamping, own: Clamping) -> bool:
-    """Whether a part that should have been turned over stands as it stood: who forgot to has nothing else to tell."""
-    nominal = own.toothing.nominal
-    if own.as_scanned is None:
-        return False
-    apart = (own.as_scanned.first_tooth - first.toothing.first_tooth) / nominal.gear.pitch
-    return abs(apart - round(apart)) * nominal.gear.pitch * nominal.base_radius < SAME_PLACE
+def _off_axis(difference: Array, nominal: Involute) -> float:
+    """How far (mm) a part sits off where it sat, as the radii (teeth, heights) of its tips differ."""
+    by_tooth = nan_median(difference, 1)
+    tooth = np.flatnonzero(np.isfinite(by_tooth))
+    design = np.column_stack([np.ones(tooth.size), waves_of(np.asarray(tooth * nominal.gear.pitch), (1,))])
+    _, *wave = np.linalg.lstsq(design, by_tooth[tooth], rcond=None)[0]
+    return float(np.hypot(*wave))
