@@ -69,7 +69,7 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     if wrong := closure.contradictions(nominal.measuring_radius):
         return Together(alone, wrong, (FIRST_ALONE,))
     seats = np.zeros((len(placed), 2))
-    seats[by_flanks] = closure.seats
+    seats[by_flanks] = closure.seats + closure.turned
     closed = [closure.without_table(s, nominal.measuring_radius) for s in placed]
     seated = tuple(_shifted(s, datum, seat) for s, seat in zip(closed, seats, strict=True))
     return Together(seated, doubted, (_said(closure, ties, nominal.measuring_radius), *again), not again)

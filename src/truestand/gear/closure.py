@@ -2,9 +2,10 @@
 
     F_c(j) = g(j) + t(theta_j + o_c) + const_c,    t = sum of waves a turn
 
-(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). The calibration's own errors stay with the stand as
-well: without them a laser plane beside where it is taken to be looks like a part that sits otherwise. What is left of
-the table's errors, and of all else that does not turn with the gear, is averaged over the clampings.
+(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). The calibration's own errors and the seat's axis stay
+with the stand as well: without them a laser plane beside where it is taken to be, or a seat off the base, looks like a
+part that sits otherwise. What is left of the table's errors, and of all else that does not turn with the gear, is
+averaged over the clampings.
 """
 
 from collections.abc import Sequence
@@ -14,18 +15,18 @@ from math import sqrt, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.apply.datum import Datum
+from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array
 from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
 from truestand.core.calibration import Calibration
-from truestand.core.frames import UNKNOWNS
+from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, readings_of, seen_at, table_angle
 from truestand.gear.drawing import Gear
 from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import SIGMA, Involute
-from truestand.uncertainty.influence import independent_parts, influence
+from truestand.uncertainty.influence import independent_parts, influence, part_from_shaft, without
 from truestand.uncertainty.lines import once_per_turn
 
 MOST = 1.5
@@ -34,8 +35,10 @@ LEAST_VARIANCE = 1e-16
 """rad2: no wave is known better."""
 LEAST_NOISE = 1e-7
 """rad: flanks' places are not known better."""
-OF_CLAMPING = 3
-"""Unknowns of each clamping but the first: by what it turned the gear, and where the part sits."""
+OF_CLAMPING, OF_AXIS = 3, 2
+"""Unknowns of each clamping but the first: by what it turned the gear, and where the part sits; and of the seat."""
+LEAST_SEAT = 1e-5
+"""mm: its axis is not known better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,13 +52,17 @@ class Closure:
     covariance: Array
     """(2 orders, 2 orders) rad2."""
     seats: Array
-    """(clampings, 2) mm: how far off the first one's axis the part sat in each."""
+    """(clampings, 2) mm: how far off the first one's axis the part sat in each, because it was seated otherwise,"""
+    turned: Array
+    """(clampings, 2) mm: and because the seat's own axis does not turn with the part."""
     known: Array
     """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
     seated: float
     """and mm, of the seats."""
     left: float
     """rad: standard deviation of what differs between clampings beyond all that."""
+    calibrated: dict[str, tuple[Array, Array]]
+    """By view: by how much (8,) the unknowns of its calibration are off, mm and rad, and their covariance (8, 8)."""
 
     def expanded(self, wave: int) -> float:
         """Of a wave (k = 2, rad), in the phase in which it is known worst."""
@@ -88,14 +95,17 @@ class Closure:
         return tuple(found)
 
     def without_table(self, surface: Surface, radius: float) -> Surface:
-        """The surface with the table's waves taken off its angle; what is left of them is known, as angle once a turn
-        and, at the measuring ``radius`` (mm), as sideways motion beyond.
+        """The surface with the table's waves taken off its angle and by a calibration that is corrected; what is left
+        of the waves is known, as angle once a turn and, at the measuring ``radius`` (mm), as sideways motion beyond.
         """
         scan, calibration = surface.origin
         angle = table_angle(scan, calibration)
         table = replace(scan.stand.table, angle_U=self.expanded(0), sideways_U=self.faster * radius)
         angle = angle - waves_of(angle % tau, self.orders) @ self.waves
         corrected = replace(scan, angle=angle, stand=replace(scan.stand, table=table))
+        if calibration.name in self.calibrated:
+            off, covariance = self.calibrated[calibration.name]
+            calibration = replace(without(calibration, np.append(off, [0.0, 0.0])), covariance=covariance)
         return apply_calibration(corrected, replace(calibration, speed_factor=1.0, applied_to=corrected))
 
 
@@ -116,17 +126,27 @@ def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> 
     orders, clampings = _orders(nominal.gear.teeth), len(surfaces)
     known = _before(surfaces[0].origin[0], nominal, orders)
     seated = seated_u(nominal.gear)
-    design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), orders)
+    parts = _parts([surface.origin[1] for surface in surfaces])
+    design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), orders, parts)
     left = _noise(design, places)
     first, last = 2 * nominal.gear.teeth, design.shape[1] - known.size
     seats = first + OF_CLAMPING * np.arange(clampings - 1)[:, None] + np.array([1, 2])
+    axis = slice(at := first + OF_CLAMPING * (clampings - 1), at + OF_AXIS)
     precision = np.zeros(design.shape[1])
-    precision[first + OF_CLAMPING * (clampings - 1) : last] = 1.0  # parts of the calibration's covariance
+    precision[axis.stop : last] = 1.0  # parts of the calibration's covariance
     precision[last:], precision[seats] = 1.0 / np.square(known), 1.0 / seated**2
+    precision[axis] = 1.0 / _seat_known(surfaces[0].origin[1]) ** 2
     covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
     found = np.asarray(covariance @ design.T @ places / left**2)
     sat = np.concatenate([np.zeros((1, 2)), found[seats]])
-    return Closure(orders, found[last:], np.asarray(covariance[last:, last:]), sat, known, seated, left)
+    turned = np.stack([_turned(surface.origin[1]) @ found[axis] for surface in surfaces])
+    calibrated, at = {}, axis.stop
+    for name, of_view in parts.items():
+        own = slice(at, at + len(of_view))
+        calibrated[name] = of_view.T @ found[own], of_view.T @ covariance[own, own] @ of_view
+        at = own.stop
+    table = found[last:], np.asarray(covariance[last:, last:])
+    return Closure(orders, *table, sat, turned, known, seated, left, calibrated)
 
 
 def _orders(teeth: int) -> tuple[int, ...]:
@@ -134,15 +154,17 @@ def _orders(teeth: int) -> tuple[int, ...]:
     return tuple(sorted({1, 2, 3, max(2, teeth // 4)}))
 
 
-def _equations(surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence[int]) -> tuple[Array, Array]:
-    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + independent parts of
-    each view's calibration + 2 orders), and the places (n,) rad.
+def _equations(
+    surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence[int], parts: dict[str, Array]
+) -> tuple[Array, Array]:
+    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + ``OF_AXIS`` +
+    ``parts`` of each view's calibration + 2 orders), and the places (n,) rad.
     """
     nominal = toothing.nominal
     teeth, waves = nominal.gear.teeth, 2 * len(orders)
     flanks, rows, values = 2 * teeth, [], []
-    parts = _parts([surface.origin[1] for surface in surfaces])
-    calibrated, own_parts = flanks + OF_CLAMPING * (len(surfaces) - 1), sum(map(len, parts.values()))
+    axis, own_parts = flanks + OF_CLAMPING * (len(surfaces) - 1), sum(map(len, parts.values()))
+    calibrated = axis + OF_AXIS
     for c, surface in enumerate(surfaces):
         calibration, offsets = surface.origin[1], flank_offsets(surface, toothing)
         place = (SIGMA[:, None] * offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
@@ -150,13 +172,17 @@ def _equations(surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence
         points, gradient = _middles(toothing, seen)
         design = np.zeros((seen.size, calibrated + own_parts + waves))
         design[np.arange(seen.size), seen] = 1.0
+        moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
+        design[:, axis:calibrated] = moved @ _turned(calibration)
         if c:
-            moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
             own = flanks + OF_CLAMPING * (c - 1) + np.arange(OF_CLAMPING)
             design[:, own] = np.column_stack([np.ones(seen.size), moved])
         follow = _followed(calibration, points, gradient) * SIGMA[seen // teeth] / nominal.base_radius
-        at = calibrated + sum(len(parts[name]) for name in list(parts)[: list(parts).index(calibration.name)])
-        design[:, at : at + len(parts[calibration.name])] = (parts[calibration.name] @ follow).T
+        at = calibrated
+        for name, of_view in parts.items():
+            if name == calibration.name:
+                design[:, at : at + len(of_view)] = (of_view @ follow).T
+            at += len(of_view)
         # An angle that counts too much by t shows the flank turned back by t, or on, of a gear that was turned over.
         design[:, -waves:] = -calibration.sense * waves_of(seen_at(calibration, points), orders)
         rows.append(design)
@@ -164,10 +190,23 @@ def _equations(surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence
     return np.concatenate(rows), np.concatenate(values)
 
 
+def _turned(calibration: Calibration) -> Array:
+    """(2, 2): by how much a part that was turned back seems to sit aside, for each mm by which its seat does."""
+    return np.asarray(part_from_shaft(calibration).rotation[:2, :2] - np.eye(2))
+
+
+def _seat_known(calibration: Calibration) -> float:
+    """Standard uncertainty (mm) of the axis of the seat, in each direction."""
+    try:
+        return max(datum_of(calibration, "seat").U_offset / K, LEAST_SEAT)
+    except BadRecipe:  # no second cylinder: the part sits on the base
+        return LEAST_SEAT
+
+
 def _parts(calibrations: Sequence[Calibration]) -> dict[str, Array]:
     """The independent parts (k, 8) of the covariance of each view; none where its record carries none."""
     known = {c.name: independent_parts(c) for c in calibrations}
-    return {name: np.zeros((0, UNKNOWNS)) if parts is None else parts for name, parts in known.items()}
+    return {name: parts for name, parts in known.items() if parts is not None}
 
 
 def _followed(calibration: Calibration, points: Array, gradient: Array) -> Array:

@@ -16,14 +16,7 @@ from truestand.apply.datum import Datum
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
 from truestand.core.frames import (
-    ECCENTRICITY_X,
-    PHI,
-    PLANE_OFFSET,
-    PLANE_TILT,
-    RADIAL,
     UNKNOWNS,
-    shaft_from_rotor,
-    table_from_sensor,
 )
 from truestand.core.inspection import Seam
 from truestand.core.robust import robust_sd
@@ -34,7 +27,7 @@ from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
-from truestand.uncertainty.influence import joint_covariance, part_from_shaft, unknowns_of
+from truestand.uncertainty.influence import joint_covariance, without
 
 LEAST_TEETH = 3
 """Flanks of a side that two views must both show to be compared,"""
@@ -211,20 +204,6 @@ def corrected(calibrations: list[Calibration], differences: list[Difference]) ->
     joint = JointCovariance(tuple(c.name for c in calibrations), (after + after.T) / 2)
     blocks = [slice(VIEW_UNKNOWNS * k, VIEW_UNKNOWNS * (k + 1)) for k in range(len(calibrations))]
     return [
-        replace(_without(c, off[block]), joint=joint, covariance=joint.matrix[block, block][:UNKNOWNS, :UNKNOWNS])
+        replace(without(c, off[block]), joint=joint, covariance=joint.matrix[block, block][:UNKNOWNS, :UNKNOWNS])
         for c, block in zip(calibrations, blocks, strict=True)
     ]
-
-
-def _without(calibration: Calibration, off: Array) -> Calibration:
-    """A view's calibration whose unknowns, azimuth and height (``VIEW_UNKNOWNS``,) were ``off``, mm and rad."""
-    p, height = unknowns_of(calibration)
-    *moved, azimuth, up = -off
-    q = p + np.array(moved)
-    placed = replace(calibration, azimuth=calibration.azimuth + azimuth, height=calibration.height + up)
-    own = shaft_from_rotor(*q[ECCENTRICITY_X:UNKNOWNS])
-    return replace(
-        placed,
-        table_from_sensor=table_from_sensor(q[PHI], q[RADIAL], height, q[PLANE_TILT], q[PLANE_OFFSET]),
-        shaft_from_rotor=part_from_shaft(calibration) @ placed.first_from_table @ own,
-    )

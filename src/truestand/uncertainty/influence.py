@@ -6,6 +6,7 @@ points, part by part, is the calibration's line in its budget, correlations incl
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
@@ -146,6 +147,20 @@ def _outwards_by_phi(calibration: Calibration) -> float:
     x, z = LaserPlane(phi, radial, height).from_uv(np.array([base.radius]), at)
     (more, _), (less, _) = (LaserPlane(phi + step, radial, height).to_uv(x, z) for step in (STEPS[PHI], -STEPS[PHI]))
     return float((more - less)[0] / (2 * STEPS[PHI]))
+
+
+def without(calibration: Calibration, off: Array) -> Calibration:
+    """A view's calibration whose unknowns, azimuth and height (``VIEW_UNKNOWNS``,) were ``off``, mm and rad."""
+    p, height = unknowns_of(calibration)
+    *moved, azimuth, up = -off
+    q = p + np.array(moved)
+    placed = replace(calibration, azimuth=calibration.azimuth + azimuth, height=calibration.height + up)
+    own = shaft_from_rotor(*q[ECCENTRICITY_X:UNKNOWNS])
+    return replace(
+        placed,
+        table_from_sensor=table_from_sensor(q[PHI], q[RADIAL], height, q[PLANE_TILT], q[PLANE_OFFSET]),
+        shaft_from_rotor=part_from_shaft(calibration) @ placed.first_from_table @ own,
+    )
 
 
 def joint_covariance(calibrations: Sequence[Calibration]) -> Array | None:
