@@ -8,7 +8,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from truestand.apply.datum import Datum, datum_of
+from truestand.apply.datum import COAXIALITY, Datum, datum_of
 from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration
@@ -36,6 +36,8 @@ class Together:
     remarks: tuple[Message, ...] = ()
     sides_tied: bool = True
     """Whether any flank is seen in all clampings: else nothing says how far left and right flanks are apart."""
+    datum: Datum | None = None
+    """The axis on which the part sat, where closure has told it from the shaft's."""
 
 
 def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[PartTurned]) -> Together:
@@ -69,10 +71,18 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     if wrong := closure.contradictions(nominal.measuring_radius):
         return Together(alone, wrong, (FIRST_ALONE,))
     seats = np.zeros((len(placed), 2))
-    seats[by_flanks] = closure.seats + closure.turned
+    seats[by_flanks] = closure.seats + closure.aside
     closed = [closure.without_table(s, nominal.measuring_radius) for s in placed]
     seated = tuple(_shifted(s, datum, seat) for s, seat in zip(closed, seats, strict=True))
-    return Together(seated, doubted, (_said(closure, ties, nominal.measuring_radius), *again), not again)
+    said = _said(closure, ties, nominal.measuring_radius)
+    return Together(seated, doubted, (said, *again), not again, _own_axis(datum))
+
+
+def _own_axis(datum: Datum) -> Datum:
+    """The axis on which the part sat: what stays with the seat while the part is turned is no run-out of the part."""
+    lines = tuple(line for line in datum.contributions if not line.name.startswith(COAXIALITY))
+    remark = "the axis on which the part sat, told from the shaft's by closure"
+    return replace(datum, contributions=lines, U_offset=hypot(*(line.U for line in lines)), remark=remark)
 
 
 def _firsts(surfaces: Sequence[Surface], turned: Sequence[PartTurned]) -> list[int]:

@@ -53,8 +53,8 @@ class Closure:
     """(2 orders, 2 orders) rad2."""
     seats: Array
     """(clampings, 2) mm: how far off the first one's axis the part sat in each, because it was seated otherwise,"""
-    turned: Array
-    """(clampings, 2) mm: and because the seat's own axis does not turn with the part."""
+    aside: Array
+    """(clampings, 2) mm: and how far off the shaft's axis that is, which does not turn with the part."""
     known: Array
     """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
     seated: float
@@ -139,14 +139,14 @@ def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> 
     covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
     found = np.asarray(covariance @ design.T @ places / left**2)
     sat = np.concatenate([np.zeros((1, 2)), found[seats]])
-    turned = np.stack([_turned(surface.origin[1]) @ found[axis] for surface in surfaces])
+    aside = np.stack([(_turned(surface.origin[1]) + np.eye(2)) @ found[axis] for surface in surfaces])
     calibrated, at = {}, axis.stop
     for name, of_view in parts.items():
         own = slice(at, at + len(of_view))
         calibrated[name] = of_view.T @ found[own], of_view.T @ covariance[own, own] @ of_view
         at = own.stop
     table = found[last:], np.asarray(covariance[last:, last:])
-    return Closure(orders, *table, sat, turned, known, seated, left, calibrated)
+    return Closure(orders, *table, sat, aside, known, seated, left, calibrated)
 
 
 def _orders(teeth: int) -> tuple[int, ...]:

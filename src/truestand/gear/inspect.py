@@ -6,7 +6,7 @@ from math import cos, hypot
 
 import numpy as np
 
-from truestand.apply.datum import datum_of
+from truestand.apply.datum import Datum, datum_of
 from truestand.core.arrays import Array
 from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData, WrongDrawing
@@ -74,12 +74,14 @@ class GearEvidence:
     """F_i (2, teeth) after the published compensation."""
 
 
-def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear, sides_tied: bool = True) -> Inspection:
+def inspect_gear(
+    surface: Surface | Sequence[Surface], gear: Gear, sides_tied: bool = True, datum: Datum | None = None
+) -> Inspection:
     """Pitch, run-out, thickness, profile, helix and defects of a rolled-up gear, by one view of it or by several in one
     frame (``roll_views``).
 
     ``sides_tied``: whether left and right flanks are as far apart as they are seen: not where they were seen before
-    and after the part was turned over (``clampings``).
+    and after the part was turned over (``clampings``). ``datum``: the axis to judge by, where it is not as drawn.
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
@@ -87,7 +89,7 @@ def inspect_gear(surface: Surface | Sequence[Surface], gear: Gear, sides_tied: b
         BadRecipe: a surface doesn't say from which scan and calibration it comes.
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
-    nominal, datum = involute(gear), datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
+    nominal, datum = involute(gear), datum or datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
     surfaces, seams = tied_roughly(surfaces, nominal, datum)
     whole = stacked(surfaces)
     views = views_of(surfaces, find_toothing(whole, nominal, datum))

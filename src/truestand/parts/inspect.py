@@ -116,7 +116,7 @@ def _is_shaft(part: Turned, artefact: Artefact | None) -> bool:
 
 def _inspected(together: Together, part: Part) -> Inspection:
     if isinstance(part, Gear):
-        return inspect_gear(together.surfaces, part, together.sides_tied)
+        return inspect_gear(together.surfaces, part, together.sides_tied, together.datum)
     if isinstance(part, Turned):
         return inspect_turned(together.surfaces, part)
     return inspect_cad(together.surfaces, part)
