@@ -9,7 +9,6 @@ from math import hypot, sqrt
 import numpy as np
 
 from truestand.apply.datum import COAXIALITY, Datum, datum_of
-from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
@@ -70,10 +69,10 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     closure = closure_of([placed[k] for k in by_flanks], nominal, datum)
     if wrong := closure.contradictions(nominal.measuring_radius):
         return Together(alone, wrong, (FIRST_ALONE,))
-    seats = np.zeros((len(placed), 2))
-    seats[by_flanks] = closure.seats + closure.aside
+    moves = np.zeros((len(placed), 3))
+    moves[by_flanks] = np.column_stack([closure.seats + closure.aside, closure.turns])
     closed = [closure.without_table(s, nominal.measuring_radius) for s in placed]
-    seated = tuple(_shifted(s, datum, seat) for s, seat in zip(closed, seats, strict=True))
+    seated = tuple(_moved_back(s, datum, *move) for s, move in zip(closed, moves, strict=True))
     said = _said(closure, ties, nominal.measuring_radius)
     return Together(seated, doubted, (said, *again), not again, _own_axis(datum))
 
@@ -187,9 +186,9 @@ def _turned_back(surface: Surface, datum: Datum, turn: float) -> Surface:
     return _moved(surface, datum, about_axis(-turn, 0.0)) if turn else surface
 
 
-def _shifted(surface: Surface, datum: Datum, seat: Array) -> Surface:
-    """The surface as it would be seen had the part sat as in the first clamping."""
-    return _moved(surface, datum, Pose(np.eye(3), np.array([*-seat, 0.0]))) if seat.any() else surface
+def _moved_back(surface: Surface, datum: Datum, x: float, y: float, turn: float) -> Surface:
+    """The surface as it would be seen had the part not sat aside (mm), nor turned (rad)."""
+    return _moved(surface, datum, about_axis(-turn, 0.0) @ Pose(np.eye(3), np.array([-x, -y, 0.0])))
 
 
 def _moved(surface: Surface, datum: Datum, by: Pose) -> Surface:

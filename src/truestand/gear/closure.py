@@ -55,6 +55,8 @@ class Closure:
     """(clampings, 2) mm: how far off the first one's axis the part sat in each, because it was seated otherwise,"""
     aside: Array
     """(clampings, 2) mm: and how far off the shaft's axis that is, which does not turn with the part."""
+    turns: Array
+    """(clampings,) rad: by how much the part stands turned in each against the first one, all else corrected."""
     known: Array
     """(2 orders,) rad: standard uncertainty of the waves beforehand,"""
     seated: float
@@ -138,7 +140,7 @@ def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> 
     precision[axis] = 1.0 / _seat_known(surfaces[0].origin[1]) ** 2
     covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
     found = np.asarray(covariance @ design.T @ places / left**2)
-    sat = np.concatenate([np.zeros((1, 2)), found[seats]])
+    sat, turns = np.concatenate([np.zeros((1, 2)), found[seats]]), np.append(0.0, found[seats[:, 0] - 1])
     aside = np.stack([(_turned(surface.origin[1]) + np.eye(2)) @ found[axis] for surface in surfaces])
     calibrated, at = {}, axis.stop
     for name, of_view in parts.items():
@@ -146,7 +148,7 @@ def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> 
         calibrated[name] = of_view.T @ found[own], of_view.T @ covariance[own, own] @ of_view
         at = own.stop
     table = found[last:], np.asarray(covariance[last:, last:])
-    return Closure(orders, *table, sat, aside, known, seated, left, calibrated)
+    return Closure(orders, *table, sat, aside, turns, known, seated, left, calibrated)
 
 
 def _orders(teeth: int) -> tuple[int, ...]:
