@@ -21,6 +21,7 @@ from truestand.core.surface import apply_calibration
 from truestand.files.records.inspection_record import inspection_record
 from truestand.files.records.schemas import schema_text
 from truestand.gear.inspect import inspect_gear
+from truestand.parts.inspect import inspect
 from truestand.report.inspection import inspection_report
 from truestand.sim import FlankErrors, VirtualGear, paper_shaft, simulate
 from truestand.sim.gear_truth import gear_figures
@@ -90,13 +91,29 @@ MILD = helical(10.0)
 """Both views see all of its flanks, more or less steeply."""
 
 
-def read_otherwise(by):
+def read_otherwise(by, over=False):
     """Both scans of a gear whose flanks the rear sensor reads with other slopes, and as thicker, mm."""
     slopes = FlankErrors(WORN.left.profile_slope + by, WORN.left.helix_slope), FlankErrors(
         WORN.right.profile_slope + by, WORN.right.helix_slope
     )  # fmt: skip
     as_read = replace(WORN, thickness=WORN.thickness + by, left=slopes[0], right=slopes[1])
-    return scans(VirtualGear(MILD, WORN))[0], scans(VirtualGear(MILD, as_read))[1]
+    return tuple(scans(VirtualGear(MILD, e, float(over), over))[k] for k, e in enumerate((WORN, as_read)))
+
+
+@pytest.mark.more
+def test_two_views_of_a_gear_turned_over():
+    """Where one view reads teeth as thicker, closure bent its calibration: helices were 10 um off. How far apart two
+    views stand was taken to turn over with the part: *views contradict*.
+    """
+    both = (*read_otherwise(0.004), *read_otherwise(0.004, over=True))
+    inspection = inspect(roll_views(both, calibrated(), clamped_again=True), MILD, (0, 0, "over", "over"))
+    assert not inspection.reasons
+    for flank in ("left", "right"):
+        c = line(inspection, "F_p", flank)
+        assert abs(c.value - true(MILD)["F_p", flank, None]) < c.U
+        for tooth in (1, 9, 17):
+            c = line(inspection, "f_Hbeta", flank, tooth)
+            assert abs(c.value - true(MILD)["f_Hbeta", flank, tooth]) < min(c.U, 4 * UM)
 
 
 @pytest.mark.more

@@ -120,8 +120,8 @@ def _clamping(surface: Surface, turned: PartTurned, nominal: Involute, datum: Da
 def _not_tied(clampings: list[int]) -> Message:
     listed = ", ".join(map(str, clampings))
     text = (
-        f"clamping {listed}: how the part was turned can't be told, its pitches are too even, its tips contradict, or "
-        "it was not turned: inspect each scan by itself"
+        f"clamping {listed}: how the part was turned can't be told, its pitches are too even, its tips contradict, its "
+        "face lies at other heights, or it was not turned: inspect each scan by itself"
     )
     return Message("part_not_tied", text)
 

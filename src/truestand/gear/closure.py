@@ -35,8 +35,9 @@ LEAST_VARIANCE = 1e-16
 """rad2: no wave is known better."""
 LEAST_NOISE = 1e-7
 """rad: flanks' places are not known better."""
-OF_CLAMPING, OF_AXIS = 3, 2
-"""Unknowns of each clamping but the first: by what it turned the gear, and where the part sits; and of the seat."""
+OF_CLAMPING, OF_AXIS = 4, 2
+"""Unknowns of each clamping but the first: by what it turned the gear, where the part sits, and by what its teeth are
+read as thicker, which is the sensor's; and of the seat."""
 LEAST_SEAT = 1e-5
 """mm: its axis is not known better."""
 
@@ -178,7 +179,7 @@ def _equations(
         design[:, axis:calibrated] = moved @ _turned(calibration)
         if c:
             own = flanks + OF_CLAMPING * (c - 1) + np.arange(OF_CLAMPING)
-            design[:, own] = np.column_stack([np.ones(seen.size), moved])
+            design[:, own] = np.column_stack([np.ones(seen.size), moved, SIGMA[seen // teeth]])
         follow = _followed(calibration, points, gradient) * SIGMA[seen // teeth] / nominal.base_radius
         at = calibrated
         for name, of_view in parts.items():
