@@ -122,34 +122,77 @@ def seated_u(gear: Gear) -> float:
     return max(gear.bore_clearance / 2 / sqrt(3.0), SEATED_U / K)
 
 
+@dataclass(frozen=True, slots=True)
+class _Unknowns:
+    """Where the unknowns of the least squares stand: flanks, clampings but the first, the seat, calibrations, waves."""
+
+    teeth: int
+    clampings: int
+    parts: dict[str, Array]
+    """Independent parts (k, 8) of the covariance of each view's calibration."""
+    orders: tuple[int, ...]
+
+    def clamping(self, c: int) -> slice:
+        """Of clamping ``c``: by what it turned the gear, where the part sits (2), as what its teeth are read."""
+        first = 2 * self.teeth + OF_CLAMPING * (c - 1)
+        return slice(first, first + OF_CLAMPING)
+
+    @property
+    def axis(self) -> slice:
+        """Of the seat."""
+        first = self.clamping(self.clampings).start
+        return slice(first, first + OF_AXIS)
+
+    def calibration(self, name: str) -> slice:
+        """Of a view's calibration: its parts, each in standard deviations."""
+        names = list(self.parts)
+        first = self.axis.stop + sum(len(self.parts[n]) for n in names[: names.index(name)])
+        return slice(first, first + len(self.parts[name]))
+
+    @property
+    def waves(self) -> slice:
+        """Of the table."""
+        first = self.axis.stop + sum(map(len, self.parts.values()))
+        return slice(first, first + 2 * len(self.orders))
+
+    @property
+    def number(self) -> int:
+        """Of them all."""
+        return int(self.waves.stop)
+
+
 def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Closure:
     """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, the
     calibration, and how far off the axis a part sits that was clamped again, are known beforehand as their budget says.
     """
-    orders, clampings = _orders(nominal.gear.teeth), len(surfaces)
-    known = _before(surfaces[0].origin[0], nominal, orders)
-    seated = seated_u(nominal.gear)
-    parts = _parts([surface.origin[1] for surface in surfaces])
-    design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), orders, parts)
+    scan, calibration = surfaces[0].origin
+    orders = _orders(nominal.gear.teeth)
+    at = _Unknowns(nominal.gear.teeth, len(surfaces), _parts([s.origin[1] for s in surfaces]), orders)
+    known, seated = _before(scan, nominal, orders), seated_u(nominal.gear)
+    precision = np.zeros(at.number)
+    for c in range(1, at.clampings):
+        precision[at.clamping(c)][1:3] = 1.0 / seated**2
+    precision[at.axis.stop : at.waves.start] = 1.0
+    precision[at.axis], precision[at.waves] = 1.0 / _seat_known(calibration) ** 2, 1.0 / np.square(known)
+    design, places = _equations(surfaces, find_toothing(surfaces[0], nominal, datum), at)
     left = _noise(design, places)
-    first, last = 2 * nominal.gear.teeth, design.shape[1] - known.size
-    seats = first + OF_CLAMPING * np.arange(clampings - 1)[:, None] + np.array([1, 2])
-    axis = slice(at := first + OF_CLAMPING * (clampings - 1), at + OF_AXIS)
-    precision = np.zeros(design.shape[1])
-    precision[axis.stop : last] = 1.0  # parts of the calibration's covariance
-    precision[last:], precision[seats] = 1.0 / np.square(known), 1.0 / seated**2
-    precision[axis] = 1.0 / _seat_known(surfaces[0].origin[1]) ** 2
-    covariance = np.linalg.pinv(design.T @ design / left**2 + np.diag(precision), rcond=1e-14, hermitian=True)
+    normal = design.T @ design / left**2 + np.diag(precision)
+    covariance = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True))
     found = np.asarray(covariance @ design.T @ places / left**2)
-    sat, turns = np.concatenate([np.zeros((1, 2)), found[seats]]), np.append(0.0, found[seats[:, 0] - 1])
-    aside = np.stack([(_turned(surface.origin[1]) + np.eye(2)) @ found[axis] for surface in surfaces])
-    calibrated, at = {}, axis.stop
-    for name, of_view in parts.items():
-        own = slice(at, at + len(of_view))
-        calibrated[name] = of_view.T @ found[own], of_view.T @ covariance[own, own] @ of_view
-        at = own.stop
-    table = found[last:], np.asarray(covariance[last:, last:])
-    return Closure(orders, *table, sat, aside, turns, known, seated, left, calibrated)
+    clampings = np.array([np.zeros(OF_CLAMPING), *(found[at.clamping(c)] for c in range(1, at.clampings))])
+    return Closure(
+        orders, found[at.waves], np.asarray(covariance[at.waves, at.waves]), clampings[:, 1:3],
+        np.stack([(_turned(s.origin[1]) + np.eye(2)) @ found[at.axis] for s in surfaces]), clampings[:, 0],
+        known, seated, left,
+        {name: _corrected(parts, found, covariance, at.calibration(name)) for name, parts in at.parts.items()},
+    )  # fmt: skip
+
+
+def _corrected(parts: Array, found: Array, covariance: Array, own: slice) -> tuple[Array, Array]:
+    """By how much (8,) the unknowns of a calibration are off, of whose covariance these are the ``parts``, and what is
+    left of it (8, 8).
+    """
+    return parts.T @ found[own], parts.T @ covariance[own, own] @ parts
 
 
 def _orders(teeth: int) -> tuple[int, ...]:
@@ -157,37 +200,27 @@ def _orders(teeth: int) -> tuple[int, ...]:
     return tuple(sorted({1, 2, 3, max(2, teeth // 4)}))
 
 
-def _equations(
-    surfaces: Sequence[Surface], toothing: Toothing, orders: Sequence[int], parts: dict[str, Array]
-) -> tuple[Array, Array]:
-    """How the places of the flanks follow the unknowns (n, flanks + ``OF_CLAMPING`` a clamping + ``OF_AXIS`` +
-    ``parts`` of each view's calibration + 2 orders), and the places (n,) rad.
-    """
+def _equations(surfaces: Sequence[Surface], toothing: Toothing, at: _Unknowns) -> tuple[Array, Array]:
+    """How the places of the flanks follow the unknowns (n, unknowns), and the places (n,) rad."""
     nominal = toothing.nominal
-    teeth, waves = nominal.gear.teeth, 2 * len(orders)
-    flanks, rows, values = 2 * teeth, [], []
-    axis, own_parts = flanks + OF_CLAMPING * (len(surfaces) - 1), sum(map(len, parts.values()))
-    calibrated = axis + OF_AXIS
+    rows, values = [], []
     for c, surface in enumerate(surfaces):
         calibration, offsets = surface.origin[1], flank_offsets(surface, toothing)
-        place = (SIGMA[:, None] * offsets.reshape(2, teeth)).reshape(-1) / nominal.base_radius
+        place = (SIGMA[:, None] * offsets.reshape(2, at.teeth)).reshape(-1) / nominal.base_radius
         seen = np.flatnonzero(np.isfinite(place))
+        sigma = SIGMA[seen // at.teeth]
         points, gradient = _middles(toothing, seen)
-        design = np.zeros((seen.size, calibrated + own_parts + waves))
+        moved = sigma[:, None] * gradient[:, :2] / nominal.base_radius
+        design = np.zeros((seen.size, at.number))
         design[np.arange(seen.size), seen] = 1.0
-        moved = SIGMA[seen // teeth][:, None] * gradient[:, :2] / nominal.base_radius
-        design[:, axis:calibrated] = moved @ _turned(calibration)
         if c:
-            own = flanks + OF_CLAMPING * (c - 1) + np.arange(OF_CLAMPING)
-            design[:, own] = np.column_stack([np.ones(seen.size), moved, SIGMA[seen // teeth]])
-        follow = _followed(calibration, points, gradient) * SIGMA[seen // teeth] / nominal.base_radius
-        at = calibrated
-        for name, of_view in parts.items():
-            if name == calibration.name:
-                design[:, at : at + len(of_view)] = (of_view @ follow).T
-            at += len(of_view)
+            design[:, at.clamping(c)] = np.column_stack([np.ones(seen.size), moved, sigma])
+        design[:, at.axis] = moved @ _turned(calibration)
+        if calibration.name in at.parts:
+            follow = at.parts[calibration.name] @ _followed(calibration, points, gradient)
+            design[:, at.calibration(calibration.name)] = (follow * sigma / nominal.base_radius).T
         # An angle that counts too much by t shows the flank turned back by t, or on, of a gear that was turned over.
-        design[:, -waves:] = -calibration.sense * waves_of(seen_at(calibration, points), orders)
+        design[:, at.waves] = -calibration.sense * waves_of(seen_at(calibration, points), at.orders)
         rows.append(design)
         values.append(place[seen])
     return np.concatenate(rows), np.concatenate(values)
