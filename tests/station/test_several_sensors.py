@@ -5,9 +5,7 @@ from pathlib import Path
 import pytest
 
 from lab import lab
-from truestand.core.errors import BadRecipe
 from truestand.files.scans.read import read_scan
-from truestand.station import jobs
 from truestand.station.jobs import Job, Observer, run_job
 from truestand.station.pipeline import Inputs
 from truestand.store import Store
@@ -22,7 +20,6 @@ name = "rear"
 azimuth_deg = 120.0
 laser_plane_offset_mm = -0.2
 """
-TURNED = 'kind = "turned"\n[[section]]\nname = "a"\nfrom_mm = 2.0\nto_mm = 8.0\ndiameter_mm = 20.0\n'
 
 
 @pytest.mark.stand
@@ -57,13 +54,3 @@ def test_the_scan_of_a_record_is_the_first_view_s_or_the_last_clamping_s():
     scans = Inputs((Path("a.h5"), Path("b.h5"), Path("c.h5")))
     assert scans.evidence() == {"scan": Path("a.h5"), "scan 2": Path("b.h5"), "scan 3": Path("c.h5")}
     assert scans.evidence(-1) == {"scan": Path("c.h5"), "scan 1": Path("a.h5"), "scan 2": Path("b.h5")}
-
-
-def test_a_part_that_several_sensors_can_not_inspect_is_refused_before_any_scan(tmp_path, monkeypatch):
-    monkeypatch.setattr(jobs, "_scans", lambda *given: pytest.fail("took a scan"))
-    monkeypatch.setattr("truestand.station.pipeline.read_calibration", lambda path: None)
-    with lab(tmp_path, sensors=("front", "rear"), views=VIEWS) as stand:
-        (tmp_path / "part.toml").write_text(TURNED)
-        job = Job("inspect", stand.recipe, tmp_path / "job", None, tmp_path / "part.toml", tmp_path / "c.json")
-        with pytest.raises(BadRecipe, match="2 views of a part that is no gear"):
-            run_job(job, Observer())
