@@ -330,7 +330,9 @@ class Calibration:
         """U (mm, k = 2) of the height 0 of its own C, which is the shoulder: its edge stands in where it is hidden."""
         lines = (line for u in self.uncertainty.values() for line in u.contributions if line.name == HEIGHT_ZERO)
         stated = max((line.value or 0.0 for line in lines), default=0.0)
-        return K * stated if stated else HEIGHT_HIDDEN_U if "height" in self.not_identifiable else HEIGHT_SEEN_U
+        if stated:
+            return K * stated
+        return HEIGHT_HIDDEN_U if "height" in self.not_identifiable else HEIGHT_SEEN_U
 
     @property
     def whole_stand(self) -> Stand:

@@ -93,6 +93,10 @@ class Defect:
     listed."""
 
 
+CONTRADICTS = 1.5
+"""Times its U that a difference must be for views to contradict each other: 1 of 400 is by chance."""
+
+
 @dataclass(frozen=True, slots=True)
 class Seam:
     """What two views of the same surface differ by when all others have told where the views stand; mm."""
@@ -106,6 +110,13 @@ class Seam:
     ok: bool
     section: str | None = None
     """Of a turned part."""
+
+    @classmethod
+    def between(
+        cls, views: tuple[str, str], difference: float, U: float, flank: Flank | None = None, section: str | None = None
+    ) -> "Seam":
+        """A seam whose views agree within ``CONTRADICTS`` times its U."""
+        return cls(views, flank, difference, U, abs(difference) <= CONTRADICTS * U, section)
 
     @property
     def place(self) -> str:

@@ -79,14 +79,14 @@ def stacked(surfaces: Sequence[Surface]) -> Surface:
     """The profiles of several surfaces in one C, one after the other, without their origin; a single one as it is."""
     if len(surfaces) == 1:
         return surfaces[0]
-    points = max(s.x.shape[1] for s in surfaces)
+    x, y, z = (stacked_values([getattr(s, name) for s in surfaces]) for name in ("x", "y", "z"))
+    return Surface(x, y, z)
 
-    def column(name: str) -> Array:
-        parts = [getattr(s, name) for s in surfaces]
-        wide = [np.pad(a, ((0, 0), (0, points - a.shape[1])), constant_values=np.nan) for a in parts]
-        return np.concatenate(wide)
 
-    return Surface(column("x"), column("y"), column("z"))
+def stacked_values(of_views: Sequence[Array]) -> Array:
+    """Values (N, M) of the readings of several scans, one scan after the other; NaN where one has fewer points."""
+    points = max(values.shape[1] for values in of_views)
+    return np.concatenate([np.pad(v, ((0, 0), (0, points - v.shape[1])), constant_values=np.nan) for v in of_views])
 
 
 def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:

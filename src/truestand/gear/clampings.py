@@ -71,7 +71,7 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
         return Together(alone, wrong, (FIRST_ALONE,))
     moves = np.zeros((len(placed), 3))
     moves[by_flanks] = np.column_stack([closure.seats + closure.aside, closure.turns])
-    closed = [closure.without_table(s, nominal.measuring_radius) for s in placed]
+    closed = [closure.corrected(s, nominal.measuring_radius) for s in placed]
     seated = tuple(_moved_back(s, datum, *move) for s, move in zip(closed, moves, strict=True))
     said = _said(closure, ties, nominal.measuring_radius)
     return Together(seated, doubted, (said, *again), not again, _own_axis(datum))
@@ -121,18 +121,19 @@ def _not_tied(clampings: list[int]) -> Message:
     listed = ", ".join(map(str, clampings))
     text = (
         f"clamping {listed}: how the part was turned can't be told, its pitches are too even, its tips contradict, its "
-        "face lies at other heights, or it was not turned: inspect each scan by itself"
+        "face lies at other heights, it was not turned, or it was turned over, which --part-turned 0,over says: "
+        "inspect each scan by itself"
     )
     return Message("part_not_tied", text)
 
 
 def _said(closure: Closure, ties: Sequence[Tie], radius: float) -> Message:
     size, U, seat = 1000 * float(np.hypot(*closure.waves[:2])) * radius, closure.expanded(0), K * closure.seated
-    turned = ", ".join(f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth)
+    turned = [f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth]
     text = (
         f"closure over {len(closure.seats)} clampings: the table errs by {size:.1f} +- {1000 * U * radius:.1f} um once "
-        f"a turn at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; {turned}; "
-        f"{1000 * closure.left * radius:.1f} um rms are left between them"
+        f"a turn at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; "
+        f"{', '.join(turned)}{'; ' if turned else ''}{1000 * closure.left * radius:.1f} um rms are left between them"
     )
     return Message("part_clamped_again", text)
 

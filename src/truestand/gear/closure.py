@@ -97,9 +97,9 @@ class Closure:
             found.append(Message("part_sits_otherwise", text))
         return tuple(found)
 
-    def without_table(self, surface: Surface, radius: float) -> Surface:
-        """The surface with the table's waves taken off its angle and by a calibration that is corrected; what is left
-        of the waves is known, as angle once a turn and, at the measuring ``radius`` (mm), as sideways motion beyond.
+    def corrected(self, surface: Surface, radius: float) -> Surface:
+        """The surface with the table's waves taken off its angle, by the corrected calibration; what is left of the
+        waves is known, as angle once a turn and, at the measuring ``radius`` (mm), as sideways motion beyond.
         """
         scan, calibration = surface.origin
         angle = table_angle(scan, calibration)
@@ -133,7 +133,7 @@ class _Unknowns:
     orders: tuple[int, ...]
 
     def clamping(self, c: int) -> slice:
-        """Of clamping ``c``: by what it turned the gear, where the part sits (2), as what its teeth are read."""
+        """Of clamping ``c``: by what it turned the gear, where that sits (2), how much thicker its teeth are read."""
         first = 2 * self.teeth + OF_CLAMPING * (c - 1)
         return slice(first, first + OF_CLAMPING)
 

@@ -17,6 +17,7 @@ import numpy as np
 from truestand.core.arrays import Array, Mask
 from truestand.core.assumptions import INCIDENCE_U, K
 from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
+from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import nan_median
 from truestand.gear.flanks import Flanks
@@ -28,8 +29,6 @@ LEAST_SPAN = 0.5
 """Of the profile, or of the face, over which two views must see the same cells for a slope between them to count."""
 LEAST_CELLS = 30
 """Of a side that two views must both show."""
-CONTRADICTS = 1.5
-"""Times their U by which slopes must differ for views to contradict each other."""
 SLOPES = {1: "profile", 2: "face"}
 TERMS = 3
 """A shift, a slope along the profile and one along the face."""

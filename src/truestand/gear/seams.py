@@ -37,8 +37,6 @@ ROUGH_U = 0.02
 """mm (standard): of a difference between flanks of which two views may show other parts."""
 FAR_APART = 0.1
 """mm of delta: so far apart, flanks of two views are laid onto each other before points are told to be on flanks."""
-CONTRADICTS = 1.5
-"""Times its U that a difference must be for views to contradict each other: 1 of 400 is by chance."""
 PLACES = 5
 """Along the face at which flanks are compared roughly."""
 
@@ -175,7 +173,7 @@ def _seams(differences: list[Difference], surfaces: tuple[Surface, ...], covaria
     found = []
     for d, value, U in zip(differences, left, 2 / np.sqrt(np.diag(weight)), strict=True):
         first, second = (surfaces[k].origin[1].name for k in d.of)
-        found.append(Seam((first, second), FLANKS[d.side], float(value), float(U), bool(abs(value) <= CONTRADICTS * U)))
+        found.append(Seam.between((first, second), float(value), float(U), FLANKS[d.side]))
     return tuple(found)
 
 

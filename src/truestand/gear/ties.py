@@ -1,13 +1,12 @@
 """How the teeth of a gear that was clamped again lie on those of its first clamping.
 
 Where the same flanks are seen again, the pattern of their pitches says by how many teeth it was turned: the shift at
-which they agree, and at no other. Turned over, a sensor often sees the *other* flanks only: then the tips tell, as far
-as their radii differ from tooth to tooth. They number the teeth; how far left and right flanks are apart they don't
-say.
+which they agree, and at no other. Turned over, a sensor often sees the *other* flanks only: then marks on tips tell, a
+chip or a drop of lacquer. They number the teeth; how far left and right flanks are apart they don't say.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import log, sqrt
 from typing import Literal
@@ -141,7 +140,8 @@ def _tie(clampings: Sequence[Clamping], k: int, at: int, firsts: Sequence[int], 
     for j in dict.fromkeys([at, *others]):
         shift = _by_pitches(clampings[j].places, own.places, own.toothing.nominal)
         if shift is not None:
-            return _as_shifted(clampings[j], own, shift).beyond(ties[j])
+            tie = _as_shifted(clampings[j], own, shift).beyond(ties[j])
+            return replace(tie, teeth=tie.teeth % own.toothing.nominal.gear.teeth)
     if not own.over:
         raise WrongDrawing("found too few flanks that are seen in both clampings, need the same flanks in view again")
     return _by_tips(first, own)

@@ -33,7 +33,7 @@ from truestand.parts.drawings import Cad
 from truestand.parts.patches import Grid, Patches, Readings, farthest, patches_of
 from truestand.parts.rays import Rays, Solid, hits_near, solid_of
 from truestand.parts.registration import Registration, motions, register, registration_remarks
-from truestand.parts.views import CONTRADICTS, PartView, PartViews, largest, views_of
+from truestand.parts.views import PartView, PartViews, largest, views_of
 from truestand.parts.visibility import coverage_of, unconfirmed_regions
 from truestand.statistics.noise import cleared
 from truestand.uncertainty import lines as budget_lines
@@ -435,8 +435,7 @@ def _seams(comparison: _Comparison, model_from_shaft: Pose, grid: Grid, on_model
         U = _seam_known(comparison, model_from_shaft, (a, b), picked) if both.sum() >= LEAST_SEAM else None
         if U is not None:
             difference = float(np.median(apart[both]))
-            agree = abs(difference) <= CONTRADICTS * U
-            found.append(Seam((views.each[a].name, views.each[b].name), None, difference, U, agree))
+            found.append(Seam.between((views.each[a].name, views.each[b].name), difference, U))
     return tuple(found)
 
 

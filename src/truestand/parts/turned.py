@@ -28,7 +28,7 @@ from truestand.core.inspection import (
     status_of,
 )
 from truestand.core.message import Message
-from truestand.core.surface import Surface
+from truestand.core.surface import Surface, stacked_values
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.patches import TRUSTED, Grid, Patches, Readings, patches_of
 from truestand.parts.rings import (
@@ -173,10 +173,12 @@ def inspect_turned(surface: Surface | Sequence[Surface], part: Turned) -> Inspec
     if any(view.calibration.covariance.size == 0 for view in views.each):
         text = "the calibration carries no covariance: no U can be told, nothing is decided"
         remarks.append(Message("no_covariance", text))
+    deviation = stacked_values(deviations)
+    deviation.flags.writeable = False
     return Inspection(
         "turned", part.name, tuple(line for of in best for line in of.lines),
         reasons=(*views.reasons, *contradictions(tuple(seams))), remarks=tuple(remarks),
-        settings=_settings(part, datum), deviation=_stacked(deviations), seams=tuple(seams),
+        settings=_settings(part, datum), deviation=deviation, seams=tuple(seams),
         evidence=TurnedEvidence(tuple(of.evidence for of in best if of.evidence is not None)),
     )  # fmt: skip
 
@@ -186,15 +188,6 @@ def _read_by(sections: Sequence[_Section]) -> tuple[Message, ...]:
     read = [(line.section, *line.views) for section in sections for line in section.lines[:1] if line.views]
     text = ", ".join(f"{section!r} by {view!r}" for section, view in read)
     return (Message("sections_read_by", f"sections are read by the view that shows each best: {text}"),) if read else ()
-
-
-def _stacked(deviations: Sequence[Array]) -> Array:
-    """Deviations (N, M) mm of the readings of all views, one after the other."""
-    points = max(deviation.shape[1] for deviation in deviations)
-    wide = [np.pad(d, ((0, 0), (0, points - d.shape[1])), constant_values=np.nan) for d in deviations]
-    stacked = np.concatenate(wide)
-    stacked.flags.writeable = False
-    return stacked
 
 
 def _seams(section: Section, found: Sequence[_Section], names: Sequence[str]) -> tuple[Seam, ...]:

@@ -24,9 +24,6 @@ from truestand.uncertainty.influence import (
     joint_parts,
 )
 
-CONTRADICTS = 1.5
-"""Times its U that a difference must be for views to contradict each other."""
-
 
 @dataclass(frozen=True)
 class PartView:
@@ -148,6 +145,5 @@ def seams_between(known: Sequence[tuple[str, float, float]], section: str | None
     """What views differ by, of which each one says where a surface stands: its name, value and U (mm)."""
     found = []
     for (a, value_a, U_a), (b, value_b, U_b) in combinations(known, 2):
-        apart, U = value_a - value_b, hypot(U_a, U_b)
-        found.append(Seam((a, b), None, apart, U, abs(apart) <= CONTRADICTS * U, section))
+        found.append(Seam.between((a, b), value_a - value_b, hypot(U_a, U_b), section=section))
     return tuple(found)
