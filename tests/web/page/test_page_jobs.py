@@ -116,6 +116,30 @@ def test_a_nonconforming_part_says_why(open_tab, stand):
     assert tab.locator(".stamp .word").bounding_box()["height"] >= 60
 
 
+def test_an_answer_from_before_the_end_does_not_bring_a_job_back(open_tab, stand):
+    stand.run("long")
+    tab, held = open_tab("#/job"), []
+
+    def hold_first(route):
+        answer = route.fetch()
+        held.append((route, answer)) if not held else route.fulfill(response=answer)
+
+    tab.get_by_role("button", name="Stop").wait_for()
+    tab.route("**/api/home", hold_first)
+    ask = "window.asked = import('./js/api.js').then((api) => api.loadHome())"
+    with tab.expect_request("**/api/home"):
+        tab.evaluate(f"() => void ({ask})")
+    while not held:
+        tab.wait_for_timeout(10)
+    (stand.job_folder / "stop").touch()
+    tab.get_by_role("heading", name="valid").wait_for()
+    ((route, answer),) = held
+    route.fulfill(response=answer)
+    tab.evaluate("() => window.asked")
+    assert tab.get_by_role("heading", name="valid").is_visible()
+    assert not tab.get_by_role("button", name="Stop").is_visible()
+
+
 def test_a_result_that_could_not_be_read_at_once_is_asked_for_again(open_tab, stand):
     stand.will_measure("inspect", stored_results.partly_seen(inspection(stand)))
     tab, refused = open_tab("#/", expect=["503"]), []

@@ -39,9 +39,10 @@ export async function loadSession() {
 }
 
 export async function loadHome(signal) {
+  const { told } = store;
   store.home = await get("api/home", signal);
   store.fault = store.home.fault;
-  store.know(store.home.job);
+  store.know(store.home.job, told);
   store.notify("home");
   store.notify("job");
   return store.home;

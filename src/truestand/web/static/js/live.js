@@ -45,7 +45,8 @@ function connected(yes) {
 async function poll() {
   if (!store.session?.role || (store.connected && !(store.running && Date.now() - heardAt > SILENCE_MS))) return;
   try {
-    take(await get("api/jobs/current", AbortSignal.timeout(ANSWER_TIMEOUT_MS)));
+    const { told } = store;
+    take(await get("api/jobs/current", AbortSignal.timeout(ANSWER_TIMEOUT_MS)), told);
     reached(true);
   } catch (wrong) {
     reached(wrong.status !== 0);
@@ -60,7 +61,7 @@ function reached(yes) {
 
 function heard(event) {
   heardAt = Date.now();
-  if (event.type === "job") take(event.job);
+  if (event.type === "job") take(event.job, ++store.told);
   if (event.type === "home" && store.home && store.home.version !== event.version) loadHome().catch(() => {});
   if (event.type !== "live") return;
   store.live = { ...event.live, step: store.job?.step };
@@ -68,10 +69,10 @@ function heard(event) {
 }
 
 /** A job as it is now. Home is asked anew when it ends: verdicts, calibration and fault may have changed. */
-function take(job) {
+function take(job, told) {
   const before = store.job;
-  if (job && job.id !== before?.id) store.live = null;
-  store.know(job);
+  store.know(job, told);
+  if (store.job?.id !== before?.id) store.live = null;
   store.notify("job");
   if (before?.state === "running" && !store.running) loadHome().catch(() => {});
 }

@@ -10,6 +10,8 @@ export const store = {
   fault: null,
   job: null,
   live: null,
+  /** How often the live channel has told of a job. */
+  told: 0,
   connected: true,
   /** Whether the server answered when it was last asked. */
   reached: true,
@@ -35,8 +37,12 @@ export const store = {
     for (const act of [...(listeners.get(name) ?? [])]) act();
   },
 
-  /** What the server says of the job. One that it no longer knows ended with the server that ran it. */
-  know(job) {
+  /**
+   * What the server says of the job, asked for when the live channel had `told` so much: what that has told since is
+   * newer. A job that the server no longer knows ended with the server that ran it.
+   */
+  know(job, told = this.told) {
+    if (told < this.told) return;
     if (job) this.job = job;
     else if (this.running) this.job = { ...this.job, state: "ended", message: t("job.ended") };
   },

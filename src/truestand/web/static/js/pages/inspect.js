@@ -102,8 +102,9 @@ function mount(page, part, signal) {
 export async function begin(order, pressed, wrong) {
   pressed.disabled = true;
   try {
+    const { told } = store;
+    store.know(await send("POST", "api/jobs", order), told);
     store.live = null;
-    store.job = await send("POST", "api/jobs", order);
     store.notify("job");
     if (order.kind === "inspect") entered.serial = "";
     to("/job");

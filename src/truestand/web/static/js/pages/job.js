@@ -17,8 +17,7 @@ const ASK_AGAIN_MS = 2000;
 const TONES = { waiting: "none", running: "busy", done: "good", failed: "bad" };
 
 export async function show(page, _, signal) {
-  store.job ??= await get("api/jobs/current", signal);
-  if (!store.home) await loadHome(signal);
+  if (!store.home || !store.job) await loadHome(signal);
   if (!store.job) {
     add(page, heading(t("job.title")), empty(t("job.none"), link(t("page.home"), "/", { kind: "primary" })));
     return;
@@ -33,8 +32,8 @@ export async function show(page, _, signal) {
     if (key === drawn) return;
     const first = drawn === null;
     drawn = key;
-    if (store.job.state === "running") return put(page, working(signal));
-    return ended(page, first, signal);
+    if (store.running) delete page.dataset.ended;
+    return store.running ? put(page, working(signal)) : ended(page, first, signal);
   }
 }
 
