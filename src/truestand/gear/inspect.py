@@ -98,9 +98,10 @@ def inspect_gear(
     views = with_correct_angles(views)
     views, seams = (views, seams) if seams else tied(views)
     views, apart = levelled(views)
-    flanks, step = joined([view.borne_out() for view in views], views), max((v.scan.step for v in views), key=abs)
+    seen, step = [view.borne_out() for view in views], max((v.scan.step for v in views), key=abs)
+    flanks = joined(seen, views)
     folded, grid = fold(stacked([view.surface for view in views]), flanks.toothing), grid_of(flanks)
-    flanks = below_tips(flanks, folded, grid.scatter)
+    flanks = joined(_below_own_tips(seen, views, folded, grid.scatter), views)
     complete = with_deep_damage(flanks, grid)
     evaluator, measures = evaluate_flanks(complete, step)
     there = teeth_there(folded, nominal)
@@ -145,6 +146,14 @@ def _radial_share(calibration: Calibration) -> float:
     """Share 0..1 of the direction of the sensor's rays that points at the table's axis."""
     x, y, _ = calibration.table_from_sensor.rotation[:, 2]
     return hypot(x, y)
+
+
+def _below_own_tips(
+    seen: Sequence[Flanks], views: tuple[GearView, ...], folded: FoldedMap, scatter: float
+) -> list[Flanks]:
+    """The flanks of each view below the tips as that view shows them: in range, views differ by more than by noise."""
+    maps = [folded] if len(views) == 1 else [fold(view.surface, view.flanks.toothing) for view in views]
+    return [below_tips(flanks, own, scatter) for flanks, own in zip(seen, maps, strict=True)]
 
 
 def evaluate_flanks(flanks: Flanks, step: float) -> tuple[Evaluator, Measures]:
