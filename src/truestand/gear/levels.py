@@ -48,8 +48,16 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
         for reader in readers
     ]
     off = _levels([means_of(of_reader, grid) for of_reader in by_reader], grid)
-    level = (replace(view, flanks=_without(view.flanks, off[readers.index(view.calibration.reader)])) for view in views)
+    of_view = [off[readers.index(view.calibration.reader)] for view in views]
+    level = (replace(v, flanks=_without(v.flanks, own), level=own) for v, own in zip(views, of_view, strict=True))
     return tuple(level), _contradictions(views, readers, off)
+
+
+def level_of(view: GearView, grid: Grid) -> Array:
+    """By how much (2, 1, roll lengths, heights) mm a view reads flanks more than the mean of all."""
+    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
+    level = np.zeros((2, TERMS)) if view.level is None else view.level
+    return np.asarray(np.tensordot(level, terms, 1)[:, None])
 
 
 def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: Grid) -> Array:

@@ -19,6 +19,7 @@ from truestand.core.surface import seen_at, sensor_origins, table_angle
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
+from truestand.gear.levels import level_of
 from truestand.gear.views import GearView, part_of
 
 KNOTS = 12
@@ -138,7 +139,7 @@ class FlankRays:
 def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> FlankRays:
     """``rays_on_flanks`` of all views: missed is a cell that none of those which should see it shows."""
     of_views = [
-        rays_on_flanks(grid, surface, part_of(flanks, views, k), view.scan, view.calibration)
+        rays_on_flanks(grid, surface, level_of(view, grid), part_of(flanks, views, k), view.scan, view.calibration)
         for k, view in enumerate(views)
     ]
     return FlankRays(*(_of_any([getattr(rays, kind) for rays in of_views]) for kind in FlankRays.__slots__))
@@ -157,15 +158,18 @@ def _of_any(rays: list[Rays]) -> Rays:
     return Rays(any_expected, any_expected & ~shown, facing)
 
 
-def rays_on_flanks(grid: Grid, surface: Array, flanks: Flanks, scan: Scan, calibration: Calibration) -> FlankRays:
+def rays_on_flanks(
+    grid: Grid, surface: Array, level: Array, flanks: Flanks, scan: Scan, calibration: Calibration
+) -> FlankRays:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
-    heights that stand elsewhere as a whole: in a groove along the profile.
+    heights that stand elsewhere as a whole: in a groove along the profile. ``level`` (2, 1, roll lengths, heights) mm:
+    by how much more the view reads.
     """
     nominal = grid.nominal
     low, high = nominal.profile_range
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
     stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
-    stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF)
+    stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF) + level[:, :, rows]
     met, facing = _met_at(flanks.toothing, calibration, grid, rows, stands)
     facing = _along_roll(facing, rows, grid.rolls.size)
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])

@@ -39,6 +39,10 @@ class GearView:
     """Whether a drift and a few waves explained it: a free curve only says what differs from turn to turn."""
     side: int | None = None
     """The only side whose flanks count; None: both."""
+    level: Array | None = None
+    """(2, 3) mm: by how much it reads flanks more than the mean of all views does (``levelled``), which its delta is
+    freed of.
+    """
 
     @property
     def name(self) -> str:
