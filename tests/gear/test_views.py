@@ -119,12 +119,12 @@ def test_two_views_of_a_gear_turned_over():
 
 @pytest.mark.more
 def test_views_that_read_steep_flanks_a_little_otherwise_make_no_steps():
-    """What a sensor makes of incidence is the same on every tooth. There were steps of 14 um on 12 flanks; where the
-    scan begins and ends, 7 um of noise and step are left.
+    """What a sensor makes of incidence is the same on every tooth. There were steps of 14 um on 12 flanks; and 7 um of
+    noise on another one, where cells hold one or two readings and most hold more.
     """
     inspection = inspect_gear(roll_views(read_otherwise(0.008), calibrated()), MILD)
-    damaged = [str(r) for r in inspection.remarks if r.code in ("damage", "more_damage")]
-    assert not inspection.reasons and all("tooth 1 right" in text for text in damaged)
+    assert not inspection.reasons
+    assert not [r for r in inspection.remarks if r.code in ("damage", "more_damage")]
     for flank in ("left", "right"):
         assert line(inspection, "f_falpha", flank).value < 3 * UM and line(inspection, "f_Halpha", flank).U < 0.02
         slope = line(inspection, "f_Halpha", flank, 5)

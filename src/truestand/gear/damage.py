@@ -25,8 +25,10 @@ from truestand.gear.traces import Traces, helix_of, helix_points, profile_points
 
 Zone = Literal["profile", "helix", "position", "ball", "area"]
 
-FAR_OFF = 0.1
-"""Weight in its smooth flank below which a cell departs from it: 3.9 robust standard deviations off."""
+FAR_OFF, FAR_OFF_BY = 0.1, 3.9
+"""Weight in its smooth flank below which a cell departs from it: so many robust standard deviations off, of cells. The
+mean of few readings scatters more than most cells do: it must be as many of its own.
+"""
 DEPARTS, SHARE, FEW = 5.0, 0.25, 2
 """Robust standard deviations by which a reading departs; share and number of such readings that mark a cell."""
 CLEAR = 6.0
@@ -145,9 +147,10 @@ def damage_of(
     rest = residuals(grid.delta, smooth) + _raised_on_all(smooth)
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
-    far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta)
     known = depth[np.isfinite(depth)]
     spread = max(grid.scatter, robust_sd(known) if known.size else 0.0)  # speckle is alike within a cell
+    by_few = np.abs(rest) < FAR_OFF_BY * spread / np.sqrt(np.maximum(grid.count, 1.0))
+    far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta) & ~by_few
     found = []
     lower, higher = (_number(cell[sign * depth > DEPARTS * spread], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
