@@ -16,6 +16,7 @@ from truestand.gear.clampings import laid_together
 from truestand.parts.inspect import inspect
 from truestand.sim import Chip, Misalignment, VirtualGear, paper_shaft, simulate
 from truestand.sim.gear_truth import gear_figures
+from variants import tried
 
 UM = 1e-3
 COUNTS, ARCSEC10 = 360_000, radians(10.0 / 3600.0)
@@ -97,7 +98,7 @@ def test_what_needs_both_sides_is_not_measurable():
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("marks", [(), (Chip(5, 13.0, 17.0, 0.06),)], ids=["run-out alone", "a mark in the middle"])
+@pytest.mark.parametrize("marks", tried([(Chip(5, 13.0, 17.0, 0.06),)], rarely=[((),)]))
 def test_tips_that_look_the_same_from_below_decide_nothing(marks):
     """Its figures are shown, without a verdict. Left flanks seen at a grazing angle by the other scan were damage of
     30 um.
@@ -154,7 +155,7 @@ def test_the_table_turns_a_gear_from_below_the_other_way():
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("gear", [SPUR, STEEP])
+@pytest.mark.parametrize("gear", tried([SPUR], rarely=[STEEP]))
 def test_a_part_that_was_not_turned_over_is_refused(gear):
     with pytest.raises(BadRecipe, match="the pitches say that the part was not turned over, but turned by 7 teeth"):
         inspect(both(gear, RUNNING_OUT, radians(105.0), over=False), gear, (0, "over"))
