@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, in_rotor, in_table, shaft_parameters
@@ -81,6 +82,11 @@ def stacked(surfaces: Sequence[Surface]) -> Surface:
         return surfaces[0]
     x, y, z = (stacked_values([getattr(s, name) for s in surfaces]) for name in ("x", "y", "z"))
     return Surface(x, y, z)
+
+
+def surface_of(profile: Ints | NDArray[np.int32], surfaces: Sequence[Surface]) -> Ints:
+    """Which of several surfaces each profile (n,) of them ``stacked`` is of."""
+    return np.searchsorted(np.cumsum([s.x.shape[0] for s in surfaces]), profile, side="right")
 
 
 def stacked_values(of_views: Sequence[Array]) -> Array:

@@ -5,13 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, table_angle
+from truestand.core.surface import Surface, surface_of, table_angle
 from truestand.gear.flanks import FlankPoints, Flanks, Toothing, find_flanks, without_lone_readings
 from truestand.gear.geometry import FLANKS
 
@@ -139,10 +138,9 @@ def with_views(
     return tuple(replace(line, views=names(line)) for line in lines)
 
 
-def view_of(flanks: FlankPoints, views: Sequence[GearView]) -> NDArray[np.intp]:
+def view_of(flanks: FlankPoints, views: Sequence[GearView]) -> Ints:
     """Which view each point (n,) of the flanks of all is of."""
-    ends = np.cumsum([view.scan.profiles for view in views])
-    return np.searchsorted(ends, flanks.profile, side="right")
+    return surface_of(flanks.profile, [view.surface for view in views])
 
 
 def _in_stack(flanks: Flanks, views: Sequence[GearView], k: int) -> Flanks:

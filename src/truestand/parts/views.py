@@ -15,7 +15,7 @@ from truestand.core.frames import UNKNOWNS
 from truestand.core.inspection import Seam
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, sensor_origins, stacked, table_angle
+from truestand.core.surface import Surface, sensor_origins, stacked, surface_of, table_angle
 from truestand.uncertainty.influence import (
     independent_parts,
     influence,
@@ -88,8 +88,7 @@ class PartViews:
 
     def view_of(self, row: Ints) -> Ints:
         """Which view each of some profiles (n,) is of."""
-        ends = np.cumsum([view.scan.profiles for view in self.each])
-        return np.searchsorted(ends, row, side="right")
+        return surface_of(row, [view.surface for view in self.each])
 
     def moves(self, flat: Ints, normal: Array) -> Array | None:
         """By how much each independent part of the covariance lifts readings, ``flat`` (n,) in the scan of all, along
