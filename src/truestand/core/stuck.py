@@ -20,8 +20,11 @@ OFTEN = 5.0
 moves to and fro, on an eccentric shaft, stays longest where it turns back."""
 GROUP = 3
 """Points beside each other that may be stuck on one line: what more of them see is a surface."""
-STEEPEST = 100
-"""Steps from point to point of such a line."""
+STEEPEST, STEEP = 100, 40
+"""Steps from point to point of such a line, and from which rays that meet a face one beside the other, farther and
+farther out, bend it;"""
+BENDS = 1, 4
+"""steps from point to point by which a line may bend, one of the latter as well."""
 MOST_POINTS = 0.1
 """Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
 FARTHEST = 100.0
@@ -80,12 +83,22 @@ def _through(number: Ints, point: Ints, step: Ints) -> Ints:
     """How often (n,) a line through a ``step`` of a ``point`` is seen, at least, at ``GROUP`` points beside it, on one
     side or on both.
     """
-    rises = np.arange(-STEEPEST, STEEPEST + 1)[:, None]
+    every = np.arange(-STEEPEST, STEEPEST + 1)
+    gentle, steep = (every[(np.abs(every) > STEEP) == is_steep] for is_steep in (False, True))
+    lines = (_on_lines(number, point, step, of, bend) for of, bend in zip((gentle, steep), BENDS, strict=True))
+    return np.asarray(np.maximum(*lines))
+
+
+def _on_lines(number: Ints, point: Ints, step: Ints, rises: Ints, bend: int) -> Ints:
+    """How often (n,) one of the lines is seen that rise by so many steps from point to point, and ``bend`` by some."""
+    from scipy.ndimage import maximum_filter1d
+
     wide = GROUP * STEEPEST
-    beside, near = {0: number[point, step] + 0 * rises}, np.pad(number, ((GROUP, GROUP), (wide, wide)))
+    near = np.pad(number, ((GROUP, GROUP), (wide, wide)))
+    beside = {0: number[point, step] + 0 * rises[:, None]}
     for apart in range(1, GROUP + 1):
-        near = np.maximum.reduce([np.roll(near, k, axis=1) for k in (-1, 0, 1)])  # lines may bend
+        near = maximum_filter1d(near, 2 * bend + 1, axis=1, mode="constant")
         for k in (-apart, apart):
-            beside[k] = near[point + GROUP + k, step + wide + k * rises]
+            beside[k] = near[point + GROUP + k, step + wide + k * rises[:, None]]
     lines = [np.min([beside[k] for k in range(first, first + GROUP + 1)], axis=0) for first in range(-GROUP, 1)]
     return np.asarray(np.max(lines, axis=(0, 1), initial=0))
