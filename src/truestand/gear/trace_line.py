@@ -19,6 +19,8 @@ CUTOFF_SHARE = 1 / 30
 """and its share of the evaluation length or the face."""
 GAUSS = sqrt(log(2.0) / pi)
 """Width of the weighting function over the wavelength that it halves (ISO 16610-21)."""
+NEGLIGIBLE = 4.0
+"""Widths of the Gaussian beyond which it is below 1e-21."""
 SMOOTHED = 2 * pi / GAUSS**2 * (1 / 12 + 1 / 6)
 """Square of a wavelength, in cells, by which the means of cells and straight lines between them are smoother already:
 variances of the weighting functions of a box and a triangle, over the Gaussian's."""
@@ -95,12 +97,17 @@ def range_of(high: Array, low: Array, seen: Mask) -> Array:
 
 def _low_pass(values: Array, weight: Array, at: Array, cutoff: float) -> Array:
     """Traces (flanks, n) at evenly spaced places (n,) after a Gaussian that halves waves of ``cutoff`` mm."""
-    kernel = _gaussian(at.size, float(at[-1] - at[0]) / (GAUSS * cutoff))
-    return np.asarray((weight * values) @ kernel / np.maximum(weight @ kernel, 1e-300))
+    from scipy.ndimage import correlate1d
+
+    window = _gaussian(float(at[-1] - at[0]) / (at.size - 1) / (GAUSS * cutoff), at.size)
+    total, of = (correlate1d(v, window, axis=1, mode="constant") for v in (weight * values, weight))
+    return np.asarray(total / np.maximum(of, 1e-300))
 
 
 @lru_cache(maxsize=8)
-def _gaussian(number: int, length: float) -> Array:
-    """(number, number) by how much places over a ``length``, in widths of the Gaussian, count for each other."""
-    at = np.linspace(0.0, length, number)
-    return np.asarray(np.exp(-pi * np.square(at[:, None] - at)))
+def _gaussian(spacing: float, most: int) -> Array:
+    """(n,) by how much a place and at ``most`` so many on either side, ``spacing`` widths of the Gaussian apart, count
+    for it.
+    """
+    reach = min(most, int(NEGLIGIBLE / spacing))
+    return np.asarray(np.exp(-pi * np.square(spacing * np.arange(-reach, reach + 1))))
