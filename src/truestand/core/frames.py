@@ -49,7 +49,8 @@ class Pose:
 
     def __call__(self, points: Array) -> Array:
         """Points (..., 3) mm, transformed."""
-        return points @ self.rotation.T + self.translation
+        # a product of matrices would take threads, which fight over the cores of a busy machine
+        return np.asarray(np.einsum("...j,ij->...i", points, self.rotation) + self.translation)
 
 
 def facing(phi: float) -> float:
