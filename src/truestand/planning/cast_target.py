@@ -12,7 +12,7 @@ from truestand.core.surface import apply_calibration
 from truestand.parts.drawings import Cad, Turned
 from truestand.parts.inspect import inspect
 from truestand.parts.rays import solid_of
-from truestand.parts.turned import MARGIN
+from truestand.parts.sections import MARGIN
 from truestand.planning.imagined_scan import imagined_scan
 from truestand.planning.obstacles import Body, Cast, Meshed, Round
 from truestand.planning.optics import Optics
