@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
-from math import hypot, pi, sqrt
+from math import hypot, pi, radians, sqrt
 
 import numpy as np
 import pytest
 
+from gears import simulation, stand
+from truestand.apply.transfer import roll
 from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration, Positions, StaticProfile, StepAxis, Wobble
 from truestand.core.errors import BadRecipe
@@ -17,7 +19,7 @@ from truestand.form.upr import UprFilter, filtered_evenly
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.rings import Rings, read_rings
 from truestand.parts.turned import inspect_turned
-from truestand.sim import FormWave, Keyway, Misalignment, simulate
+from truestand.sim import FormWave, Keyway, Misalignment, VirtualTurned, Workpiece, paper_shaft, simulate
 from truestand.uncertainty.influence import independent_parts, unknowns_of
 from truestand.uncertainty.lines import range_apart
 from truth import PLANE, TILTED, Named, shaft
@@ -274,16 +276,40 @@ def test_linearity_grows_with_the_distance_from_the_shaft():
 
 
 def test_linearity_counts_along_the_range_on_which_an_oblique_sensor_sees_a_section():
-    """At the base's own radius, but 40 mm above where it was seen."""
+    """At the base's own radius, but 50 mm above the middle of where it was seen."""
     _, known = scanned("round")
     phi = sensor_parameters(known.table_from_sensor)[0]
     base = StaticProfile("base", np.linspace(-30.0, -10.0, 5), np.zeros(5))
     calibrated, radius = replace(known, static_profiles=(base,)), shaft().base.radius
     apart = range_apart(calibrated, radius, 30.0)
-    assert apart == pytest.approx(40.0 * abs(np.cos(phi)), abs=1e-6) and apart > 20.0
-    assert range_apart(calibrated, radius, -15.0) == 0.0
+    assert apart == pytest.approx(50.0 * abs(np.cos(phi)), abs=1e-6) and apart > 20.0
+    assert range_apart(calibrated, radius, -20.0) == pytest.approx(0.0, abs=1e-9)
     assert range_apart(known, radius, 20.0) == 0.0  # nobody says where the base was seen
     assert range_apart(calibrated, radius + 3.0, -20.0) == 3.0
+
+
+OBLIQUE = Turned((Section("wide", 5.5, 10.5, 36.0), Section("narrow", 16.0, 24.0, 30.0)))
+
+
+@pytest.mark.parametrize("phase", tried([0.0], 1.6, rarely=[0.8, 3.2, 4.0]))
+def test_what_turned_an_oblique_sensor_counts_along_its_sections(phase):
+    """A range that errs by 14 um, as 20 um (k = 2) are stated, turns the sensor by 0.05 deg: a sound section's diameter
+    was 41 um off at U 23, its cylindricity 5 um at 4, and it did not conform.
+    """
+    form = FormWave("wide", 3, 0.003, 0.0)
+    own = stand(240)
+    own = replace(own, sensors=(replace(own.sensor, linearity_U=0.02),))
+    how = simulation(4400, True, nonlinearity=0.02 / sqrt(2.0), nonlinearity_phase=phase, most_incidence=radians(89.0))
+    how = replace(how, mounting=replace(how.mounting, phi=radians(-60.0), height=8.0))
+    on_shaft, on_part = (
+        interpret(simulate(own, how, paper_shaft(), k, None, part).recording, own)
+        for k, part in enumerate((None, VirtualTurned(OBLIQUE, Workpiece(form=(form,)))))
+    )
+    found = inspect_turned(roll(on_part, calibrate(on_shaft, paper_shaft())), OBLIQUE)
+    for section, diameter, shape in (("wide", 36.0, 0.006), ("narrow", 30.0, 0.0)):
+        for name, true in (("d", diameter), ("cylindricity", shape), ("total_runout", shape)):
+            c = line(found, section, name)
+            assert c.status == "measured" and abs(c.value - true) < c.U
 
 
 def test_a_calibration_without_covariance_decides_nothing():

@@ -134,6 +134,13 @@ BESIDE = replace(ABOVE, phi=radians(-122.0), plane_offset=-0.2, azimuth=AZIMUTH)
 PAIRS = {"both above": (ABOVE, BESIDE), "above and below": (ABOVE, replace(FRONT, azimuth=AZIMUTH))}
 
 
+def test_the_second_view_alone_decides_nothing_of_a_model_where_the_pose_has_it():
+    """It counts angles from its own side: a sound model was 0.7 mm off, and did not conform."""
+    scan = taken(VirtualCad(BLOCK))
+    front, rear = (inspect(roll(one, calibrated()), BLOCK) for one in scan)
+    assert not front.reasons and "pose_of_first_view" in {r.code for r in rear.reasons}
+
+
 @cache
 def of_block(pair):
     """Its surfaces by two sensors."""
@@ -149,7 +156,7 @@ def test_two_views_of_a_model_are_one_cloud():
     p95, rms = found.characteristics[:2]
     assert p95.value < p95.U < 40 * UM and rms.value < rms.U < 30 * UM
     (seam,) = found.seams
-    assert seam.ok and abs(seam.difference) < seam.U < 20 * UM
+    assert seam.ok and abs(seam.difference) < seam.U < 40 * UM
 
 
 @pytest.mark.more

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import degrees
 
 from truestand.apply.right_view import taken_by_another
 from truestand.apply.transfer import roll, transfer_remarks, with_sensor_as_calibrated
@@ -9,6 +10,7 @@ from truestand.core.artefact import Artefact
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe, TruestandError
 from truestand.core.inspection import Inspection
+from truestand.core.message import Message
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration
 from truestand.core.temperature import Temperature
@@ -54,7 +56,7 @@ def inspect(
     inspection = _inspected(together, part)
     inspection = replace(
         inspection,
-        reasons=(*together.reasons, *inspection.reasons),
+        reasons=(*together.reasons, *_turned_pose(surfaces, part), *inspection.reasons),
         remarks=(*together.remarks, *inspection.remarks),
     )
     origins = [s.origin for s in together.surfaces]
@@ -97,6 +99,21 @@ def demand_right_views(scans: tuple[Scan, ...], calibration: Calibration, part: 
             right = [v.name for v in calibration.views if v.name != scan.view and shows_part(scan, v)]
             if right:
                 raise taken_by_another(scan.view, right)
+
+
+def _turned_pose(surfaces: Sequence[Surface], part: Part) -> tuple[Message, ...]:
+    """Why nothing may be decided of a model that stands where [pose] has it, by a view alone whose own C is turned
+    against that of the calibration's first one.
+    """
+    alone = surfaces[0].origin[1]
+    if not isinstance(part, Cad) or part.fit != "none" or alone.joint is not None or not alone.azimuth:
+        return ()
+    text = (
+        f"[pose] says how the model stands, and view {alone.name!r} alone counts angles from its own side, "
+        f"{degrees(alone.azimuth):.1f} deg from the calibration's first view: inspect by both views, or let fit find "
+        'the angle (fit = "angle")'
+    )
+    return (Message("pose_of_first_view", text),)
 
 
 def _at_reference_temperature(surface: Surface, temperature: Temperature) -> Surface:

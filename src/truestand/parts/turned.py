@@ -50,6 +50,8 @@ FORM = (
     ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
     ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
 )
+WHOLE = ("cylindricity", "total_runout")
+"""Read over the whole height of a section, along which the range of an oblique sensor changes."""
 WITHIN, ENDS, EDGES = "shape within a cell", "ends not seen", "edges between readings"
 SIZE = "ISO 14405-1 GG (least squares)"
 
@@ -266,10 +268,14 @@ def _budgets(
         return [None] * len(STATISTICS)
     calibration, rings, reading = inspected.view.calibration, found.rings, found.reading
     U = budget_lines.spread_of(moved)
-    apart = budget_lines.range_apart(calibration, rings.radius, float(rings.height[rings.used].mean()))
+    seen = rings.height[rings.used]
+    apart = budget_lines.range_apart(calibration, rings.radius, float(seen.mean()))
+    arm = budget_lines.height_apart(calibration, float(seen.mean()))
     middle = (section.bottom + section.top) / 2
     offset = hypot(*reading.centres[rings.used].mean(axis=0))
     travel = 2 * (calibration.eccentricity + offset)
+    along = budget_lines.range_along(calibration, rings.radius, (float(seen.min()), float(seen.max())))
+    over_all = budget_lines.linearity_line(calibration, travel + along, arm=float(np.ptp(seen)))
     axis = [replace(c, U=2 * c.U) for c in inspected.datum.lines(middle)]  # an axis aside by c shows as 2 c
     budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
     for i, name in enumerate(STATISTICS):
@@ -282,14 +288,16 @@ def _budgets(
         ]
         if name == "d":
             lines += [
-                budget_lines.linearity_line(calibration, apart, 2.0), budget_lines.scale_line(calibration, 2 * apart),
+                budget_lines.linearity_line(calibration, apart, 2.0, arm),
+                budget_lines.scale_line(calibration, 2 * apart),
                 budget_lines.temperature_line(section.diameter, inspected.part.temperature),
                 budget_lines.artefact_line(calibration, 1.0),
                 budget_lines.stability_line(calibration, inspected.view.scan, 2.0),
             ]  # fmt: skip
         else:
             lines += [
-                budget_lines.linearity_line(calibration, travel), budget_lines.bearing_line(calibration, 2.0),
+                over_all if name in WHOLE else budget_lines.linearity_line(calibration, travel),
+                budget_lines.bearing_line(calibration, 2.0),
                 budget_lines.scale_line(calibration, float(reading.statistics[i])),
             ]  # fmt: skip
         if name.endswith("runout"):

@@ -1,6 +1,6 @@
 """Lines of a part's budget that come with stand, sensor and calibration, whatever the part is."""
 
-from math import hypot, sqrt
+from math import hypot, radians, sqrt
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from truestand.core.scan import Scan
 from truestand.core.stand import Sensor
 from truestand.core.temperature import Temperature
 
-CALIBRATION = "calibration"
+CALIBRATION, LINEARITY = "calibration", "linearity of the sensor"
 ZERO = f"zero of the table angle{ASSUMED}"
 NOISE = "noise"
 
@@ -48,18 +48,27 @@ def linearity_of(sensor: Sensor, static: tuple[StaticProfile, ...]) -> float:
 
 def linearity_name(sensor: Sensor) -> str:
     """Name of the budget's line."""
-    return "linearity of the sensor" + (ASSUMED if sensor.linearity_U is None else "")
+    return LINEARITY + (ASSUMED if sensor.linearity_U is None else "")
 
 
-def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0) -> Contribution:
+def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0, arm: float = 0.0) -> Contribution:
     """From the sensor's linearity between surfaces ``distance`` mm apart in range, ``factor`` times.
 
     The calibration has taken up the error at the shaft's own surface. The error is smooth: over SMOOTH mm it changes by
-    all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it.
+    all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it. What
+    changes along the shaft under an oblique sensor turned the sensor as the calibration found it: that shows over an
+    ``arm`` (mm of height), too, the same way at worst.
     """
     sensor = calibration.stand.sensor
     U = linearity_of(sensor, calibration.static_profiles) * min(1.0, abs(distance) / SMOOTH)
-    return line(linearity_name(sensor), factor * U)
+    return line(linearity_name(sensor), factor * (U + arm * _turned_by_linearity(calibration)))
+
+
+def _turned_by_linearity(calibration: Calibration) -> float:
+    """U (rad, k = 2) of the sensor's angle to the axis for its linearity; 0 where the record doesn't say."""
+    known = calibration.uncertainty.get("phi_deg")
+    of_sensor = () if known is None else (c.U for c in known.contributions if c.name.startswith(LINEARITY))
+    return radians(hypot(*of_sensor))
 
 
 def scale_name(sensor: Sensor) -> str:
@@ -144,18 +153,41 @@ def diameter_name(base: Cylinder | None) -> str:
 
 
 def range_apart(calibration: Calibration, radius: float, height: float) -> float:
-    """How far (mm) a surface lies from the shaft's base, where its diameter was used: outwards, or beyond the stretch
-    of range on which it was seen, for an oblique sensor sees elsewhere what stands higher.
+    """How far (mm) a surface lies from the middle of what was seen of the shaft's base, where its diameter was used:
+    outwards, or in range, for an oblique sensor sees elsewhere what stands higher.
     """
     outwards = abs(radius - base_radius(calibration))
-    base = None if calibration.artefact is None else calibration.artefact.base
-    seen = [s for s in calibration.static_profiles if base is not None and s.surface == base.name]
-    if base is None or not seen:
+    seen = _base_seen(calibration)
+    if calibration.artefact is None or seen is None:
         return outwards
+    heights = np.array([height - calibration.height, seen])
+    z = _ranges(calibration, np.array([radius, calibration.artefact.base.radius]), heights)
+    return max(outwards, float(abs(z[0] - z[1])))
+
+
+def height_apart(calibration: Calibration, height: float) -> float:
+    """How far (mm) a height in C lies from the middle of what was seen of the shaft's base."""
+    seen = _base_seen(calibration)
+    return 0.0 if seen is None else abs(height - calibration.height - seen)
+
+
+def _base_seen(calibration: Calibration) -> float | None:
+    """Middle height (mm, of the view's own C) of what was seen of the base; None where the record doesn't say."""
+    base = None if calibration.artefact is None else calibration.artefact.base.name
+    return next((float(s.height.mean()) for s in calibration.static_profiles if s.surface == base), None)
+
+
+def range_along(calibration: Calibration, radius: float, heights: tuple[float, float]) -> float:
+    """By how much (mm) the range changes from one of two ``heights`` to the other on a cylinder of some radius, mm."""
+    at = np.array(heights) - calibration.height
+    return float(np.ptp(_ranges(calibration, np.full(2, radius), at)))
+
+
+def _ranges(calibration: Calibration, radius: Array, height: Array) -> Array:
+    """Ranges (n,) mm at which the sensor reads cylinders of some radii (n,) at heights (n,), mm in its own C."""
     phi, radial, origin, _, _ = sensor_parameters(calibration.table_from_sensor)
-    heights = np.array([height - calibration.height, seen[0].height[0], seen[0].height[-1]])
-    _, z = LaserPlane(phi, radial, origin).from_uv(np.array([radius, base.radius, base.radius]), heights)
-    return max(outwards, float(z[0] - z[1:].max()), float(z[1:].min() - z[0]))
+    _, z = LaserPlane(phi, radial, origin).from_uv(radius, height)
+    return z
 
 
 def base_radius(calibration: Calibration) -> float:
