@@ -81,7 +81,7 @@ def test_closure_takes_the_table_off_the_pitch(flank):
 @pytest.mark.more
 def test_the_tables_error_is_told():
     (said,) = [str(r) for r in found(WORN, (None,) * 3).remarks if r.code == "part_clamped_again"]
-    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in said
+    assert "scan 2 was turned by 7 teeth, scan 3 was turned by 16 teeth" in said
     size, U = (float(text) for text in said.split("errs by ")[1].split(" um")[0].split(" +- "))
     assert size == pytest.approx(1000 * TABLE * 24.0, abs=max(U, 0.1)) and U < 1.0
 
@@ -145,7 +145,7 @@ def test_a_part_with_play_is_tied_wherever_it_sits():
     surfaces = roll_views(scans, calibrated(), clamped_again=True)
     together = laid_together(surfaces, replace(SPUR, bore_clearance=0.03), (None,) * 3)
     assert not together.reasons and len(together.surfaces) == 3
-    assert "clamping 2 was turned by 7 teeth, clamping 3 was turned by 16 teeth" in str(together.remarks[0])
+    assert "scan 2 was turned by 7 teeth, scan 3 was turned by 16 teeth" in str(together.remarks[0])
 
 
 @pytest.mark.more

@@ -129,9 +129,9 @@ def _not_tied(clampings: list[int]) -> Message:
 
 def _said(closure: Closure, ties: Sequence[Tie], radius: float) -> Message:
     size, U, seat = 1000 * float(np.hypot(*closure.waves[:2])) * radius, closure.expanded(0), K * closure.seated
-    turned = [f"clamping {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth]
+    turned = [f"scan {k} was turned by {tie.teeth} teeth" for k, tie in enumerate(ties, 1) if tie.teeth]
     text = (
-        f"closure over {len(closure.seats)} clampings: the table errs by {size:.1f} +- {1000 * U * radius:.1f} um once "
+        f"closure over {len(closure.seats)} scans: the table errs by {size:.1f} +- {1000 * U * radius:.1f} um once "
         f"a turn at the measuring circle, taken off, if the part sits alike to {1000 * seat:.1f} um; "
         f"{', '.join(turned)}{'; ' if turned else ''}{1000 * closure.left * radius:.1f} um rms are left between them"
     )
