@@ -130,6 +130,8 @@ def test_a_dent_is_negative_and_as_deep_as_it_is():
     assert decided["deviation_min"] == decided["profile"] == "does_not_conform"
     assert decided["deviation_max"] == "conforms"
     assert decided["deviation_rms"] is None
+    least = next(c for c in found.characteristics if c.name == "deviation_min")  # -68 +- 115 um, limit -50
+    assert "farther out within them" in least.reason
     row, column = np.unravel_index(np.nanargmin(found.evidence.deviation), found.evidence.deviation.shape)
     assert abs(found.evidence.angle[column]) < 0.15
     assert found.evidence.height[row] == pytest.approx(5.0, abs=0.6)  # a patch

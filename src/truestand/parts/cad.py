@@ -320,7 +320,11 @@ def _line(
         return decided(whole)
     # What lies within patches can only be farther out: where the means fail already, it takes nothing back.
     means = decided(replace(whole, U=budget_lines.together([c for c in lines if c.name != WITHIN])[1]))
-    return replace(means, U=U) if means.verdict == "does_not_conform" else decided(whole)
+    found = decided(whole)
+    if means.verdict != "does_not_conform" or found.verdict == means.verdict:
+        return found
+    reason = "the means of patches are beyond the limit; what may lie farther out within them makes U wider"
+    return replace(means, U=U, reason=reason)
 
 
 def _limits(part: Cad, name: str) -> tuple[float | None, float | None] | None:
