@@ -227,7 +227,7 @@ def test_a_turned_part_and_a_cad_model_are_inspected_by_the_same_command(bench):
 
     (bench / "shaft-part.toml").write_text(
         'kind = "turned"\n[[section]]\nname = "base"\nfrom_mm = -12.0\nto_mm = -2.0\ndiameter_mm = 25.0\n'
-        "limits_mm = [24.99, 25.01]\nroundness_um = 100.0\n"
+        "limits_mm = [24.97, 25.03]\nroundness_um = 100.0\n"
     )
     done = inspect(bench, "-o", "turned-part.json", "--report", "t.html", scan="k1.h5", part="shaft-part.toml")
     assert done.returncode == 1, done.stderr  # 85 um oval: 170 um of roundness

@@ -42,7 +42,7 @@ from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import Grid, grid_of
-from truestand.gear.levels import levelled
+from truestand.gear.levels import levelled, slopes_known
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
@@ -170,7 +170,7 @@ def _reasons(surface: Surface, views: tuple[GearView, ...], seams: tuple[Seam, .
     reasons = tuple(dict.fromkeys(reason for view in views for reason in _calibration_reasons(view.calibration)))
     reasons = (*reasons, *contradictions(seams))
     try:
-        check_drawing(surface, flanks)
+        check_drawing(surface, flanks, max(max(slopes_known(view).values()) for view in views))
     except WrongDrawing as wrong:
         if not reasons:  # off its axis, every gear looks like another one
             raise

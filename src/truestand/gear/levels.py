@@ -87,7 +87,7 @@ def _levels(means: Sequence[Array], grid: Grid) -> Array:
 
 def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -> tuple[Message, ...]:
     """Why nothing may be decided where two views read a slope otherwise than their U allow."""
-    known = {view.calibration.reader: _slopes_known(view) for view in views}
+    known = {view.calibration.reader: slopes_known(view) for view in views}
     found = []
     for (a, b), side, (term, along) in product(combinations(range(len(readers)), 2), (0, 1), SLOPES.items()):
         apart = 2 * float(abs(off[a, side, term] - off[b, side, term]))
@@ -102,7 +102,7 @@ def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -
     return tuple(found)
 
 
-def _slopes_known(view: GearView) -> dict[str, float]:
+def slopes_known(view: GearView) -> dict[str, float]:
     """U (mm, k = 2) of a slope over the whole profile and over the whole face as a view reads them, roughly."""
     sensor, covariance = view.scan.stand.sensor, view.calibration.covariance
     nominal = view.flanks.toothing.nominal

@@ -97,8 +97,8 @@ def is_standard(module: float) -> bool:
     return min(abs(module / m - 1) for m in MODULES) < STANDARD_TOLERANCE
 
 
-def check_drawing(surface: Surface, flanks: Flanks) -> None:
-    """Refuse a gear that is not the drawing's.
+def check_drawing(surface: Surface, flanks: Flanks, slope_U: float = 0.0) -> None:
+    """Refuse a gear that is not the drawing's; ``slope_U``: mm (k = 2) by which the calibration leaves slopes open.
 
     Raises:
         WrongDrawing: with what was seen instead.
@@ -108,7 +108,9 @@ def check_drawing(surface: Surface, flanks: Flanks) -> None:
     sides = [o[np.isfinite(o)] for o in toothing.offsets.reshape(2, -1)]
     thick = sum(float(s.mean()) for s in sides) if all(s.size for s in sides) else 0.0
     fits = (
-        toothing.matched >= LEAST_MATCHED and abs(thick) < MOST_THICKNESS * g.module and _steepest(flanks) < MOST_SLOPE
+        toothing.matched >= LEAST_MATCHED
+        and abs(thick) < MOST_THICKNESS * g.module
+        and _steepest(flanks) < MOST_SLOPE + slope_U
     )
     flanks_seen = max(s.size for s in sides) / g.teeth
     if fits and flanks_seen >= MOST_FLANKS and toothing.matched >= CERTAIN:

@@ -406,7 +406,7 @@ def _of_view(
     apart = max(budget_lines.range_apart(calibration, radius, height), depth)
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
     return [
-        budget_lines.linearity_line(calibration, apart, factor, budget_lines.height_apart(calibration, height)),
+        budget_lines.linearity_line(calibration, apart, factor, budget_lines.height_beyond(calibration, height)),
         budget_lines.scale_line(calibration, factor * apart),
         budget_lines.artefact_line(calibration, factor / 2),
         budget_lines.stability_line(calibration, view.scan, factor),
@@ -459,7 +459,7 @@ def _seam_known(
         apart = budget_lines.range_apart(view.calibration, radius, height)
         sensors += [
             budget_lines.linearity_line(
-                view.calibration, apart, arm=budget_lines.height_apart(view.calibration, height)
+                view.calibration, apart, arm=budget_lines.height_beyond(view.calibration, height)
             ),
             budget_lines.scale_line(view.calibration, apart),
             budget_lines.stability_line(view.calibration, view.scan, 1.0),

@@ -270,7 +270,7 @@ def _budgets(
     U = budget_lines.spread_of(moved)
     seen = rings.height[rings.used]
     apart = budget_lines.range_apart(calibration, rings.radius, float(seen.mean()))
-    arm = budget_lines.height_apart(calibration, float(seen.mean()))
+    arm = budget_lines.height_beyond(calibration, float(seen.mean()))
     middle = (section.bottom + section.top) / 2
     offset = hypot(*reading.centres[rings.used].mean(axis=0))
     travel = 2 * (calibration.eccentricity + offset)

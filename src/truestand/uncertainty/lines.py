@@ -160,21 +160,22 @@ def range_apart(calibration: Calibration, radius: float, height: float) -> float
     seen = _base_seen(calibration)
     if calibration.artefact is None or seen is None:
         return outwards
-    heights = np.array([height - calibration.height, seen])
+    heights = np.array([height - calibration.height, seen.mean()])
     z = _ranges(calibration, np.array([radius, calibration.artefact.base.radius]), heights)
     return max(outwards, float(abs(z[0] - z[1])))
 
 
-def height_apart(calibration: Calibration, height: float) -> float:
-    """How far (mm) a height in C lies from the middle of what was seen of the shaft's base."""
+def height_beyond(calibration: Calibration, height: float) -> float:
+    """How far (mm) a height in C lies above or below all that was seen of the shaft's base."""
     seen = _base_seen(calibration)
-    return 0.0 if seen is None else abs(height - calibration.height - seen)
+    at = height - calibration.height
+    return 0.0 if seen is None else max(float(seen.min()) - at, at - float(seen.max()), 0.0)
 
 
-def _base_seen(calibration: Calibration) -> float | None:
-    """Middle height (mm, of the view's own C) of what was seen of the base; None where the record doesn't say."""
+def _base_seen(calibration: Calibration) -> Array | None:
+    """Heights (n,) mm, of the view's own C, at which the base was seen; None where the record doesn't say."""
     base = None if calibration.artefact is None else calibration.artefact.base.name
-    return next((float(s.height.mean()) for s in calibration.static_profiles if s.surface == base), None)
+    return next((s.height for s in calibration.static_profiles if s.surface == base), None)
 
 
 def range_along(calibration: Calibration, radius: float, heights: tuple[float, float]) -> float:
