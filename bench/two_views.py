@@ -178,6 +178,8 @@ def try_seam(seed: int) -> tuple[bool, bool, float]:
         return moved, True, 0.0
     named = {r.code for r in inspection.reasons}
     noticed = bool(named & {"views_contradict", "shaft_turned", "sensor_moved_radially"})
+    if noticed and not moved:
+        print(f"seed {seed}, not moved: {', '.join(sorted(named))}", flush=True)
     return moved, noticed, max((abs(s.difference) / s.U for s in inspection.seams), default=0.0)
 
 
