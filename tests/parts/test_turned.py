@@ -293,8 +293,8 @@ OBLIQUE = Turned((Section("wide", 5.5, 10.5, 36.0), Section("narrow", 16.0, 24.0
 
 @pytest.mark.parametrize("phase", tried([0.0], 1.6, rarely=[0.8, 3.2, 4.0]))
 def test_what_turned_an_oblique_sensor_counts_along_its_sections(phase):
-    """A range that errs by 14 um, as 20 um (k = 2) are stated, turns the sensor by 0.05 deg: a sound section's diameter
-    was 41 um off at U 23, its cylindricity 5 um at 4, and it did not conform.
+    """A range that errs by a sine of 14 um has the rms that 20 um (k = 2) state. Of 20 um, an outsider's sound section
+    had a diameter 31 um off at U 22, a cylindricity 5 um off at 4, and did not conform.
     """
     form = FormWave("wide", 3, 0.003, 0.0)
     own = stand(240)

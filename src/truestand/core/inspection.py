@@ -94,7 +94,7 @@ class Defect:
 
 
 CONTRADICTS = 1.5
-"""Times its U that a difference must be for views to contradict each other: 1 of 400 is by chance."""
+"""Times its U that a difference must be for views to contradict each other: of normal errors, 1 of 400 is by chance."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,11 @@ moves to and fro, on an eccentric shaft, stays longest where it turns back."""
 GROUP = 3
 """Points beside each other that may be stuck on one line: what more of them see is a surface."""
 STEEPEST, STEEP = 100, 40
-"""Steps from point to point of such a line, and from which rays that meet a face one beside the other, farther and
-farther out, bend it;"""
+"""Steps from point to point of such a line at most, and beyond which it is steep."""
 BENDS = 1, 4
-"""steps from point to point by which a line may bend, one of the latter as well."""
+"""Steps by which a gentle and a steep line may bend from point to point: the steeper rays meet a face, the more their
+ranges bend.
+"""
 MOST_POINTS = 0.1
 """Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
 FARTHEST = 100.0
