@@ -154,7 +154,9 @@ def _of_any(rays: list[Rays]) -> Rays:
     expected = [of_view.expected & (able | by_none) for of_view, able in zip(rays, seen, strict=True)]
     shown = np.logical_or.reduce([own & ~of_view.missed for own, of_view in zip(expected, rays, strict=True)])
     any_expected = np.logical_or.reduce(expected)
-    facing = np.fmax.reduce([of_view.facing for of_view in rays])
+    facing = np.fmax.reduce(
+        [np.where(own | ~any_expected, of_view.facing, np.nan) for own, of_view in zip(expected, rays, strict=True)]
+    )
     return Rays(any_expected, any_expected & ~shown, facing)
 
 
