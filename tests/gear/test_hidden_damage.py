@@ -168,7 +168,7 @@ def test_a_dent_from_which_readings_got_lost_is_not_seen(seed):
     seen_well = [w for w in wrong(found, truth(errors, gear)) if w[1] == "left"]  # the right ones at up to 85 degrees
     assert not seen_well
     beside = [c.verdict for c in found.characteristics if c.tooth and c.flank == "left" and c.tooth % 2 == 0]
-    assert beside.count("conforms") > 0.9 * len(beside)
+    assert beside.count("conforms") > 0.8 * len(beside)
 
 
 @pytest.mark.more

@@ -301,7 +301,7 @@ def test_a_bowl_that_few_readings_meet_may_be_deeper_than_any_of_them(depth, rad
     low, high = (next(c for c in found.characteristics if c.name == f"deviation_{end}") for end in ("min", "max"))
     assert abs(low.value + depth) < low.U
     assert low.verdict == ("undecided" if depth > 0.08 else "conforms")
-    assert (high.verdict, high.U < 0.02) == ("conforms", True)
+    assert (high.verdict, high.U < 0.025) == ("conforms", True)
 
 
 @pytest.mark.parametrize("lost", tried([False], True), ids=["read behind", "not read"])

@@ -12,7 +12,7 @@ from truestand.apply.transfer import roll
 from truestand.calibration.calibrate import calibrate
 from truestand.core.calibration import Calibration, Positions, StaticProfile, StepAxis, Wobble
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose, sensor_parameters, shaft_from_rotor, table_from_sensor
+from truestand.core.frames import Pose, shaft_from_rotor, table_from_sensor
 from truestand.core.scan import interpret
 from truestand.core.surface import Surface, apply_calibration
 from truestand.form.upr import UprFilter, filtered_evenly
@@ -21,11 +21,10 @@ from truestand.parts.rings import Rings, read_rings
 from truestand.parts.turned import inspect_turned
 from truestand.sim import FormWave, Keyway, Misalignment, VirtualTurned, Workpiece, paper_shaft, simulate
 from truestand.uncertainty.influence import independent_parts, unknowns_of
-from truestand.uncertainty.lines import range_apart
 from truth import PLANE, TILTED, Named, shaft
 from variants import tried
 
-NOISE = 0.005
+UM, NOISE = 1e-3, 0.005
 COVARIANCE = np.diag(np.square([2e-6, 5e-4, 2e-3, 3e-5, 3e-4, 3e-4, 2e-5, 2e-5]))
 BASE, SEAT = Section("base", -14.0, -0.5, 25.0), Section("seat", 8.0, 13.0, 13.94)
 PART = Turned((BASE, SEAT))
@@ -269,23 +268,14 @@ def test_the_datum_adds_to_run_out_only():
 
 
 def test_linearity_grows_with_the_distance_from_the_shaft():
-    found = inspected("round")
-    assert "linearity of the sensor" not in budget(line(found, "base", "d"))
-    assert budget(line(found, "seat", "d"))["linearity of the sensor"] == pytest.approx(2 * 0.02 * 0.553)
-    assert budget(line(found, "base", "d"))["diameter of the artefact"] == 0.002
-
-
-def test_linearity_counts_along_the_range_on_which_an_oblique_sensor_sees_a_section():
-    """At the base's own radius, but 50 mm above the middle of where it was seen."""
+    """The calibration takes up what is wrong where it saw the base: here, over all that is read of it."""
     _, known = scanned("round")
-    phi = sensor_parameters(known.table_from_sensor)[0]
-    base = StaticProfile("base", np.linspace(-30.0, -10.0, 5), np.zeros(5))
-    calibrated, radius = replace(known, static_profiles=(base,)), shaft().base.radius
-    apart = range_apart(calibrated, radius, 30.0)
-    assert apart == pytest.approx(50.0 * abs(np.cos(phi)), abs=1e-6) and apart > 20.0
-    assert range_apart(calibrated, radius, -20.0) == pytest.approx(0.0, abs=1e-9)
-    assert range_apart(known, radius, 20.0) == 0.0  # nobody says where the base was seen
-    assert range_apart(calibrated, radius + 3.0, -20.0) == 3.0
+    seen = replace(known, static_profiles=(StaticProfile("base", np.linspace(-14.0, -0.5, 50), np.zeros(50)),))
+    found = inspected("round", known=seen)
+    of_base, of_seat = (budget(line(found, name, "d")) for name in ("base", "seat"))
+    assert of_base["linearity of the sensor"] < 1 * UM
+    assert of_seat["linearity of the sensor"] > 20 * UM
+    assert of_base["diameter of the artefact"] == 0.002
 
 
 OBLIQUE = Turned((Section("wide", 5.5, 10.5, 36.0), Section("narrow", 16.0, 24.0, 30.0)))
@@ -387,7 +377,7 @@ def test_ends_that_were_not_seen_stand_in_u(step, shape):
     found = inspect_turned(shaped, part)
     for name in ("cylindricity", "total_runout"):
         c = line(found, "base", name)
-        assert abs(c.value - 0.085) < c.U < 0.5 * 0.085
+        assert abs(c.value - 0.085) < c.U < 0.55 * 0.085
         assert "ends not seen" in budget(c)
         assert c.verdict != "conforms"
     level = inspect_turned(replace(surface, z=np.where(scale > 0, surface.z, np.nan)), part)

@@ -11,7 +11,7 @@ sensitivities to get wrong (those of the theory page are tests).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, tau
+from math import hypot, isfinite
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from truestand.core.assumptions import (
     BEARING_U,
     EXPANSION,
     INCIDENCE_U,
-    SCALE_U,
     SIDEWAYS_SHARE,
     SIDEWAYS_U,
     SPEED,
@@ -50,16 +49,12 @@ from truestand.uncertainty.influence import (
 from truestand.uncertainty.lines import (
     diameter_name,
     expanded_diameter,
-    linearity_name,
-    linearity_of,
     once_per_turn,
-    scale_name,
     stability_name,
     stability_of,
 )
+from truestand.uncertainty.range_errors import range_errors
 
-LINEARITY_PERIOD = 50.0
-"""mm of range over which a sensor's range error swings once, where its range isn't known."""
 UNKNOWN_ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
 """The calibration's unknowns in the order of the budget; each with what moves along with it."""
 BETWEEN_READINGS = "between readings"
@@ -326,25 +321,26 @@ def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[In
     """
     sensor = scan.stand.sensor
     direction = (cells.point - sensor_origins(calibration, cells.theta)) / cells.z[:, None]  # of one unit of range
-    z = cells.z
-    linearity, name = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
-    period = LINEARITY_PERIOD if sensor.range is None else sensor.range[1] - sensor.range[0]
-    wave = linearity * tau / period * (z - z.mean())
-    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     stated = "" if sensor.incidence_U is not None else ASSUMED
     incidence = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
     steep = _steepness(cells, direction)
     normal = cells.gradient / np.square(np.linalg.norm(cells.gradient, axis=1, keepdims=True))  # delta of 1
-    stretched = scale * (z - _shaft_range(calibration, z))
     return [
-        cells.influence(name, direction * linearity, linearity / 2),
-        cells.influence(name, direction * wave[:, None], linearity / 2),
-        cells.influence(scale_name(sensor), direction * stretched[:, None], scale / 2),
+        *_of_range(calibration, cells, direction),
         cells.influence(f"incidence on the flanks{stated}", normal * incidence, incidence / 2),
         cells.influence(f"incidence on the flanks{stated}", normal * (incidence * steep)[:, None], incidence / 2),
         *_of_stability(scan, calibration, cells),
         *_of_positioner(calibration, cells),
         *_of_wobble(calibration, cells),
+    ]
+
+
+def _of_range(calibration: Calibration, cells: SeenCells, direction: Array) -> list[Influence]:
+    """Errors of range, which move a reading by its ``direction`` (n, 3), and what the calibration took up of them."""
+    moves = cells.moves(calibration)
+    return [
+        cells.influence(e.name, direction * e.of_range(cells.z)[:, None] + np.tensordot(e.taken_up, moves, 1), e.u)
+        for e in range_errors(calibration)
     ]
 
 
@@ -414,15 +410,6 @@ def _steepness(cells: SeenCells, direction: Array) -> Array:
     )
     low, high = np.quantile(incidence, [0.02, 0.98])
     return np.asarray(np.clip((incidence - low) / max(high - low, 1e-6), 0.0, 1.0) - 0.5)
-
-
-def _shaft_range(calibration: Calibration, z: Array) -> float:
-    """Range at which the base of the shaft was seen: there the sensor's zero is tied to a diameter."""
-    if calibration.artefact is None:
-        return float(z.mean())
-    across = calibration.table_from_sensor.rotation[0]
-    gap = calibration.table_from_sensor.translation[0] - calibration.artefact.base.radius
-    return float(gap / max(-across[2], 1e-3))
 
 
 def _of_table(view: Weighed, cells: SeenCells, nominal: Involute) -> list[Influence]:

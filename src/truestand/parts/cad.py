@@ -8,7 +8,7 @@ model is fitted to all of their readings, and each of its patches has the mean o
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import degrees, sqrt, tau
+from math import degrees, hypot, sqrt, tau
 
 import numpy as np
 
@@ -53,6 +53,8 @@ GRID_MARGIN = 0.01
 MOST_PATCHES = 3_000_000
 """Cells of the grid, most of them empty; larger parts have larger patches."""
 STATISTICS = ("deviation_p95", "deviation_rms", "deviation_max", "deviation_min", "profile")
+EXTREMES = np.array([False, False, True, True, True])
+"""Of them, those that are maxima, or twice one."""
 WITHIN = "shape within a patch"
 LEAST_SEAM = 30
 """Patches that two views must both show to be held against each other."""
@@ -284,7 +286,7 @@ def _characteristics(
     if not at.size or status == "not_measurable":
         return tuple(_line(comparison, name, None, None, coverage) for name in STATISTICS)
     maps = patches.mean.ravel()[at]
-    clear = cleared(_statistics, maps, patches.noise.ravel()[at])
+    clear = cleared(_statistics, maps, patches.noise.ravel()[at], EXTREMES)
     value = _values(clear.value, float(np.median(maps)))
     beyond = _beyond_means(patches, on_model, value)
     U = _budgets(
@@ -353,14 +355,17 @@ def _budgets(
     rays, normal = _normals(comparison, model_from_shaft, flat)
     points, directions, facing = rays.points, rays.directions, normal @ model_from_shaft.rotation
     views = comparison.views
-    lifts = views.moves(flat, facing)
-    if lifts is None:
+    moves = views.moves(flat, facing)
+    if moves is None:
         return None
     jacobian, names = motions(comparison.part.fit, points, normal, np.median(points, axis=0))
     fitted = [i for i, name in enumerate(names) if name not in registration.free_motions]
     heights = views.first.calibration.height_known / budget_lines.K * facing[None, :, 2]
-    lifts, heights = (of - _taken_up(jacobian[:, fitted], of) for of in (lifts, heights))
-    U, of_height = (budget_lines.spread_of(_changes(maps, of)) for of in (lifts, heights))
+
+    def known(lifts: Array) -> Array:
+        return budget_lines.spread_of(_changes(maps, lifts - _taken_up(jacobian[:, fitted], lifts)))
+
+    of_height, of_view = known(heights), {name: known(lifts) for name, lifts in moves.items()}
     steep = float(np.sqrt(np.quantile(1.0 - np.square(np.einsum("ij,ij->i", normal, directions)), 0.95)))
     in_shaft = model_from_shaft.inverse(points)
     radius, height = np.hypot(in_shaft[:, 0], in_shaft[:, 1]), float(np.median(in_shaft[:, 2]))
@@ -369,15 +374,12 @@ def _budgets(
     for i, name in enumerate(STATISTICS):
         factor = 2.0 if name == "profile" else 1.0
         lines = [
-            budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
+            *(budget_lines.line(line, float(U[i])) for line, U in of_view.items()),
             budget_lines.line(HEIGHT_ZERO, float(of_height[i]), "rectangular"),
             budget_lines.line(budget_lines.NOISE, factor * budget_lines.K * float(noise[i])),
             budget_lines.line(INCIDENCE, factor * SLOPE_INCIDENCE_U / STEEP_TANGENT * steep),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(beyond[i]), "rectangular"),
-            *largest(
-                _of_view(view, comparison, factor, (float(radius.max()), float(np.ptp(radius)), height, arm))
-                for view in comparison.views.each
-            ),
+            *largest(_of_view(view, comparison, factor, float(radius.max()), arm) for view in comparison.views.each),
             *_of_datum(comparison, factor, height),
         ]
         budgets.append(budget_lines.together(lines))
@@ -396,18 +398,11 @@ def _normals(comparison: _Comparison, model_from_shaft: Pose, flat: Ints) -> tup
     return rays, np.where((hits.triangle >= 0)[:, None], comparison.solid.normal[hits.triangle], 0.0)
 
 
-def _of_view(
-    view: PartView, comparison: _Comparison, factor: float, extent: tuple[float, float, float, float]
-) -> list[Contribution]:
-    """What sensor and table add; ``extent`` of the part, mm: its outside, how deep it is seen, its height, and the arm
-    with which it turns.
-    """
-    (radius, depth, height, arm), calibration, fit = extent, view.calibration, comparison.part.fit
-    apart = max(budget_lines.range_apart(calibration, radius, height), depth)
+def _of_view(view: PartView, comparison: _Comparison, factor: float, radius: float, arm: float) -> list[Contribution]:
+    """What sensor and table add; ``radius`` of the part's outside, and the arm with which it turns, mm."""
+    calibration, fit = view.calibration, comparison.part.fit
     turning = calibration.eccentricity + (radius if fit == "none" else 0.0)
     return [
-        budget_lines.linearity_line(calibration, apart, factor, budget_lines.height_beyond(calibration, height)),
-        budget_lines.scale_line(calibration, factor * apart),
         budget_lines.artefact_line(calibration, factor / 2),
         budget_lines.stability_line(calibration, view.scan, factor),
         budget_lines.temperature_line(factor * radius, comparison.part.temperature),
@@ -447,26 +442,17 @@ def _seam_known(
     comparison: _Comparison, model_from_shaft: Pose, of: tuple[int, int], flats: Sequence[Ints]
 ) -> float | None:
     """U (mm, k = 2) of the mean difference of two views on readings (n,) of each; None where it is not known."""
-    lifts, sensors = [], []
+    means, stability = [], []
     for k, flat in zip(of, flats, strict=True):
-        rays, normal = _normals(comparison, model_from_shaft, flat)
-        lift = comparison.views.moves(flat, normal @ model_from_shaft.rotation)
-        if lift is None:
-            return None
-        in_shaft = model_from_shaft.inverse(rays.points)
-        radius, height = float(np.hypot(in_shaft[:, 0], in_shaft[:, 1]).max()), float(np.median(in_shaft[:, 2]))
         view = comparison.views.each[k]
-        apart = budget_lines.range_apart(view.calibration, radius, height)
-        sensors += [
-            budget_lines.linearity_line(
-                view.calibration, apart, arm=budget_lines.height_beyond(view.calibration, height)
-            ),
-            budget_lines.scale_line(view.calibration, apart),
-            budget_lines.stability_line(view.calibration, view.scan, 1.0),
-        ]
-        lifts.append(lift.mean(axis=1))
-    apart_by = budget_lines.K * float(np.linalg.norm(lifts[0] - lifts[1]))
-    return budget_lines.together([budget_lines.line(budget_lines.CALIBRATION, apart_by), *sensors])[1]
+        _, normal = _normals(comparison, model_from_shaft, flat)
+        moves = comparison.views.moves(flat, normal @ model_from_shaft.rotation)
+        if moves is None:
+            return None
+        means.append({name: lifts.mean(axis=1) for name, lifts in moves.items()})
+        stability.append(budget_lines.stability_line(view.calibration, view.scan, 1.0))
+    apart = [budget_lines.K * float(np.linalg.norm(mean - means[1][name])) for name, mean in means[0].items()]
+    return hypot(*apart, *(line.U for line in stability))
 
 
 def _taken_up(jacobian: Array, lifts: Array) -> Array:

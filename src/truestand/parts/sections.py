@@ -49,6 +49,8 @@ END_SHARE = 1e-3
 """Of a section's readings: those beyond its ends as seen may be strays."""
 TREND_PASSES = 2
 """The second from readings that the first has brought to the middle of their cells."""
+EXTREMES = np.array([False, True, True, True, True])
+"""Of the statistics, those that are ranges: all but the diameter."""
 BLOCK = 256
 """Profiles worked on at once."""
 
@@ -209,10 +211,10 @@ def figures_of(inspected: Inspected, section: Section, seen: Seen, fine: bool = 
     def read(maps: Array) -> Array:
         return read_rings(rings, maps).statistics
 
-    clear = cleared(read, used, patches.noise)
+    clear = cleared(read, used, patches.noise, EXTREMES)
     more, whole = (read_trend(rings, used, seen.trend, *between) for between in (seen.ends, (seen.low, seen.high)))
     value = np.append(reading.statistics[0], clear.value[1:]) + more  # a mean has no bias
-    noise = clear.u * _rougher(patches, rings, used)
+    noise = np.append(clear.scatter[0], clear.u[1:]) * _rougher(patches, rings, used)
     floor = from_noise(read, used, patches.noise)
     edges = _read_edges(grid, readings, patches, rings, used, tau / inspected.a_turn)
     return Figures(grid, readings, patches, rings, used, reading, value, more, whole - more, edges, noise, floor)

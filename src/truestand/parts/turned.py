@@ -50,8 +50,6 @@ FORM = (
     ("runout", "runout_limit", "ISO 1101 circular radial run-out"),
     ("total_runout", "total_runout_limit", "ISO 1101 total radial run-out"),
 )
-WHOLE = ("cylindricity", "total_runout")
-"""Read over the whole height of a section, along which the range of an oblique sensor changes."""
 WITHIN, ENDS, EDGES = "shape within a cell", "ends not seen", "edges between readings"
 SIZE = "ISO 14405-1 GG (least squares)"
 
@@ -239,21 +237,25 @@ def _characteristic(
     )  # fmt: skip
 
 
-def _moved(inspected: Inspected, found: Figures) -> Array | None:
-    """How the statistics change (2, k, 5) with each independent part of the calibration's U; None: not known."""
+def _known(inspected: Inspected, found: Figures) -> dict[str, Array] | None:
+    """U (5,) mm of the statistics for the calibration and for errors of the sensor's range; None: not known."""
     rings, used, pick = found.rings, found.used, found.patches.pick.ravel()
     at = np.flatnonzero(pick >= 0)
     flat = found.readings.flat[pick[at]]
     psi = np.broadcast_to(rings.angle, used.shape).ravel()[at]
     outward = np.stack([np.cos(psi), np.sin(psi), np.zeros_like(psi)], axis=-1) @ inspected.datum.pose.rotation
-    lifts = PartViews((inspected.view,)).moves(flat, outward)
-    if lifts is None:
+    moves = PartViews((inspected.view,)).moves(flat, outward)
+    if moves is None:
         return None
-    maps = np.zeros((len(lifts), used.size))
-    maps[:, at] = lifts
-    maps = maps.reshape(-1, *used.shape)
     still = read_rings(rings, used).statistics
-    return np.stack([read_rings(rings, used + sign * maps).statistics - still for sign in (1.0, -1.0)])
+
+    def changes(lifts: Array) -> Array:
+        maps = np.zeros((len(lifts), used.size))
+        maps[:, at] = lifts
+        maps = maps.reshape(-1, *used.shape)
+        return np.stack([read_rings(rings, used + sign * maps).statistics - still for sign in (1.0, -1.0)])
+
+    return {name: budget_lines.spread_of(changes(lifts)) for name, lifts in moves.items()}
 
 
 def _budgets(
@@ -263,24 +265,18 @@ def _budgets(
 
     ``within`` (5,) mm: by how much cells may flatten what they read.
     """
-    moved = _moved(inspected, found)
-    if moved is None:
+    known = _known(inspected, found)
+    if known is None:
         return [None] * len(STATISTICS)
     calibration, rings, reading = inspected.view.calibration, found.rings, found.reading
-    U = budget_lines.spread_of(moved)
-    seen = rings.height[rings.used]
-    apart = budget_lines.range_apart(calibration, rings.radius, float(seen.mean()))
-    arm = budget_lines.height_beyond(calibration, float(seen.mean()))
     middle = (section.bottom + section.top) / 2
     offset = hypot(*reading.centres[rings.used].mean(axis=0))
     travel = 2 * (calibration.eccentricity + offset)
-    along = budget_lines.range_along(calibration, rings.radius, (float(seen.min()), float(seen.max())))
-    over_all = budget_lines.linearity_line(calibration, travel + along, arm=float(np.ptp(seen)))
     axis = [replace(c, U=2 * c.U) for c in inspected.datum.lines(middle)]  # an axis aside by c shows as 2 c
     budgets: list[tuple[tuple[Contribution, ...], float] | None] = []
     for i, name in enumerate(STATISTICS):
         lines = [
-            budget_lines.line(budget_lines.CALIBRATION, float(U[i])),
+            *(budget_lines.line(line, float(U[i])) for line, U in known.items()),
             budget_lines.line(budget_lines.NOISE, budget_lines.K * float(found.noise[i])),
             budget_lines.line(WITHIN, 2 / sqrt(3.0) * float(within[i]), "rectangular"),
             budget_lines.line(EDGES, 2 / sqrt(3.0) * float(found.edges[i]), "rectangular"),
@@ -288,17 +284,13 @@ def _budgets(
         ]
         if name == "d":
             lines += [
-                budget_lines.linearity_line(calibration, apart, 2.0, arm),
-                budget_lines.scale_line(calibration, 2 * apart),
                 budget_lines.temperature_line(section.diameter, inspected.part.temperature),
                 budget_lines.artefact_line(calibration, 1.0),
                 budget_lines.stability_line(calibration, inspected.view.scan, 2.0),
             ]  # fmt: skip
         else:
             lines += [
-                over_all if name in WHOLE else budget_lines.linearity_line(calibration, travel),
                 budget_lines.bearing_line(calibration, 2.0),
-                budget_lines.scale_line(calibration, float(reading.statistics[i])),
             ]  # fmt: skip
         if name.endswith("runout"):
             lines += [*axis, budget_lines.zero_line(calibration.eccentricity, 2.0),

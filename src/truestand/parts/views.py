@@ -18,11 +18,12 @@ from truestand.core.scan import Scan
 from truestand.core.surface import Surface, sensor_origins, stacked, surface_of, table_angle
 from truestand.uncertainty.influence import (
     independent_parts,
-    influence,
     influence_of_view,
     joint_covariance,
     joint_parts,
 )
+from truestand.uncertainty.lines import CALIBRATION
+from truestand.uncertainty.range_errors import range_errors
 
 
 @dataclass(frozen=True)
@@ -90,9 +91,10 @@ class PartViews:
         """Which view each of some profiles (n,) is of."""
         return surface_of(row, [view.surface for view in self.each])
 
-    def moves(self, flat: Ints, normal: Array) -> Array | None:
-        """By how much each independent part of the covariance lifts readings, ``flat`` (n,) in the scan of all, along
-        their ``normal`` (n, 3): (k, n) mm, what views share at once. None where a record carries no covariance.
+    def moves(self, flat: Ints, normal: Array) -> dict[str, Array] | None:
+        """By how much the calibration and errors of the sensors' range lift readings, ``flat`` (n,) in the scan of all,
+        along their ``normal`` (n, 3): by the budget's line, each independent part's (k, n) mm, standard. What views
+        share lifts all of them at once. None where a record carries no covariance.
         """
         calibrations = [view.calibration for view in self.each]
         alone = calibrations[0].joint is None
@@ -101,19 +103,22 @@ class PartViews:
             return None
         row, column = np.divmod(flat, self.surface.x.shape[1])
         of, lifts = self.view_of(row), np.zeros((parts.shape[0], flat.size))
-        unknowns, first = UNKNOWNS if alone else VIEW_UNKNOWNS, 0
+        unknowns, first, of_range = UNKNOWNS if alone else VIEW_UNKNOWNS, 0, dict[str, list[Array]]()
         for k, view in enumerate(self.each):
             on = of == k
             own, at = row[on] - first, column[on]
+            points = self._points(row[on], at)
             x, z, angle = view.scan.x[own, at], view.scan.z[own, at], view.angle[own]
-            if alone:
-                follow = influence(view.calibration, x, z, angle)
-            else:
-                follow = influence_of_view(view.calibration, self._points(row[on], at), x, z, angle)
+            follow = influence_of_view(view.calibration, points, x, z, angle)
             lifted = np.einsum("unc,nc->un", follow, normal[on])
-            lifts[:, on] = parts[:, k * unknowns : (k + 1) * unknowns] @ lifted
+            lifts[:, on] = parts[:, k * unknowns : (k + 1) * unknowns] @ lifted[:unknowns]
+            along = np.einsum("nc,nc->n", points - self.origins[row[on]], normal[on]) / z
+            for error in range_errors(view.calibration):
+                lift = np.zeros(flat.size)
+                lift[on] = (along * error.of_range(z) + error.taken_up @ lifted) / K
+                of_range.setdefault(error.name, []).append(lift)
             first += view.scan.profiles
-        return lifts
+        return {CALIBRATION: lifts} | {name: np.stack(each) for name, each in of_range.items()}
 
     def _points(self, row: Ints, column: Ints) -> Array:
         """Places (n, 3) mm in C of some readings."""

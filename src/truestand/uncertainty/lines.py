@@ -1,6 +1,6 @@
 """Lines of a part's budget that come with stand, sensor and calibration, whatever the part is."""
 
-from math import hypot, radians, sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -12,15 +12,12 @@ from truestand.core.assumptions import (
     BEARING_U,
     DIAMETER_U,
     ENCODER_U,
-    SCALE_U,
-    SMOOTH,
     SPEED,
     STABILITY_U,
     STEADY_U,
 )
 from truestand.core.assumptions import K as K
 from truestand.core.calibration import Calibration, Contribution, StaticProfile
-from truestand.core.frames import LaserPlane, sensor_parameters
 from truestand.core.scan import Scan
 from truestand.core.stand import Sensor
 from truestand.core.temperature import Temperature
@@ -51,35 +48,9 @@ def linearity_name(sensor: Sensor) -> str:
     return LINEARITY + (ASSUMED if sensor.linearity_U is None else "")
 
 
-def linearity_line(calibration: Calibration, distance: float, factor: float = 1.0, arm: float = 0.0) -> Contribution:
-    """From the sensor's linearity between surfaces ``distance`` mm apart in range, ``factor`` times.
-
-    The calibration has taken up the error at the shaft's own surface. The error is smooth: over SMOOTH mm it changes by
-    all that the data sheet states (or is assumed, or the scan of the shaft shows), over less by a share of it. What
-    changes along the shaft under an oblique sensor turned the sensor as the calibration found it: that shows over an
-    ``arm`` (mm of height), too, the same way at worst.
-    """
-    sensor = calibration.stand.sensor
-    U = linearity_of(sensor, calibration.static_profiles) * min(1.0, abs(distance) / SMOOTH)
-    return line(linearity_name(sensor), factor * (U + arm * _turned_by_linearity(calibration)))
-
-
-def _turned_by_linearity(calibration: Calibration) -> float:
-    """U (rad, k = 2) of the sensor's angle to the axis for its linearity; 0 where the record doesn't say."""
-    known = calibration.uncertainty.get("phi_deg")
-    of_sensor = () if known is None else (c.U for c in known.contributions if c.name.startswith(LINEARITY))
-    return radians(hypot(*of_sensor))
-
-
 def scale_name(sensor: Sensor) -> str:
     """Name of the budget's line."""
     return "scale of the sensor" + (ASSUMED if sensor.scale_U is None else "")
-
-
-def scale_line(calibration: Calibration, distance: float) -> Contribution:
-    """From the sensor's scale over ``distance`` mm."""
-    stated = calibration.stand.sensor.scale_U
-    return line(scale_name(calibration.stand.sensor), abs(distance) * (SCALE_U if stated is None else stated))
 
 
 def stability_of(calibration: Calibration, scan: Scan) -> float:
@@ -150,50 +121,6 @@ def expanded_diameter(base: Cylinder) -> float:
 def diameter_name(base: Cylinder | None) -> str:
     """Name of the budget's line."""
     return "diameter of the artefact" + (ASSUMED if base is not None and base.diameter_U is None else "")
-
-
-def range_apart(calibration: Calibration, radius: float, height: float) -> float:
-    """How far (mm) a surface lies from the middle of what was seen of the shaft's base, where its diameter was used:
-    outwards, or in range, for an oblique sensor sees elsewhere what stands higher.
-    """
-    outwards = abs(radius - base_radius(calibration))
-    seen = _base_seen(calibration)
-    if calibration.artefact is None or seen is None:
-        return outwards
-    heights = np.array([height - calibration.height, seen.mean()])
-    z = _ranges(calibration, np.array([radius, calibration.artefact.base.radius]), heights)
-    return max(outwards, float(abs(z[0] - z[1])))
-
-
-def height_beyond(calibration: Calibration, height: float) -> float:
-    """How far (mm) a height in C lies above or below all that was seen of the shaft's base."""
-    seen = _base_seen(calibration)
-    at = height - calibration.height
-    return 0.0 if seen is None else max(float(seen.min()) - at, at - float(seen.max()), 0.0)
-
-
-def _base_seen(calibration: Calibration) -> Array | None:
-    """Heights (n,) mm, of the view's own C, at which the base was seen; None where the record doesn't say."""
-    base = None if calibration.artefact is None else calibration.artefact.base.name
-    return next((s.height for s in calibration.static_profiles if s.surface == base), None)
-
-
-def range_along(calibration: Calibration, radius: float, heights: tuple[float, float]) -> float:
-    """By how much (mm) the range changes from one of two ``heights`` to the other on a cylinder of some radius, mm."""
-    at = np.array(heights) - calibration.height
-    return float(np.ptp(_ranges(calibration, np.full(2, radius), at)))
-
-
-def _ranges(calibration: Calibration, radius: Array, height: Array) -> Array:
-    """Ranges (n,) mm at which the sensor reads cylinders of some radii (n,) at heights (n,), mm in its own C."""
-    phi, radial, origin, _, _ = sensor_parameters(calibration.table_from_sensor)
-    _, z = LaserPlane(phi, radial, origin).from_uv(radius, height)
-    return z
-
-
-def base_radius(calibration: Calibration) -> float:
-    """Radius (mm) at which the sensor's radial position was found; 0 where the record has no drawing."""
-    return 0.0 if calibration.artefact is None else calibration.artefact.base.radius
 
 
 def spread_of(changes: Array) -> Array:

@@ -1,0 +1,105 @@
+"""Errors of a sensor's range on their way to a part.
+
+The calibration read the shaft by the same sensor. What is wrong with its range where it saw the base was taken for
+where the sensor stands: a level for its radial position, a slope along the shaft for its angle, and at the shoulder's
+face a level for its height. A part shows what is wrong with the range where it lies, less what was taken up so, the
+more of it the farther it lies from the shaft. The two belong together: near the shaft they cancel, beyond it they may
+add up.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import tau
+
+import numpy as np
+
+from truestand.core.arrays import Array
+from truestand.core.assumptions import SCALE_U, K
+from truestand.core.calibration import HEIGHT, VIEW_UNKNOWNS, Calibration
+from truestand.core.frames import PHI, RADIAL, LaserPlane
+from truestand.uncertainty.influence import unknowns_of
+from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
+
+WAVES = (1, 2)
+"""Over the sensor's range: a smooth error is made of them, the first as large as its linearity, the second half of it.
+"""
+PERIOD = 50.0
+"""mm of range that the first of them takes, where the range isn't known."""
+STEP = 1e-6
+"""rad: to differentiate by."""
+
+
+@dataclass(frozen=True, slots=True)
+class RangeError:
+    """One error of a sensor's range, as large as its U (k = 2), and what a calibration takes up of it."""
+
+    name: str
+    """Of its line in the budget."""
+    u: float
+    """Standard uncertainty of the input (mm or relative)."""
+    of_range: Callable[[Array], Array]
+    """mm by which a range is read too long, along its ray."""
+    taken_up: Array
+    """(``VIEW_UNKNOWNS``,) mm and rad: by how much the calibration's unknowns, azimuth and height are off for it."""
+
+
+def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
+    """Linearity and scale of a view's sensor."""
+    sensor = calibration.stand.sensor
+    linearity, name = linearity_of(sensor, calibration.static_profiles), linearity_name(sensor)
+    scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
+    low, high = sensor.range or (0.0, PERIOD)
+
+    def wave(n: int, shape: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        return lambda z: linearity / n * shape(n * tau / (high - low) * (z - low))
+
+    def stretch(z: Array) -> Array:
+        return scale * (z - (low + high) / 2)
+
+    waves = [(name, linearity / n / K, wave(n, shape)) for n in WAVES for shape in (np.cos, np.sin)]
+    found = [*waves, (scale_name(sensor), scale / K, stretch)]
+    return tuple(RangeError(name, u, error, _taken_up(calibration, error)) for name, u, error in found)
+
+
+def _taken_up(calibration: Calibration, error: Callable[[Array], Array]) -> Array:
+    """By how much (``VIEW_UNKNOWNS``,) mm and rad the calibration is off for an error over range: the angle by its
+    slope along the longest cylinder in view, the radial position by its level on the base, the height by that of the
+    shoulder's face.
+    """
+    off, artefact = np.zeros(VIEW_UNKNOWNS), calibration.artefact
+    if artefact is None:
+        return off
+    base, radii = artefact.base, {c.name: c.radius for c in artefact.cylinders}
+    by_shoulder = {base.name: np.clip(np.zeros(1), base.bottom, base.top)}  # where the record doesn't say what was seen
+    seen = by_shoulder | {s.surface: s.height for s in calibration.static_profiles if s.surface in radii}
+    longest = max(seen, key=lambda name: float(np.ptp(seen[name])))
+    if seen[longest].size > 1:
+        (turned, _), (read, _) = _moves(calibration, radii[longest], seen[longest], error)
+        off[PHI] = -_slope(seen[longest], read) / _slope(seen[longest], turned)
+    (turned, _), (read, _) = _moves(calibration, base.radius, seen[base.name], error)
+    off[RADIAL] = -float((read + off[PHI] * turned).mean())
+    if len(radii) > 1:
+        inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
+        where = outer if "height" in calibration.not_identifiable else (inner + outer) / 2  # the edge, or the face
+        (_, turned), (_, read) = _moves(calibration, where, np.array([artefact.shoulder]), error)
+        off[HEIGHT] = -float((read + off[PHI] * turned).mean())
+    return off
+
+
+def _moves(
+    calibration: Calibration, radius: float, height: Array, error: Callable[[Array], Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """How readings of places at a radius and at heights (n,), mm, move outwards and along the shaft with the sensor's
+    angle, mm a rad, and by the ``error`` of their range, mm.
+    """
+    unknowns, origin = unknowns_of(calibration)
+    phi, radial = unknowns[PHI], unknowns[RADIAL]
+    plane, turned = LaserPlane(phi, radial, origin), LaserPlane(phi + STEP, radial, origin)
+    x, z = plane.from_uv(np.full(height.size, radius), height)
+    along_ray = 1.0 + error(z) / z
+    (u, v), (u_read, v_read) = turned.to_uv(x, z), plane.to_uv(x * along_ray, z * along_ray)
+    return ((u - radius) / STEP, (v - height) / STEP), (u_read - radius, v_read - height)
+
+
+def _slope(height: Array, values: Array) -> float:
+    return float(np.polyfit(height, values, 1)[0])
