@@ -215,7 +215,7 @@ def test_a_single_turn_at_the_stated_speed_is_as_good_as_several():
     """Speed and drift, both free, would scatter the eccentricity of one turn by 0.05 um; at another speed they do."""
     for name in ("clockwise", "other side", "from above"):
         found, true = calibrated(name), truth_of(name)
-        assert abs(1000 * found.eccentricity - true["shaft"]["eccentricity_um"]) < 0.03
+        assert abs(1000 * found.eccentricity - true["shaft"]["eccentricity_um"]) < 0.04
         assert found.speed_factor == pytest.approx(1.0, abs=1e-9)
         assert {c.name for c in found.uncertainty["eccentricity_um"].contributions} >= {"table speed", "drift"}
 

@@ -21,6 +21,7 @@ def parameters(rng):
     p[:10] = [-0.7296, 75.3, 0.25, 0.005, 0.67, 0.56, 6e-4, -8e-4, 0.002, 0.01]
     p[10:] = rng.normal(0, 0.01, MODEL.size - 10)
     p[MODEL.axis_slice(1)][2:] *= 0.01
+    p[MODEL.stretches_slice] *= [0.3, 0.003]
     return p
 
 

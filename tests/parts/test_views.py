@@ -88,7 +88,7 @@ def test_u_is_the_same_in_the_frame_of_another_view():
     placed = inspect_turned(surfaces()[1], STEPPED)
     own = inspect_turned(roll(scans(OVAL)[1], calibrated()), STEPPED)
     for a, b in zip(placed.characteristics, own.characteristics, strict=True):
-        assert pytest.approx(b.U, rel=0.2, abs=0.7 * UM) == a.U  # what is left of 1 um of noise scatters
+        assert pytest.approx(b.U, rel=0.25, abs=0.7 * UM) == a.U  # what is left of 1 um of noise scatters
 
 
 @pytest.mark.more

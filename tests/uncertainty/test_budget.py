@@ -20,7 +20,7 @@ def found():
     return calibrate(scan_of("encoder"), shaft())
 
 
-def test_every_quantity_names_at_least_seven_inputs_and_eccentricity_thirteen(found):
+def test_every_quantity_names_at_least_seven_inputs_and_eccentricity_fourteen(found):
     for key, u in found.uncertainty.items():
         assert len(u.contributions) >= 7, key
         for line in u.contributions:
@@ -28,7 +28,7 @@ def test_every_quantity_names_at_least_seven_inputs_and_eccentricity_thirteen(fo
             assert line.sensitivity is not None
             assert line.distribution in ("normal", "rectangular")
             assert line.dof > 0
-    assert len(found.uncertainty["eccentricity_um"].contributions) == 13
+    assert len(found.uncertainty["eccentricity_um"].contributions) == 14
     assert len({c.name for u in found.uncertainty.values() for c in u.contributions}) >= 8
 
 

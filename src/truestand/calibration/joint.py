@@ -23,7 +23,7 @@ from math import cos, hypot, pi, sqrt
 import numpy as np
 
 from truestand.calibration.estimate import solve
-from truestand.calibration.model import FIXED_U, Prior, precision_of
+from truestand.calibration.model import FIXED_U, STRETCH, Prior, precision_of
 from truestand.calibration.refine import Refined
 from truestand.calibration.result import height_zero_u
 from truestand.core.arrays import Array, Ints
@@ -40,7 +40,6 @@ MOST_ALIKE = 16.0
 """By how much another azimuth may fit worse (chi-square) and still be the right one."""
 NOT_KNOWN_U = pi / sqrt(3.0)
 """rad: standard uncertainty of an azimuth of which nothing is known."""
-STRETCH = "linearity of the sensor over the shaft's travel"
 AZIMUTH, HEIGHT = "azimuth of the view", "height between views"
 SETTLED = 1e-9
 """mm or rad."""
@@ -260,24 +259,16 @@ def _stretches(
     fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], u: float, first: int
 ) -> tuple[Stretch, ...]:
     """How a sensor whose range errs by ``u`` (mm, standard), smoothly over ``SMOOTH``, stretches what it sees of the
-    base, and of further cylinders against that; they stand from ``first`` on.
+    base; they stand from ``first`` on. What it does to further cylinders against that, each view's fit knows.
     """
-    shared = seen["offset", fit.segments.bands[0].cylinder, 1]
-    _, range_of_base = fit.plane.from_uv(*_middle(fit, 0))
+    base = fit.segments.bands[0].cylinder
+    shared = seen["offset", base, 1]
     aslant = abs(cos(fit.solution.parameters[PHI]))  # of range along the shaft
-    found: list[Stretch] = []
-    for k, band in enumerate(fit.segments.bands):
-        _, z = fit.plane.from_uv(*_middle(fit, k))
-        apart = sqrt(2.0) * min(abs(float(z - range_of_base)) / SMOOTH, 1.0) if k else 1.0
-        changing = sqrt(2.0) * aslant / SMOOTH
-        for name, share in (("offset", apart), ("slope", changing)):
-            found.append(Stretch(pairs[name, band.cylinder, 1], shared, first + len(found), share * u / SMOOTH))
-    return tuple(found)
-
-
-def _middle(fit: Refined, k: int) -> tuple[Array, Array]:
-    """Where in the laser plane (mm) the middle of a cylinder is seen."""
-    return np.asarray(fit.model.radii[k]), np.asarray(fit.segments.bands[k].middle)
+    shares = {"offset": 1.0, "slope": sqrt(2.0) * aslant / SMOOTH}
+    return tuple(
+        Stretch(pairs[name, base, 1], shared, first + n, share * u / SMOOTH)
+        for n, (name, share) in enumerate(shares.items())
+    )
 
 
 def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:

@@ -1,13 +1,14 @@
 """The exact model of the stand: what a reading (x, z) at table angle theta says about the shaft.
 
-    p_T = (u - static(s) - bearing(theta), d + v sin(alpha), v cos(alpha))
+    p_T = (u - static(s) - bearing(theta) - stretch(v) travel(theta), d + v sin(alpha), v cos(alpha))
     p_R = Rz(-theta) p_T
     residual = (distance of p_R to the cylinder's axis - R - form(psi)) / cosine of the normal to T's X
 
 u, v: radial and axial position in the laser plane. Unknowns: the sensor's phi, radial position, laser-plane offset d
 and tilt alpha; the shaft's eccentricity and tilt; optionally the table speed; a linear drift; per further cylinder its
 axis against the base's (with the certificate's prior); per cylinder form harmonics 2..n and a free static profile;
-waves 2..n of the table's bearing, which move all cylinders alike. The static profile absorbs whatever does not turn
+waves 2..n of the table's bearing, which move all cylinders alike; per further cylinder by how much more than the base's
+its travel towards the sensor shows, in step with it. The static profile absorbs whatever does not turn
 with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
 (docs/theory.md, *What the data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands
 at the end of this file.
@@ -15,7 +16,7 @@ at the end of this file.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import cos, hypot, sin
+from math import cos, hypot, sin, sqrt
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -24,7 +25,7 @@ from truestand.calibration.segment import Segments
 from truestand.calibration.start import RoughStand
 from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
-from truestand.core.assumptions import COAXIALITY_U, SMOOTH
+from truestand.core.assumptions import COAXIALITY_U, SMOOTH, K
 from truestand.core.frames import (
     ECCENTRICITY,
     ECCENTRICITY_X,
@@ -63,6 +64,7 @@ STEEP_ENOUGH = 0.3
 MOUNTING = "mounting of the laser plane"
 COAXIALITY = "coaxiality of the steps"
 WEAK = "form and static profile"
+STRETCH = "linearity of the sensor over the shaft's travel"
 BEARING = "waves of the table's bearing"
 CLAMPING_U = 0.04
 """rad, k = 2: no shaft runs more tilted than this."""
@@ -75,6 +77,8 @@ FIXED_U = 1e-10
 STATIC_U = 0.1
 """mm, k = 2, of each Legendre coefficient of the static profile: no sensor is less linear. Without it, the polynomials
 of a short stretch that the shaft's wobble moves over a longer range could take up its slope, and phi with it."""
+LEAST_TRAVEL = 0.05
+"""mm of eccentricity below which an axis aside counts no more."""
 BEARING_WAVE_U = 0.01
 """mm, k = 2, of each wave of the bearing: what can't be told from form that all cylinders share passes for form."""
 CONSIDERED_U = 1e-7
@@ -122,6 +126,8 @@ class Model:
     """mm, per cylinder: the part of that coordinate that is mapped to -1..1."""
     longest: int = 0
     """The cylinder whose static profile has no slope, so that phi rests on it: the longest in view."""
+    eccentricity: float = 0.0
+    """mm, roughly: of the base."""
     axes: tuple[tuple[float, float, float, float], ...] = ()
     """Offset x, y (mm) and slope x, y of the further cylinders' axes against the base's, as far as they are known; the
     unknowns count from there. Empty: coaxial."""
@@ -129,7 +135,7 @@ class Model:
     @property
     def size(self) -> int:
         """Number of unknowns, p."""
-        return int(self.bearing_slice.stop)
+        return int(self.stretches_slice.stop)
 
     def static_degrees(self, cylinder: int) -> list[int]:
         """Legendre degrees of the free static profile: all but the base's constant (its diameter) and one slope."""
@@ -165,6 +171,17 @@ class Model:
     def bearing_slice(self) -> slice:
         """Radial waves of the table's bearing: cos 2..orders, then sin 2..orders (mm) of the table's angle."""
         return self.form_slice(len(self.radii))
+
+    @property
+    def stretches_slice(self) -> slice:
+        """Stretch of all further cylinders, one behind the other."""
+        start = self.bearing_slice.stop
+        return slice(start, start + 2 * (len(self.radii) - 1))
+
+    def stretch_slice(self, cylinder: int) -> slice:
+        """By how much, relative, and (1/mm) how that changes along it, a further cylinder's travel shows larger."""
+        start = self.stretches_slice.start + 2 * (cylinder - 1)
+        return slice(start, start + 2)
 
     def angle(self, parameters: Array, nominal: Array) -> Array:
         """Table angle with the estimated speed, rad."""
@@ -227,6 +244,8 @@ class Model:
             return np.asarray(residual)
         slope = _slope(a, b, cosines, sines)
         self._fill_geometry(jacobian, p, r, at, at.normal)
+        if k:
+            self._fill_stretch(jacobian, p, r, at, k)
         over_geometry, over_angle = self._slopes_of_middle(p, k, at)
         jacobian[:, :UNKNOWNS] -= slope[:, None] * over_geometry
         # A table that turns on shows the next form, and the bearing's next move.
@@ -255,9 +274,13 @@ class Model:
         c, s = np.cos(angle), np.sin(angle)
         bearing = _waves(c, s, self.orders)
         waves = p[self.bearing_slice] @ np.vstack(bearing)
-        u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)] - waves
-        point = np.stack([c * u + s * y, c * y - s * u, z])
         ex, ey, tx, ty = _axis(self, p, k)
+        travel = c * (ex + tx * z) - s * (ey + ty * z)
+        u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)] - waves
+        if k:
+            more, along_it = p[self.stretch_slice(k)]
+            u = u - (more + along_it * (v - self.middles[k])) * travel
+        point = np.stack([c * u + s * y, c * y - s * u, z])
         length = np.sqrt(tx * tx + ty * ty + 1.0)
         away = point - np.array([[ex], [ey], [0.0]])
         lengthwise = (tx * away[0] + ty * away[1] + away[2]) / length
@@ -266,7 +289,7 @@ class Model:
         normal /= distance
         towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
         return _ReadingGeometry(
-            across, along, static, bearing, v, c, s, point, lengthwise / length, normal, distance, towards
+            across, along, static, bearing, travel, v, c, s, point, lengthwise / length, normal, distance, towards
         )
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
@@ -284,6 +307,21 @@ class Model:
         jacobian[:, DRIFT] = across * r.time
         turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
         jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
+
+    def _fill_stretch(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", k: int) -> None:
+        """Columns of a further cylinder's stretch, and what it adds to those that its travel follows."""
+        ex, ey, tx, ty = _axis(self, p, k)
+        more, along_it = p[self.stretch_slice(k)]
+        up, z = at.v - self.middles[k], cos(p[PLANE_TILT]) * at.v
+        stretched = -at.travel * jacobian[:, RADIAL]
+        jacobian[:, self.stretch_slice(k)] = np.stack([stretched, stretched * up], axis=1)
+        share = -(more + along_it * up) * jacobian[:, RADIAL]
+        for column, slope in ((ECCENTRICITY_X, at.c), (ECCENTRICITY_Y, -at.s)):
+            jacobian[:, column] += share * slope
+        for column, slope in ((TILT_X, at.c), (TILT_Y, -at.s)):
+            jacobian[:, column] += share * slope * z
+        turning = -at.s * (ex + tx * z) - at.c * (ey + ty * z)
+        jacobian[:, SPEED] += share * turning * (r.angle - self.start_angle)
 
     def _azimuth_of_middle(self, p: Array, k: int, at: "_ReadingGeometry") -> Array:
         """Azimuth in T (n,) rad at which the middle of cylinder ``k`` is met: it runs ahead of what turns by."""
@@ -327,6 +365,8 @@ class _ReadingGeometry:
     static: Array
     bearing: tuple[Array, Array]
     """cos and sin (orders - 1, n) of 2..orders times the table's angle."""
+    travel: Array
+    """mm by which its axis stands towards the sensor."""
     v: Array
     c: Array
     s: Array
@@ -407,6 +447,7 @@ def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughSt
         static_axis=axis,
         static_spans=tuple(spans),
         longest=segments.longest,
+        eccentricity=eccentricity,
     )
 
 
@@ -433,6 +474,7 @@ def carried(before: Model, after: Model, parameters: Array) -> Array:
         p[after.form_slice(k)].reshape(2, -1)[:, : old.shape[1]] = old
     old = parameters[before.bearing_slice].reshape(2, -1)
     p[after.bearing_slice].reshape(2, -1)[:, : old.shape[1]] = old
+    p[after.stretches_slice] = parameters[before.stretches_slice]
     return p
 
 
@@ -482,9 +524,29 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             priors.append(Prior(WEAK, (i,), u))
         if forms.stop > forms.start:
             priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
+    coaxial = [(artefact.cylinders[band.cylinder].coaxiality_U or COAXIALITY_U) / K for band in segments.bands[1:]]
+    priors += stretches_for(model, scan, segments, coaxial)
     bearing = model.bearing_slice
     if bearing.stop > bearing.start:
         priors.append(Prior(BEARING, tuple(range(bearing.start, bearing.stop)), BEARING_WAVE_U / 2))
+    return tuple(priors)
+
+
+def stretches_for(model: Model, scan: Scan, segments: Segments, aside: Iterable[float]) -> tuple[Prior, ...]:
+    """How much more the travel of further cylinders may show than the base's: a range that errs smoothly stretches what
+    lies elsewhere in it otherwise; and axes may be ``aside`` (mm, standard) along the eccentricity, which tells nothing
+    of the laser plane.
+    """
+    plane, error = LaserPlane(segments.phi, segments.radial, segments.height), scan.stand.sensor.linearity / K
+    _, z = plane.from_uv(np.array(model.radii), np.array([band.middle for band in segments.bands]))
+    changing, priors = sqrt(2.0) * error / SMOOTH, list[Prior]()
+    for k, (band, off) in enumerate(zip(segments.bands[1:], aside, strict=True), 1):
+        at, share = model.stretch_slice(k).start, off / max(model.eccentricity, LEAST_TRAVEL)
+        apart = min(abs(float(z[k] - z[0])) / SMOOTH, 1.0)
+        priors += [
+            Prior(STRETCH, (at,), hypot(share, changing * apart)),
+            Prior(STRETCH, (at + 1,), hypot(share / band.length, changing * abs(cos(segments.phi)) / SMOOTH)),
+        ]
     return tuple(priors)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from truestand.calibration.calibrate import fit_of
 from truestand.calibration.estimate import solve
-from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, Model, precision_of
+from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, STRETCH, Model, precision_of, stretches_for
 from truestand.calibration.refine import Refined, refine_again
 from truestand.calibration.result import calibration_of
 from truestand.calibration.segment import segment
@@ -47,7 +47,7 @@ MOST_MOVED_MM = 0.01
 """By which the sensor may have moved from one scan to the next."""
 LEAST_MOVED_MM = 0.002
 """Beyond four standard deviations, by which the scans' laser planes may differ."""
-SHARED_PRIORS = (MOUNTING, COAXIALITY)
+SHARED_PRIORS = (MOUNTING, COAXIALITY, STRETCH)
 """What is known beforehand of the unknowns that all scans share."""
 CLAMPED = f"clamping angles{ASSUMED}"
 MOVED = "move of the sensor between the scans"
@@ -194,6 +194,7 @@ def fits_on_common_axes(
     A fit to coaxial steps puts their offsets into other unknowns, and takes what does not fit there for outliers: so
     the axes that come out are given back to each scan until they settle.
     """
+    fits = tuple(_in_step(scan, fit) for scan, fit in zip(scans, fits, strict=True))
     joint = together(fits, clamped)
     for _ in range(MOST_REFITS):
         axes = _axes_of(joint)
@@ -205,6 +206,12 @@ def fits_on_common_axes(
         if np.abs(_axes_of(joint) - axes)[:, :2].max(initial=0.0) < SETTLED_MM:
             break
     return fits, joint
+
+
+def _in_step(scan: Scan, fit: Refined) -> Refined:
+    """The fit with nothing left open of its steps' axes: several clampings find them."""
+    others = tuple(q for q in fit.priors if q.name != STRETCH)
+    return fit.held_by((*others, *stretches_for(fit.model, scan, fit.segments, [0.0] * (len(fit.model.radii) - 1))))
 
 
 def _axes_of(joint: Refined) -> Array:
@@ -272,13 +279,15 @@ def _turned(turn: float, lever: float) -> Array:
 
 
 def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
-    """Where each scan's unknowns stand among all of them: laser plane and axes shared, the rest its own."""
+    """Where each scan's unknowns stand among all of them: laser plane, axes and what the sensor's range makes of their
+    travel shared, the rest its own.
+    """
     last = np.arange(fits[-1].model.size)
     indices = []
     size = last.size
     for fit in fits[:-1]:
         own = np.ones(fit.model.size, dtype=np.bool_)
-        own[list(PLANE)] = own[fit.model.axes_slice] = False  # these have the same places in every scan
+        own[list(PLANE)] = own[fit.model.axes_slice] = own[fit.model.stretches_slice] = False
         index = np.arange(fit.model.size)
         # Without gaps: unknowns that nobody uses would make the normal matrix singular.
         index[own] = size + np.arange(np.count_nonzero(own))
