@@ -29,7 +29,7 @@ from truestand.core.assumptions import (
     TEMPERATURE_U,
     K,
 )
-from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, Contribution
+from truestand.core.calibration import HEIGHT, VIEW_UNKNOWNS, Calibration, Contribution
 from truestand.core.frames import PLANE_OFFSET, RADIAL, UNKNOWNS
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
@@ -53,7 +53,7 @@ from truestand.uncertainty.lines import (
     stability_name,
     stability_of,
 )
-from truestand.uncertainty.range_errors import range_errors
+from truestand.uncertainty.range_errors import RangeError, range_errors
 
 UNKNOWN_ORDER = (2, 3, 0, 1, 4, 5, 6, 7)
 """The calibration's unknowns in the order of the budget; each with what moves along with it."""
@@ -337,11 +337,13 @@ def of_sensor(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[In
 
 def _of_range(calibration: Calibration, cells: SeenCells, direction: Array) -> list[Influence]:
     """Errors of range, which move a reading by its ``direction`` (n, 3), and what the calibration took up of them."""
-    moves = cells.moves(calibration)
-    return [
-        cells.influence(e.name, direction * e.of_range(cells.z)[:, None] + np.tensordot(e.taken_up, moves, 1), e.u)
-        for e in range_errors(calibration)
-    ]
+    up = part_from_shaft(calibration).rotation[:, 2]
+
+    def moved(error: RangeError) -> Array:
+        by_sensor = cells.moved(calibration, error.taken_up[:UNKNOWNS]) + error.taken_up[HEIGHT] * up
+        return np.asarray(direction * error.of_range(cells.z)[:, None] + by_sensor)
+
+    return [cells.influence(error.name, moved(error), error.u) for error in range_errors(calibration)]
 
 
 def _of_stability(scan: Scan, calibration: Calibration, cells: SeenCells) -> list[Influence]:

@@ -139,8 +139,9 @@ def plan(
     sensors, assumed = _planned_sensors(stand, most, task.carrier)
     turns, eccentricity = task.turns or TURNS, task.eccentricity or ECCENTRICITY
     stand_of_views = replace(stand, sensors=_sensors(stand, sensors, task.carrier))
-    setting = Setting(stand_of_views, artefact, eccentricity, task.carrier)
-    target = _target(part, setting, turns, _profiles_per_turn(stand))
+    per_turn = _profiles_per_turn(stand)
+    setting = Setting(stand_of_views, artefact, eccentricity, task.carrier, round(turns * per_turn))
+    target = _target(part, setting, turns, per_turn)
     search = search_of(setting, target, task.room, sensors, lambda share: step(share / 3))
     texts = (*assumed, *_assumed(stand, task))
     found: Plan | None = None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -47,6 +48,8 @@ class Setting:
     """mm: by which the shaft will run out."""
     carrier: Carrier | None = None
     """The positioner."""
+    profiles: int = PROFILES
+    """That a scan of the shaft will have."""
 
     @property
     def shaft(self) -> tuple[Round, ...]:
@@ -100,7 +103,9 @@ def loosely_joined(views: Sequence[View]) -> tuple[View, ...]:
 
 
 def _scan_of_shaft(mount: Mount, setting: Setting) -> Scan:
-    few, stand = replace(mount.sensor.optics, points=POINTS), setting.stand.of_view(mount.sensor.name)
+    all_of_them, stand = mount.sensor.optics, setting.stand.of_view(mount.sensor.name)
+    fewer = PROFILES * POINTS / max(setting.profiles * all_of_them.points, PROFILES * POINTS)
+    few = replace(all_of_them, points=POINTS, noise=all_of_them.noise * sqrt(fewer))  # as the means of all of them have
     stand = replace(stand, sensors=(_mounted(stand.sensor, mount, setting.carrier),))
     base = setting.artefact.base.radius
     return imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
