@@ -11,6 +11,7 @@ from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, solv
 from truestand.calibration.model import (
     DRIFT,
     SPEED,
+    STRETCH,
     Model,
     Prior,
     carried,
@@ -115,7 +116,11 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     model = model_for(scan, segments, artefact, start)
     few = replace(view, scan=scan.taken(slice(None, None, max(1, scan.x.size // FIRST_READINGS))))
     rough = start_values(model, segments, start)
-    first = _fit(few, model, rough, np.full(len(model.radii), FIRST_LIMIT_MM), FIRST_SETTLED)
+    # Free from the start, stretch lets one surface explain all of a plane that is far off, the other being noise.
+    in_step = tuple(
+        replace(q, considered=True) if q.name == STRETCH else q for q in priors_for(model, scan, segments, artefact)
+    )
+    first = _fit(few, model, rough, np.full(len(model.radii), FIRST_LIMIT_MM), FIRST_SETTLED, in_step)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
