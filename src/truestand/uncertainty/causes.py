@@ -14,7 +14,7 @@ LARGE = 0.25
 """Share of U squared from which an input is named beside the largest one."""
 ASSUMED_IN_THE_FIT = (MOUNTING, "coaxiality of the steps")
 """Lines that may rest on an assumption and don't say so."""
-FIT = (*ASSUMED_IN_THE_FIT, "noise", "form", "clamping", "drift", "table speed")
+FIT = (*ASSUMED_IN_THE_FIT, "noise", "form", "clamping", "drift", "table speed", "linearity of the sensor over")
 """The beginnings of the lines that stand in a calibration's covariance, through which it reaches a part."""
 PLANE, SENSOR, SHAFT = ("laser_plane_offset_mm", "laser_plane_tilt_deg"), "radial_position_mm", "eccentricity_um"
 OF_CALIBRATION = {
