@@ -167,7 +167,6 @@ def test_rays_meet_flanks_where_each_view_reads_them():
             rays_of_views(grid, np.zeros_like(grid.delta), flanks, [v]).beside
             for v in (view, replace(view, level=None))
         )
-        print(as_read.missed.sum(), as_mean.missed.sum(), as_read.expected.sum(), view.level)
         assert as_read.missed[0].sum() < 0.9 * as_mean.missed[0].sum()
 
 

@@ -8,10 +8,9 @@ u, v: radial and axial position in the laser plane. Unknowns: the sensor's phi, 
 and tilt alpha; the shaft's eccentricity and tilt; optionally the table speed; a linear drift; per further cylinder its
 axis against the base's (with the certificate's prior); per cylinder form harmonics 2..n and a free static profile;
 waves 2..n of the table's bearing, which move all cylinders alike; per further cylinder by how much more than the base's
-its travel towards the sensor shows, in step with it. The static profile absorbs whatever does not turn
-with the table (sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha
-(docs/theory.md, *What the data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands
-at the end of this file.
+its travel towards the sensor shows, in step with it. The static profile absorbs whatever does not turn with the table
+(sag, taper, step, sensor linearity), so that only what turns is evidence for d and alpha (docs/theory.md, *What the
+data can tell*). The Jacobian is analytic. What is known of the unknowns beforehand stands at the end of this file.
 """
 
 from collections.abc import Iterable
@@ -316,10 +315,9 @@ class Model:
         stretched = -at.travel * jacobian[:, RADIAL]
         jacobian[:, self.stretch_slice(k)] = np.stack([stretched, stretched * up], axis=1)
         share = -(more + along_it * up) * jacobian[:, RADIAL]
-        for column, slope in ((ECCENTRICITY_X, at.c), (ECCENTRICITY_Y, -at.s)):
-            jacobian[:, column] += share * slope
-        for column, slope in ((TILT_X, at.c), (TILT_Y, -at.s)):
-            jacobian[:, column] += share * slope * z
+        for i, slope in enumerate((at.c, -at.s)):
+            jacobian[:, ECCENTRICITY_X + i] += share * slope
+            jacobian[:, TILT_X + i] += share * slope * z
         turning = -at.s * (ex + tx * z) - at.c * (ey + ty * z)
         jacobian[:, SPEED] += share * turning * (r.angle - self.start_angle)
 
@@ -507,10 +505,12 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
         Prior("drift", (DRIFT,), DRIFT_U / 2),
         Prior("table speed", (SPEED,), SPEED_U / 2 if scan.free_speed else FIXED_U),
     ]
+    aside = []
     for k, band in enumerate(segments.bands):
         cylinder = artefact.cylinders[band.cylinder]
         if k:
             coaxiality = cylinder.coaxiality_U or COAXIALITY_U
+            aside.append(coaxiality / K)
             start = model.axis_slice(k).start
             slope = coaxiality / 2 / cylinder.length
             priors.append(Prior(COAXIALITY, (start, start + 1), coaxiality / 2, considered=True))
@@ -524,8 +524,7 @@ def priors_for(model: Model, scan: Scan, segments: Segments, artefact: Artefact)
             priors.append(Prior(WEAK, (i,), u))
         if forms.stop > forms.start:
             priors.append(Prior(WEAK, tuple(range(forms.start, forms.stop)), 1.0))
-    coaxial = [(artefact.cylinders[band.cylinder].coaxiality_U or COAXIALITY_U) / K for band in segments.bands[1:]]
-    priors += stretches_for(model, scan, segments, coaxial)
+    priors += stretches_for(model, scan, segments, aside)
     bearing = model.bearing_slice
     if bearing.stop > bearing.start:
         priors.append(Prior(BEARING, tuple(range(bearing.start, bearing.stop)), BEARING_WAVE_U / 2))
