@@ -32,11 +32,12 @@ def recorded(
     encoder=True,
     late=0.0,
     hurried=0.0,
+    coming=0.0,
 ):
     """A log as ``acquire`` writes it: rest, a turn at ``speed`` (deg/s), rest; ``lost``: profiles that never came.
 
     ``counts``: what the encoder really gives for a turn; ``late``: s by which frames come later from the middle on,
-    ``hurried``: sooner before the table turns.
+    ``hurried``: sooner before the table turns; ``coming``: s of its frames in which the table still came to its start.
     """
     settings = ScanSettings(turns, radians(speed), radians(speed), 0.001)
     layout = Layout("plain", "test", 2, 1, rate)
@@ -47,6 +48,9 @@ def recorded(
     def angle(time):
         return np.clip((time - REST) * settings.speed, 0.0, settings.travel)
 
+    def seen_angle(time):
+        return angle(time) + np.minimum(time - coming, 0.0) * settings.speed
+
     with LogWriter(path) as log:
         log.append_json(Kind.BEGIN, begin_record(stand_recipe(stand), settings, plans, "now", "test"), 0.0)
         for time in np.arange(0.0, end + 0.05, 0.02).tolist():
@@ -55,7 +59,7 @@ def recorded(
             time = np.array([i / rate])
             arrived = i / rate + 1e-3 + late * (i / rate > end / 2) - hurried * (i / rate < REST)
             seen = Profiles(np.zeros((1, 2)), np.ones((1, 2)), np.array([i]), time,
-                            np.rint(angle(time) / tau * counts).astype(np.int64))  # fmt: skip
+                            np.rint(seen_angle(time) / tau * counts).astype(np.int64))  # fmt: skip
             for source in range(len(names)):
                 if i not in lost and names[source] not in silent:
                     log.append(Kind.FRAME, encode_plain(seen), arrived, source, i)
@@ -88,6 +92,14 @@ def test_a_scan_is_incomplete_where_encoder_and_table_differ_in_travel(tmp_path,
     scan = only(recorded(tmp_path / "k1.log", turns=1.0, counts=counts))
     assert scan.complete == complete, scan.reasons
     assert complete or "deg where the table turned 387.0: counts were lost, or counts_per_turn" in scan.reasons[0]
+
+
+def test_frames_from_when_the_table_still_came_to_its_start_do_not_move_the_angles(tmp_path):
+    """They were under way, or not yet full, when the recording began."""
+    late, early = (only(recorded(tmp_path / name, coming=coming)) for name, coming in (("a.log", 0.12), ("b.log", 0.0)))
+    assert late.complete, late.reasons
+    assert np.array_equal(late.recording.angle, early.recording.angle)
+    assert np.array_equal(late.recording.time, early.recording.time)
 
 
 @pytest.mark.parametrize("late, complete", [(0.0, True), (0.01, True), (0.05, False)])

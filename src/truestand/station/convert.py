@@ -33,7 +33,9 @@ Column = NDArray[Any] | None
 COVERAGE_TOLERANCE = radians(0.2)
 """rad that may be missing at the end of a scan that is called complete, or two profiles' worth, if that is more."""
 AT_REST_S = 0.05
-"""With one count at most at the end, where the encoder has come to rest."""
+"""With one count at most, where the encoder is at rest."""
+LATEST_REST_S = 1.0
+"""After the first profile, within which the table is at rest; it may have come there while a frame was on its way."""
 TRAVEL_TOLERANCE, TRAVEL_TOLERANCE_SHARE = radians(0.3), 0.001
 """rad, and share of the travel, by which encoder and table may differ at the end of a scan that is called complete."""
 
@@ -64,7 +66,7 @@ def convert(log: Log) -> tuple[SensorScan, ...]:
     """
     scans = []
     for plan, frames in zip(log.sensors, log.frames, strict=True):
-        stream = _decoded(plan.layout, frames) if frames else None
+        stream = _decoded(plan.layout, frames).from_rest() if frames else None
         if stream is not None and stream.counter.size:
             scans.append(_scan(log, plan, stream))
     if not scans:
@@ -87,6 +89,18 @@ class Stream:
     """(N,) counts."""
     arrived: Array
     """(N,) s of the host's clock."""
+
+    def from_rest(self) -> "Stream":
+        """Without the profiles from when the table was still coming to its start, as the encoder shows it."""
+        if self.encoder is None or not self.time.size:
+            return self
+        soon = self.time[self.time <= self.time[0] + LATEST_REST_S]
+        until = np.searchsorted(self.time, soon + AT_REST_S, side="right") - 1
+        first = int(np.argmax(np.abs(self.encoder[until] - self.encoder[: soon.size]) <= 1))
+        return Stream(
+            self.x[first:], self.z[first:], self.counter[first:], self.time[first:], self.encoder[first:],
+            self.arrived[first:],
+        )  # fmt: skip
 
 
 def _decoded(layout: Layout, frames: Frames) -> Stream:

@@ -33,7 +33,7 @@ from truestand.sim.live.registers import (
 from truestand.sim.live.scancontrol_frames import FrameFormat, frame_bytes
 
 CLOCK_LEAD_S = 0.05
-"""Real time by which the stand's clock may run ahead of the next exposure that is due."""
+"""Of the stand's clock: by which it may run ahead of the next exposure that is due; as late as real frames come."""
 STOP_POLL_INTERVAL_S = 0.02
 """Real time: longest wait without a check whether to stop."""
 MAX_BLOCK = 32
@@ -266,7 +266,7 @@ class Streamer:
 
     def _await(self, moment: float) -> bool:
         """Wait until the stand's clock shows ``moment``; False where the stream is to end."""
-        self._clock.allow(self._name, moment + CLOCK_LEAD_S * max(self._clock.pace, 1.0))
+        self._clock.allow(self._name, moment + CLOCK_LEAD_S)
         while wait := self._clock.real_until(moment):
             if self._stop.wait(min(wait, STOP_POLL_INTERVAL_S)):
                 return False
