@@ -3,10 +3,11 @@
     python bench/plan_stands.py spur --stands 50
     python bench/plan_stands.py helical --stands 50 --json out.json
 
-Every stand is mounted as planned to half a degree and half a millimetre, calibrated, and inspects one gear. What nobody
-knows of a stand is drawn from what the budget says of it: the sensor's linearity and scale, how it reads steep flanks
-(as thickness and profile slope that the gear doesn't have), the encoder's error, the table's sideways motion (as an
-angle), the shaft's diameter and coaxiality. Printed: U of the plan over twice the rms error, for each characteristic.
+Every stand is mounted as planned to half a degree and half a millimetre, calibrated, and inspects one part that has
+deviations of its own, of form too. What nobody knows of a stand is drawn from what the budget says of it: the sensor's
+linearity (one and two waves over the range) and scale, how it reads steep flanks, the encoder's error, the table's
+sideways motion (as an angle), its bearing (as motion of the part), the shaft's diameter and coaxiality. Printed: U of
+the plan over twice the rms error, for each characteristic.
 """
 
 import argparse
@@ -14,7 +15,7 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from math import cos, radians, sqrt, tan, tau
+from math import acos, cos, radians, sin, sqrt, tan, tau
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from truestand.apply.transfer import roll
 from truestand.apply.views import roll_views
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.views import calibrate_views
-from truestand.core.assumptions import ENCODER_U, INCIDENCE_U, SCALE_U, SIDEWAYS_U
+from truestand.core.assumptions import BEARING_U, ENCODER_U, INCIDENCE_U, SCALE_U, SIDEWAYS_U
 from truestand.core.errors import TruestandError
 from truestand.core.inspection import Inspection
 from truestand.core.scan import Recording, interpret
@@ -64,9 +65,13 @@ PARTS: dict[str, Part] = {
 PER_TURN, TURNS, POINTS, FAN, LIMIT = 2000, 2.0, 320, radians(30.0), radians(85.0)
 COUNTS = 360_000
 LINEARITY = 0.01 * sqrt(2.0)
-"""mm: standard deviation of the amplitude of the range error, which is then known to 20 um (k = 2)."""
+"""mm: standard deviation of the amplitude of the range error, which is then known to 20 um (k = 2); of two waves over
+the range half of it.
+"""
 FORM = 0.003
-"""mm: amplitude of the turned part's waves."""
+"""mm: amplitude of the turned part's waves; standard deviation of that of the gear's."""
+FEED = 2.0
+"""mm of height from one feed mark of the gear to the next."""
 
 
 @cache
@@ -111,15 +116,16 @@ def try_stand(name: str, views: int | None, seed: int) -> Found:
                       tilt_direction=float(rng.uniform(0, tau)))  # fmt: skip
     acquisition = replace(base.acquisition, profiles=round(PER_TURN * TURNS), columns=("encoder",))
     true, angle_seed = real_part(part, rng), int(rng.integers(1 << 30))
+    moved = carried(true, rng)
     shafts, parts = [], []
     for k, view in enumerate(found.views):
-        name_of_view, read_as = view.mount.sensor.name, as_read(true, rng)
+        name_of_view, place = view.mount.sensor.name, mounted_about(view.mount.place, rng)
         own = found.setting.stand.of_view(name_of_view)
         simulation = replace(
-            base, mounting=Mounting(azimuth=0.0), running=running, optics=real_sensor(rng), acquisition=acquisition,
-            workpiece=certified, views=((name_of_view, mounted_about(view.mount.place, rng)),),
+            base, mounting=Mounting(azimuth=0.0), running=running, optics=real_sensor(part, place, rng),
+            acquisition=acquisition, workpiece=certified, views=((name_of_view, place),),
         ).seen_from(name_of_view)  # fmt: skip
-        for on_shaft, scans in ((None, shafts), (read_as, parts)):
+        for on_shaft, scans in ((None, shafts), (moved, parts)):
             made = simulate(own, simulation, shaft, seed + k, None, on_shaft)
             recording = with_angle_errors(made.recording, np.random.default_rng(angle_seed), part)
             scans.append(interpret(recording, own))
@@ -149,13 +155,24 @@ def mounted_about(p: Place, rng: np.random.Generator) -> Mounting:
     )  # fmt: skip
 
 
-def real_sensor(rng: np.random.Generator) -> Optics:
-    """A sensor whose range errs as its data sheet says."""
+def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics:
+    """A sensor whose range errs as its data sheet says, and which reads steep flanks otherwise."""
     return replace(
         paper_simulation().optics, fan=FAN, most_incidence=LIMIT, noise=0.005,
         nonlinearity=float(rng.normal(0, LINEARITY)), nonlinearity_phase=float(rng.uniform(0, tau)),
+        faster_nonlinearity=((2, float(rng.normal(0, LINEARITY / 2)), float(rng.uniform(0, tau))),),
         scale_error=float(rng.normal(0, SCALE_U / 2)),
+        flank_bias=flank_bias(part, place, rng) if isinstance(part, Gear) else (),
     )  # fmt: skip
+
+
+def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
+    """By how much flanks read farther out, at the tip's and at the root's incidence; level surfaces don't."""
+    level, slope = rng.normal(0, INCIDENCE_U / 2, 2)
+    base = gear.teeth * gear.module / 2 * cos(gear.pressure_angle)
+    radii = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
+    tip, root = (acos(sin(-place.phi) * sqrt(1.0 - (base / r) ** 2)) for r in radii)
+    return (0.0, 0.0), (tip / 2, 0.0), (tip, level - slope / 2), (root, level + slope / 2)
 
 
 def held_against(inspection: Inspection, truth: dict) -> Found:
@@ -177,20 +194,24 @@ def real_part(part: Part, rng: np.random.Generator):
         left, right = (FlankErrors(float(rng.normal(0, 0.003)), float(rng.normal(0, 0.003))) for _ in range(2))
         return VirtualGear(part, GearErrors(
             phase=float(rng.uniform(0, 0.2)), pitch_left=pitch[0], pitch_right=pitch[1], eccentricity=0.008,
-            left=left, right=right,
+            left=left, right=right, profile_wave=float(rng.normal(0, FORM)), profile_waves=2.0,
+            feed_marks=float(rng.normal(0, FORM)), feed_mark_spacing=FEED,
         ))  # fmt: skip
     waves = tuple(FormWave(s.name, 3, FORM, float(rng.uniform(0, tau))) for s in part.sections)
     return VirtualTurned(part, Workpiece(form=waves))
 
 
-def as_read(part, rng: np.random.Generator):
-    """The part as a sensor reads it that reads steep flanks otherwise: one that is thicker, with other slopes."""
-    if not isinstance(part, VirtualGear):
-        return part
-    c, slope = rng.normal(0, INCIDENCE_U / 2, 2)
-    errors = part.errors
-    left, right = (FlankErrors(f.profile_slope + slope, f.helix_slope) for f in (errors.left, errors.right))
-    return VirtualGear(part.gear, replace(errors, thickness=errors.thickness + 2 * c, left=left, right=right))
+def carried(part, rng: np.random.Generator):
+    """The part as the table's bearing carries it: aside once a turn, or in waves, where once a turn can't be told."""
+    aside = rng.normal(0, BEARING_U / 2, 2)
+    if isinstance(part, VirtualGear):
+        errors = part.errors
+        x, y = errors.eccentricity + aside[0], aside[1]
+        return VirtualGear(part.gear, replace(errors, eccentricity=float(np.hypot(x, y)),
+                                              eccentricity_direction=float(np.arctan2(y, x))))  # fmt: skip
+    phase = float(rng.uniform(0, tau))
+    waves = tuple(FormWave(s.name, 2, float(aside[0]), phase) for s in part.turned.sections)
+    return VirtualTurned(part.turned, Workpiece(form=(*part.workpiece.form, *waves)))
 
 
 def true_figures(part, workpiece: Workpiece, shaft) -> dict:

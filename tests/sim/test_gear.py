@@ -189,6 +189,9 @@ def test_steep_incidence_loses_biases_and_blurs_readings():
     middle = biased[:, 318:322]  # on the base, at 90 - 41.8 degrees
     assert np.allclose(middle, 0.002 * (1 / np.sin(radians(41.802)) - 1), rtol=0.05)
     assert np.nanmax(biased) > 0.002 * 4
+    outward = replace(EXACT, flank_bias=((0.0, 0.0), (radians(60.0), 0.006)))
+    nearer = clean.z - scanned(part, flat, outward).recording.z
+    assert np.allclose(nearer[:, 318:322], 0.006 * (48.198 / 60.0) / np.sin(radians(41.802)), rtol=0.05)
     noisy = scanned(part, flat, replace(EXACT, noise=0.004, incidence_noise=True)).recording.z - clean.z
     steep = biased > 0.002 * 4
     assert np.nanstd(noisy[steep]) > 4 * 0.004

@@ -134,6 +134,9 @@ def test_noise_range_error_and_quantisation():
     bent = reading(replace(EXACT, nonlinearity=0.025)) - true
     inside = np.isfinite(bent)  # a range error also moves readings over the limits
     assert np.allclose(bent[inside], (0.025 * np.sin(2 * np.pi * (true - 70) / 50 + 1.0))[inside], atol=1e-9)
+    faster = reading(replace(EXACT, faster_nonlinearity=((2, 0.01, 0.3),))) - true
+    inside = np.isfinite(faster)
+    assert np.allclose(faster[inside], (0.01 * np.sin(4 * np.pi * (true - 70) / 50 + 0.3))[inside], atol=1e-9)
     scaled = reading(replace(EXACT, scale_error=1e-4)) - true
     assert np.allclose(scaled[np.isfinite(scaled)], (1e-4 * (true - 95))[np.isfinite(scaled)], atol=1e-9)
     steps = reading(Optics(noise=0.0))

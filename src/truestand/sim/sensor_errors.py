@@ -24,8 +24,9 @@ def range_error(z: Array, optics: Optics, limits: tuple[float, float]) -> Array:
     """The sensor's smooth range error (mm), a function of range only."""
     low, high = limits
     error = optics.scale_error * (z - (low + high) / 2)
-    if optics.nonlinearity:
-        error = error + optics.nonlinearity * np.sin(2 * np.pi * (z - low) / (high - low) + optics.nonlinearity_phase)
+    for waves, amplitude, phase in ((1, optics.nonlinearity, optics.nonlinearity_phase), *optics.faster_nonlinearity):
+        if amplitude:
+            error = error + amplitude * np.sin(2 * np.pi * waves * (z - low) / (high - low) + phase)
     return np.asarray(error)
 
 
@@ -72,8 +73,11 @@ def incidence_cosines(rays: Rays, hits: Hits, scene: Scene) -> Array:
 
 
 def with_incidence_bias(true: Array, cosine: Array, optics: Optics) -> Array:
-    """Range (B, M) with the bias of incidence, NaN beyond the greatest one."""
+    """Range (B, M) with the biases of incidence, NaN beyond the greatest one."""
     biased = true + optics.incidence_bias * (_gain(cosine) - 1.0)
+    if optics.flank_bias:
+        angles, outward = np.transpose(optics.flank_bias)
+        biased = biased - np.interp(np.arccos(np.clip(cosine, 0.0, 1.0)), angles, outward) * _gain(cosine)
     return np.where(cosine < np.cos(optics.most_incidence), np.nan, biased)
 
 

@@ -65,7 +65,7 @@ class SensorModel:
         hits = self._hits(rays)
         true = self._visible(hits, rays, angle)
         added: Array | float = 0.0
-        if self._has_part or optics.incidence_noise or optics.incidence_bias:
+        if self._has_part or optics.incidence_noise or optics.incidence_bias or optics.flank_bias:
             cosine = incidence_cosines(rays, hits, self._scene)
             true, added = with_incidence_bias(true, cosine, optics), incidence_noise(cosine, optics, rng)
         true = with_mixed_pixels(true, optics.mixed_pixels, rng)

@@ -143,6 +143,8 @@ class Optics:
     nonlinearity: float = 0.0
     """Amplitude of a smooth range error: one sine over the range."""
     nonlinearity_phase: float = 1.0
+    faster_nonlinearity: tuple[tuple[int, float, float], ...] = ()
+    """More of it: sines so many times over the range, each with its amplitude (mm) and phase."""
     scale_error: float = 0.0
     """Relative, of the range about its middle."""
     step_z: float = 0.004
@@ -154,6 +156,10 @@ class Optics:
     """White noise grows with 1 / cos of the incidence (between ray and surface normal), up to twentyfold."""
     incidence_bias: float = 0.0
     """mm: the range reads this times (1 / cos(incidence) - 1) more, up to nineteen times."""
+    flank_bias: tuple[tuple[float, float], ...] = ()
+    """(incidence, mm): by how much a surface so inclined reads as if it lay farther out along its normal; linear
+    between them, constant beyond.
+    """
     most_incidence: float = radians(88.0)
     """Beyond this angle of incidence no reading comes back; applied where a part is on the shaft."""
     mixed_pixels: float = 0.0
