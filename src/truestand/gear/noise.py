@@ -22,6 +22,8 @@ from truestand.gear.grid import TRACE_SHARE, Grid
 
 LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
+WHOLE_ROW = 0.5
+"""Of the cells of a flank's fullest row or column: with fewer, those that noise brought over the border stand for it."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
 FARTHEST, MOST_OF_FACE = 3.0, 0.15
@@ -376,20 +378,23 @@ def _shared_square(
     """
     across = 5 - along
     seen = np.isfinite(cells)
-    count = np.maximum(seen.sum(axis=across, keepdims=True), 1)
+    number = seen.sum(axis=across, keepdims=True)
+    count = np.maximum(number, 1)
+    whole = number >= np.maximum(WHOLE_ROW * number.max(axis=along, keepdims=True), 1)
 
     def mean(values: Array, power: int = 1) -> Array:
         total = np.where(seen, values, 0.0).sum(axis=across, keepdims=True) / count**power
-        return np.asarray(np.where(seen.any(axis=across, keepdims=True), total, np.nan))
+        return np.asarray(np.where(whole, total, np.nan))
 
     rest, known, factor = _second_differences(mean(cells), mean(variance, 2), mean(at), along, lag)
     rest = rest - nan_median(rest, axis=1)[:, None] if single else rest
     told = np.isfinite(rest)
-    number = int(np.count_nonzero(told))
-    if number < LEAST_DIFFERENCES:
+    differences = int(np.count_nonzero(told))
+    if differences < LEAST_DIFFERENCES:
         return 0.0, 0.0, 0
     square = robust_sd(rest[told] / np.sqrt(factor[told])) ** 2
-    return square - float(np.median(known[told] / factor[told])), square * float(np.sqrt(2.0 / number)), number
+    excess = square - float(np.median(known[told] / factor[told]))
+    return excess, square * float(np.sqrt(2.0 / differences)), differences
 
 
 def _second_differences(

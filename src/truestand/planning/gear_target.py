@@ -43,8 +43,12 @@ FINE = 48
 """Points along roll length and height of a picture of a flank."""
 GOLDEN = 0.6180339887498949
 """Of a step, from one flank to the next: where profiles meet it."""
-USUAL_SHARE, USUAL_PITCH = 0.35, 0.004
-"""Standard deviation of the pitch of a gear that is looked at: share of its limit; mm where it has none."""
+USUAL_SHARE, USUAL_PITCH, USUAL_FORM = 0.35, 0.004, 0.003
+"""Of a gear that is looked at, share of its limits: standard deviation of its pitch, form from crest to crest of its
+flanks; mm where it has none.
+"""
+USUAL_WAVES = 2.0
+"""Of this form, along profile and face."""
 LEAST_COUNT = 1.0
 """Of readings in a cell that counts as seen."""
 USUAL_CLASS = 7
@@ -195,7 +199,8 @@ class GearTarget:
         nominal, rng = self.toothing.nominal, np.random.default_rng(0)
         total = np.sum([r.count for r in readings], axis=0)
         parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
-        delta = _usual_deviations(self.gear, rng) + np.sqrt(np.sum(parts, axis=0)) * rng.standard_normal(total.shape)
+        delta = _usual_pitch(self.gear, rng) + _usual_form(self.gear, nominal, cells)
+        delta = delta + np.sqrt(np.sum(parts, axis=0)) * rng.standard_normal(total.shape)
         delta = np.where(total > 0, delta, np.nan)
         roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
         scatter = float(np.median([np.median(r.u) for r in readings]))
@@ -307,12 +312,32 @@ def _heights_apart(z: Array, heights: Array, view: View) -> Array:
     return np.asarray(view.mount.sensor.optics.spacing(z) / np.maximum(np.abs(along_x - x / z * along_z), 1e-3))
 
 
-def _usual_deviations(gear: Gear, rng: np.random.Generator) -> Array:
+def _usual_pitch(gear: Gear, rng: np.random.Generator) -> Array:
     """mm of delta (2, teeth, 1, 1): where the flanks of a gear stand that is as good as its class asks."""
-    limits, _ = limits_of(gear, "f_p")
-    size = USUAL_PITCH if limits is None or limits[1] is None else USUAL_SHARE * limits[1]
     run_out = np.cos(gear.pitch * np.arange(gear.teeth) + np.array([[0.0], [2.0]]))
+    size = _usual(gear, "f_p", USUAL_PITCH)
     return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
+
+
+def _usual_form(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
+    """mm of delta (R, H): the form of all flanks of such a gear."""
+
+    def waves(name: str, at: Array, within: tuple[float, float]) -> Array:
+        low, high = within
+        wave = np.sin(2 * np.pi * USUAL_WAVES * (at - low) / (high - low))
+        return np.asarray(_usual(gear, name, USUAL_FORM) / 2 / nominal.normal_per_delta * wave)
+
+    along_profile = waves("f_falpha", cells.rolls, nominal.profile_range)
+    return along_profile[:, None] + waves("f_fbeta", cells.heights, nominal.helix_range)
+
+
+def _usual(gear: Gear, name: str, otherwise: float) -> float:
+    """mm: the usual share of a figure's limit, ``otherwise`` where it has none."""
+    try:
+        limits, _ = limits_of(gear, name)
+    except BadRecipe:  # a gear for which the standard has no classes
+        return otherwise
+    return otherwise if limits is None or limits[1] is None else USUAL_SHARE * limits[1]
 
 
 def _diameters(found: Assessment, gear: Gear) -> tuple[Diameter, ...]:
