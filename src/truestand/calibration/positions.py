@@ -80,7 +80,7 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
     form, bearing, inseparable, difference = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
-    checks = (_sensor_stood_still(fits), _plane_stood_still(fits), _bearing_alike(difference))
+    checks = (_sensor_stood_still(fits), _plane_stood_still(fits, joint), _bearing_alike(difference))
     reasons = (
         *calibration.reasons,
         *(reason for scan in scans for reason in scan.reasons),
@@ -286,14 +286,20 @@ def _indices(fits: tuple[Refined, ...]) -> list[Ints]:
     indices = []
     size = last.size
     for fit in fits[:-1]:
-        own = np.ones(fit.model.size, dtype=np.bool_)
-        own[list(PLANE)] = own[fit.model.axes_slice] = own[fit.model.stretches_slice] = False
-        index = np.arange(fit.model.size)
+        own, index = np.ones(fit.model.size, dtype=np.bool_), np.arange(fit.model.size)
+        shared = list(_shared(fit.model))
+        own[shared], index[shared] = False, _shared(fits[-1].model)  # fits may have form of other orders
         # Without gaps: unknowns that nobody uses would make the normal matrix singular.
         index[own] = size + np.arange(np.count_nonzero(own))
         size += int(np.count_nonzero(own))
         indices.append(index)
     return [*indices, last]
+
+
+def _shared(model: Model) -> tuple[int, ...]:
+    """The unknowns that all scans share."""
+    axes, stretches = model.axes_slice, model.stretches_slice
+    return (*PLANE, *range(axes.start, axes.stop), *range(stretches.start, stretches.stop))
 
 
 def _transfer(fit: Refined, last: Refined, index: Ints, turn: float, size: int) -> Array:
@@ -386,19 +392,33 @@ def _separated(surface: str, n: int, w: complex, U: float) -> Separated:
     return Separated(Harmonic(surface, n, abs(w), float(-np.angle(w))), U)
 
 
-def _plane_stood_still(fits: tuple[Refined, ...]) -> Check:
-    """Whether every scan, now that it knows the steps' axes, reads the laser plane alike over what it sees."""
+def _plane_stood_still(fits: tuple[Refined, ...], joint: Refined) -> Check:
+    """Whether every scan, now that it knows the steps' axes as well as ``joint`` does, reads the laser plane alike over
+    what it sees.
+    """
     ends = np.array([e for b in fits[-1].segments.bands for e in (b.low, b.high)])
     design = np.column_stack([np.ones(ends.size), ends])
     planes = np.array([design @ f.solution.parameters[list(PLANE)] for f in fits])
-    noise = [f.covariance["noise"][np.ix_(PLANE, PLANE)] for f in fits]
-    u = np.sqrt(np.einsum("ij,njk,ik->ni", design, np.array(noise), design).max())
+    known = [f.covariance["noise"][np.ix_(PLANE, PLANE)] + _by_axes(f, joint) for f in fits]
+    u = np.sqrt(np.einsum("ij,njk,ik->ni", design, np.array(known), design).max())
     return Check.at_most_um(
         "laser_plane_differs", "laser plane differs between the scans, um", float(np.ptp(planes, axis=0).max()),
         LEAST_MOVED_MM + 2 * K * float(u),
         "a clamping angle is not as stated (counter-clockwise from above?), or the sensor moved sideways or tilted "
         "between the scans: check --clamped-at-deg, scan all positions anew",
     )  # fmt: skip
+
+
+def _by_axes(fit: Refined, joint: Refined) -> Array:
+    """Covariance (2, 2) that a scan's own laser plane has for what is open of the axes, doubled: they draw the planes
+    of two scans apart, while noise of both is independent.
+    """
+    axes = np.arange(fit.model.axes_slice.start, fit.model.axes_slice.stop)
+    others = np.setdiff1d(np.arange(fit.model.size), axes)
+    normal = fit.solution.information + np.diag(precision_of(fit.priors, fit.model.size))
+    follow = -solve(normal[np.ix_(others, others)], normal[np.ix_(others, axes)])[np.searchsorted(others, PLANE)]
+    at = joint.model.axes_slice
+    return np.asarray(2 * follow @ _covariance(joint)[at, at] @ follow.T)
 
 
 def _bearing_alike(difference: float) -> Check:

@@ -23,7 +23,7 @@ from truestand.gear.grid import TRACE_SHARE, Grid
 LEAST_DIFFERENCES = 30
 """Second differences that tell a noise."""
 WHOLE_ROW = 0.5
-"""Of the cells of a flank's fullest row or column: with fewer, those that noise brought over the border stand for it."""
+"""Of the cells of a flank's fullest row or column: fewer may be those alone that noise brought over the border."""
 LEAST_SPREAD = 1e-5
 """mm: the noise of a cell is not taken for less."""
 FARTHEST, MOST_OF_FACE = 3.0, 0.15

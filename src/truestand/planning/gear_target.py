@@ -44,8 +44,8 @@ FINE = 48
 GOLDEN = 0.6180339887498949
 """Of a step, from one flank to the next: where profiles meet it."""
 USUAL_SHARE, USUAL_PITCH, USUAL_FORM = 0.35, 0.004, 0.003
-"""Of a gear that is looked at, share of its limits: standard deviation of its pitch, form from crest to crest of its
-flanks; mm where it has none.
+"""Of a gear that is looked at, share of its limits: standard deviation of its pitch; slopes and form, from crest to
+crest, of its flanks; mm where it has none.
 """
 USUAL_WAVES = 2.0
 """Of this form, along profile and face."""
@@ -199,7 +199,7 @@ class GearTarget:
         nominal, rng = self.toothing.nominal, np.random.default_rng(0)
         total = np.sum([r.count for r in readings], axis=0)
         parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
-        delta = _usual_pitch(self.gear, rng) + _usual_form(self.gear, nominal, cells)
+        delta = _usual_pitch(self.gear, rng) + _usual_flanks(self.gear, nominal, cells)
         delta = delta + np.sqrt(np.sum(parts, axis=0)) * rng.standard_normal(total.shape)
         delta = np.where(total > 0, delta, np.nan)
         roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
@@ -319,16 +319,17 @@ def _usual_pitch(gear: Gear, rng: np.random.Generator) -> Array:
     return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
 
 
-def _usual_form(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
-    """mm of delta (R, H): the form of all flanks of such a gear."""
+def _usual_flanks(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
+    """mm of delta (R, H): slopes and form of all flanks of such a gear."""
 
-    def waves(name: str, at: Array, within: tuple[float, float]) -> Array:
-        low, high = within
-        wave = np.sin(2 * np.pi * USUAL_WAVES * (at - low) / (high - low))
-        return np.asarray(_usual(gear, name, USUAL_FORM) / 2 / nominal.normal_per_delta * wave)
+    def trace(of: str, at: Array, within: tuple[float, float]) -> Array:
+        share = (at - within[0]) / (within[1] - within[0])
+        slope, form = (_usual(gear, name + of, USUAL_FORM) for name in ("f_H", "f_f"))
+        return np.asarray(slope * (share - 0.5) + form / 2 * np.sin(2 * np.pi * USUAL_WAVES * share))
 
-    along_profile = waves("f_falpha", cells.rolls, nominal.profile_range)
-    return along_profile[:, None] + waves("f_fbeta", cells.heights, nominal.helix_range)
+    along_profile = trace("alpha", cells.rolls, nominal.profile_range)
+    along_face = trace("beta", cells.heights, nominal.helix_range)
+    return np.asarray((along_profile[:, None] + along_face) / nominal.normal_per_delta)
 
 
 def _usual(gear: Gear, name: str, otherwise: float) -> float:
