@@ -133,7 +133,7 @@ class FlankRays:
     in_runs: Rays
     """those of them where a profile lacks far more readings on end than is usual,"""
     own: Rays
-    """and where no reading lies in the cell."""
+    """and where no reading lies in the cell, wherever in ``STANDS_WITHIN`` the flank stands."""
 
 
 def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> FlankRays:
@@ -178,11 +178,11 @@ def rays_on_flanks(
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    expected = _expected(angle, met, grid, rows, limits) & ~bridge_gaps(blind, grid, 2 * turned)
+    expected, inside = _expected(angle, met, grid, rows, limits, turned) & ~bridge_gaps(blind, grid, 2 * turned)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
-        Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
+        Rays(between, missed & in_runs, facing), Rays(inside, inside & ~grid.seen, facing),
     )  # fmt: skip
 
 
@@ -235,19 +235,27 @@ def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask
     return np.asarray(runs >= np.minimum(usual, np.maximum(by_chance, LEAST_CHANCE_RUN))[side])
 
 
-def _expected(angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float]) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) in which profiles at increasing table angles (n,) rad should meet flanks,
-    at roll lengths within ``limits`` (mm).
+def _expected(
+    angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float], turned: float
+) -> Mask:
+    """Cells (2, 2, teeth, roll lengths, heights) in which profiles at increasing table angles (n,) rad should meet
+    flanks, at roll lengths within ``limits`` (mm): all, and those where they do even if they are met ``turned`` rad
+    sooner or later.
 
     ``met`` (2, teeth, k, heights) rad: table angle at which they are met in these ``rows`` of cells; NaN: never.
     """
     shape, nominal = grid.delta.shape, grid.nominal
-    expected = np.zeros(shape, dtype=bool)
+    expected, inside = np.zeros((2, *shape), dtype=bool)
     for side, tooth, column in np.ndindex(shape[0], shape[1], shape[3]):
         roll = _rolls_met(angle, met[side, tooth, :, column], grid.rolls[rows])
         roll = roll[(roll > limits[0]) & (roll < limits[1])]
-        expected[side, tooth, bin_index(roll, nominal.control_roll, nominal.tip_roll, shape[2]), column] = True
-    return expected
+        off = step_on_flank(nominal, roll, turned)
+        row, sooner, later = (
+            bin_index(at, nominal.control_roll, nominal.tip_roll, shape[2]) for at in (roll, roll - off, roll + off)
+        )
+        expected[side, tooth, row, column] = True
+        inside[side, tooth, row[sooner == later], column] = True
+    return np.stack([expected, inside])
 
 
 def _met_at(

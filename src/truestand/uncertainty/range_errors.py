@@ -9,7 +9,7 @@ add up.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import tau
+from math import sqrt, tau
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from truestand.core.arrays import Array
 from truestand.core.assumptions import SCALE_U, K
 from truestand.core.calibration import HEIGHT, VIEW_UNKNOWNS, Calibration
 from truestand.core.frames import PHI, RADIAL, LaserPlane
+from truestand.core.stand import Sensor
 from truestand.uncertainty.influence import unknowns_of
 from truestand.uncertainty.lines import linearity_name, linearity_of, scale_name
 
@@ -41,6 +42,12 @@ class RangeError:
     """mm by which a range is read too long, along its ray."""
     taken_up: Array
     """(``VIEW_UNKNOWNS``,) mm and rad: by how much the calibration's unknowns, azimuth and height are off for it."""
+
+
+def change_along_range(sensor: Sensor) -> float:
+    """1/mm: share of its linearity by which the error of a sensor's range may change from one mm of it to the next."""
+    low, high = sensor.range or (0.0, PERIOD)
+    return sqrt(len(WAVES)) * tau / (high - low)
 
 
 def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
