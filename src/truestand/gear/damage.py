@@ -362,7 +362,7 @@ def _unseen(rays: FlankRays, there: Mask) -> tuple[Mask, Array]:
     """Cells (2, teeth, roll lengths, heights) that rays of any kind show nothing of, and how much each of them
     weighs.
     """
-    in_empty_rows, in_runs = rays.own.in_empty_rows, rays.in_runs.missed
+    in_empty_rows, in_runs = rays.inside.in_empty_rows, rays.in_runs.missed
     (first, by_first), (second, by_second) = (_not_seen(told, there) for told in (rays.beside, rays.between))
     return first | second | in_runs | in_empty_rows, np.maximum.reduce([by_first, by_second, in_empty_rows])
 

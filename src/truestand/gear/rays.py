@@ -123,7 +123,7 @@ class FlankRays:
     """The same rays, held to be missed for one reason or another.
 
     Readings beside a narrow dent hide it from the first; where the rays that should meet the floor of a groove meet its
-    edge, only the last tells.
+    edge, only the last two tell.
     """
 
     beside: Rays
@@ -133,7 +133,9 @@ class FlankRays:
     in_runs: Rays
     """those of them where a profile lacks far more readings on end than is usual,"""
     own: Rays
-    """and where no reading lies in the cell, wherever in ``STANDS_WITHIN`` the flank stands."""
+    """where no reading lies in the cell,"""
+    inside: Rays
+    """and the same of those that meet it in that cell wherever in ``STANDS_WITHIN`` it stands."""
 
 
 def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> FlankRays:
@@ -182,7 +184,8 @@ def rays_on_flanks(
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
-        Rays(between, missed & in_runs, facing), Rays(inside, inside & ~grid.seen, facing),
+        Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
+        Rays(inside, inside & ~grid.seen, facing),
     )  # fmt: skip
 
 
