@@ -252,12 +252,10 @@ def _expected(
     for side, tooth, column in np.ndindex(shape[0], shape[1], shape[3]):
         roll = _rolls_met(angle, met[side, tooth, :, column], grid.rolls[rows])
         roll = roll[(roll > limits[0]) & (roll < limits[1])]
-        off = step_on_flank(nominal, roll, turned)
-        row, sooner, later = (
-            bin_index(at, nominal.control_roll, nominal.tip_roll, shape[2]) for at in (roll, roll - off, roll + off)
-        )
+        row = bin_index(roll, nominal.control_roll, nominal.tip_roll, shape[2])
+        to_border = grid.size[0] / 2 - np.abs(roll - grid.rolls[row])
         expected[side, tooth, row, column] = True
-        inside[side, tooth, row[sooner == later], column] = True
+        inside[side, tooth, row[to_border > step_on_flank(nominal, roll, turned)], column] = True
     return np.stack([expected, inside])
 
 
