@@ -17,6 +17,8 @@ LONG_NAME = "Sun wheel of the second planetary stage, hobbed and shaved, drawing
 LONG_FILE = "sun-wheel-of-the-second-stage-4711-0815-42.toml"
 MARKUP = "<img src=x onerror=\"document.title='owned'\">"
 CALIBRATIONS, INSPECTIONS = 13, 20
+SIZES = {"panel": (1280, 800), "screen": (1920, 1080), "tablet": (800, 1280)}
+"""Width and height of what pages are shown on."""
 
 
 @dataclass(frozen=True)

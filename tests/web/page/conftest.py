@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 
 import stored_results
-from stored_results import StoredStand
+from stored_results import SIZES, StoredStand
 
 CHROMIUM = Path("/usr/bin/chromium")
+PATIENCE_MS = 30_000
+"""For whatever the page must show in the end: machines are shared."""
 FLAGS = [
     "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
+    "--disable-background-networking", "--disable-accelerated-2d-canvas", "--disable-gpu-rasterization",
 ]  # fmt: skip
-SIZES = {"panel": (1280, 800), "screen": (1920, 1080), "tablet": (800, 1280)}
 NAME = "Stand 1, hall B"
 
 
@@ -31,6 +32,7 @@ def chromium():
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install playwright")
     if not CHROMIUM.exists():
         pytest.skip(f"{CHROMIUM} is missing: apt-get install chromium")
+    api.expect.set_options(timeout=PATIENCE_MS)
     with api.sync_playwright() as player:
         browser = player.chromium.launch(executable_path=str(CHROMIUM), args=FLAGS)
         yield browser
@@ -73,8 +75,8 @@ def open_tab(chromium, stand):
     """Open tabs; what their consoles say is collected and must be nothing."""
     contexts, heard = [], []
 
-    def open_one(path="#/", size="panel", expect=(), **context):
-        width, height = SIZES[size]
+    def open_one(path="#/", expect=(), **context):
+        width, height = SIZES["panel"]
         contexts.append(chromium.new_context(viewport={"width": width, "height": height}, **context))
         tab = contexts[-1].new_page()
         tab.on("console", lambda m: m.type in ("error", "warning") and heard.append((m.text, tuple(expect))))

@@ -1,12 +1,13 @@
 """For everyone: no serious finding of axe-core in light and dark, targets for gloves, words for what colour says."""
 
+from stored_results import SIZES
+
 PATHS = [
     "#/", "#/inspect", "#/inspect/gear", "#/calibrate", "#/job", "#/results", "#/results/{nonconforming}",
     "#/results/{conforming}/cloud", "#/results/{nonconforming}/evidence", "#/results/{calibration}",
     "#/results/{verification}", "#/history", "#/devices", "#/recipes/gear.toml", "#/login",
 ]  # fmt: skip
 SMALLEST = 48
-SIZES = {"panel": (1280, 800), "tablet": (800, 1280)}
 TARGETS = """() => [...document.querySelectorAll("a[href], button, input, select, summary")]
   .filter((e) => e.checkVisibility() && !e.closest(".skip, .plot") && !e.matches(".skip, p a, li > a.plain, .under a"))
   .map((e) => [e.outerHTML.slice(0, 90), e.getBoundingClientRect().height, e.getBoundingClientRect().width])"""

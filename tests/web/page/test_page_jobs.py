@@ -70,7 +70,7 @@ def test_fields_of_the_part_reach_the_worker(open_tab, stand):
 def test_a_job_is_seen_live_and_stopped(open_tab, stand):
     stand.run("hold")
     tab = open_tab("#/job")
-    expect(tab.locator(".gauge .share")).to_have_text("12 %", timeout=8000)
+    expect(tab.locator(".gauge .share")).to_have_text("12 %")
     expect(tab.locator(".sensor")).to_have_count(2)
     expect(tab.locator(".lost")).to_have_text(["0 ✓", "12 ✗"])
     expect(tab.locator(".dial strong")).to_have_text(re.compile("°$"))
@@ -191,5 +191,5 @@ def test_without_the_live_channel_the_page_asks(chromium, stand):
     tab.goto(stand.url + "#/job")
     tab.get_by_text("No connection to the stand").wait_for()
     (stand.job_folder / "stop").touch()
-    tab.get_by_role("heading", name="valid").wait_for(timeout=15000)
+    tab.get_by_role("heading", name="valid").wait_for()
     context.close()

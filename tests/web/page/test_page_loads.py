@@ -4,6 +4,7 @@ import pytest
 
 import stored_results
 from lab import lab
+from stored_results import SIZES
 from truestand.store import Store
 from truestand.web.routes.files import STATIC
 from web_lab import PASSWORD
@@ -19,12 +20,13 @@ PAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("size", ["panel", "screen", "tablet"])
 @pytest.mark.parametrize("path", PAGES)
-def test_page_shows_its_heading_and_fits(open_tab, path, size):
-    tab = open_tab(path, size)
+def test_page_shows_its_heading_and_fits(open_tab, path):
+    tab = open_tab(path)
     assert PAGES[path] in tab.locator("h1").first.inner_text() or path == "#/login"
-    assert tab.evaluate("document.documentElement.scrollWidth") <= tab.evaluate("innerWidth")
+    for width, height in SIZES.values():
+        tab.set_viewport_size({"width": width, "height": height})
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width
     assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
 
 
@@ -174,11 +176,11 @@ def test_recipe_is_checked_and_saved(open_tab, stand):
 def test_leaving_an_unsaved_recipe_asks_first(open_tab):
     tab = open_tab("#/recipes/gear.toml")
     tab.get_by_label("gear.toml").fill("a = 1\n")
-    asked = []
-    tab.on("dialog", lambda d: (asked.append(d.message), d.dismiss()))
-    tab.get_by_role("link", name="Home").click()
-    tab.wait_for_timeout(200)
-    assert asked and tab.get_by_label("gear.toml").input_value() == "a = 1\n"
+    tab.on("dialog", lambda asked: asked.dismiss())
+    with tab.expect_event("dialog"):
+        tab.get_by_role("link", name="Home").click()
+    tab.evaluate("() => new Promise(requestAnimationFrame)")
+    assert tab.get_by_label("gear.toml").input_value() == "a = 1\n"
 
 
 def test_an_operator_reads_recipes_only(open_tab, stand):
