@@ -150,7 +150,7 @@ def test_angles_that_are_much_the_same_are_refused(clamped):
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("clamped", tried([(0.0, 60.0)], ((0.0, -100.0),)))
+@pytest.mark.parametrize("clamped", tried([(0.0, 60.0)], rarely=[((0.0, -100.0),)]))
 def test_wrong_angles_are_noticed(clamped):
     """Turned by 100 degrees and stated otherwise: the scans read no one laser plane, or no one table bearing."""
     wrong = calibrate_positions((scan(0), scan(100)), tuple(map(radians, clamped)), artefact())

@@ -19,6 +19,7 @@ from truestand.gear.clampings import laid_together
 from truestand.parts.inspect import inspect
 from truestand.sim import GearErrors, VirtualGear, paper_shaft, simulate
 from truestand.sim.gear_truth import gear_figures
+from variants import tried
 
 UM = 1e-3
 COUNTS = 360_000
@@ -70,7 +71,7 @@ def true(errors):
 
 
 @pytest.mark.more
-@pytest.mark.parametrize("flank", ["left", "right"])
+@pytest.mark.parametrize("flank", tried(["left"], rarely=["right"]))
 def test_closure_takes_the_table_off_the_pitch(flank):
     alone = inspect(roll(scan(WORN, 0, 10), calibrated()), SPUR)
     c, truth = line(found(WORN, (None,) * 3), "F_p", flank), true(WORN)["F_p", flank, None]
@@ -86,7 +87,7 @@ def test_the_tables_error_is_told():
     assert size == pytest.approx(1000 * TABLE * 24.0, abs=max(U, 0.1)) and U < 1.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_flank_is_read_by_all_clampings_alike():
     alone, together = inspect(clamped(WORN)[0], SPUR), found(WORN, OFFSETS)
     for name in ("f_falpha", "f_fbeta", "f_Halpha", "f_Hbeta"):

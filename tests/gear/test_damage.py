@@ -58,7 +58,7 @@ def test_flanks_beside_damage_are_as_they_are():
     assert found.verdict == "does_not_conform"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
     """A dent of 0.09 mm beside mid-face and measuring circle; the mean of the whole flank hardly sees it."""
     found = inspected(replace(SOUND, dents=(Dent(7, "left", 10.3, 21.0, 1.2, 0.09),)), points=320)
@@ -70,7 +70,7 @@ def test_the_worst_section_shows_what_the_standards_traces_do_not_cross():
         assert worst.verdict is worst.limits is mean.verdict is mean.limits is None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_wear_over_the_pitch_point_moves_the_tooth():
     """30 um times the arc on top of 2.5 um: 34.4 um, 33 allowed. A quadratic over the flank read 22.8."""
     errors = worn((7.0, 9.5), FACE, 0.03, 1.25, UNEVEN)
@@ -81,7 +81,7 @@ def test_wear_over_the_pitch_point_moves_the_tooth():
     assert c.verdict != "conforms"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_deeper_groove_never_reads_less():
     """From 0.2 mm on its edge hides its bottom: what is read is what was seen, and no less than of 0.1 mm."""
     read = [line(inspected(worn((8.5, 9.8), FACE, depth)), "f_falpha").value for depth in (0.005, 0.1)]
@@ -189,7 +189,7 @@ def test_a_pit_behind_dead_points_does_not_conform_unseen():
     assert c.status == "partial" and c.coverage < 0.98
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_speckle_that_two_turns_show_again_is_no_damage():
     """One cell of outliers alone hid how much all readings scatter: 100 regions."""
     found = inspected(SOUND, how=simulation(11000, speckle=0.01), points=320)
@@ -197,7 +197,7 @@ def test_speckle_that_two_turns_show_again_is_no_damage():
     assert sum(r.code in ("damage", "more_damage") for r in found.remarks) < 5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_with_two_readings_a_cell_and_as_many_outliers_hardly_a_line_is_doubted():
     """40 % wild, 60 % lost, one turn: two outliers side by side pass for damage now and then."""
     found = inspected(SOUND, GEAR, simulation(outliers=0.4, dropouts=0.6), 640)
@@ -206,7 +206,7 @@ def test_with_two_readings_a_cell_and_as_many_outliers_hardly_a_line_is_doubted(
     assert judged.count("undecided") < 0.6 * len(judged)  # most of them: too little was seen of their trace
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_groove_that_ends_in_the_middle_of_the_face_leaves_the_profile():
     """Where some of the heights of a trace end, it must not step to the mean of the others: 24 um for 0.1."""
     ends = replace(

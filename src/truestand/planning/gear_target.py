@@ -1,7 +1,7 @@
 """A gear for which sensors are placed: what must be seen of its flanks, and how they would be inspected.
 
-The cells of its flanks are filled as the scans would fill them, with noise drawn; they are then assessed as those of an
-inspection are.
+The cells of its flanks are filled as scans on several stands would fill them: what the budget leaves open of a stand is
+drawn, and noise. They are then assessed as those of an inspection are.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic
 from truestand.gear.assess import assess
-from truestand.gear.budget import Weighed, influences_of, radial_lines
+from truestand.gear.budget import Influence, Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
 from truestand.gear.coverage import coverage_of
 from truestand.gear.doubt import Assessment
@@ -53,6 +53,8 @@ LEAST_COUNT = 1.0
 """Of readings in a cell that counts as seen."""
 USUAL_CLASS = 7
 """By which U is weighed where the drawing limits nothing."""
+SCANS = 3
+"""Which are imagined: how large U is depends on what a scan reads, on its noise too."""
 LARGEST_OF_TEETH = 0.7
 """Of a wave's height over a turn: by so much it moves the range of a gear's pitch on average."""
 
@@ -96,14 +98,23 @@ class GearTarget:
         readings = [self._readings(view, cells) for view in views]
         total = np.sum([r.count for r in readings], axis=0)
         shares = [np.where(total > 0, r.count / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
-        grid = self._grid(cells, readings, shares)
-        views = self._tied(views, [r.count > 0 for r in readings], grid)
-        step = 2 * np.pi / self.profiles_per_turn
+        rng = np.random.default_rng(0)
+        grid = self._grid(cells, readings, rng)
+        sources = _sources(self._tied(views, [r.count > 0 for r in readings], grid), shares)
+        influences = influences_of(sources, grid, self.toothing)
+        parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
+        noise = np.sqrt(np.sum(parts, axis=0))
+        scans = [self._lines_of(_scanned(grid, influences, noise, rng), sources) for _ in range(SCANS)]
+        return tuple(_typical(of) for of in zip(*scans, strict=True))
+
+    def _lines_of(self, grid: Grid, sources: tuple[Weighed, ...]) -> tuple[Characteristic, ...]:
+        """The lines that an inspection would have, were these its cells."""
+        step, teeth = 2 * np.pi / self.profiles_per_turn, self.gear.teeth
         evaluator = evaluator_of(grid, step)
-        measures, teeth = evaluate(grid.delta, evaluator), self.gear.teeth
+        measures = evaluate(grid.delta, evaluator)
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
-        found = assess(_sources(views, shares), self.toothing, evaluator, step, measures, coverage, (), (), there)
+        found = assess(sources, self.toothing, evaluator, step, measures, coverage, (), (), there)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":
@@ -194,13 +205,10 @@ class GearTarget:
         phase = (GOLDEN * np.arange(2 * teeth)).reshape(2, teeth, 1) % 1.0
         return np.diff(np.floor(met + phase), axis=2, prepend=np.floor(phase))
 
-    def _grid(self, cells: "_Cells", readings: list["_Readings"], shares: list[Array]) -> Grid:
-        """The cells as the scans would fill them: of a gear with usual pitch errors, and noise."""
-        nominal, rng = self.toothing.nominal, np.random.default_rng(0)
-        total = np.sum([r.count for r in readings], axis=0)
-        parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
+    def _grid(self, cells: "_Cells", readings: list["_Readings"], rng: np.random.Generator) -> Grid:
+        """The cells that the scans fill, of a gear with usual errors; nothing errs in reading it."""
+        nominal, total = self.toothing.nominal, np.sum([r.count for r in readings], axis=0)
         delta = _usual_pitch(self.gear, rng) + _usual_flanks(self.gear, nominal, cells)
-        delta = delta + np.sqrt(np.sum(parts, axis=0)) * rng.standard_normal(total.shape)
         delta = np.where(total > 0, delta, np.nan)
         roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
         scatter = float(np.median([np.median(r.u) for r in readings]))
@@ -265,6 +273,19 @@ def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, .
         Weighed(view.scan, view.calibration, None, None if alone else share)
         for view, share in zip(views, shares, strict=True)
     )
+
+
+def _scanned(grid: Grid, influences: Sequence[Influence], noise: Array, rng: np.random.Generator) -> Grid:
+    """The cells as a stand would read them that errs as the budget says, with ``noise`` (2, teeth, R, H) mm."""
+    delta = grid.delta + noise * rng.standard_normal(noise.shape)
+    for influence in influences:
+        delta += rng.standard_normal() / 2 * influence.field
+    return replace(grid, delta=delta, median=delta)
+
+
+def _typical(lines: Sequence[Characteristic]) -> Characteristic:
+    """Of the same line in several scans that with the middle U."""
+    return sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
 
 
 def _moved(fields: Array, nominal: Involute, cells: "_Cells") -> dict[str, Array]:
