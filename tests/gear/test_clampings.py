@@ -29,6 +29,8 @@ TABLE = radians(10.0 / 3600.0)
 EMPTY = Surface(*np.zeros((3, 1, 1)))
 PERFECT = GearErrors(phase=0.05)
 STAND = replace(stand(240), counts_per_turn=COUNTS)
+LINEAR = replace(STAND, sensors=(replace(STAND.sensor, linearity_U=0.001),))
+"""With a sensor that can't be taken for a table that errs."""
 
 
 def turned_by(errors, teeth):
@@ -40,14 +42,14 @@ def turned_by(errors, teeth):
 
 
 @cache
-def scan(errors, teeth, seed):
+def scan(errors, teeth, seed, own=STAND, **optics):
     """Of the shaft (None) or of a gear, with an encoder that errs once a turn."""
-    how = simulation(4400, True)
+    how = simulation(4400, True, **optics)
     how = replace(how, acquisition=replace(how.acquisition, columns=("encoder",)))
     part = None if errors is None else VirtualGear(SPUR, turned_by(errors, teeth))
-    made = simulate(STAND, how, paper_shaft(), seed, None, part).recording
+    made = simulate(own, how, paper_shaft(), seed, None, part).recording
     angle = made.encoder * (tau / COUNTS)
-    return interpret(replace(made, encoder=made.encoder + COUNTS / tau * TABLE * np.cos(angle - 0.7)), STAND)
+    return interpret(replace(made, encoder=made.encoder + COUNTS / tau * TABLE * np.cos(angle - 0.7)), own)
 
 
 @cache
@@ -80,8 +82,22 @@ def test_closure_takes_the_table_off_the_pitch(flank):
 
 
 @pytest.mark.more
-def test_the_tables_error_is_told():
-    (said,) = [str(r) for r in found(WORN, (None,) * 3).remarks if r.code == "part_clamped_again"]
+def test_what_a_range_error_does_to_an_eccentric_part_is_no_error_of_the_table():
+    optics = {"nonlinearity": 0.02, "nonlinearity_phase": 2.5, "faster_nonlinearity": ((2, 0.01, 4.0),)}
+    calibration = calibrate(scan(None, 0, 1, **optics), paper_shaft())
+    scans = tuple(scan(WORN, teeth, 10 + teeth, **optics) for teeth in OFFSETS)
+    inspection = inspect(roll_views(scans, calibration, clamped_again=True), SPUR, OFFSETS)
+    assert not inspection.reasons
+    for flank in ("left", "right"):
+        c, truth = line(inspection, "F_p", flank), true(WORN)["F_p", flank, None]
+        assert abs(c.value - truth) < c.U < 1.5 * UM
+
+
+@pytest.mark.more
+def test_the_tables_error_is_told_where_the_sensor_is_linear():
+    scans = tuple(scan(WORN, teeth, 10 + teeth, LINEAR) for teeth in OFFSETS)
+    views = roll_views(scans, calibrate(scan(None, 0, 1, LINEAR), paper_shaft()), clamped_again=True)
+    (said,) = [str(r) for r in inspect(views, SPUR, (None,) * 3).remarks if r.code == "part_clamped_again"]
     assert "scan 2 was turned by 7 teeth, scan 3 was turned by 16 teeth" in said
     size, U = (float(text) for text in said.split("errs by ")[1].split(" um")[0].split(" +- "))
     assert size == pytest.approx(1000 * TABLE * 24.0, abs=max(U, 0.1)) and U < 1.0

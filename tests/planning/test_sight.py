@@ -17,7 +17,7 @@ from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.sight import CAUSES, look
-from truestand.planning.views import Setting, shaft_in_view, uncalibrated
+from truestand.planning.views import Setting, shaft_in_view, shows_shaft, uncalibrated
 from truestand.sim import GearErrors, Mounting, VirtualGear, paper_shaft, paper_simulation, paper_stand, simulate
 
 FAN, LIMIT = radians(30.0), radians(82.0)
@@ -121,5 +121,15 @@ def test_the_shaft_is_in_view_as_far_as_line_and_range_reach():
     optics, _ = optics_of(stand().sensor)
     base, bearing = shaft_in_view(uncalibrated(Place(radians(-90.0), 95.0, 0.0), setting), optics, setting.shaft)
     # Half of the line at the base's 95 mm, and at the 100.5 mm of the bearing; half a millimetre at each end.
-    assert base == pytest.approx(95.0 * tan(FAN / 2) - 0.5, abs=0.6)
-    assert bearing == pytest.approx(100.5 * tan(FAN / 2) - 0.5, abs=0.6)
+    assert np.ptp(base) == pytest.approx(95.0 * tan(FAN / 2) - 1.0, abs=0.6)
+    assert np.ptp(bearing) == pytest.approx(100.5 * tan(FAN / 2) - 1.0, abs=0.6)
+    assert shows_shaft((base, bearing), setting.shaft)
+
+
+def test_a_shaft_whose_shoulder_is_hidden_is_not_shown():
+    """From below the base hides 2 mm of the bearing: a shaft that stands so much higher looks the same."""
+    setting = Setting(stand(), paper_shaft(), 0.9)
+    optics, _ = optics_of(stand().sensor)
+    base, bearing = shaft_in_view(uncalibrated(Place(radians(-67.0), 95.0, 10.0), setting), optics, setting.shaft)
+    assert base[-1] > -1.5 and bearing[0] >= 2.0 and min(np.ptp(base), np.ptp(bearing)) > 5.0
+    assert not shows_shaft((base, bearing), setting.shaft)

@@ -2,9 +2,10 @@
 
     F_c(j) = g(j) + t(theta_j + o_c) + const_c,    t = sum of waves a turn
 
-(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). The calibration's own errors and the seat's axis stay
-with the stand as well: without them a laser plane beside where it is taken to be, or a seat off the base, looks like a
-part that sits otherwise. What is left of the table's errors, and of all else that does not turn with the gear, is
+(multi-step technique: D. J. Whitehouse, J. Phys. E 9 (1976) 531). The calibration's own errors, those of the sensor's
+range and the seat's axis stay with the stand as well: without them a laser plane beside where it is taken to be, or a
+seat off the base, looks like a part that sits otherwise, and what a range error does to a part that runs eccentrically
+like an error of the table. What is left of the table's errors, and of all else that does not turn with the gear, is
 averaged over the clampings.
 """
 
@@ -20,14 +21,16 @@ from truestand.core.arrays import Array
 from truestand.core.assumptions import SEATED_U, SIDEWAYS_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
+from truestand.core.frames import UNKNOWNS
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration, readings_of, seen_at, table_angle
+from truestand.core.surface import Surface, apply_calibration, readings_of, seen_at, sensor_origins, table_angle
 from truestand.gear.drawing import Gear
 from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
 from truestand.gear.geometry import SIGMA, Involute
-from truestand.uncertainty.influence import independent_parts, influence, part_from_shaft, without
+from truestand.uncertainty.influence import independent_parts, influence_of_view, part_from_shaft, without
 from truestand.uncertainty.lines import once_per_turn
+from truestand.uncertainty.range_errors import lifts_of_range, range_errors
 
 MOST = 1.5
 """Times its U that what closure finds may be."""
@@ -124,12 +127,14 @@ def seated_u(gear: Gear) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Unknowns:
-    """Where the unknowns of the least squares stand: flanks, clampings but the first, the seat, calibrations, waves."""
+    """Where the unknowns of the least squares stand: flanks, clampings but the first, the seat, views, waves."""
 
     teeth: int
     clampings: int
     parts: dict[str, Array]
-    """Independent parts (k, 8) of the covariance of each view's calibration."""
+    """Independent parts (k, 8) of the covariance of each view's calibration, none where that isn't known."""
+    ranges: int
+    """Errors of the range of each view."""
     orders: tuple[int, ...]
 
     def clamping(self, c: int) -> slice:
@@ -146,13 +151,18 @@ class _Unknowns:
     def calibration(self, name: str) -> slice:
         """Of a view's calibration: its parts, each in standard deviations."""
         names = list(self.parts)
-        first = self.axis.stop + sum(len(self.parts[n]) for n in names[: names.index(name)])
+        first = self.axis.stop + sum(len(self.parts[n]) + self.ranges for n in names[: names.index(name)])
         return slice(first, first + len(self.parts[name]))
+
+    def range_errors(self, name: str) -> slice:
+        """Of the range of a view's sensor, each in standard deviations."""
+        first = self.calibration(name).stop
+        return slice(first, first + self.ranges)
 
     @property
     def waves(self) -> slice:
         """Of the table."""
-        first = self.axis.stop + sum(map(len, self.parts.values()))
+        first = self.axis.stop + sum(len(parts) + self.ranges for parts in self.parts.values())
         return slice(first, first + 2 * len(self.orders))
 
     @property
@@ -163,11 +173,13 @@ class _Unknowns:
 
 def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> Closure:
     """Least squares: the gear's own places are free, and so is what each clamping turns it by; the table, the
-    calibration, and how far off the axis a part sits that was clamped again, are known beforehand as their budget says.
+    calibration, the sensor's range, and how far off the axis a part sits that was clamped again, are known beforehand
+    as their budget says.
     """
     scan, calibration = surfaces[0].origin
     orders = _orders(nominal.gear.teeth)
-    at = _Unknowns(nominal.gear.teeth, len(surfaces), _parts([s.origin[1] for s in surfaces]), orders)
+    parts, ranges = _parts([s.origin[1] for s in surfaces]), len(range_errors(calibration))
+    at = _Unknowns(nominal.gear.teeth, len(surfaces), parts, ranges, orders)
     known, seated = _before(scan, nominal, orders), seated_u(nominal.gear)
     precision = np.zeros(at.number)
     for c in range(1, at.clampings):
@@ -184,7 +196,9 @@ def closure_of(surfaces: Sequence[Surface], nominal: Involute, datum: Datum) -> 
         orders, found[at.waves], np.asarray(covariance[at.waves, at.waves]), clampings[:, 1:3],
         np.stack([(_turned(s.origin[1]) + np.eye(2)) @ found[at.axis] for s in surfaces]), clampings[:, 0],
         known, seated, left,
-        {name: _corrected(parts, found, covariance, at.calibration(name)) for name, parts in at.parts.items()},
+        {
+            name: _corrected(own, found, covariance, at.calibration(name)) for name, own in parts.items() if own.size
+        },
     )  # fmt: skip
 
 
@@ -216,9 +230,9 @@ def _equations(surfaces: Sequence[Surface], toothing: Toothing, at: _Unknowns) -
         if c:
             design[:, at.clamping(c)] = np.column_stack([np.ones(seen.size), moved, sigma])
         design[:, at.axis] = moved @ _turned(calibration)
-        if calibration.name in at.parts:
-            follow = at.parts[calibration.name] @ _followed(calibration, points, gradient)
-            design[:, at.calibration(calibration.name)] = (follow * sigma / nominal.base_radius).T
+        name, arc = calibration.name, sigma / nominal.base_radius
+        of_calibration, of_range = _followed(calibration, at.parts[name], points, gradient)
+        design[:, at.calibration(name)], design[:, at.range_errors(name)] = (of_calibration * arc).T, (of_range * arc).T
         # An angle that counts too much by t shows the flank turned back by t, or on, of a gear that was turned over.
         design[:, at.waves] = -calibration.sense * waves_of(seen_at(calibration, points), at.orders)
         rows.append(design)
@@ -242,14 +256,19 @@ def _seat_known(calibration: Calibration) -> float:
 def _parts(calibrations: Sequence[Calibration]) -> dict[str, Array]:
     """The independent parts (k, 8) of the covariance of each view; none where its record carries none."""
     known = {c.name: independent_parts(c) for c in calibrations}
-    return {name: parts for name, parts in known.items() if parts is not None}
+    return {name: np.zeros((0, UNKNOWNS)) if parts is None else parts for name, parts in known.items()}
 
 
-def _followed(calibration: Calibration, points: Array, gradient: Array) -> Array:
-    """By how much (8, n) delta of flanks at ``points`` (n, 3) mm of C, of such a ``gradient``, follows each unknown."""
+def _followed(calibration: Calibration, parts: Array, points: Array, gradient: Array) -> tuple[Array, Array]:
+    """By how much delta of flanks at ``points`` (n, 3) mm of C, of such a ``gradient``, follows the ``parts`` (k, 8) of
+    the calibration's covariance: (k, n), and the errors of range: (m, n).
+    """
     angle = seen_at(calibration, points)
     x, z = readings_of(calibration, points, angle)
-    return np.asarray(np.einsum("unc,nc->un", influence(calibration, x, z, angle), gradient))
+    follow = np.einsum("unc,nc->un", influence_of_view(calibration, points, x, z, angle), gradient)
+    along = np.einsum("nc,nc->n", points - sensor_origins(calibration, angle), gradient) / z
+    lifts = [lift for _, lift in lifts_of_range(calibration, z, along, follow)]
+    return np.asarray(parts @ follow[:UNKNOWNS]), np.stack(lifts)
 
 
 def _middles(toothing: Toothing, flanks: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ from truestand.uncertainty.influence import (
     joint_parts,
 )
 from truestand.uncertainty.lines import CALIBRATION
-from truestand.uncertainty.range_errors import range_errors
+from truestand.uncertainty.range_errors import lifts_of_range
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,10 @@ class PartViews:
             lifted = np.einsum("unc,nc->un", follow, normal[on])
             lifts[:, on] = parts[:, k * unknowns : (k + 1) * unknowns] @ lifted[:unknowns]
             along = np.einsum("nc,nc->n", points - self.origins[row[on]], normal[on]) / z
-            for error in range_errors(view.calibration):
+            for name, own_lift in lifts_of_range(view.calibration, z, along, lifted):
                 lift = np.zeros(flat.size)
-                lift[on] = (along * error.of_range(z) + error.taken_up @ lifted) / K
-                of_range.setdefault(error.name, []).append(lift)
+                lift[on] = own_lift
+                of_range.setdefault(name, []).append(lift)
             first += view.scan.profiles
         return {CALIBRATION: lifts} | {name: np.stack(each) for name, each in of_range.items()}
 

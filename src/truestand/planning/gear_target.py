@@ -99,7 +99,7 @@ class GearTarget:
         total = np.sum([r.count for r in readings], axis=0)
         shares = [np.where(total > 0, r.count / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
         rng = np.random.default_rng(0)
-        grid = self._grid(cells, readings, rng)
+        grid = self._grid(cells, readings)
         sources = _sources(self._tied(views, [r.count > 0 for r in readings], grid), shares)
         influences = influences_of(sources, grid, self.toothing)
         parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
@@ -205,11 +205,10 @@ class GearTarget:
         phase = (GOLDEN * np.arange(2 * teeth)).reshape(2, teeth, 1) % 1.0
         return np.diff(np.floor(met + phase), axis=2, prepend=np.floor(phase))
 
-    def _grid(self, cells: "_Cells", readings: list["_Readings"], rng: np.random.Generator) -> Grid:
-        """The cells that the scans fill, of a gear with usual errors; nothing errs in reading it."""
+    def _grid(self, cells: "_Cells", readings: list["_Readings"]) -> Grid:
+        """The cells that the scans fill, of a gear with usual slopes and form; nothing errs in reading it."""
         nominal, total = self.toothing.nominal, np.sum([r.count for r in readings], axis=0)
-        delta = _usual_pitch(self.gear, rng) + _usual_flanks(self.gear, nominal, cells)
-        delta = np.where(total > 0, delta, np.nan)
+        delta = np.where(total > 0, _usual_flanks(self.gear, nominal, cells), np.nan)
         roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
         scatter = float(np.median([np.median(r.u) for r in readings]))
         return Grid(nominal, delta, delta, roll, height, total, cells.rolls, cells.edges, scatter)
@@ -276,8 +275,10 @@ def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, .
 
 
 def _scanned(grid: Grid, influences: Sequence[Influence], noise: Array, rng: np.random.Generator) -> Grid:
-    """The cells as a stand would read them that errs as the budget says, with ``noise`` (2, teeth, R, H) mm."""
-    delta = grid.delta + noise * rng.standard_normal(noise.shape)
+    """The cells of a gear with usual pitch errors as a stand would read them that errs as the budget says, with
+    ``noise`` (2, teeth, R, H) mm.
+    """
+    delta = grid.delta + _usual_pitch(grid.nominal.gear, rng) + noise * rng.standard_normal(noise.shape)
     for influence in influences:
         delta += rng.standard_normal() / 2 * influence.field
     return replace(grid, delta=delta, median=delta)

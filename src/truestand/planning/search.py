@@ -21,10 +21,8 @@ from truestand.planning.places import beside, places_for, rounded
 from truestand.planning.room import Room, apart, clearance, in_room
 from truestand.planning.sight import CAUSES, look
 from truestand.planning.target import Mount, PlannedSensor, Target, View
-from truestand.planning.views import Setting, loosely_joined, shaft_in_view, uncalibrated, views_at
+from truestand.planning.views import Setting, loosely_joined, shaft_in_view, shows_shaft, uncalibrated, views_at
 
-LEAST_SHAFT, LEAST_SHARE = 5.0, 0.5
-"""mm of each of two cylinders that must be seen to calibrate, or share of shorter ones."""
 ENOUGH = 0.97
 """Coverage of a surface from which more of it makes nothing better."""
 AS_GOOD = 0.01
@@ -140,7 +138,7 @@ def search_of(setting: Setting, target: Target, room: Room, sensors: Sequence[Pl
         gap = search.gap(mount, enough=room.least_clearance)
         if gap < room.least_clearance:
             touching += 1
-        elif not _shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):
+        elif not shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):
             blind += 1
         else:
             sight = look(surfaces.points, surfaces.normals, view, own.tightened, bodies)
@@ -231,12 +229,6 @@ class _Calibrated:
                 self.why_not.append(str(error))
         view = self.views[key]
         return None if view is None else view.by(mount.sensor)
-
-
-def _shows_shaft(seen: tuple[float, ...], shaft: Sequence[Round]) -> bool:
-    """Whether as much of a shaft is in view as a calibration needs: of two cylinders, if it has two."""
-    enough = [min(LEAST_SHAFT, LEAST_SHARE * (body.top - body.bottom)) for body in shaft]
-    return sum(length >= least for length, least in zip(seen, enough, strict=True)) >= min(2, len(seen))
 
 
 def _groups(search: Search, number: int) -> list[tuple[int, ...]]:

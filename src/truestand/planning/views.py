@@ -9,7 +9,9 @@ import numpy as np
 from truestand.apply.views import in_first_frame
 from truestand.apply.witness import LEAST_HEIGHT_MM
 from truestand.calibration.calibrate import calibrate
+from truestand.calibration.segment import MOST_SLID_MM
 from truestand.calibration.views import calibrate_views
+from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
 from truestand.core.errors import NotEnoughData
@@ -35,6 +37,10 @@ SPACING = 0.5
 """mm along the shaft at which it is looked for,"""
 MARGIN = 0.5
 """but for so much at its ends."""
+MOST_HIDDEN = MOST_SLID_MM / 2
+"""mm at the shoulder of the shaft that a view need not see: of a place that is not hit to the degree it may be more."""
+LEAST_SHAFT, LEAST_SHARE = 5.0, 0.5
+"""mm of each of two cylinders that must be seen to calibrate, or share of shorter ones."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,19 +132,36 @@ def _mounted(sensor: Sensor, mount: Mount, carrier: Carrier | None) -> Sensor:
 
 def shaft_in_view(
     view: Calibration, optics: Optics, shaft: Sequence[Round], bodies: Sequence[Body] = ()
-) -> tuple[float, ...]:
-    """mm of each of a shaft's cylinders that a view would see, with other ``bodies`` about it."""
+) -> tuple[Array, ...]:
+    """Where a view would see each of a shaft's cylinders, with other ``bodies`` about it: heights (n,) mm, every
+    ``SPACING`` and not at their ends.
+    """
     seen = []
     for cylinder in shaft:
         height = np.arange(cylinder.bottom + MARGIN, cylinder.top - MARGIN, SPACING)
         points = np.stack([np.full(height.size, cylinder.radius), np.zeros(height.size), height], axis=1)
         normals = np.tile([1.0, 0.0, 0.0], (height.size, 1))
         sight = look(points, normals, centred(view), optics, (*shaft, *bodies))
-        seen.append(SPACING * float(np.count_nonzero(sight.seen)))
+        seen.append(height[sight.seen])
     return tuple(seen)
+
+
+def shows_shaft(seen: tuple[Array, ...], shaft: Sequence[Round]) -> bool:
+    """Whether as much of a shaft is in view as a calibration needs: of two cylinders, if it has two, and so much of the
+    shoulder between them that it can't be taken to stand elsewhere.
+    """
+    enough = [min(LEAST_SHAFT, LEAST_SHARE * (body.top - body.bottom)) for body in shaft]
+    long = [SPACING * height.size >= least for height, least in zip(seen, enough, strict=True)]
+    if sum(long) < min(2, len(seen)):
+        return False
+    if not all(long[:2]) or len(seen) < 2:
+        return True
+    lower, upper = sorted(seen[:2], key=lambda height: float(height[0]))
+    return float(upper[0] - lower[-1]) <= 2 * MARGIN + MOST_HIDDEN
 
 
 def _followed(view: Calibration, mount: Mount, target: Target) -> Calibration:
     """The calibration as it is applied to a part: shaft in view beside it shows where the sensor stands then."""
-    longest = max(shaft_in_view(view, mount.sensor.optics, target.shaft, target.bodies), default=0.0)
+    seen = shaft_in_view(view, mount.sensor.optics, target.shaft, target.bodies)
+    longest = max((height.size for height in seen), default=0) * SPACING
     return replace(view, followed=longest > LEAST_HEIGHT_MM)

@@ -68,6 +68,15 @@ def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
     return tuple(RangeError(name, u, error, _taken_up(calibration, error)) for name, u, error in found)
 
 
+def lifts_of_range(calibration: Calibration, z: Array, along: Array, follow: Array) -> list[tuple[str, Array]]:
+    """By how much each error of range lifts readings at ranges z (n,) mm off their surface: name of its line, and (n,)
+    mm, standard.
+
+    ``along`` (n,): by how much a mm of range lifts them; ``follow`` (``VIEW_UNKNOWNS``, n): the calibration's unknowns.
+    """
+    return [(e.name, (along * e.of_range(z) + e.taken_up @ follow) / K) for e in range_errors(calibration)]
+
+
 def _taken_up(calibration: Calibration, error: Callable[[Array], Array]) -> Array:
     """By how much (``VIEW_UNKNOWNS``,) mm and rad the calibration is off for an error over range: the angle by its
     slope along the longest cylinder in view, the radial position by its level on the base, the height by that of the
