@@ -36,7 +36,7 @@ from truestand.station.route import route_of
 SLEEVE = Turned((
     Section("wide", 5.0, 15.0, 30.0, (29.9, 30.1), 0.02), Section("narrow", 15.0, 20.0, 26.0, (25.9, 26.1)),
 ))  # fmt: skip
-TOLD = {"s": 0.05, "W_k": 0.05, "M_d": 0.05, "d_a": 0.1, "d_f": 0.1, "f_Halpha": 0.1, "f_p": 0.3, "F_p": 0.5}
+TOLD = {"s": 0.05, "W_k": 0.05, "M_d": 0.05, "d_a": 0.1, "d_f": 0.1, "f_Halpha": 0.1, "f_p": 0.4, "F_p": 0.5}
 """By what share U may differ: that of pitch depends on which teeth are off most, and a plan doesn't know them."""
 FEW = {"ANGLES": np.radians([70.0, 110.0]), "STANDOFFS": 3, "HEIGHTS": 3, "OFFSETS": (0.0, 0.2), "NEXT": ()}
 
