@@ -1,7 +1,7 @@
 """The figures of a gear with every line of their budget: of a scan that was taken, or of one that is planned."""
 
 from truestand.core.arrays import Mask
-from truestand.gear.budget import BETWEEN_READINGS, Weighed, expanded, influences_of
+from truestand.gear.budget import BETWEEN_READINGS, Influence, expanded
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, clear_of, without_damage, zones_of
 from truestand.gear.doubt import Assessment
@@ -21,13 +21,11 @@ from truestand.gear.evaluate import (
     vibration_of,
     with_noise_beside,
 )
-from truestand.gear.flanks import Toothing
 from truestand.gear.sections import sections_of
 
 
 def assess(
-    sources: tuple[Weighed, ...],
-    toothing: Toothing,
+    influences: tuple[Influence, ...],
     evaluator: Evaluator,
     step: float,
     measures: Measures,
@@ -38,7 +36,8 @@ def assess(
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget.
 
-    ``told``: damage that shows; ``gaps``: what was not seen; ``there`` (teeth,): those that the drawing has.
+    ``influences``: every input of the budget but noise; ``told``: damage that shows; ``gaps``: what was not seen;
+    ``there`` (teeth,): those that the drawing has.
     """
     nominal, damage = evaluator.grid.nominal, (*told, *gaps)
     figures = figures_of(measures, nominal)
@@ -46,7 +45,6 @@ def assess(
         evaluator = with_noise_beside(damaged, evaluator, step)
     noise = bias_of(figures, evaluator, DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
-    influences = influences_of(sources, evaluator.grid, toothing)
     return Assessment(
         nominal,
         corrected,

@@ -18,7 +18,7 @@ from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.angle import with_correct_angles
 from truestand.gear.assess import assess
 from truestand.gear.blind import blind_of_helices
-from truestand.gear.budget import radial_lines, weighed
+from truestand.gear.budget import influences_of, radial_lines, weighed
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
 from truestand.gear.damage import (
@@ -113,8 +113,8 @@ def inspect_gear(
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
     gaps = unseen_in_traces(evaluator.grid, evaluator.traces, step)
-    sources = weighed(views, complete, evaluator.grid)
-    assessment = assess(sources, complete.toothing, evaluator, step, measures, coverage, told, gaps, there)
+    influences = influences_of(weighed(views, complete, evaluator.grid), evaluator.grid, complete.toothing)
+    assessment = assess(influences, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:

@@ -104,17 +104,17 @@ class GearTarget:
         influences = influences_of(sources, grid, self.toothing)
         parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
         noise = np.sqrt(np.sum(parts, axis=0))
-        scans = [self._lines_of(_scanned(grid, influences, noise, rng), sources) for _ in range(SCANS)]
+        scans = [self._lines_of(_scanned(grid, influences, noise, rng), influences) for _ in range(SCANS)]
         return tuple(_typical(of) for of in zip(*scans, strict=True))
 
-    def _lines_of(self, grid: Grid, sources: tuple[Weighed, ...]) -> tuple[Characteristic, ...]:
+    def _lines_of(self, grid: Grid, influences: tuple[Influence, ...]) -> tuple[Characteristic, ...]:
         """The lines that an inspection would have, were these its cells."""
         step, teeth = 2 * np.pi / self.profiles_per_turn, self.gear.teeth
         evaluator = evaluator_of(grid, step)
         measures = evaluate(grid.delta, evaluator)
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
-        found = assess(sources, self.toothing, evaluator, step, measures, coverage, (), (), there)
+        found = assess(influences, evaluator, step, measures, coverage, (), (), there)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":

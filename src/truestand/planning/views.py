@@ -38,7 +38,9 @@ SPACING = 0.5
 MARGIN = 0.5
 """but for so much at its ends."""
 MOST_HIDDEN = MOST_SLID_MM / 2
-"""mm at the shoulder of the shaft that a view need not see: of a place that is not hit to the degree it may be more."""
+"""mm at the shoulder of the shaft that a view need not see, ``SPACING`` included: of a place that is not hit to the
+degree it may be more.
+"""
 LEAST_SHAFT, LEAST_SHARE = 5.0, 0.5
 """mm of each of two cylinders that must be seen to calibrate, or share of shorter ones."""
 
@@ -152,10 +154,8 @@ def shows_shaft(seen: tuple[Array, ...], shaft: Sequence[Round]) -> bool:
     """
     enough = [min(LEAST_SHAFT, LEAST_SHARE * (body.top - body.bottom)) for body in shaft]
     long = [SPACING * height.size >= least for height, least in zip(seen, enough, strict=True)]
-    if sum(long) < min(2, len(seen)):
-        return False
-    if not all(long[:2]) or len(seen) < 2:
-        return True
+    if len(seen) < 2 or not all(long[:2]):
+        return sum(long) >= min(2, len(seen))
     lower, upper = sorted(seen[:2], key=lambda height: float(height[0]))
     return float(upper[0] - lower[-1]) <= 2 * MARGIN + MOST_HIDDEN
 

@@ -96,8 +96,9 @@ def _expected(plan: Plan) -> str:
         '<th class="n"><i>U</i> of the limits</th><th>mostly from</th><th></th></tr>'
     )
     text = (
-        "<h2>What to expect</h2><p>As an inspection would have it: the cells that the views see are filled with noise "
-        "and assessed with the same budget. Of several teeth the worst.</p>" + K_NOTE + table(heads, rows, "results")
+        "<h2>What to expect</h2><p>As an inspection would have it: scans from these places are imagined and assessed "
+        "with the same budget. Of a gear there are three, each with the errors of a stand: the middle <i>U</i> of "
+        "them, and of all teeth the largest.</p>" + K_NOTE + table(heads, rows, "results")
     )
     if others:
         text += f"<details><summary>Without limits</summary>{table(heads, others, 'results')}</details>"
