@@ -28,6 +28,7 @@ from truestand.core.scan import Scan, interpret
 from truestand.core.stand import Sensor, Stand, Table
 from truestand.gear.drawing import Gear
 from truestand.gear.inspect import inspect_gear
+from truestand.report.true_values import true_values
 from truestand.sim import (
     FlankErrors,
     GearErrors,
@@ -42,6 +43,7 @@ from truestand.sim import (
     simulate,
 )
 from truestand.sim.gear_truth import gear_figures
+from truestand.sim.truth import Truth, truth_record
 
 AZIMUTH, FAN, COUNTS = radians(120.0), radians(32.0), 360_000
 NAMES = ("front", "rear")
@@ -71,8 +73,8 @@ class World:
         (front, _), (rear, _) = self.seen(seed, part, moved)
         return front, rear
 
-    def seen(self, seed: int, part: VirtualGear | None = None, moved: float = 0.0) -> list[tuple[Scan, Pose]]:
-        """The same with where each sensor stands in its T."""
+    def seen(self, seed: int, part: VirtualGear | None = None, moved: float = 0.0) -> list[tuple[Scan, Truth]]:
+        """The same with the truth of each."""
         found = []
         for k, name in enumerate(NAMES):
             simulation = self.simulation
@@ -83,7 +85,7 @@ class World:
             own = replace(simulation.seen_from(name), optics=self.optics[k])
             made = simulate(self.stand.of_view(name), own, self.artefact, 1000 * seed + k, None, part)
             scan = interpret(made.recording, self.stand, view=name)
-            found.append((scan, Pose.from_matrix(made.truth.table_from_sensor)))
+            found.append((scan, made.truth))
         return found
 
 
@@ -139,7 +141,7 @@ def try_poses(ideal: bool, seed: int) -> tuple[float, ...]:
     azimuth = wrap(rear.azimuth - (other.azimuth - front.azimuth))
     height = rear.height
     U = rear.uncertainty
-    first, second = (pose for _, pose in seen)
+    first, second = (Pose.from_matrix(truth.table_from_sensor) for _, truth in seen)
     told = found.views[0].table_from_sensor.inverse @ rear.first_from_table @ rear.table_from_sensor
     between = first.inverse @ about_axis(other.azimuth - front.azimuth, 0.0) @ second
     point = second.inverse(np.array([OUTSIDE, 0.0, 0.0]))
@@ -189,12 +191,14 @@ def try_gear(angle: float, seed: int) -> dict[str, tuple[float, float, str]]:
     here = world(rng, (FRONT, REAR), True, 4000, 480)
     gear, found = helical(angle), calibrate_views(here.scans(seed), here.artefact)
     part = real_gear(gear, rng)
-    inspection = inspect_gear(roll_views(here.scans(seed + 1, part), found), gear)
+    seen = here.seen(seed + 1, part)
+    inspection = inspect_gear(roll_views(tuple(scan for scan, _ in seen), found), gear)
     truth = gear_figures(part, here.artefact, here.simulation.workpiece)
+    told = true_values(inspection, truth_record(seen[0][1]))
+    truth |= {("F_r", "", None): told["F_r", None] / 1000, ("s", "", None): told["s", None]}
     worst: dict[str, tuple[float, float, str]] = {}
     for c in inspection.characteristics:
-        key = (c.name, c.flank or "", c.tooth)
-        true = truth.get((c.name, c.flank, c.tooth), truth.get(key))
+        true = truth.get((c.name, c.flank or "", c.tooth))
         if true is not None and c.value is not None and c.U is not None:
             error = 1000 * (c.value - true)
             if abs(error) >= abs(worst.get(c.name, (0.0, 0.0, ""))[0]):

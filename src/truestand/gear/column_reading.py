@@ -4,6 +4,7 @@ parabola through some more, which is quieter.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,7 +20,7 @@ TINY = 1e-12
 """mm: a cell at the place itself is the one before it."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Reading:
     """How each column is read at one roll length."""
 
@@ -34,7 +35,16 @@ class Reading:
 
     def __call__(self, delta: Array) -> Array:
         """delta (flanks, heights) there, of cells (2, teeth, roll lengths, heights); 0 where not seen."""
-        return np.asarray(np.einsum("fhr,fhr->fh", self.weights, columns_of(np.nan_to_num(delta))))
+        near, weights = self._near
+        cells = np.nan_to_num(delta[:, :, near])
+        return np.asarray(np.einsum("frh,frh->fh", weights, cells.reshape(-1, *cells.shape[2:])))
+
+    @cached_property
+    def _near(self) -> tuple[slice, Array]:
+        """The roll lengths of cells that have any weight, and the weights (flanks, roll lengths, heights) of those."""
+        on = np.flatnonzero(self.weights.any(axis=(0, 1)))
+        near = slice(int(on[0]), int(on[-1]) + 1) if on.size else slice(0)
+        return near, np.ascontiguousarray(self.weights[:, :, near].swapaxes(1, 2))
 
 
 def columns_of(cells: Array) -> Array:
@@ -114,7 +124,8 @@ def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[A
     terms = np.stack([np.ones(u.shape), u, u * u], axis=-1)
     weighted = (terms * weight[..., None]).swapaxes(-1, -2)
     normal = weighted @ terms
-    able = (on.sum(axis=-1) >= LEAST_WIDE) & (np.linalg.cond(normal) < 1e6)
+    low, *_, high = np.moveaxis(np.linalg.eigvalsh(normal), -1, 0)
+    able = (on.sum(axis=-1) >= LEAST_WIDE) & (high < 1e6 * low)
     normal[~able] = np.eye(3)
     solver = np.linalg.inv(normal) @ weighted
     solver[~able] = np.nan

@@ -120,8 +120,10 @@ def _borne_out_by_helices(
 def evaluate(delta: Array, evaluator: Evaluator) -> Measures:
     """Everything that the cells' ``delta`` (2, teeth, roll lengths, heights) mm says."""
     nominal, traces, by_flank = evaluator.grid.nominal, evaluator.traces, delta.shape[:2]
-    position, at_ball = (position_of(delta, at, traces).reshape(by_flank) for at in (traces.circle, traces.ball))
-    alpha, beta = profile_line(profile_of(delta, traces), evaluator), helix_line(helix_of(delta, traces), evaluator)
+    circle, ball = (at(delta) for at in (traces.circle, traces.ball))
+    position = position_of(circle, traces.circle, traces).reshape(by_flank)
+    at_ball = position_of(ball, traces.ball, traces).reshape(by_flank)
+    alpha, beta = profile_line(profile_of(delta, traces), evaluator), helix_line(traces.helix(circle), evaluator)
     index = SIGMA[:, None] * position * nominal.arc_per_delta
     return Measures(
         position=position,

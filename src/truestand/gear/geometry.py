@@ -9,7 +9,7 @@ External gears, transverse section. Left flank = the flank of a tooth at the lar
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import acos, ceil, cos, pi, sin, sqrt, tan
 
 import numpy as np
@@ -37,6 +37,7 @@ def inv(angle: float) -> float:
     return tan(angle) - angle
 
 
+@lru_cache(maxsize=64)
 def angle_from_inv(value: float) -> float:
     """The angle (rad) whose involute function is ``value`` >= 0."""
     return _root(lambda a: inv(a) - value, 0.0, 1.5)

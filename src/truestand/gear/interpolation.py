@@ -87,19 +87,19 @@ def interpolation(at: Array, places: Array, beyond: Array, widest: float = inf) 
     ``beyond`` (flanks, n) mm: so far beyond the first and the last one their value holds; farther nothing is seen, nor
     between two that are more than ``widest`` mm apart.
     """
-    shape = at.shape[0], places.size
-    first, last, share = np.zeros(shape, dtype=np.intp), np.zeros(shape, dtype=np.intp), np.zeros(shape)
-    known, inside = np.zeros((2, *shape), dtype=bool)
-    for flank in range(at.shape[0]):
-        seen = np.flatnonzero(np.isfinite(at[flank]))
-        if not seen.size:
-            continue
-        x = at[flank, seen]
-        inside[flank] = (places >= x[0]) & (places <= x[-1])
-        known[flank] = (places >= x[0] - beyond[flank, seen[0]]) & (places <= x[-1] + beyond[flank, seen[-1]])
-        place = np.interp(places, x, np.arange(x.size, dtype=np.float64))
-        below = np.minimum(place.astype(np.intp), max(x.size - 2, 0))
-        first[flank], last[flank] = seen[below], seen[np.minimum(below + 1, x.size - 1)]
-        share[flank] = place - below
-        known[flank] &= (at[flank, last[flank]] - at[flank, first[flank]] <= widest) | ~inside[flank]
+    seen = np.isfinite(at)
+    number = seen.sum(axis=1, keepdims=True)
+    order, final = np.argsort(~seen, axis=1, kind="stable"), np.maximum(number - 1, 0)  # those seen come first
+    x, reach = (np.take_along_axis(of, order, axis=1) for of in (np.where(seen, at, inf), beyond))
+    before = (x[:, None] <= places[:, None]).sum(axis=2)
+    below = np.clip(before - 1, 0, np.maximum(number - 2, 0))
+    behind = np.minimum(below + 1, final)
+    start, end, farthest = (np.take_along_axis(x, k, axis=1) for k in (below, behind, final))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        apart = end - start
+        share = np.where(apart > 0, np.clip((places - start) / apart, 0.0, 1.0), 0.0)
+    inside = (places >= x[:, :1]) & (places <= farthest)
+    known = (places >= x[:, :1] - reach[:, :1]) & (places <= farthest + np.take_along_axis(reach, final, axis=1))
+    known &= (apart <= widest) | ~inside
+    first, last = (np.take_along_axis(order, k, axis=1) for k in (below, behind))
     return Interpolation(first, last, share, known, inside)

@@ -6,6 +6,7 @@ are read from the cells themselves (``traces``); from here come areal pitch, and
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +32,7 @@ LEAST_SPREAD = 2e-4
 """mm: the scatter of cells about their surface is not taken for less."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class SmoothFlanks:
     """Which cells bear the smooth flanks out, and how the flanks follow from them."""
 
@@ -50,6 +51,18 @@ class SmoothFlanks:
     """(2, teeth TERMS, teeth TERMS): what the terms of the flanks of a side, as far as they share them, add to each,"""
     shared_levels: Array
     """(2, teeth TERMS, teeth): and what their levels do."""
+
+    @cached_property
+    def near_circle(self) -> tuple[Mask, Array, Array]:
+        """The cells (cells,) near the measuring circle; weights (2, teeth, those cells) of the mean over those of each
+        flank that count; and what the terms of all flanks of a side, as far as they share them, are in it: (2, teeth,
+        teeth TERMS).
+        """
+        grid = self.grid
+        near = np.repeat(np.abs(grid.rolls - grid.nominal.measuring_roll) < 3 * grid.size[0], grid.heights.size)
+        on = (self.weight > 0).reshape(self.share.shape)[:, :, near]
+        mean = on / np.maximum(on.sum(axis=2, keepdims=True), 1)
+        return near, mean, mean @ self.shared_basis[:, :, near].swapaxes(1, 2)
 
 
 def smooth_flanks(grid: Grid, whole_flank: bool = False) -> SmoothFlanks:
@@ -105,13 +118,10 @@ def shared_shape(delta: Array, smooth: SmoothFlanks) -> Array:
 
 def areal_positions(delta: Array, smooth: SmoothFlanks) -> Array:
     """delta (2, teeth) mm of each smooth flank, mean over its evaluation area, NaN where not seen."""
-    grid = smooth.grid
     mean, c = _fit(delta, smooth)
-    near = np.repeat(np.abs(grid.rolls - grid.nominal.measuring_roll) < 3 * grid.size[0], grid.heights.size)
-    on = (smooth.weight > 0).reshape(smooth.share.shape)[:, :, near]
-    sums = (_shared(mean, c, smooth, near)[:, None] * on).sum(axis=2)
-    found = (c @ _area_means(grid.nominal)).reshape(delta.shape[:2])
-    return np.asarray(found + sums / np.maximum(on.sum(axis=2), 1))
+    near, weights, terms = smooth.near_circle
+    shared = _times(weights, mean[:, near]) - _times(terms, np.nan_to_num(c).reshape(len(mean), -1))
+    return np.asarray((c @ _area_means(smooth.grid.nominal)).reshape(delta.shape[:2]) + shared)
 
 
 def _fit(delta: Array, smooth: SmoothFlanks) -> tuple[Array, Array]:
@@ -130,10 +140,10 @@ def _fit(delta: Array, smooth: SmoothFlanks) -> tuple[Array, Array]:
     return mean, own.reshape(-1, TERMS)
 
 
-def _shared(mean: Array, c: Array, smooth: SmoothFlanks, cells: Mask | slice = slice(None)) -> Array:
-    """The shape that all teeth of a side share (2, cells), in some ``cells``: the mean tooth less the terms of each."""
+def _shared(mean: Array, c: Array, smooth: SmoothFlanks) -> Array:
+    """The shape that all teeth of a side share (2, cells): the mean tooth less the terms of each."""
     own = np.nan_to_num(c).reshape(len(mean), -1)
-    return np.asarray(mean[:, cells] - _times(smooth.shared_basis[:, :, cells].swapaxes(1, 2), own))
+    return np.asarray(mean - _times(smooth.shared_basis.swapaxes(1, 2), own))
 
 
 def _reduced_roll(roll: Array | float, nominal: Involute) -> Array:
@@ -154,7 +164,8 @@ def _solver(basis: Array, weight: Array) -> Array:
     """(flanks, terms, cells) of a basis (flanks, cells, terms); NaN for a flank of too few cells, or all on a line."""
     weighted = (basis * weight[:, :, None]).swapaxes(1, 2)
     normal = weighted @ basis
-    able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (np.linalg.cond(normal) < 1e9)
+    low, *_, high = np.moveaxis(np.linalg.eigvalsh(normal), -1, 0)
+    able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (high < 1e9 * low)
     normal[~able] = np.eye(basis.shape[2])
     solver = np.linalg.inv(normal) @ weighted
     solver[~able] = np.nan

@@ -12,6 +12,7 @@ the cells, extremes aside.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -38,11 +39,15 @@ MOST_APART = 1.6
 eccentric gear is met 1.4 steps apart near its root; farther, all columns lost some."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Traces:
     """How traces and positions follow from the cells."""
 
     nominal: Involute
+    step: float
+    """rad: table angle from one profile to the next."""
+    cell: tuple[float, float]
+    """mm of roll length and height."""
     band: Mask
     """(heights,): columns at the middle of the face."""
     rolls: Array
@@ -56,16 +61,41 @@ class Traces:
     """On the measuring circle."""
     ball: Reading
     """Where the ball touches."""
-    profile: Joined
-    """The trace from the columns of the band."""
-    shorter_profile: tuple[float, Joined]
-    """The same where the range is some mm shorter at either end: a cell."""
-    between: Mask
-    """(flanks, POINTS): places of a profile between readings that lie too far apart."""
-    helix: Interpolation
-    """The trace from the points on the circle."""
-    other_ends: tuple[tuple[float, Interpolation], ...]
-    """The same where the range is longer by some mm at either end: a cell, and less a cell."""
+
+    @cached_property
+    def profile(self) -> Joined:
+        """The trace from the columns of the band."""
+        return self._profile(0.0)
+
+    @cached_property
+    def shorter_profile(self) -> tuple[float, Joined]:
+        """The same where the range is some mm shorter at either end: a cell."""
+        return self.cell[0], self._profile(self.cell[0])
+
+    @cached_property
+    def between(self) -> Mask:
+        """(flanks, POINTS): places of a profile between readings that lie too far apart."""
+        rolls = self.rolls[:, self.band]
+        return _too_far_apart(rolls.reshape(rolls.shape[0], -1), self.nominal, self.step, self.cell[0])
+
+    @cached_property
+    def helix(self) -> Interpolation:
+        """The trace from the points on the circle."""
+        return self._helix(0.0)
+
+    @cached_property
+    def other_ends(self) -> tuple[tuple[float, Interpolation], ...]:
+        """The same where the range is longer by some mm at either end: a cell, and less a cell."""
+        return tuple((longer, self._helix(longer)) for longer in (self.cell[1], -self.cell[1]))
+
+    def _profile(self, shorter: float) -> Joined:
+        places, rolls = profile_points(self.nominal, shorter), self.rolls[:, self.band]
+        beyond = step_on_flank(self.nominal, rolls, self.step) / 2
+        return joined_columns(tuple(interpolation(rolls[:, j], places, beyond[:, j]) for j in range(rolls.shape[1])))
+
+    def _helix(self, longer: float) -> Interpolation:
+        places, cell = helix_points(self.nominal, longer), self.cell[1]
+        return interpolation(self.heights, places, np.full(self.heights.shape, cell), MOST_CELLS * cell)
 
 
 def traces_of(
@@ -92,27 +122,10 @@ def traces_of(
     gap = gap_about(rolls - place)
     near = on_circle.seen & (gap <= widest)
     heights = (share * columns_of(grid.height)).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300)
-    at = np.where(near, heights, np.nan)
     band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
-    half_step = step_on_flank(nominal, rolls, step) / 2
-
-    def profile(shorter: float) -> Joined:
-        places = profile_points(nominal, shorter)
-        return joined_columns(tuple(interpolation(rolls[:, j], places, half_step[:, j]) for j in np.flatnonzero(band)))
-
-    cell = grid.size[1]
-
-    def helix(longer: float) -> Interpolation:
-        return interpolation(at, helix_points(nominal, longer), np.full(at.shape, cell), MOST_CELLS * cell)
-
-    other_ends = tuple((longer, helix(longer)) for longer in (cell, -cell))
-    between = _too_far_apart(rolls[:, band].reshape(rolls.shape[0], -1), nominal, step, grid.size[0])
-    ball = reading(nominal.ball_roll) if circle is None else on_circle
-    shorter = grid.size[0], profile(grid.size[0])
     across = _widest_over(np.where(np.isfinite(gap), gap, 0.0), max(1, round(HOLE / grid.size[1])))
-    return Traces(
-        nominal, band, rolls, at, across, on_circle, ball, profile(0.0), shorter, between, helix(0.0), other_ends
-    )
+    ball = reading(nominal.ball_roll) if circle is None else on_circle
+    return Traces(nominal, step, grid.size, band, rolls, np.where(near, heights, np.nan), across, on_circle, ball)
 
 
 def _widest_over(gap: Array, columns: int) -> Array:
@@ -177,12 +190,12 @@ def circle_points(delta: Array, traces: Traces) -> Array:
     return np.where(np.isfinite(traces.heights), traces.circle(delta), np.nan)
 
 
-def position_of(delta: Array, reading: Reading, traces: Traces) -> Array:
-    """What a reading says at the middle of the face, (flanks,) mm, of cells (2, teeth, roll lengths, heights).
+def position_of(points: Array, reading: Reading, traces: Traces) -> Array:
+    """What a reading's ``points`` (flanks, heights) mm say at the middle of the face, (flanks,) mm.
 
     NaN where most columns of the band are not seen.
     """
-    return _mean_of_band(reading(delta), reading, traces)
+    return _mean_of_band(points, reading, traces)
 
 
 def position_bend(reading: Reading, traces: Traces) -> Array:

@@ -27,7 +27,7 @@ from truestand.planning.place import Place
 from truestand.planning.sight import centred, look
 from truestand.planning.target import Mount, Target, View
 
-PROFILES, POINTS, TURNS = 300, 120, 1.1
+PROFILES, POINTS, TURNS = 150, 120, 1.1
 """Of the imagined scan of a shaft."""
 ROUGH_PLACE_U = (1.5e-3, 0.1)
 """rad and mm, standard: azimuth and height between views."""
