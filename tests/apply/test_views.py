@@ -160,6 +160,7 @@ def test_a_view_that_moved_is_not_taken_for_another():
     assert roll(scans(GEAR)[1], replace(calibrated(), views=(first, moved))).calibration.reasons
 
 
+@pytest.mark.more
 def test_a_scan_given_to_the_wrong_view_that_shows_no_shaft_is_found_by_the_part():
     front, _ = scans(GEAR)
     front = without_shaft(front)

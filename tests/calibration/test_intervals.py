@@ -12,7 +12,7 @@ FEW = 8
 """Scans of each kind: the sum of 8 squares of normal numbers lies in 0.85..26.2 with 99.8 %."""
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", tried(["AR(1) 0.9"], "white", "speckle"))
 def test_errors_are_as_large_as_the_noise_part_of_u_says(kind):
     ratios = [try_noise((kind, seed)).ratio for seed in range(FEW)]

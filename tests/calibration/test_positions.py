@@ -67,6 +67,7 @@ def test_two_clampings_take_coaxiality_out_of_the_laser_plane():
     assert not both.not_identifiable
 
 
+@pytest.mark.more
 def test_scans_whose_fits_have_form_of_other_orders_share_their_unknowns():
     """Of a base with a wave that one of two fits just did not see, the unknowns that both share were laid on others:
     the laser plane's tilt was 3 U off, and valid.
@@ -125,7 +126,7 @@ def test_half_a_turn_can_not_separate_even_harmonics():
     assert all(s.harmonic.upr % 2 for s in positions.bearing)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("moved", "turned", "status"), [(0.008, 0.0, "valid"), (0.02, 0.0, "untrusted"), (0.0, 1e-3, "untrusted")]
 )
@@ -149,7 +150,7 @@ def test_angles_that_are_much_the_same_are_refused(clamped):
         calibrate_positions((scan(0), scan(180)), clamped, artefact())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("clamped", tried([(0.0, 60.0)], rarely=[((0.0, -100.0),)]))
 def test_wrong_angles_are_noticed(clamped):
     """Turned by 100 degrees and stated otherwise: the scans read no one laser plane, or no one table bearing."""

@@ -34,7 +34,7 @@ def filmed(seed):
     return made, calibrate(interpret(oily, stand()), artefact)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", tried([0, 7], 2, 5, 8, 15, 19))
 def test_a_film_on_both_steps_is_in_u_or_doubted(seed):
     """Offset, tilt and direction were 1.1 to 4.1 U off, *valid*."""

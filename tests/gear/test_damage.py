@@ -47,7 +47,7 @@ def test_damage_is_measured_and_decides(name):
         assert verdict(found, figure, tooth) == "does_not_conform", figure
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_flanks_beside_damage_are_as_they_are():
     found, true = inspected(DAMAGED, WIDE, points=320), truth(DAMAGED)
     damaged = {tooth for tooth, *_ in MEASURED.values()}
@@ -108,6 +108,7 @@ BROKEN = replace(
 )
 
 
+@pytest.mark.more
 def test_broken_teeth_do_not_conform():
     """Half a tooth, half a tooth to the root, 0.12 mm of a tip, a whole tooth."""
     found = inspected(BROKEN, points=320)
@@ -163,7 +164,7 @@ def test_a_stuck_point_of_the_sensor_is_no_damage():
     assert sum(c.verdict == "undecided" for c in found.characteristics) < 10
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("points", "dead"), [(320, range(125, 128)), (640, range(250, 254))])
 def test_dead_points_beside_each_other_leave_lines_decided(points, dead):
     """0.2 mm of the face that the sensor is blind for: a third of the lines were undecided."""
@@ -240,7 +241,7 @@ def test_a_limit_for_defects_decides_within_their_doubt(limit, expected):
     assert all(abs(abs(d.depth) - {2: 0.03, 5: 0.1, 9: 0.06}[tooth]) < d.U for tooth, d in judged.items())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_dents_touch_only_the_figures_that_read_them():
     """One on both traces, one on neither, one on the helix trace."""
     places = ((2, 8.2, 15.0), (7, 10.6, 19.0), (9, 8.0, 20.0))

@@ -31,6 +31,7 @@ def is_at(defect, dent):
     return same and abs(defect.roll_length - dent.roll_length) < 0.5 and abs(defect.height - dent.height) < 0.5
 
 
+@pytest.mark.more
 def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
     found = [d for d in inspected(DENTED, points=400).defects if d.kind != "chipped flank"]
     hits = [(dent, d) for dent in DENTED.dents for d in found if is_at(d, dent)]

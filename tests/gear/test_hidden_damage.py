@@ -170,7 +170,7 @@ def test_a_dent_from_which_readings_got_lost_is_not_seen(seed):
     assert beside.count("conforms") > 0.8 * len(beside)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_land_of_an_eccentric_gear_is_no_flank():
     """24 um off its bore: f_Halpha -25.9 +- 8.4, *does not conform*, for 1.2; here F_alpha was 27 um off."""
     gear = replace(SPUR, teeth=30, module=1.0, tip_diameter=32.0, root_diameter=27.5, accuracy_class=8)
@@ -192,7 +192,7 @@ def test_a_tooth_broken_off_just_inside_the_helix_range_was_not_seen_to_its_end(
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6  # F, f_f and f_H of both flanks
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_teeth_that_all_end_inside_the_helix_range_were_not_seen_to_its_end():
     """Beside none of them is one that goes on: f_fbeta 0.0 +- 0.5 for 494 on every flank, and the gear conformed."""
     narrow = replace(GEAR, face_width=12.0)
@@ -203,7 +203,7 @@ def test_teeth_that_all_end_inside_the_helix_range_were_not_seen_to_its_end():
     assert "conforms" not in {c.verdict for c in found.characteristics if c.name in (*HELIX, "f_Hbeta")}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_pit_seen_by_a_row_of_cells_is_damage_where_many_readings_say_so():
     """Its floor is in the shadow of its rim: F_alpha 8.6 +- 3.9 for 46, and conformed."""
     fine = replace(GEAR, teeth=40, module=0.8, tip_diameter=33.6, root_diameter=30.0)
@@ -213,7 +213,7 @@ def test_a_pit_seen_by_a_row_of_cells_is_damage_where_many_readings_say_so():
     assert {verdict(found, name, 16, "right") for name in PROFILE} == {"conforms"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", tried([0.25], 0.4))
 def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_lost(radius):
     """A profile or two cross it, and lack a few readings: f_p 10.5 +- 0.3 for 82, and the gear conformed."""
@@ -225,7 +225,7 @@ def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_
     assert sum(c.verdict != "conforms" for c in found.characteristics if c.tooth) == 6
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_such_pits_on_every_flank_are_not_usual():
     """At one place of all of them: f_fbeta 0.5 +- 0.6 for 137, on every flank, and the gear conformed."""
     middle = involute(GEAR).measuring_roll

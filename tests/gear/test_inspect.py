@@ -115,6 +115,7 @@ def test_an_untrusted_calibration_decides_nothing():
     assert found.verdict == "undecided" and "dropped on the floor" in found.reasons
 
 
+@pytest.mark.more
 def test_wild_and_lost_readings_do_not_change_pitch():
     """By more than the noise of both, 0.25 um each with 400 points."""
     clean, rough = inspected(), inspected(how=ROUGH)

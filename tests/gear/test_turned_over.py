@@ -79,6 +79,7 @@ def inside_u(inspection, truth):
     return np.mean(np.array(off) < 1), len(off), max(off)
 
 
+@pytest.mark.more
 def test_one_sensor_sees_both_sides():
     inspection, truth = found(STEEP, MARKED), true(STEEP, MARKED)
     assert not inspection.reasons
@@ -99,7 +100,7 @@ def test_what_needs_both_sides_is_not_measurable():
     assert "the tips tell which tooth is which" in said and "other_thickness" not in codes(inspection.remarks)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("marks", tried([(Chip(5, 13.0, 17.0, 0.06),)], rarely=[((),)]))
 def test_tips_that_look_the_same_from_below_decide_nothing(marks):
     """Its figures are shown, without a verdict. Left flanks seen at a grazing angle by the other scan were damage of
@@ -139,7 +140,7 @@ def test_the_same_flanks_from_below_lay_the_scans_onto_each_other():
     assert by_offset(inspection) < by_offset(alone) / 3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_table_turns_a_gear_from_below_the_other_way():
     """An encoder that errs by 10 arc seconds once a turn, of which closure is told by one gear turned over."""
 
@@ -172,7 +173,7 @@ def test_an_even_part_that_was_not_turned_over_decides_nothing():
     assert {c.verdict for c in inspection.characteristics} == {None}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_part_that_sits_otherwise_is_told_by_its_tips():
     """Play that nobody stated: its toothing runs out by 20 um, but in another direction."""
     seated = replace(MARKED, eccentricity_direction=MARKED.eccentricity_direction + 1.2)
@@ -204,7 +205,7 @@ def on_steps_apart(part, turned, over, seed):
     return interpret(simulate(OWN, how, paper_shaft(), seed, None, gear).recording, OWN)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", tried([(0, "over")], rarely=[((0, 7, 16),)]))
 def test_what_stays_with_the_stand_is_no_fault_of_the_part(turned):
     """A laser plane and a seat off within their U were *part sits otherwise*, or an error of the table that wasn't."""

@@ -146,7 +146,7 @@ def by_range_error(upright, amplitude, phase):
     return inspect_gear(roll(part, calibrate(seen, shaft)), SPUR)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("upright", tried([True], rarely=[False]))
 def test_linearity_reaches_the_figures_through_the_calibration_too(upright):
     """A range that errs by 20 um, in and out of step with the range: a tip diameter was 56 um off at a line of 24 um,

@@ -51,7 +51,7 @@ def test_where_many_flanks_are_damaged_what_no_reading_shows_is_doubted():
     assert {c.verdict for c in one.characteristics if c.tooth and (c.tooth, c.flank) != (5, "left")} == {"conforms"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_row_of_cells_that_profiles_meet_at_its_border_is_not_empty():
     """A gear that runs 1.2 mm eccentric, by a sensor whose range errs by 20 um: flanks stand where they are known to
     within 10 um, and rows in which profiles just did not lie were *not seen*, on 9 flanks.
@@ -172,6 +172,7 @@ def test_what_may_be_deeper_or_no_damage_at_all_stands_in_u(name):
     assert any(f"tooth {tooth} left" in remark for remark in found.remarks)
 
 
+@pytest.mark.more
 def test_what_may_be_a_reflection_is_decided_only_where_both_say_the_same():
     high = inspected(
         replace(SOUND, worn=(Worn(5, "left", (8.5, 9.8), FACE, -0.06), Worn(9, "left", (8.5, 9.8), FACE, -0.01)))
@@ -221,7 +222,7 @@ def test_corner_broken_off_out_of_view_leaves_the_gear_undecided():
     assert found.verdict == "undecided"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("helix", tried([15.0], -20.0))
 def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     """Seen at up to 88 degrees: where a cell is seen on most teeth and not on all."""
@@ -233,7 +234,7 @@ def test_flanks_seen_at_grazing_incidence_are_no_damage(helix):
     assert partly and all("without a reading" in c.reason for c in partly if c not in doubted)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("helix", "flank"), tried([(15.0, "right")], (-15.0, "left")))
 def test_a_narrow_groove_at_grazing_incidence_is_not_overlooked(helix, flank):
     """Its walls hide it, and rays get lost on sound teeth, too: 83 um read 8, *conforms*."""
@@ -247,7 +248,7 @@ def test_a_narrow_groove_at_grazing_incidence_is_not_overlooked(helix, flank):
     assert len(overlooked) <= 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_crater_that_begins_beside_the_measuring_circle_does_not_fail_the_helix():
     """Between the profiles on either side of the circle its wall may stand anywhere: 88 um were read for 1."""
     teeth, begins = range(2, 24, 3), involute(GEAR).measuring_roll
@@ -296,7 +297,7 @@ def steep(teeth, degrees):
     )
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_crater_that_no_reading_shows_is_not_seen_on_steep_flanks():
     """Half of the rays get lost there anyway: f_falpha read 7 +- 3 and conformed, true 250."""
     sound = replace(SOUND, phase=np.radians(10.313), thickness=-0.0422)
@@ -457,7 +458,7 @@ def test_a_groove_that_ends_within_a_cell_of_the_range_stands_in_u():
         assert abs(c.value - true[c.name, "left", c.tooth]) <= 1.5 * c.U, (c.name, c.tooth)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", tried([1], rarely=range(2, 9)))
 @pytest.mark.parametrize(("kind", "names"), [("profile", PROFILE), ("helix", HELIX)])
 def test_edges_that_run_along_a_trace_stand_in_u(kind, names, seed):

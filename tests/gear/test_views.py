@@ -108,7 +108,7 @@ def read_otherwise(by, over=False, gear=MILD):
     return tuple(scans(VirtualGear(gear, e, float(over), over))[k] for k, e in enumerate((WORN, as_read)))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_views_of_a_gear_turned_over():
     """Where one view reads teeth as thicker, closure bent its calibration: helices were 10 um off. How far apart two
     views stand was taken to turn over with the part: *views contradict*.
@@ -124,7 +124,7 @@ def test_two_views_of_a_gear_turned_over():
             assert abs(c.value - true(MILD)["f_Hbeta", flank, tooth]) < min(c.U, 4 * UM)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_views_that_read_steep_flanks_a_little_otherwise_make_no_steps():
     """What a sensor makes of incidence is the same on every tooth. There were steps of 14 um on 12 flanks; and 7 um of
     noise on another one, where cells hold one or two readings and most hold more.
@@ -138,7 +138,7 @@ def test_views_that_read_steep_flanks_a_little_otherwise_make_no_steps():
         assert abs(slope.value - true(MILD)["f_Halpha", flank, 5]) < slope.U
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_each_view_ends_at_the_tips_that_it_sees():
     """A ring of 80 teeth was read 0.1 mm nearer by one of two sensors: its readings of the lands counted as flank up
     to where the other's tips are, and forms were 28 um off at a U of 13. Here 8 um of 6.
@@ -170,7 +170,7 @@ def test_rays_meet_flanks_where_each_view_reads_them():
         assert as_read.missed[0].sum() < 0.9 * as_mean.missed[0].sum()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_views_that_read_slopes_by_far_otherwise_decide_nothing():
     inspection = inspect_gear(roll_views(read_otherwise(0.08), calibrated()), MILD)
     assert "views_contradict" in {r.code for r in inspection.reasons}
@@ -183,7 +183,7 @@ def test_what_one_view_hides_the_other_shows():
         assert line(alone, name, flank).status == "not_measurable" and line(found(), name, flank).status == "measured"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_where_one_sensor_is_blind_the_other_shows_the_flanks_that_it_sees():
     """The rear one sees the right flanks, and of the left ones as much as lets some of them be measured."""
     front, rear = scans(VirtualGear(GEAR, WORN))
@@ -212,7 +212,7 @@ def test_report_and_record_show_the_seams():
     assert "<h2>Seams</h2>" in page and "sensors front, rear" in page
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_heights_that_are_a_millimetre_off_are_found_on_the_flanks():
     """On one side of helical teeth height and azimuth act alike; the figures need only what both do together."""
     first, rear = calibrated().views
