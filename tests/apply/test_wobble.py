@@ -62,6 +62,7 @@ def test_a_bearing_moves_the_part_sideways_as_well():
         assert abs(b[key].value - a[key].value) < b[key].U
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("stated", "name"), tried([(None, "sideways motion of the table (assumed)")],
                                                    (0.005, "sideways motion of the table")))  # fmt: skip
 def test_what_no_shaft_shows_of_the_bearing_is_assumed_or_stated(stated, name):

@@ -103,6 +103,7 @@ BENT = replace(LEVEL, optics=replace(TWO.optics, noise=0.001, nonlinearity=0.024
 """Their range errs by a sine of 24 um, nearly twice what 20 um (k = 2) mean; they hardly look up or down."""
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("phase", [0.4, 2.0, 3.6, 5.2])
 def test_sensors_that_are_not_linear_bend_no_shaft(phase):
     """Each stretches the shaft's travel otherwise: between two views that is no tilt of shaft or laser plane."""

@@ -51,6 +51,7 @@ def assert_ended(done, code, words):
     assert words in done.stderr
 
 
+@pytest.mark.more
 def test_results_are_kept_with_their_evidence(shop):
     store = Store.open(shop / "results")
     calibration, _, verification, inspection = store.entries()

@@ -95,6 +95,7 @@ def test_a_pdf_without_its_extra_is_refused_before_the_work(bench, tmp_path, mon
     assert not (bench / "never.json").exists() and not (bench / "r.pdf").exists()
 
 
+@pytest.mark.more
 def test_the_company_stands_at_the_head_of_the_report(written):
     report = (written / "k.html").read_text(encoding="utf-8")
     assert "Precis &amp; Co" in report and "does not conform" in report.lower()

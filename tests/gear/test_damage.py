@@ -269,6 +269,7 @@ def test_wear_on_every_tooth_breaks_none(edge):
     assert max((abs(d.depth) for d in found.defects if d.depth is not None), default=0.0) < 0.04
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("drawn", "reasons"), tried([((18,), [])], ((3,), []), ((17, 18), ["other_teeth"])))
 def test_a_sector_gear_misses_the_teeth_that_it_is_drawn_without(drawn, reasons):
     """Its drawing counts from any tooth, the record from the first one at polar angle 0. One with teeth that the

@@ -181,6 +181,7 @@ def test_the_land_of_an_eccentric_gear_is_no_flank():
     assert (off < [c.U for c in profiles]).all() and off.max() < 0.005
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(("inside", "points"), tried([(0.3, 160)], (0.15, 320)))
 def test_a_tooth_broken_off_just_inside_the_helix_range_was_not_seen_to_its_end(inside, points):
     """No ray shows the break, readings only end a little sooner: F_beta 0.0 +- 12.3, *conforms*, for 1186."""

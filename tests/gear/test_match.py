@@ -46,6 +46,7 @@ def wrong_by(calibration, radial=0.0, offset=0.0, eccentric=0.0):
     return replace(calibration, table_from_sensor=sensor, shaft_from_rotor=shaft)
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     "gear", tried([helical(15.0)], SPUR, SHIFTED, STEEP, rarely=[helical(-20.0), FINE]),
     ids=["15 right", "spur", "shifted", "25 degrees", "20 left", "fine"],
@@ -61,6 +62,7 @@ def test_a_gear_is_identified(gear):
     inspect_gear(surface_of(gear), gear)  # and not refused
 
 
+@pytest.mark.more
 @pytest.mark.parametrize(
     "gear", tried([gear_of(20, 2.0, 15.0), gear_of(13, 3.0)], gear_of(30, 1.5, -20.0), gear_of(40, 1.25, 10.0), FINE)
 )
@@ -75,6 +77,7 @@ def test_stray_readings_make_no_other_gear(gear):
     assert seen.sure and seen.confidence > 0.95 and not seen.rivals
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("wrong", [{"radial": 1.0}, {"offset": 1.0}, {"eccentric": 0.5}], ids=str)
 def test_a_gear_that_the_stand_distorts_is_not_sure(wrong):
     """The sensor has moved by a millimetre, or the shaft runs otherwise than calibrated: no other gear is made up."""

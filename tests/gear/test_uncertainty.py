@@ -69,6 +69,7 @@ def test_radial_zero_error_gives_equal_profile_slopes():
     assert any("a radial zero 10 um off" in r for r in found["remarks"])
 
 
+@pytest.mark.more
 def test_lateral_offset_gives_opposite_profile_slopes():
     """delta = +-h cos(alpha): 6.5 um for 50 um; what is alike on both sides is second order, h d / r.
 

@@ -60,6 +60,7 @@ def test_an_exact_involute_deviates_by_nothing():
     assert all(abs(v) < 0.5 * UM for v in values(found).values())  # the largest sagitta is 0.25 um
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("fit", tried(["angle", "all"], "angle_and_height"))
 def test_rotation_of_a_wheel_is_found_nearest_to_the_recipe(fit):
     found = exact(fit)

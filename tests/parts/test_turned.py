@@ -281,6 +281,7 @@ def test_linearity_grows_with_the_distance_from_the_shaft():
 OBLIQUE = Turned((Section("wide", 5.5, 10.5, 36.0), Section("narrow", 16.0, 24.0, 30.0)))
 
 
+@pytest.mark.more
 @pytest.mark.parametrize("phase", tried([0.0], 1.6, rarely=[0.8, 3.2, 4.0]))
 def test_what_turned_an_oblique_sensor_counts_along_its_sections(phase):
     """A range that errs by a sine of 14 um has the rms that 20 um (k = 2) state. Of 20 um, an outsider's sound section

@@ -71,6 +71,7 @@ def out_by(surface, by):
     return apply_calibration(scan, replace(calibration, table_from_sensor=moved))
 
 
+@pytest.mark.more
 def test_each_section_is_read_by_the_view_that_shows_it_best():
     found = inspect(surfaces(), STEPPED)
     assert not found.reasons and {c.status for c in found.characteristics} == {"measured"}

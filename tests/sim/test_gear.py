@@ -178,6 +178,7 @@ def test_the_camera_sees_one_flank_of_each_tooth(camera, hidden):
     assert below.sum() > 20_000  # the base stays in view
 
 
+@pytest.mark.more
 def test_steep_incidence_loses_biases_and_blurs_readings():
     part, flat = VirtualGear(gear()), Mounting(phi=radians(-41.802))
     clean = scanned(part, flat).recording

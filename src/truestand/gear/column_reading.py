@@ -37,7 +37,7 @@ class Reading:
         """delta (flanks, heights) there, of cells (2, teeth, roll lengths, heights); 0 where not seen."""
         near, weights = self._near
         cells = np.nan_to_num(delta[:, :, near])
-        return np.asarray(np.einsum("frh,frh->fh", weights, cells.reshape(-1, *cells.shape[2:])))
+        return np.asarray(np.einsum("frh,frh->fh", weights, cells.reshape(weights.shape)))
 
     @cached_property
     def _near(self) -> tuple[slice, Array]:
