@@ -124,7 +124,7 @@ def _parabola(x: Array, values: Array, reach: float, variance: Array) -> tuple[A
     terms = np.stack([np.ones(u.shape), u, u * u], axis=-1)
     weighted = (terms * weight[..., None]).swapaxes(-1, -2)
     normal = weighted @ terms
-    low, *_, high = np.moveaxis(np.linalg.eigvalsh(normal), -1, 0)
+    low, *_, high = np.moveaxis(np.linalg.eigvalsh(np.nan_to_num(normal)), -1, 0)
     able = (on.sum(axis=-1) >= LEAST_WIDE) & (high < 1e6 * low)
     normal[~able] = np.eye(3)
     solver = np.linalg.inv(normal) @ weighted

@@ -164,7 +164,7 @@ def _solver(basis: Array, weight: Array) -> Array:
     """(flanks, terms, cells) of a basis (flanks, cells, terms); NaN for a flank of too few cells, or all on a line."""
     weighted = (basis * weight[:, :, None]).swapaxes(1, 2)
     normal = weighted @ basis
-    low, *_, high = np.moveaxis(np.linalg.eigvalsh(normal), -1, 0)
+    low, *_, high = np.moveaxis(np.linalg.eigvalsh(np.nan_to_num(normal)), -1, 0)
     able = (np.count_nonzero(weight, axis=1) >= LEAST_CELLS) & (high < 1e9 * low)
     normal[~able] = np.eye(basis.shape[2])
     solver = np.linalg.inv(normal) @ weighted

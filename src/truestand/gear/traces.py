@@ -195,16 +195,12 @@ def position_of(points: Array, reading: Reading, traces: Traces) -> Array:
 
     NaN where most columns of the band are not seen.
     """
-    return _mean_of_band(points, reading, traces)
+    return _mean_of_columns(points[:, traces.band], reading.seen[:, traces.band])
 
 
 def position_bend(reading: Reading, traces: Traces) -> Array:
     """By how much (flanks,) mm ``position_of`` may be off where flanks bend; NaN where most columns are not seen."""
-    return _mean_of_band(np.maximum(reading.below, reading.above), reading, traces)
-
-
-def _mean_of_band(values: Array, reading: Reading, traces: Traces) -> Array:
-    return _mean_of_columns(values[:, traces.band], reading.seen[:, traces.band])
+    return position_of(np.maximum(reading.below, reading.above), reading, traces)
 
 
 def _mean_of_columns(values: Array, seen: Mask) -> Array:
