@@ -76,7 +76,7 @@ def test_each_surface_knows_its_view_and_why_nothing_may_be_decided():
     assert all(s.calibration.reasons == (why,) for s in doubted)  # each scan has an angle that its own view ties
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_view_is_inspected_in_the_frame_of_the_first_as_in_its_own():
     """But for the numbers of its teeth; U of a calibration is what moves points, whichever way they are turned."""
     placed, own = (

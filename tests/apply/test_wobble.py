@@ -34,7 +34,7 @@ def test_a_wobble_is_told_and_stands_in_u(waves):
     assert [r.code for r in transfer_remarks(applied)] == ["wobble"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pitch_of_a_wobbling_scan_is_within_its_u():
     still, moved = (
         {(c.name, c.flank): c for c in inspect_gear(roll(s, replace(calibrated(), reasons=())), SPUR).characteristics
@@ -45,7 +45,7 @@ def test_pitch_of_a_wobbling_scan_is_within_its_u():
         assert abs(b.value - a.value) < b.U and b.U > a.U
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bearing_moves_the_part_sideways_as_well():
     """As far as to and fro, which the round shaft does not show: f_p was off by more than its U."""
     waves, size = 7, 5 * UM
@@ -74,7 +74,7 @@ def test_what_no_shaft_shows_of_the_bearing_is_assumed_or_stated(stated, name):
     assert part[name] == pytest.approx((stated or 1 * UM) * 1.5, rel=0.4)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bearing_that_wobbled_in_the_shafts_scan_as_well_stands_in_u():
     """It passes for form of the shaft, and the part's scan shows nothing new: F_p was 5.4 U off."""
     shaft = simulate(stand(), simulation(5500), paper_shaft(), 0)

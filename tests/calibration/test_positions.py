@@ -105,7 +105,7 @@ def test_the_pose_of_the_shaft_is_the_last_scans():
     assert found(0, 180).eccentricity == pytest.approx(0.85 + 0.0003 * 180, abs=2e-4)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_form_and_bearing_are_separated():
     positions = found(0, 100).positions
     assert positions.inseparable == ()

@@ -351,7 +351,7 @@ def test_the_noise_floor_says_what_noise_alone_fakes():
         assert np.mean(floor) == pytest.approx(np.mean(read), rel=slack)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", tried(["LSC", "MZC"], "MIC", "MCC"))
 def test_the_uncertainty_covers_the_truth_of_a_round_part(reference):
     """x of the centre of 200 noisy rings lies within U in 95 % (190); 181 is three standard deviations below."""
@@ -570,7 +570,7 @@ def test_points_given_twice_count_once(reference):
     assert expected.remarks == ()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("feature", ["cylinder", "cone"])
 def test_a_ring_tells_no_axis(feature):
     """Of 60 rings 38 were *valid* cylinders, and 13 of these turned by up to 3 U."""

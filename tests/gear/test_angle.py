@@ -36,7 +36,7 @@ def pitch(found, flank):
     return next(c.value for c in found.characteristics if (c.name, c.flank) == ("F_p", flank)) / UM
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", tried(["two lines"], "line", "drift"))
 def test_several_turns_correct_an_angle_error_that_does_not_repeat(name):
     """Before: more than 25 um of F_p too much, whatever was repeated; 8800 profiles are 2.2 turns."""
@@ -62,7 +62,7 @@ def test_unexplained_unevenness_leaves_the_gear_undecided():
     assert any("turned unevenly" in r for r in found.reasons) and found.verdict == "undecided"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_too_few_turns_are_reported_as_uneven():
     """A turn and a half: half of the flanks came by twice, too few to correct by, enough to see it."""
     found = turned("line", simulation(6000))

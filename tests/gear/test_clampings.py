@@ -152,7 +152,7 @@ def test_a_table_that_errs_by_more_than_its_u_allows_is_a_contradiction():
     assert [r.code for r in reasons] == ["closure_contradicts"] and "angle_U_arcsec" in str(reasons[0])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_part_with_play_is_tied_wherever_it_sits():
     """How it sits moves left and right flanks in their own directions, by more than its pitches differ."""
     seated = [
@@ -165,7 +165,7 @@ def test_a_part_with_play_is_tied_wherever_it_sits():
     assert "scan 2 was turned by 7 teeth, scan 3 was turned by 16 teeth" in str(together.remarks[0])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_differs_between_clampings_stands_in_u():
     """A table that errs eight times a turn, for which closure does not look; neighbouring teeth feel it by a quarter
     more than the wave that U assumes.
@@ -180,7 +180,7 @@ def test_what_differs_between_clampings_stands_in_u():
     assert c.U > 1.5 * line(found(WORN, OFFSETS), "f_p", "left").U
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_only_one_scan_shows_counts_in_it_alone():
     """A wave of the shaft in view that the calibration does not know, in one clamping of three."""
     first, *others = clamped(WORN)

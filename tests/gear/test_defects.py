@@ -31,7 +31,7 @@ def is_at(defect, dent):
     return same and abs(defect.roll_length - dent.roll_length) < 0.5 and abs(defect.height - dent.height) < 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
     found = [d for d in inspected(DENTED, points=400).defects if d.kind != "chipped flank"]
     hits = [(dent, d) for dent in DENTED.dents for d in found if is_at(d, dent)]
@@ -42,7 +42,7 @@ def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
         assert d.extent == pytest.approx(dent.radius, rel=0.5)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_teeth_that_miss_parts():
     """On a toothing that runs 0.1 mm off the datum: tips that are low on one side are no chips."""
     found = sorted((d.kind, d.tooth) for d in inspected(BROKEN, points=320).defects)

@@ -38,7 +38,7 @@ def places_off(found, errors):
     return float(np.nanmax(np.abs(apart - np.nanmedian(apart, axis=1, keepdims=True))))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "how", "most"),
     tried([(CHIPPED, None, 1.5)], (WORN, DIRTY, 1.5), (THIN, None, 1.0), rarely=[(WORN, PHYSICAL, 5.0)]),

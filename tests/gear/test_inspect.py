@@ -115,7 +115,7 @@ def test_an_untrusted_calibration_decides_nothing():
     assert found.verdict == "undecided" and "dropped on the floor" in found.reasons
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_wild_and_lost_readings_do_not_change_pitch():
     """By more than the noise of both, 0.25 um each with 400 points."""
     clean, rough = inspected(), inspected(how=ROUGH)
@@ -193,7 +193,7 @@ def test_a_surface_of_unknown_origin_is_refused():
         inspect_gear(Surface(empty, empty, empty), SPUR)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_helix_can_turn_a_flank_away_from_an_oblique_sensor():
     """At 41.8 degrees to the axis the rays climb; the flanks that a right hand helix leans away are grazed at best."""
     found = inspected(helical(15.0))
@@ -219,7 +219,7 @@ def test_the_deviations_of_all_readings_come_along():
     assert np.median(np.abs(found.deviation[seen])) < 2 * UM
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_intended_helix_slope_has_the_sign_of_the_deviation():
     """Rising with the height on both flanks: a gear made so to its drawing had f_Hbeta +20 for 0."""
     made = replace(PERFECT, left=FlankErrors(0.0, 0.01), right=FlankErrors(0.0, 0.01))

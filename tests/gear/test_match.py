@@ -46,7 +46,7 @@ def wrong_by(calibration, radial=0.0, offset=0.0, eccentric=0.0):
     return replace(calibration, table_from_sensor=sensor, shaft_from_rotor=shaft)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "gear", tried([helical(15.0)], SPUR, SHIFTED, STEEP, rarely=[helical(-20.0), FINE]),
     ids=["15 right", "spur", "shifted", "25 degrees", "20 left", "fine"],
@@ -126,7 +126,7 @@ def test_a_bad_gear_is_not_another_gear(errors):
     inspect_gear(surface_of(SPUR, errors), SPUR)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_teeth_worn_alike_are_not_of_another_pressure_angle():
     """A step of 80 um on all flanks: the drawing was refused, *saw 22.5 degrees*."""
     worn = tuple(Worn(None, flank, (8.5, 20.0), (0.0, 30.0), 0.08, 0.15) for flank in ("left", "right"))

@@ -86,7 +86,7 @@ def test_what_a_place_shows_of_its_noise_counts_there():
     assert spread[~near].mean() == pytest.approx(2 * UM, rel=0.1)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_noise_makes_of_flat_flanks_is_taken_off():
     """Where a cell or two stuck out by chance, too little was: 1.2 % of the lines were beyond 1.5 U, up to 2.2."""
     beyond = []

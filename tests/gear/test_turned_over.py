@@ -164,7 +164,7 @@ def test_a_part_that_was_not_turned_over_is_refused(gear):
         inspect(both(gear, RUNNING_OUT, radians(105.0), over=False), gear, (0, "over"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_even_part_that_was_not_turned_over_decides_nothing():
     """Its left flanks were shown as right ones: a slope of 14 um was told as 0.0 +- 1.4, *conforms*."""
     even = replace(RUNNING_OUT, pitch_left=(), pitch_right=())
@@ -181,7 +181,7 @@ def test_a_part_that_sits_otherwise_is_told_by_its_tips():
     assert codes(together.reasons) == {"part_sits_otherwise"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_part_turned_over_is_not_tied():
     """Its tips are chipped elsewhere."""
     other = replace(MARKED, chips=(Chip(3, 7.0, 21.0, 0.3), Chip(11, 7.0, 21.0, 0.3)))

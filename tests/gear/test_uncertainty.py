@@ -59,7 +59,7 @@ def slope_of(deviation):
     return np.polyfit(roll_length, deviation(alpha), 1)[0] * nominal.control_length
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_radial_zero_error_gives_equal_profile_slopes():
     """delta = dr sin(alpha). GEAR.md: 3.6 um for 10 um from a roll length of 3 mm on; our control length is longer."""
     found = figures(radial=10 * UM)
@@ -100,7 +100,7 @@ def test_residual_eccentricity_gives_pitch_and_runout():
     assert found["F_r", None] == pytest.approx(20 * UM, rel=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_u_covers_calibrations_drawn_from_their_covariance():
     """Monte Carlo: calibrations drawn from the covariance, each used on the same scan. U (k = 2) of the lines that the
     calibration makes must cover about 95 % of what comes out.
@@ -167,7 +167,7 @@ FROM_CALIBRATION = (
 )  # fmt: skip
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_incidence_u_of_the_recipe_replaces_the_assumed_one():
     scan = scan_of(SPUR, PERFECT, QUIET)
     sensor = replace(scan.stand.sensor, incidence_U=0.001)
@@ -178,7 +178,7 @@ def test_incidence_u_of_the_recipe_replaces_the_assumed_one():
     assert of_incidence[1] == pytest.approx(of_incidence[0] / 20, rel=0.01) and s[1].U < 0.6 * s[0].U
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_bore_clearance_is_in_the_budget_of_pitch():
     """A seat whose axis is known to c adds up to 2 c / cos(alpha) to F_p (GEOMETRY.md)."""
     scan = scan_of(SPUR, PERFECT, QUIET)
@@ -192,7 +192,7 @@ def test_bore_clearance_is_in_the_budget_of_pitch():
     assert lines[1].U > lines[0].U
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_sensor_that_moved_where_no_shaft_shows_it_stands_in_u():
     """12 um: d_a was 24 um off at U 3. Shaft in view tells, and so does a scan that is the calibration's own."""
     c, scan = true_calibration(), replace(scan_of(SPUR, PERFECT, QUIET), sha256="of this scan")

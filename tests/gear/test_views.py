@@ -152,7 +152,7 @@ def test_each_view_ends_at_the_tips_that_it_sees():
         assert line(inspection, "f_falpha", flank).value < 2 * UM
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_rays_meet_flanks_where_each_view_reads_them():
     """Sound rings were *not seen* in places where views read flanks some 10 um beside their mean. Here 28 um, and
     left flanks, which both see steeply.

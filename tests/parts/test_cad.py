@@ -193,7 +193,7 @@ def test_a_part_scanned_in_part_is_partial_and_nothing_is_nothing():
     assert np.isnan(elsewhere.deviation).all()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     """An exact part deviates by the calibration's error alone; 20 draws tell its mean square to a quarter."""
     own, mesh, _, known = wheel()

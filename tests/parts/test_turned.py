@@ -230,7 +230,7 @@ def test_section_that_is_not_there_is_not_measurable():
     assert np.isnan(found.deviation).all()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_budget_line_of_the_calibration_equals_drawn_calibrations():
     """40 draws tell a standard deviation to 11 %: within 30 %."""
     scan, known = scanned("eccentric")

@@ -92,7 +92,7 @@ def test_u_is_the_same_in_the_frame_of_another_view():
         assert pytest.approx(b.U, rel=0.25, abs=0.7 * UM) == a.U  # what is left of 1 um of noise scatters
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sections_that_one_view_alone_sees():
     part = Turned(HIDDEN)
     both = roll_views(scans(VirtualTurned(part)), calibrated())

@@ -70,7 +70,7 @@ def test_what_nothing_can_see_is_said_with_the_reason(few_places):
     assert "Not everything is seen" in plan_report(found)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_sleeve_is_planned_with_one_view(few_places, tmp_path):
     shares = []
     found = plan(SLEEVE, stand(), paper_shaft(), step=shares.append)

@@ -162,7 +162,7 @@ def test_a_gear_has_every_section():
     assert "Klarák et al., Sensors 2022, 22, 5306" in text
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_bytes():
     assert inspection_report(replace(gear(), defects=(DENT,)), calibration()) == page()
 

@@ -30,19 +30,23 @@ def test_page_shows_its_heading_and_fits(open_tab, path):
     assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
 
 
-@pytest.mark.stand
+def test_first_view_needs_no_charts(open_tab):
+    tab = open_tab("#/")
+    tab.get_by_text("Calibrated", exact=True).wait_for()
+    asked = tab.evaluate("performance.getEntriesByType('resource').map((e) => e.name)")
+    assert asked and not [name for name in asked if "plotly" in name]
+
+
+@pytest.mark.slow
 def test_first_view_stands_within_a_second(open_tab):
-    asked = []
-    tab = open_tab("#/devices")
-    tab.context.close()
+    """A promise in seconds: on a quiet machine."""
+    open_tab("#/devices").context.close()
     times = []
     for _ in range(3):
         fresh = open_tab("#/")
         fresh.get_by_text("Calibrated", exact=True).wait_for()
         times.append(fresh.evaluate("performance.getEntriesByName('truestand:view')[0].startTime"))
-        asked += fresh.evaluate("performance.getEntriesByType('resource').map((e) => e.name)")
     assert min(times) < 1000, times
-    assert not [name for name in asked if "plotly" in name]
 
 
 @pytest.mark.parametrize("state", ["valid", "untrusted", "expired", "none"])
