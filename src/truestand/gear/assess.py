@@ -33,11 +33,12 @@ def assess(
     told: tuple[Damage, ...],
     gaps: tuple[Damage, ...],
     there: Mask,
+    elsewhere: bool = True,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget.
 
     ``influences``: every input of the budget but noise; ``told``: damage that shows; ``gaps``: what was not seen;
-    ``there`` (teeth,): those that the drawing has.
+    ``there`` (teeth,): those that the drawing has; ``elsewhere``: whether other sections are read, too.
     """
     nominal, damage = evaluator.grid.nominal, (*told, *gaps)
     figures = figures_of(measures, nominal)
@@ -62,7 +63,7 @@ def assess(
         told,
         zones_of(evaluator.grid, step),
         there,
-        sections_of(evaluator, noise, step),
+        sections_of(evaluator, noise, step) if elsewhere else None,
         evaluator.grid.size[1],
     )
 

@@ -25,6 +25,7 @@ from truestand.gear.evaluate import (
 )
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE
+from truestand.gear.sections import Sections
 from truestand.gear.teeth import Diameter
 from truestand.gear.tolerances import has_tolerance, reached, tolerance
 from truestand.gear.trace_line import CUTOFF_SHARE, LEAST_CUTOFF
@@ -41,31 +42,31 @@ def characteristics_of(a: Assessment, diameters: tuple[Diameter, ...]) -> tuple[
     """Whole gear first, then tooth by tooth."""
     of_gear, of_teeth = _places(a)
     lines = [_line(a, name, at) for name, at in of_gear]
-    lines += _of_sections(a)
+    lines += [] if a.sections is None else _of_sections(a, a.sections)
     lines += [_diameter(d, a.nominal.gear) for d in diameters]
     return (*lines, *(_line(a, name, at) for name, at in of_teeth))
 
 
-def _of_sections(a: Assessment) -> list[Characteristic]:
+def _of_sections(a: Assessment, sections: Sections) -> list[Characteristic]:
     """What other sections of the flanks say, as information: the mean over the teeth of each side, and the worst."""
     found = []
     for name in PER_TOOTH:
         for side in (0, 1):
-            values = np.where(a.there, a.sections.mean[name][side], np.nan)
+            values = np.where(a.there, sections.mean[name][side], np.nan)
             found.append(_informing(_measured(a, name + MEAN, (side,)), name + AREAL, float(mean_seen(values))))
-            found.append(_worst_section(a, name, side))
+            found.append(_worst_section(a, sections, name, side))
     return found
 
 
-def _worst_section(a: Assessment, name: str, side: int) -> Characteristic:
+def _worst_section(a: Assessment, sections: Sections, name: str, side: int) -> Characteristic:
     """The section of any tooth that departs most."""
-    sizes = np.where(a.there, np.abs(np.nan_to_num(a.sections.worst[name][side])), -1.0)
+    sizes = np.where(a.there, np.abs(np.nan_to_num(sections.worst[name][side])), -1.0)
     tooth = int(sizes.argmax())
     line = _measured(a, name, (side, tooth))
     line = line if line.value is None else _largest_of_sections(with_damage(line, a, name, (side, tooth)))
-    place = float(a.sections.place[name][side, tooth])
+    place = float(sections.place[name][side, tooth])
     where = f"height {place:.1f} mm" if name in PROFILE_NAMES else f"roll length {place:.1f} mm"
-    worst = _informing(line, name + WORST, float(a.sections.worst[name][side, tooth]))
+    worst = _informing(line, name + WORST, float(sections.worst[name][side, tooth]))
     return replace(worst, tooth=None, reason=f"tooth {tooth + 1} {FLANKS[side]}, {where}")
 
 

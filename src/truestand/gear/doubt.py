@@ -63,7 +63,8 @@ class Assessment:
     """From which cells (roll lengths, heights) figures are read."""
     there: Mask
     """(teeth,): but for those that the drawing leaves out."""
-    sections: Sections
+    sections: Sections | None
+    """None: only the sections that the standard reads."""
     cell_height: float
     """mm."""
 

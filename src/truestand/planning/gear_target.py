@@ -114,7 +114,7 @@ class GearTarget:
         measures = evaluate(grid.delta, evaluator)
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
-        found = assess(influences, evaluator, step, measures, coverage, (), (), there)
+        found = assess(influences, evaluator, step, measures, coverage, (), (), there, elsewhere=False)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":

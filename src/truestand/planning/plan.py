@@ -9,7 +9,7 @@ import numpy as np
 from truestand.core.arrays import Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import BadRecipe
-from truestand.core.inspection import WORST, Characteristic, Status
+from truestand.core.inspection import Characteristic, Status
 from truestand.core.stand import Sensor, Stand
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import AREAL
@@ -22,7 +22,7 @@ from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.room import Room
-from truestand.planning.search import ENOUGH, ComparedPlaces, Search, Step, best_views, search_of
+from truestand.planning.search import ENOUGH, ComparedPlaces, KnownViews, Search, Step, best_views, search_of
 from truestand.planning.sight import CAUSES
 from truestand.planning.target import ORDER, PlannedSensor, Target, View, share_of_room
 from truestand.planning.views import Setting, uncalibrated
@@ -145,8 +145,9 @@ def plan(
     search = search_of(setting, target, task.room, sensors, lambda share: step(share / 3))
     texts = (*assumed, *_assumed(stand, task))
     found: Plan | None = None
+    known: KnownViews = {}
     for number in range(1 if views is None else max(views - 1, 1), most + 1):
-        further = _with(part, search, sensors[:number], texts, found, lambda share: step((1 + share) / 3))
+        further = _with(part, search, sensors[:number], known, texts, found, lambda share: step((1 + share) / 3))
         if views is None and found is not None and further.rank <= found.rank:
             break
         found = further
@@ -158,11 +159,11 @@ def plan(
 
 
 def _with(
-    part: Part, search: Search, sensors: Sequence[PlannedSensor], assumed: tuple[str, ...], fewer: Plan | None,
-    step: Step,
+    part: Part, search: Search, sensors: Sequence[PlannedSensor], known: KnownViews, assumed: tuple[str, ...],
+    fewer: Plan | None, step: Step,
 ) -> Plan:  # fmt: skip
     """The best plan with these sensors."""
-    choice = best_views(search, sensors, step)
+    choice = best_views(search, sensors, known, step)
     views = choice.views
     seen = np.zeros(len(search.target.surfaces.points), dtype=bool)
     for view in views:
@@ -233,13 +234,13 @@ def _assumed(stand: Stand, task: Task) -> tuple[str, ...]:
 
 
 def _expected(lines: tuple[Characteristic, ...], coverage: dict[str, float]) -> tuple[Expected, ...]:
-    """The lines of an inspection by name and place, of all teeth the worst; sections that only inform left out.
+    """The lines of an inspection by name and place, of all teeth the worst; means over whole flanks left out.
 
     What views leave out of a flank may be damaged: an inspection counts it, so nothing that reads it is promised.
     """
     by_place: dict[tuple[str, str | None, str | None], list[Characteristic]] = {}
     for line in lines:
-        if not line.name.endswith((AREAL, WORST)):
+        if not line.name.endswith(AREAL):
             by_place.setdefault((line.name, line.flank, line.section), []).append(line)
     return tuple(_as_far_as_seen(_worst_of(*place, of), coverage) for place, of in by_place.items())
 

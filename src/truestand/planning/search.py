@@ -33,6 +33,8 @@ often others are looked at where none can be.
 """
 AZIMUTHS = np.radians([120.0, 150.0, 90.0, 180.0, 60.0, 210.0, 240.0, 270.0, 300.0, 30.0, 330.0])
 """Of a further sensor against the first, in the order of preference."""
+KnownViews = dict[tuple[Place, PlannedSensor], View | str]
+"""What places were found to be, by place and kind of sensor: views, or why the shaft can't be calibrated there."""
 Step = Callable[[float], None]
 """Told the share 0..1 of the work that is done."""
 
@@ -161,9 +163,11 @@ class Choice:
     """Why there is none; empty where it is not known."""
 
 
-def best_views(search: Search, sensors: Sequence[PlannedSensor], step: Step) -> Choice:
-    """The places of these sensors that show most, and measure best among those that show as much."""
-    calibrated, rounds = _Calibrated(search), 0
+def best_views(search: Search, sensors: Sequence[PlannedSensor], known: KnownViews, step: Step) -> Choice:
+    """The places of these sensors that show most, and measure best among those that show as much; ``known`` grows by
+    what is calibrated.
+    """
+    calibrated, rounds = _Calibrated(search, known), 0
     ranked: list[tuple[tuple[int, float], tuple[Mount, ...]]] = []
     tried: list[ComparedPlaces] = []
     while not ranked and rounds < MOST_ROUNDS and (groups := _groups(search, len(sensors))):
@@ -199,7 +203,7 @@ class _Calibrated:
     """Single views, each calibrated once, whichever of some like sensors is there."""
 
     search: Search
-    views: dict[tuple[Place, PlannedSensor], View | None] = field(default_factory=dict)
+    known: KnownViews
     why_not: list[str] = field(default_factory=list)
     """Why the shaft can't be calibrated in some places."""
 
@@ -221,14 +225,16 @@ class _Calibrated:
     def _view(self, mount: Mount) -> View | None:
         search, place = self.search, replace(mount.place, azimuth=0.0)
         key = place, replace(mount.sensor, name="", device="")
-        if key not in self.views:
+        if key not in self.known:
             try:
-                (self.views[key],) = views_at([replace(mount, place=place)], search.setting, search.target)
+                (self.known[key],) = views_at([replace(mount, place=place)], search.setting, search.target)
             except NotEnoughData as error:
-                self.views[key] = None
-                self.why_not.append(str(error))
-        view = self.views[key]
-        return None if view is None else view.by(mount.sensor)
+                self.known[key] = str(error)
+        view = self.known[key]
+        if isinstance(view, View):
+            return view.by(mount.sensor)
+        self.why_not.append(view)
+        return None
 
 
 def _groups(search: Search, number: int) -> list[tuple[int, ...]]:
