@@ -17,10 +17,12 @@ from truestand.files.recipes.plan import planned_stand, read_task
 from truestand.files.recipes.recipes import read_stand, write_starters
 from truestand.files.records.plan_record import plan_record
 from truestand.files.records.schemas import schema_text
+from truestand.gear.geometry import involute
+from truestand.gear.grid import centres_of
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.drawings import Section, Turned
 from truestand.planning import carried, places, search
-from truestand.planning.gear_target import gear_target
+from truestand.planning.gear_target import gear_target, profiles_met
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.plan import Task, plan
@@ -210,6 +212,24 @@ def test_u_is_as_an_inspection_has_it(gear):
         assert other.status == c.status or {other.status, c.status} == {"measured", "partial"}, c
         if c.name in TOLD and c.status == "measured":
             assert pytest.approx(c.U, rel=TOLD[c.name]) == other.U, (c.name, c.flank)
+
+
+@pytest.mark.parametrize("gear", [SPUR, helical(20.0)], ids=["spur", "helical"])
+def test_turns_of_whole_profiles_meet_flanks_at_the_same_places(gear):
+    """A plan took them to lie one between the other."""
+    nominal = involute(gear)
+    rolls = centres_of(nominal.control_roll, nominal.tip_roll, 60)
+    heights = centres_of(*nominal.helix_range, 12)
+
+    def met(turns, per_turn):
+        return profiles_met(nominal, rolls, heights, turns, per_turn, Place(-1.2, 105.0, 2.0))
+
+    one, two, between = met(1.0, 1000.0), met(2.0, 1000.0), met(2.0, 1000.5)
+    assert (two == 2 * one).all() and 0.1 < (one > 0).mean() < 0.2
+    assert between.sum() == pytest.approx(two.sum(), rel=0.01)
+    assert (between > 0).mean() > 1.5 * (two > 0).mean()
+    along_the_face = (one == one[..., :1]).all(axis=(0, 1, 3))
+    assert along_the_face.all() == (gear is SPUR), "a profile crosses helical flanks at an angle"
 
 
 def test_a_room_that_leaves_no_place_says_so(few_places):

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product
-from math import cos, sin
+from math import ceil, cos, sin
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_
 from truestand.gear.seams import corrected, difference_of, followed
 from truestand.gear.teeth import Diameter
 from truestand.planning.obstacles import Body, Round, Toothed
+from truestand.planning.place import Place
 from truestand.planning.sight import Sight, centred, look
 from truestand.planning.target import Surfaces, View, room_of
 
@@ -41,14 +42,16 @@ LEAST_OVERLAP, SEAM_U = 0.05, 5e-4
 """Share of the flanks that two views must both show to be held against each other; mm, standard: of noise in it."""
 FINE = 48
 """Points along roll length and height of a picture of a flank."""
-GOLDEN = 0.6180339887498949
-"""Of a step, from one flank to the next: where profiles meet it."""
+FIRST = 0.38
+"""Of a step of the table: where the first profile meets the first tooth. No even share, for many teeth repeat it."""
 USUAL_SHARE, USUAL_PITCH, USUAL_FORM = 0.35, 0.004, 0.003
 """Of a gear that is looked at, share of its limits: standard deviation of its pitch; slopes and form, from crest to
 crest, of its flanks; mm where it has none.
 """
 USUAL_WAVES = 2.0
 """Of this form, along profile and face."""
+USUAL_MARKS, USUAL_FEED = 1 / 3, 2.0
+"""Share of the form along the face that is feed marks, and mm of height from one to the next: hobs leave them."""
 LEAST_COUNT = 1.0
 """Of readings in a cell that counts as seen."""
 USUAL_CLASS = 7
@@ -171,7 +174,8 @@ class GearTarget:
         nominal, shape, sight = self.toothing.nominal, cells.shape, self._sight(view, cells)
         apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
         per_profile = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
-        count = self._profiles(cells)[..., None] * per_profile[:, None]
+        met = profiles_met(nominal, cells.rolls, cells.heights, self.turns, self.profiles_per_turn, view.mount.place)
+        count = met * per_profile[:, None]
         u = view.mount.sensor.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
         return _Readings(np.where(count >= LEAST_COUNT, count, 0.0), u)
 
@@ -196,14 +200,6 @@ class GearTarget:
         side, i, j = np.indices(cells.shape).reshape(3, -1)
         points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
         return look(points, normals, centred(view.calibration), view.mount.sensor.optics, (*self.bodies, *self.shaft))
-
-    def _profiles(self, cells: "_Cells") -> Array:
-        """How many profiles (2, teeth, R) meet each row of cells: they go on from flank to flank."""
-        nominal, teeth = self.toothing.nominal, self.gear.teeth
-        size, step = nominal.control_length / cells.rolls.size, 2 * np.pi / self.profiles_per_turn
-        met = np.cumsum(self.turns * size / step_on_flank(nominal, cells.rolls, step))
-        phase = (GOLDEN * np.arange(2 * teeth)).reshape(2, teeth, 1) % 1.0
-        return np.diff(np.floor(met + phase), axis=2, prepend=np.floor(phase))
 
     def _grid(self, cells: "_Cells", readings: list["_Readings"]) -> Grid:
         """The cells that the scans fill, of a gear with usual slopes and form; nothing errs in reading it."""
@@ -263,6 +259,20 @@ def gear_target(
     nominal, datum = involute(gear), datum_of(calibration, gear.datum, gear.bore_clearance)
     toothing = Toothing(nominal, datum, 0.0, np.zeros(2 * gear.teeth), 1.0)
     return GearTarget(gear, shaft, turns, profiles_per_turn, toothing)
+
+
+def profiles_met(nominal: Involute, rolls: Array, heights: Array, turns: float, per_turn: float, place: Place) -> Array:
+    """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell of the flanks, at ``rolls`` (R,)
+    and ``heights`` (H,) mm: a further turn brings others only where a turn is no whole number of profiles.
+    """
+    step, gear = 2 * np.pi / per_turn, nominal.gear
+    size = nominal.control_length / rolls.size
+    up_the_flank = np.concatenate([[0.0], np.cumsum(size / step_on_flank(nominal, rolls, step))])
+    side, tooth = np.indices((2, gear.teeth))[..., None, None]
+    angle = (tooth + side / 2) * gear.pitch + heights * nominal.twist + place.azimuth
+    met = FIRST + angle / step - SIGMA[side] * up_the_flank[:, None]
+    of_turns = (np.clip(met + turn * per_turn, 0.0, turns * per_turn) for turn in range(-1, ceil(turns) + 1))
+    return np.asarray(sum(np.abs(np.diff(np.floor(of_turn), axis=2)) for of_turn in of_turns))
 
 
 def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, ...]:
@@ -344,13 +354,14 @@ def _usual_pitch(gear: Gear, rng: np.random.Generator) -> Array:
 def _usual_flanks(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
     """mm of delta (R, H): slopes and form of all flanks of such a gear."""
 
-    def trace(of: str, at: Array, within: tuple[float, float]) -> Array:
+    def trace(of: str, at: Array, within: tuple[float, float], marks: float = 0.0) -> Array:
         share = (at - within[0]) / (within[1] - within[0])
         slope, form = (_usual(gear, name + of, USUAL_FORM) for name in ("f_H", "f_f"))
-        return np.asarray(slope * (share - 0.5) + form / 2 * np.sin(2 * np.pi * USUAL_WAVES * share))
+        waves = np.sin(2 * np.pi * USUAL_WAVES * share), np.cos(2 * np.pi * at / USUAL_FEED)
+        return np.asarray(slope * (share - 0.5) + form / 2 * ((1.0 - marks) * waves[0] + marks * waves[1]))
 
     along_profile = trace("alpha", cells.rolls, nominal.profile_range)
-    along_face = trace("beta", cells.heights, nominal.helix_range)
+    along_face = trace("beta", cells.heights, nominal.helix_range, USUAL_MARKS)
     return np.asarray((along_profile[:, None] + along_face) / nominal.normal_per_delta)
 
 
