@@ -8,9 +8,12 @@ from math import log, pi, sqrt
 import numpy as np
 
 from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.robust import MAD_TO_SD, nan_median
 
 LEAST_CELLS = 6
 """Cells along a trace that it needs."""
+LEAST_OTHERS = 6
+"""Flanks of a side that tell how far its traces may leave their mean lines."""
 LEAST_REACH = 0.4
 """Share of an evaluation range over which a trace must reach."""
 LEAST_CUTOFF = 0.25
@@ -71,22 +74,59 @@ def line_of(
 
 
 def unseen_ends(trace: Array, at: Array, figures: Callable[[Array], Line]) -> Line:
-    """By how much (mm) the figures of traces (flanks, POINTS) may be off because their ends were not seen.
+    """By how much (mm) the figures of traces (flanks, POINTS), first those of one side, then those of the other, may be
+    off because their ends were not seen.
 
-    The larger of what they change by where the ends go on level, and where they go on as the mean parabola does.
+    The largest of what they change by where the ends go on level, where they go on as mean curves of the second and the
+    third degree do, and where they leave the mean line as those do of flanks of the side that show more.
     """
     seen = np.isfinite(trace)
-    level, curved = trace.copy(), trace.copy()
+    lines, bends = _lines_and_bends(trace, at)
+    level, *others = ends = [trace.copy() for _ in range(5)]
     for flank in np.flatnonzero((seen.sum(axis=1) >= LEAST_CELLS) & ~seen.all(axis=1)):
-        on = seen[flank]
+        on, off = seen[flank], ~seen[flank]
         level[flank] = np.interp(at, at[on], trace[flank, on])
-        curved[flank, ~on] = np.polyval(np.polyfit(at[on], trace[flank, on], 2), at[~on])
-    base, ends = figures(trace), (figures(level), figures(curved))
+        held = np.interp(at, at[on], trace[flank, on] - lines[flank, on])
+        curves = [np.polyval(np.polyfit(at[on], trace[flank, on], degree), at) - lines[flank] for degree in (2, 3)]
+        further = [curves[0], _within(curves[1], held), *(held + s * sqrt(3.0) * bends[flank] for s in (-1.0, 1.0))]
+        for end, values in zip(others, further, strict=True):
+            end[flank, off] = (lines[flank] + values)[off]
+    base, found = figures(trace), [figures(end) for end in ends]
 
     def apart(name: str) -> Array:
-        return np.asarray(np.maximum(*(np.abs(getattr(end, name) - getattr(base, name)) for end in ends)))
+        return np.asarray(np.fmax.reduce([np.abs(getattr(end, name) - getattr(base, name)) for end in found]))
 
     return Line(apart("slope"), apart("form"), apart("total"), apart("crowning"), apart("filtered"))
+
+
+def _lines_and_bends(trace: Array, at: Array) -> tuple[Array, Array]:
+    """Mean lines (flanks, POINTS) mm of traces and, beyond what was seen of one, by how much (standard deviation, mm)
+    others of the same side leave theirs from there; 0 where fewer than ``LEAST_OTHERS`` show it.
+    """
+    seen = np.isfinite(trace)
+    able, lines, bends = seen.sum(axis=1) >= LEAST_CELLS, np.zeros(trace.shape), np.zeros(trace.shape)
+    for flank in np.flatnonzero(able):
+        lines[flank] = np.polyval(np.polyfit(at[seen[flank]], trace[flank, seen[flank]], 1), at)
+    rest = trace - lines
+    sides = np.repeat(np.arange(2), len(trace) // 2)
+    for flank in np.flatnonzero(able & ~seen.all(axis=1)):
+        first, last = np.flatnonzero(seen[flank])[[0, -1]]
+        others = rest[sides == sides[flank]]
+        below, above = others[:, :first] - others[:, [first]], others[:, last + 1 :] - others[:, [last]]
+        bends[flank, :first], bends[flank, last + 1 :] = _spread(below), _spread(above)
+    return lines, bends
+
+
+def _within(curve: Array, rest: Array) -> Array:
+    """A curve (n,) that leaves the range of the ``rest`` of what was seen by no more than that range."""
+    low, high = rest.min(), rest.max()
+    return np.clip(curve, low - (high - low), high + (high - low))
+
+
+def _spread(differences: Array) -> Array:
+    """Robust standard deviation of each column of differences (flanks, n), NaN: not known; 0 of few."""
+    known = np.isfinite(differences).sum(axis=0) >= LEAST_OTHERS
+    return np.where(known, MAD_TO_SD * nan_median(np.abs(differences), axis=0), 0.0)
 
 
 def range_of(high: Array, low: Array, seen: Mask) -> Array:
