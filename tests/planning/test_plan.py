@@ -18,7 +18,7 @@ from truestand.files.recipes.recipes import read_stand, write_starters
 from truestand.files.records.plan_record import plan_record
 from truestand.files.records.schemas import schema_text
 from truestand.gear.geometry import involute
-from truestand.gear.grid import centres_of
+from truestand.gear.grid import Grid, centres_of
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.drawings import Section, Turned
 from truestand.planning import carried, places, search
@@ -217,12 +217,12 @@ def test_u_is_as_an_inspection_has_it(gear):
 @pytest.mark.parametrize("gear", [SPUR, helical(20.0)], ids=["spur", "helical"])
 def test_turns_of_whole_profiles_meet_flanks_at_the_same_places(gear):
     """A plan took them to lie one between the other."""
-    nominal = involute(gear)
-    rolls = centres_of(nominal.control_roll, nominal.tip_roll, 60)
-    heights = centres_of(*nominal.helix_range, 12)
+    nominal, empty = involute(gear), np.zeros((2, gear.teeth, 60, 12))
+    rolls, edges = centres_of(nominal.control_roll, nominal.tip_roll, 60), np.linspace(*nominal.helix_range, 13)
+    grid = Grid(nominal, empty, empty, empty, empty, empty, rolls, edges, 0.001)
 
     def met(turns, per_turn):
-        return profiles_met(nominal, rolls, heights, turns, per_turn, Place(-1.2, 105.0, 2.0))
+        return profiles_met(grid, turns, per_turn, 0.38, 0.0)[0]
 
     one, two, between = met(1.0, 1000.0), met(2.0, 1000.0), met(2.0, 1000.5)
     assert (two == 2 * one).all() and 0.1 < (one > 0).mean() < 0.2

@@ -21,6 +21,7 @@ from truestand.gear.assess import assess
 from truestand.gear.budget import Influence, Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
 from truestand.gear.coverage import coverage_of
+from truestand.gear.damage import unseen_in_traces
 from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import evaluate, evaluator_of, slope_length
@@ -30,7 +31,6 @@ from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_
 from truestand.gear.seams import corrected, difference_of, followed
 from truestand.gear.teeth import Diameter
 from truestand.planning.obstacles import Body, Round, Toothed
-from truestand.planning.place import Place
 from truestand.planning.sight import Sight, centred, look
 from truestand.planning.target import Surfaces, View, room_of
 
@@ -42,8 +42,6 @@ LEAST_OVERLAP, SEAM_U = 0.05, 5e-4
 """Share of the flanks that two views must both show to be held against each other; mm, standard: of noise in it."""
 FINE = 48
 """Points along roll length and height of a picture of a flank."""
-FIRST = 0.38
-"""Of a step of the table: where the first profile meets the first tooth. No even share, for many teeth repeat it."""
 USUAL_SHARE, USUAL_PITCH, USUAL_FORM = 0.35, 0.004, 0.003
 """Of a gear that is looked at, share of its limits: standard deviation of its pitch; slopes and form, from crest to
 crest, of its flanks; mm where it has none.
@@ -99,15 +97,16 @@ class GearTarget:
         """The lines that an inspection by these views would have."""
         cells = self._cells(views)
         readings = [self._readings(view, cells) for view in views]
-        total = np.sum([r.count for r in readings], axis=0)
-        shares = [np.where(total > 0, r.count / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
-        rng = np.random.default_rng(0)
+        seen = [np.broadcast_to(r.number > 0, self._shape(cells)) for r in readings]
+        total = np.sum([r.number for r in readings], axis=0)
+        shares = [np.where(total > 0, r.number / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
         grid = self._grid(cells, readings)
-        sources = _sources(self._tied(views, [r.count > 0 for r in readings], grid), shares)
+        sources = _sources(self._tied(views, seen, grid), [np.broadcast_to(s, self._shape(cells)) for s in shares])
         influences = influences_of(sources, grid, self.toothing)
-        parts = [np.square(s * r.u) / np.maximum(r.count, 1.0) for s, r in zip(shares, readings, strict=True)]
-        noise = np.sqrt(np.sum(parts, axis=0))
-        scans = [self._lines_of(_scanned(grid, influences, noise, rng), influences) for _ in range(SCANS)]
+        rng = np.random.default_rng(0)
+        scans = [
+            self._lines_of(self._scanned(grid, influences, views, readings, rng), influences) for _ in range(SCANS)
+        ]
         return tuple(_typical(of) for of in zip(*scans, strict=True))
 
     def _lines_of(self, grid: Grid, influences: tuple[Influence, ...]) -> tuple[Characteristic, ...]:
@@ -117,7 +116,8 @@ class GearTarget:
         measures = evaluate(grid.delta, evaluator)
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
-        found = assess(influences, evaluator, step, measures, coverage, (), (), there, elsewhere=False)
+        gaps = unseen_in_traces(grid, evaluator.traces, step)
+        found = assess(influences, evaluator, step, measures, coverage, (), gaps, there, elsewhere=False)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":
@@ -169,15 +169,45 @@ class GearTarget:
         edges = height_edges(nominal, max(HEIGHT_CELL, SPACINGS * spacing))
         return _Cells(centres_of(nominal.control_roll, nominal.tip_roll, number), edges)
 
+    def _shape(self, cells: "_Cells") -> tuple[int, ...]:
+        """(2, teeth, R, H)."""
+        return 2, self.gear.teeth, cells.rolls.size, cells.edges.size - 1
+
     def _readings(self, view: View, cells: "_Cells") -> "_Readings":
-        """What a view would have in each cell."""
+        """What a profile of a view would have in each cell."""
         nominal, shape, sight = self.toothing.nominal, cells.shape, self._sight(view, cells)
         apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
-        per_profile = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
-        met = profiles_met(nominal, cells.rolls, cells.heights, self.turns, self.profiles_per_turn, view.mount.place)
-        count = met * per_profile[:, None]
-        u = view.mount.sensor.optics.noise * np.abs(sight.facing.reshape(2, 1, *shape[1:])) / nominal.normal_per_delta
-        return _Readings(np.where(count >= LEAST_COUNT, count, 0.0), u)
+        number = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
+        u = view.mount.sensor.optics.noise * np.abs(sight.facing.reshape(shape)) / nominal.normal_per_delta
+        return _Readings(number[:, None], u[:, None])
+
+    def _scanned(
+        self, grid: Grid, influences: Sequence[Influence], views: Sequence[View], readings: Sequence["_Readings"],
+        rng: np.random.Generator,
+    ) -> Grid:  # fmt: skip
+        """The cells of a gear with usual pitch errors as a stand would read them that errs as the budget says."""
+        gear, read = self.gear, self._read(grid, views, readings, float(rng.random()))
+        delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights), np.nan)
+        delta += _usual_pitch(gear, rng) + read.u * rng.standard_normal(delta.shape)
+        for influence in influences:
+            delta += rng.standard_normal() / 2 * influence.field
+        return replace(grid, delta=delta, median=delta, roll=read.roll, count=read.count)
+
+    def _read(self, grid: Grid, views: Sequence[View], readings: Sequence["_Readings"], first: float) -> "_Read":
+        """The readings of all views, of which ``first`` (0..1) of a step of the table lies between the middle of the
+        first tooth and a profile.
+        """
+        count, share = np.zeros((2, len(views), *grid.delta.shape))
+        for k, (view, r) in enumerate(zip(views, readings, strict=True)):
+            azimuth = view.mount.place.azimuth
+            met, share[k] = profiles_met(grid, self.turns, self.profiles_per_turn, first, azimuth)
+            count[k] = r.number * met
+        count[count < LEAST_COUNT] = 0.0
+        total, one = count.sum(axis=0), np.maximum(count.sum(axis=0), 1.0)
+        up = np.where(total > 0, np.sum(count * share, axis=0) / one, 0.5)
+        variance = np.stack([np.broadcast_to(np.square(r.u), total.shape) for r in readings])
+        u = np.sqrt(np.sum(count * variance, axis=0)) / one
+        return _Read(total, grid.roll + (up - 0.5) * grid.size[0], u)
 
     def _tied(self, views: Sequence[View], seen: Sequence[Mask], grid: Grid) -> tuple[View, ...]:
         """The views with what their overlaps tell of where they stand; ``seen`` (2, teeth, R, H): by each."""
@@ -201,13 +231,14 @@ class GearTarget:
         points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
         return look(points, normals, centred(view.calibration), view.mount.sensor.optics, (*self.bodies, *self.shaft))
 
-    def _grid(self, cells: "_Cells", readings: list["_Readings"]) -> Grid:
-        """The cells that the scans fill, of a gear with usual slopes and form; nothing errs in reading it."""
-        nominal, total = self.toothing.nominal, np.sum([r.count for r in readings], axis=0)
-        delta = np.where(total > 0, _usual_flanks(self.gear, nominal, cells), np.nan)
-        roll, height = np.broadcast_to(cells.rolls[:, None], total.shape), np.broadcast_to(cells.heights, total.shape)
+    def _grid(self, cells: "_Cells", readings: Sequence["_Readings"]) -> Grid:
+        """All cells that views show, of a gear with usual slopes and form; nothing errs in reading it."""
+        nominal, shape = self.toothing.nominal, self._shape(cells)
+        number = np.broadcast_to(np.sum([r.number for r in readings], axis=0), shape)
+        delta = np.where(number > 0, _usual_flanks(nominal, cells.rolls[:, None], cells.heights), np.nan)
+        roll, height = np.broadcast_to(cells.rolls[:, None], shape), np.broadcast_to(cells.heights, shape)
         scatter = float(np.median([np.median(r.u) for r in readings]))
-        return Grid(nominal, delta, delta, roll, height, total, cells.rolls, cells.edges, scatter)
+        return Grid(nominal, delta, delta, roll, height, number, cells.rolls, cells.edges, scatter)
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,12 +275,22 @@ class _Cells:
 
 @dataclass(frozen=True, slots=True)
 class _Readings:
-    """What a view has in the cells."""
+    """What a profile of a view has in the cells, were it to meet them; (2, 1, R, H)."""
+
+    number: Array
+    u: Array
+    """mm of delta: standard deviation of a reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """What a scan has in the cells (2, teeth, R, H)."""
 
     count: Array
-    """(2, teeth, R, H)."""
+    roll: Array
+    """mm: mean of the readings."""
     u: Array
-    """(2, 1, R, H) mm of delta: standard deviation of a reading."""
+    """mm of delta: standard deviation of their mean."""
 
 
 def gear_target(
@@ -261,18 +302,27 @@ def gear_target(
     return GearTarget(gear, shaft, turns, profiles_per_turn, toothing)
 
 
-def profiles_met(nominal: Involute, rolls: Array, heights: Array, turns: float, per_turn: float, place: Place) -> Array:
-    """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell of the flanks, at ``rolls`` (R,)
-    and ``heights`` (H,) mm: a further turn brings others only where a turn is no whole number of profiles.
+def profiles_met(grid: Grid, turns: float, per_turn: float, first: float, azimuth: float) -> tuple[Array, Array]:
+    """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell, and at what share 0..1 of its
+    roll length: a further turn brings others only where a turn is no whole number of profiles.
+
+    ``first``: share 0..1 of a step of the table by which a profile misses the middle of the first tooth; ``azimuth`` of
+    the sensor, rad.
     """
-    step, gear = 2 * np.pi / per_turn, nominal.gear
-    size = nominal.control_length / rolls.size
-    up_the_flank = np.concatenate([[0.0], np.cumsum(size / step_on_flank(nominal, rolls, step))])
+    nominal, gear, step = grid.nominal, grid.nominal.gear, 2 * np.pi / per_turn
+    size, _ = grid.size
+    up_the_flank = np.concatenate([[0.0], np.cumsum(size / step_on_flank(nominal, grid.rolls, step))])
     side, tooth = np.indices((2, gear.teeth))[..., None, None]
-    angle = (tooth + side / 2) * gear.pitch + heights * nominal.twist + place.azimuth
-    met = FIRST + angle / step - SIGMA[side] * up_the_flank[:, None]
-    of_turns = (np.clip(met + turn * per_turn, 0.0, turns * per_turn) for turn in range(-1, ceil(turns) + 1))
-    return np.asarray(sum(np.abs(np.diff(np.floor(of_turn), axis=2)) for of_turn in of_turns))
+    angle = (tooth + side / 2) * gear.pitch + grid.heights * nominal.twist + azimuth
+    at_edges = first + angle / step - SIGMA[side] * up_the_flank[:, None]
+    low, high = (of(at_edges[:, :, :-1], at_edges[:, :, 1:]) for of in (np.minimum, np.maximum))
+    count, share = np.zeros((2, *low.shape))
+    for turn in range(-1, ceil(turns) + 1):
+        before, last = (np.floor(np.clip(at + turn * per_turn, 0.0, turns * per_turn)) for at in (low, high))
+        count += last - before
+        share += (last - before) * ((before + 1 + last) / 2 - turn * per_turn - low) / (high - low)
+    share = share / np.maximum(count, 1.0)
+    return count, np.where(SIGMA[side] > 0, 1.0 - share, share)
 
 
 def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, ...]:
@@ -282,16 +332,6 @@ def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, .
         Weighed(view.scan, view.calibration, None, None if alone else share)
         for view, share in zip(views, shares, strict=True)
     )
-
-
-def _scanned(grid: Grid, influences: Sequence[Influence], noise: Array, rng: np.random.Generator) -> Grid:
-    """The cells of a gear with usual pitch errors as a stand would read them that errs as the budget says, with
-    ``noise`` (2, teeth, R, H) mm.
-    """
-    delta = grid.delta + _usual_pitch(grid.nominal.gear, rng) + noise * rng.standard_normal(noise.shape)
-    for influence in influences:
-        delta += rng.standard_normal() / 2 * influence.field
-    return replace(grid, delta=delta, median=delta)
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
@@ -351,8 +391,11 @@ def _usual_pitch(gear: Gear, rng: np.random.Generator) -> Array:
     return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
 
 
-def _usual_flanks(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
-    """mm of delta (R, H): slopes and form of all flanks of such a gear."""
+def _usual_flanks(nominal: Involute, rolls: Array, heights: Array) -> Array:
+    """mm of delta (..., R, H) at roll lengths (..., R, 1 or H) and ``heights`` (H,): slopes and form of all flanks of
+    such a gear.
+    """
+    gear = nominal.gear
 
     def trace(of: str, at: Array, within: tuple[float, float], marks: float = 0.0) -> Array:
         share = (at - within[0]) / (within[1] - within[0])
@@ -360,9 +403,9 @@ def _usual_flanks(gear: Gear, nominal: Involute, cells: "_Cells") -> Array:
         waves = np.sin(2 * np.pi * USUAL_WAVES * share), np.cos(2 * np.pi * at / USUAL_FEED)
         return np.asarray(slope * (share - 0.5) + form / 2 * ((1.0 - marks) * waves[0] + marks * waves[1]))
 
-    along_profile = trace("alpha", cells.rolls, nominal.profile_range)
-    along_face = trace("beta", cells.heights, nominal.helix_range, USUAL_MARKS)
-    return np.asarray((along_profile[:, None] + along_face) / nominal.normal_per_delta)
+    along_profile = trace("alpha", rolls, nominal.profile_range)
+    along_face = trace("beta", heights, nominal.helix_range, USUAL_MARKS)
+    return np.asarray((along_profile + along_face) / nominal.normal_per_delta)
 
 
 def _usual(gear: Gear, name: str, otherwise: float) -> float:
