@@ -117,6 +117,8 @@ def test_the_stand_of_a_plan_is_one_that_the_virtual_stand_scans_from(few_places
         assert degrees(mounting.phi) == pytest.approx(degrees(place.phi), abs=1e-3), name
         assert mounting.standoff == pytest.approx(place.standoff, abs=1e-3)
         assert mounting.plane_offset == pytest.approx(place.plane_offset, abs=1e-3)
+    real = recipe.read_text().split("[simulation]")[0]
+    assert planned_stand(real, found).count("[[simulation.view]]") == 2, "a stand that says nothing of a virtual one"
 
 
 POSITIONER = """

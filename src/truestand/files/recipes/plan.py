@@ -68,28 +68,26 @@ def read_task(path: Path | str) -> Task:
 
 def planned_stand(text: str, plan: Plan) -> str:
     """The text of a stand.toml with the sensors of a plan in place of its own, and as many of the virtual stand."""
-    kept, simulated = _without_sensors(text)
     sensors = "\n".join(_sensor_text(view) for view in plan.views)
-    views = "\n".join(_virtual_view_text(view) for view in plan.views) if simulated else ""
+    views = "\n".join(_virtual_view_text(view) for view in plan.views)
     swept = "\n".join(_swept_text(body) for body in plan.search.turning) if plan.setting.carrier else ""
-    return "\n".join(part for part in (kept, sensors, swept, views) if part)
+    return "\n".join(part for part in (_without_sensors(text), sensors, swept, views) if part)
 
 
-def _without_sensors(text: str) -> tuple[str, bool]:
-    """The recipe without its sensors, and whether it has a ``[simulation]``."""
-    kept, table, simulated, open_brackets = [], "", False, 0
+def _without_sensors(text: str) -> str:
+    """The recipe without its sensors."""
+    kept, table, open_brackets = [], "", 0
     for line in text.splitlines():
         if open_brackets > 0:  # the rest of a value that is left out
             open_brackets += _brackets(line)
             continue
         if line.startswith("["):
             table = line.split("#")[0].strip()
-            simulated |= table == "[simulation]"
         if line.split("=")[0].strip() in PLANNED_KEYS.get(table, ()):
             open_brackets = _brackets(line)
         elif not table.startswith(SENSOR_TABLES):
             kept.append(line)
-    return "\n".join(kept).rstrip() + "\n", simulated
+    return "\n".join(kept).rstrip() + "\n"
 
 
 def _brackets(line: str) -> int:
