@@ -16,7 +16,7 @@ from truestand.core.errors import NotEnoughData
 from truestand.planning.place import Place
 from truestand.planning.search import AS_GOOD
 from truestand.planning.target import Mount, share_of_room
-from truestand.planning.views import shaft_in_view, uncalibrated, views_at
+from truestand.planning.views import shaft_in_view, shows_shaft, uncalibrated, views_at
 
 ASSESSED = 25
 """Of the places that roughly are the best."""
@@ -51,7 +51,7 @@ def main() -> None:
             or search.missing(search.seen_from(mount)) > missing + AS_GOOD
         ):
             continue
-        if min(shaft_in_view(uncalibrated(place, setting), sensor.optics, setting.shaft)) < 1.0:
+        if not shows_shaft(shaft_in_view(uncalibrated(place, setting), sensor.optics, setting.shaft), setting.shaft):
             continue
         try:
             views = views_at([mount], setting, target)
