@@ -203,7 +203,8 @@ class GearTarget:
             met, share[k] = profiles_met(grid, self.turns, self.profiles_per_turn, first, azimuth)
             count[k] = r.number * met
         count[count < LEAST_COUNT] = 0.0
-        total, one = count.sum(axis=0), np.maximum(count.sum(axis=0), 1.0)
+        total = count.sum(axis=0)
+        one = np.maximum(total, 1.0)
         up = np.where(total > 0, np.sum(count * share, axis=0) / one, 0.5)
         variance = np.stack([np.broadcast_to(np.square(r.u), total.shape) for r in readings])
         u = np.sqrt(np.sum(count * variance, axis=0)) / one
