@@ -10,7 +10,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from truestand.devices.tables.recipe import PORTS, ControllerRecipe, host_and_port
-from truestand.sim.live.servers import ServerThread
+from truestand.sim.live.servers import ServerThread, close_port
 from truestand.sim.live.table import VirtualTable
 
 HEARTBEAT_FAULT, OTHER_FAULT = 2, 1
@@ -41,12 +41,13 @@ class ModbusServer(ServerThread):
         device = SimDevice(id=self.map.unit, simdata=[memory], action=self._access)
         server = ModbusTcpServer(device, address=self._address)
         await server.serve_forever(background=True)
-        host, port = server.transport.sockets[0].getsockname()[:2]  # type: ignore[attr-defined]
-        self.address = f"{host}:{port}"
+        port: asyncio.Server = server.transport  # type: ignore[assignment]
+        self.address = "{}:{}".format(*port.sockets[0].getsockname()[:2])
         started.set()
         while not self._stopped.is_set():
             await asyncio.sleep(POLL_INTERVAL_S)
             self._check_heartbeat()
+        await close_port(port)
         await server.shutdown()
         await asyncio.sleep(0)
 

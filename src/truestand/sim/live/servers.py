@@ -6,8 +6,9 @@ Drivers take a pseudo terminal for a serial port.
 import asyncio
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from types import TracebackType
 from typing import Self
 
@@ -17,8 +18,20 @@ START_TIMEOUT_S = 10.0
 """For a server to start or end."""
 POLL_INTERVAL_S = 0.01
 """Between two checks for changes that a server reports unasked."""
+TURNS_TO_CONNECT = 4
+"""Of the loop: a task makes the transport, its protocol learns of it, another task begins to serve; one to spare."""
 Send = Callable[[bytes], object]
 Receive = Callable[[bytes], None]
+
+
+async def close_port(server: asyncio.Server) -> None:
+    """Accept nothing more, let what was accepted be connected, then close: asyncio forgets what is between the two."""
+    with suppress(NotImplementedError):  # Windows
+        for port in server.sockets:
+            asyncio.get_running_loop().remove_reader(port.fileno())
+    for _ in range(TURNS_TO_CONNECT):
+        await asyncio.sleep(0)
+    server.close()
 
 
 class Service:
@@ -105,14 +118,14 @@ class LineServer(ServerThread):
                 await asyncio.sleep(POLL_INTERVAL_S)
                 self._poll()
         finally:
-            close()
+            await close()
             await asyncio.sleep(0)
 
-    async def _listen(self) -> Callable[[], None]:
+    async def _listen(self) -> Callable[[], Awaitable[None]]:
         server = await asyncio.start_server(self._serve_client, *host_and_port(self._requested, self._default_port))
         host, port = server.sockets[0].getsockname()[:2]
         self.address = f"{host}:{port}"
-        return server.close
+        return partial(close_port, server)
 
     async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Take what a client sends until it goes, or until the event loop ends."""
@@ -124,7 +137,7 @@ class LineServer(ServerThread):
         self._clients.discard(writer.write)
         writer.transport.abort()
 
-    def _open_terminal(self) -> Callable[[], None]:
+    def _open_terminal(self) -> Callable[[], Awaitable[None]]:
         """A pseudo terminal; this process keeps the driver's end open too, so that a driver may come and go."""
         import tty  # not on Windows
 
@@ -140,7 +153,7 @@ class LineServer(ServerThread):
         receive = self._connected(send)
         loop.add_reader(server_end, lambda: receive(os.read(server_end, 4096)))
 
-        def close() -> None:
+        async def close() -> None:
             loop.remove_reader(server_end)
             self._clients.clear()
             os.close(server_end)
