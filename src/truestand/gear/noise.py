@@ -98,7 +98,9 @@ class CellNoise:
     of_column: float
     """Shared by the cells of one flank and height."""
     waves: Array
-    """(2, teeth, roll lengths, heights) mm of the flanks' waves, which are no noise; 0 where there are none."""
+    """(2, teeth, roll lengths, heights) mm of the flanks' waves, which are no noise, beyond the evaluation ranges, too;
+    0 where there are none.
+    """
     of_profile: float = 0.0
     """What single flanks have along the roll length at the middle of the face and others don't: form of theirs, or
     profiles that are off as a whole, because the sensor or the table shakes. Nothing tells one from the other."""
@@ -189,9 +191,11 @@ def _of_profiles(cells: Array, variance: Array, grid: Grid) -> tuple[float, floa
 
 
 def waves_of(cells: Array) -> Array:
-    """Waves that run over whole flanks, in any direction, as cells (2, teeth, roll lengths, heights) mm; NaN: not seen.
+    """Waves that run over whole flanks, in any direction, as cells (2, teeth, roll lengths, heights) mm have them; NaN:
+    not seen, or not asked.
 
-    Of each flank the strongest one, and again, as long as what is left scatters plainly less.
+    Of each flank the strongest one, and again, as long as what is left scatters plainly less. They go on over all
+    cells: next to one without its wave, that of others would look like a step.
     """
     sides, teeth = cells.shape[:2]
     return np.stack([[_waves_of_flank(cells[side, tooth]) for tooth in range(teeth)] for side in range(sides)])
@@ -202,27 +206,28 @@ def _waves_of_flank(cells: Array) -> Array:
     seen, waves = np.isfinite(cells), np.zeros(cells.shape)
     if np.count_nonzero(seen) < LEAST_WAVE_CELLS:
         return waves
-    roll, height = (np.linspace(-1.0, 1.0, n)[at] for n, at in zip(cells.shape, np.nonzero(seen), strict=True))
-    smooth = np.stack([np.ones_like(roll), roll, height, roll**2, roll * height, height**2], axis=1)
+    roll, height = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in cells.shape), indexing="ij")
+    smooth = np.stack([np.ones_like(roll), roll, height, roll**2, roll * height, height**2], axis=-1)[seen]
     rest = _without(smooth, cells[seen] - np.median(cells[seen]))
     for _ in range(MOST_WAVES):
-        wave = _fitted(_strongest_wave(_clipped(rest), seen, roll, height), rest)
-        without = _without(smooth, rest - wave)
+        basis = _strongest_wave(_clipped(rest), seen, roll, height)
+        wave = basis @ _coefficients(basis[seen], rest)
+        without = _without(smooth, rest - wave[seen])
         if robust_sd(without) > MOST_LEFT * robust_sd(rest):
             break
-        waves[seen] += wave
+        waves += wave
         rest = without
     return waves
 
 
 def _without(basis: Array, values: Array) -> Array:
     """What a basis (n, k) leaves of values (n,)."""
-    return values - _fitted(basis, values)
+    return np.asarray(values - basis @ _coefficients(basis, values))
 
 
-def _fitted(basis: Array, values: Array) -> Array:
-    """What a basis (n, k) makes of values (n,), damage held back."""
-    return np.asarray(basis @ np.linalg.lstsq(basis, _clipped(values), rcond=None)[0])
+def _coefficients(basis: Array, values: Array) -> Array:
+    """Of a basis (n, k) that fits values (n,) best, damage held back."""
+    return np.asarray(np.linalg.lstsq(basis, _clipped(values), rcond=None)[0])
 
 
 def _clipped(rest: Array) -> Array:
@@ -232,10 +237,10 @@ def _clipped(rest: Array) -> Array:
 
 
 def _strongest_wave(rest: Array, seen: Mask, roll: Array, height: Array) -> Array:
-    """The strongest wave of a flank (n, 6): cosine and sine, and both growing along the roll length and the height,
-    which lets its length be another than those that are tried.
+    """The strongest wave of a flank (roll lengths, heights, 6): cosine and sine, and both growing along the roll length
+    and the height, which lets its length be another than those that are tried.
 
-    ``rest`` (n,) mm of the cells ``seen`` (roll lengths, heights); ``roll``, ``height`` (n,): -1..1 over the flank.
+    ``rest`` (n,) mm of the cells ``seen``; ``roll``, ``height`` (roll lengths, heights): -1..1 over the flank.
     """
     image = np.zeros(seen.shape)
     image[seen] = rest
@@ -246,8 +251,8 @@ def _strongest_wave(rest: Array, seen: Mask, roll: Array, height: Array) -> Arra
     steps = (n - 1 for n in seen.shape)
     turns = [f * step / 2 for f, step in zip((along_roll[i], along_height[j]), steps, strict=True)]
     phase = 2 * np.pi * (turns[0] * roll + turns[1] * height)
-    wave = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    return np.concatenate([wave, wave * roll[:, None], wave * height[:, None]], axis=1)
+    wave = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+    return np.concatenate([wave, wave * roll[..., None], wave * height[..., None]], axis=-1)
 
 
 def _farthest(grid: Grid) -> int:
