@@ -130,6 +130,24 @@ def test_a_non_linear_sensor_does_not_fake_a_laser_plane(name):
     assert "not linear" in shape.advice
 
 
+@pytest.mark.parametrize("phase", tried([3.0], 0.0, 1.57))
+def test_a_range_that_errs_under_a_laser_plane_off_the_axis(phase):
+    """1.4 mm off, the plane meets a flank that rises and falls as the shaft moves sideways. The range stretches that
+    travel, too, on one step more than on the other: it put the plane 8, 5 and 12 um off, and the azimuth between two
+    views beyond its U.
+    """
+    stand = Named(
+        {"plane_offset": -1.4, "phi": radians(-85.0), "standoff": 108.0, "height": 10.0}, {"eccentricity": 1.0}, ROUND,
+        {"nonlinearity": 0.02, "nonlinearity_phase": phase, "faster_nonlinearity": ((2, 0.01, phase),)}, ANGLE,
+    )  # fmt: skip
+    scan = simulate(stand.stand(), stand.simulation(), shaft(), 1)
+    found = calibrate(interpret(scan.recording, stand.stand()), shaft())
+    assert found.status == "valid", found.reasons
+    assert abs(found.plane_offset + 1.4) < 0.006  # noise, of scans whose range is right: 1 um; the rest of a stretch
+    assert 1000 * found.tilt < found.uncertainty["tilt_mrad"].U
+    assert abs(1000 * found.eccentricity - 1000.0) < found.uncertainty["eccentricity_um"].U
+
+
 def field_error(name: str) -> np.ndarray:
     """Distance (mm) of calibrated from true points over the sensor's whole field and a turn.
 

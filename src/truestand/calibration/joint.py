@@ -18,17 +18,18 @@ one shaft differ by that, which is no evidence of where it runs.
 """
 
 from dataclasses import dataclass, replace
-from math import cos, hypot, pi, sqrt
+from math import hypot, pi, sqrt
 
 import numpy as np
 
 from truestand.calibration.estimate import solve
-from truestand.calibration.model import FIXED_U, STRETCH, Prior, precision_of
+from truestand.calibration.model import FIXED_U, STRETCH, Prior, precision_of, stretches
 from truestand.calibration.refine import Refined
 from truestand.calibration.result import height_zero_u
 from truestand.core.arrays import Array, Ints
-from truestand.core.assumptions import SMOOTH, K
+from truestand.core.assumptions import K
 from truestand.core.frames import ECCENTRICITY_X, ECCENTRICITY_Y, PHI, TILT_X, TILT_Y
+from truestand.core.stand import Sensor
 
 TRIED = 3600
 """Azimuths at which two views' shafts are laid over each other."""
@@ -157,9 +158,9 @@ class Joint:
         return solve(normal, jacobian.T @ view.fit.solution.information)
 
 
-def together(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> Joint:
-    """The views' fits as one: Gauss-Newton over all unknowns. ``linearity``: U (mm, k = 2) of each view's sensor."""
-    views, size = _laid_out(fits, linearity)
+def together(fits: tuple[Refined, ...], sensors: tuple[Sensor, ...]) -> Joint:
+    """The views' fits as one: Gauss-Newton over all unknowns. ``sensors``: of each view."""
+    views, size = _laid_out(fits, sensors)
     priors = _priors(views)
     precision = precision_of(priors, size)
     q = _start(views, size)
@@ -200,7 +201,7 @@ def _data(views: tuple[View, ...], q: Array) -> tuple[Array, Array, Array]:
     return information, gradient, scores
 
 
-def _laid_out(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> tuple[tuple[View, ...], int]:
+def _laid_out(fits: tuple[Refined, ...], sensors: tuple[Sensor, ...]) -> tuple[tuple[View, ...], int]:
     """The views with the places of their unknowns among all, and how many these are.
 
     The first view's stand first, as they are; then of each further one its own, what it sees of the shaft that no view
@@ -209,7 +210,7 @@ def _laid_out(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> tuple[
     seen: dict[Key, Pair] = {}
     middles: dict[int, float] = {}
     views, size = [], 0
-    for number, (fit, U) in enumerate(zip(fits, linearity, strict=True)):
+    for number, (fit, sensor) in enumerate(zip(fits, sensors, strict=True)):
         pairs = _shaft_pairs(fit)
         shared = {i for pair in pairs.values() for i in pair}
         private = np.array([i for i in range(fit.model.size) if i not in shared], dtype=np.intp)
@@ -223,7 +224,7 @@ def _laid_out(fits: tuple[Refined, ...], linearity: tuple[float, ...]) -> tuple[
             middles.setdefault(band.cylinder, middle)
         pose = (size, size + 1) if number else None
         size += 2 if number else 0
-        stretches = _stretches(fit, pairs, seen, U / K, size)
+        stretches = _stretches(fit, pairs, seen, sensor, size)
         size += len(stretches)
         views.append(View(fit, private, places, _links(fit, pairs, seen, middles), stretches, pose))
     return tuple(views), size
@@ -256,18 +257,17 @@ def _links(fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], middles:
 
 
 def _stretches(
-    fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], u: float, first: int
+    fit: Refined, pairs: dict[Key, Pair], seen: dict[Key, Pair], sensor: Sensor, first: int
 ) -> tuple[Stretch, ...]:
-    """How a sensor whose range errs by ``u`` (mm, standard), smoothly over ``SMOOTH``, stretches what it sees of the
-    base; they stand from ``first`` on. What it does to further cylinders against that, each view's fit knows.
+    """How a ``sensor`` stretches what it sees of the base; they stand from ``first`` on. What it does to further
+    cylinders against that, each view's fit knows.
     """
     base = fit.segments.bands[0].cylinder
     shared = seen["offset", base, 1]
-    aslant = abs(cos(fit.solution.parameters[PHI]))  # of range along the shaft
-    shares = {"offset": 1.0, "slope": sqrt(2.0) * aslant / SMOOTH}
+    by = stretches(sensor, float(fit.solution.parameters[PHI]))
     return tuple(
-        Stretch(pairs[name, base, 1], shared, first + n, share * u / SMOOTH)
-        for n, (name, share) in enumerate(shares.items())
+        Stretch(pairs[name, base, 1], shared, first + n, max(sensor.linearity / K * by[n], FIXED_U))
+        for n, name in enumerate(("offset", "slope"))
     )
 
 
@@ -284,7 +284,7 @@ def _priors(views: tuple[View, ...]) -> tuple[Prior, ...]:
             index = tuple(place[i] for i in prior.index)
             found.setdefault((prior.name, index), replace(prior, index=index))
         for stretch in view.stretches:
-            found[STRETCH, (stretch.at,)] = Prior(STRETCH, (stretch.at,), max(stretch.u, FIXED_U))
+            found[STRETCH, (stretch.at,)] = Prior(STRETCH, (stretch.at,), stretch.u)
     shoulder = [height_zero_u(view.fit) for view in views]
     for view, u in zip(views, shoulder, strict=True):
         if view.pose is not None:

@@ -1,6 +1,6 @@
 """The exact model of the stand: what a reading (x, z) at table angle theta says about the shaft.
 
-    p_T = (u - static(s) - bearing(theta) - stretch(v) travel(theta), d + v sin(alpha), v cos(alpha))
+    p_T = (u - static(s) - bearing(theta) - stretch(v) travel(theta, v), d + v sin(alpha), v cos(alpha))
     p_R = Rz(-theta) p_T
     residual = (distance of p_R to the cylinder's axis - R - form(psi)) / cosine of the normal to T's X
 
@@ -15,7 +15,7 @@ data can tell*). The Jacobian is analytic. What is known of the unknowns beforeh
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, sin
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -41,6 +41,8 @@ from truestand.core.frames import (
     facing,
 )
 from truestand.core.scan import Scan
+from truestand.core.stand import Sensor
+from truestand.uncertainty.range_errors import change_along_range
 
 NEAR_ENOUGH_MM = 1e-6
 """The last step of a search for the surface; the next one would be a tenth of it at most."""
@@ -274,7 +276,9 @@ class Model:
         bearing = _waves(c, s, self.orders)
         waves = p[self.bearing_slice] @ np.vstack(bearing)
         ex, ey, tx, ty = _axis(self, p, k)
-        travel = c * (ex + tx * z) - s * (ey + ty * z)
+        towards_it, beside_it = ex + tx * z, ey + ty * z
+        sideways = y / np.sqrt(np.maximum(self.radii[k] ** 2 - y * y, (LEAST_COSINE * self.radii[k]) ** 2))
+        travel = c * towards_it - s * beside_it + sideways * (s * towards_it + c * beside_it)
         u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)] - waves
         if k:
             more, along_it = p[self.stretch_slice(k)]
@@ -288,8 +292,9 @@ class Model:
         normal /= distance
         towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
         return _ReadingGeometry(
-            across, along, static, bearing, travel, v, c, s, point, lengthwise / length, normal, distance, towards
-        )
+            across, along, static, bearing, travel, sideways, v, c, s, point, lengthwise / length, normal, distance,
+            towards,
+        )  # fmt: skip
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
@@ -315,11 +320,15 @@ class Model:
         stretched = -at.travel * jacobian[:, RADIAL]
         jacobian[:, self.stretch_slice(k)] = np.stack([stretched, stretched * up], axis=1)
         share = -(more + along_it * up) * jacobian[:, RADIAL]
-        for i, slope in enumerate((at.c, -at.s)):
+        x, y = ex + tx * z, ey + ty * z
+        slopes = at.c + at.sideways * at.s, at.sideways * at.c - at.s
+        for i, slope in enumerate(slopes):
             jacobian[:, ECCENTRICITY_X + i] += share * slope
             jacobian[:, TILT_X + i] += share * slope * z
-        turning = -at.s * (ex + tx * z) - at.c * (ey + ty * z)
-        jacobian[:, SPEED] += share * turning * (r.angle - self.start_angle)
+        steeper = share * (at.s * x + at.c * y) * (1.0 + at.sideways**2) ** 1.5 / self.radii[k]
+        jacobian[:, PLANE_OFFSET] += steeper
+        jacobian[:, PLANE_TILT] += steeper * z
+        jacobian[:, SPEED] += share * (slopes[1] * x - slopes[0] * y) * (r.angle - self.start_angle)
 
     def _azimuth_of_middle(self, p: Array, k: int, at: "_ReadingGeometry") -> Array:
         """Azimuth in T (n,) rad at which the middle of cylinder ``k`` is met: it runs ahead of what turns by."""
@@ -364,7 +373,9 @@ class _ReadingGeometry:
     bearing: tuple[Array, Array]
     """cos and sin (orders - 1, n) of 2..orders times the table's angle."""
     travel: Array
-    """mm by which its axis stands towards the sensor."""
+    """mm by which it stands towards the sensor where it is met: its axis, and what that moves sideways"""
+    sideways: Array
+    """times so much: a laser plane off the axis meets a flank that rises."""
     v: Array
     c: Array
     s: Array
@@ -424,13 +435,12 @@ def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughSt
     """The unknowns for what is seen of the artefact."""
     cylinders = [artefact.cylinders[b.cylinder] for b in segments.bands]
     phi = segments.phi
-    over_range = abs(cos(phi)) > STEEP_ENOUGH
-    axis = (0.0, 1.0) if over_range else (sin(phi), cos(phi))
+    axis = (0.0, 1.0) if over_range(phi) else (sin(phi), cos(phi))
     eccentricity = hypot(*start.eccentricity)
     spans = []
     for band, cylinder in zip(segments.bands, cylinders, strict=True):
         ends = np.array([band.low, band.high])
-        if over_range:
+        if over_range(phi):
             ends = LaserPlane(phi, start.radial, segments.height).from_uv(np.full(2, cylinder.radius), ends)[1]
             slack = eccentricity * abs(sin(phi)) + 0.1
         else:
@@ -447,6 +457,11 @@ def model_for(scan: Scan, segments: Segments, artefact: Artefact, start: RoughSt
         longest=segments.longest,
         eccentricity=eccentricity,
     )
+
+
+def over_range(phi: float) -> bool:
+    """Whether the static profile runs over range, at the sensor's angle ``phi`` rad."""
+    return abs(cos(phi)) > STEEP_ENOUGH
 
 
 def start_values(model: Model, segments: Segments, start: RoughStand) -> Array:
@@ -536,17 +551,26 @@ def stretches_for(model: Model, scan: Scan, segments: Segments, aside: Iterable[
     lies elsewhere in it otherwise; and axes may be ``aside`` (mm, standard) along the eccentricity, which tells nothing
     of the laser plane.
     """
-    plane, error = LaserPlane(segments.phi, segments.radial, segments.height), scan.stand.sensor.linearity / K
+    plane, sensor = LaserPlane(segments.phi, segments.radial, segments.height), scan.stand.sensor
     _, z = plane.from_uv(np.array(model.radii), np.array([band.middle for band in segments.bands]))
-    changing, priors = sqrt(2.0) * error / SMOOTH, list[Prior]()
+    priors = list[Prior]()
     for k, (band, off) in enumerate(zip(segments.bands[1:], aside, strict=True), 1):
         at, share = model.stretch_slice(k).start, off / max(model.eccentricity, LEAST_TRAVEL)
-        apart = min(abs(float(z[k] - z[0])) / SMOOTH, 1.0)
-        priors += [
-            Prior(STRETCH, (at,), hypot(share, changing * apart)),
-            Prior(STRETCH, (at + 1,), hypot(share / band.length, changing * abs(cos(segments.phi)) / SMOOTH)),
-        ]
+        of_range = [sensor.linearity / K * by for by in stretches(sensor, segments.phi, float(z[k] - z[0]))]
+        for i, both in enumerate(((share, of_range[0]), (share / band.length, of_range[1]))):
+            priors.append(Prior(STRETCH, (at + i,), max(hypot(*both), FIXED_U)))
     return tuple(priors)
+
+
+def stretches(sensor: Sensor, phi: float, apart: float | None = None) -> tuple[float, float]:
+    """How much more of a shaft's travel a sensor at the angle ``phi`` rad shows, for each mm by which its range may err
+    (1/mm), and how that changes along the shaft (1/mm2); or shows than it does so many mm of range ``apart``.
+
+    A travel of e mm changes the range at a height by e sin phi, of which the error shows sin phi across the shaft. How
+    the error bends is known where the static profile runs over range.
+    """
+    across, aslant = sin(phi) ** 2, 0.0 if over_range(phi) else abs(cos(phi))
+    return across * change_along_range(sensor, 1, apart), across * aslant * change_along_range(sensor, 2, apart)
 
 
 def precision_of(priors: Iterable[Prior], size: int) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of
 from truestand.calibration.covariance import weigh
-from truestand.calibration.model import GEOMETRY, SPEED, Readings
+from truestand.calibration.model import GEOMETRY, SPEED, Readings, stretches
 from truestand.calibration.refine import Refined
 from truestand.calibration.uneven_form import SOURCE, covariance_of_uneven_form, uneven_form
 from truestand.core.arrays import Array
@@ -50,7 +50,6 @@ from truestand.core.frames import (
 from truestand.core.scan import Scan
 from truestand.uncertainty.budget import DIRECTIONS, HALF_TURN_DEG, Input, budget_of
 from truestand.uncertainty.lines import diameter_name, expanded_diameter, linearity_name, linearity_of, scale_name
-from truestand.uncertainty.range_errors import change_along_range
 
 SHARED = " (as the waves that all surfaces share)"
 IDENTIFIABLE = 0.5
@@ -213,7 +212,7 @@ def _inputs(
     # so does how the error changes along the range, which an upright line doesn't show.
     slope = sqrt(2.0) / band.length
     lever = abs(band.middle - fit.model.height)  # from the sensor's origin, about which phi turns
-    stretch = hypot(slope, change_along_range(sensor) * np.sin(p[PHI]) ** 2)
+    more, along_it = stretches(sensor, float(p[PHI]))
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     # Waves that all surfaces share come from bearing or angle; the first one looks like eccentricity.
     bearing_U = max(BEARING_U, shared)
@@ -225,7 +224,7 @@ def _inputs(
         Input(diameter_name(base), expanded_diameter(base) / 2, "normal", {"radial_position_mm": 0.5}),
         Input(linearity_name(sensor), linearity_of(sensor, static) / 2, "normal",
               {"phi_deg": degrees(slope), "radial_position_mm": hypot(1.0, lever * slope),
-               "eccentricity_um": eccentricity * stretch}),
+               "eccentricity_um": eccentricity * hypot(slope, more), "tilt_mrad": eccentricity * along_it}),
         Input(scale_name(sensor), scale / 2, "normal",
               {"eccentricity_um": eccentricity}),
         Input(HEIGHT_ZERO, height_zero_u(fit), "rectangular",

@@ -46,7 +46,7 @@ def calibrate_views(scans: tuple[Scan, ...], artefact: Artefact) -> Calibration:
     """
     _demand_views(scans)
     fits = tuple(fit_of(scan, artefact, segment(scan, artefact)) for scan in scans)
-    joint = together(fits, tuple(scan.stand.sensor.linearity for scan in scans))
+    joint = together(fits, tuple(scan.stand.sensor for scan in scans))
     checks = tuple(_same_shaft(view, joint) for view in joint.views)
     plane = plane_identifiable(scans[0], artefact, joint.views[0].fit)
     parameters, parts = weigh(joint.parameters, joint.information, joint.score_covariance, joint.priors, plane)

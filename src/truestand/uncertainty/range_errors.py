@@ -9,7 +9,7 @@ add up.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import sqrt, tau
+from math import tau
 
 import numpy as np
 
@@ -44,10 +44,14 @@ class RangeError:
     """(``VIEW_UNKNOWNS``,) mm and rad: by how much the calibration's unknowns, azimuth and height are off for it."""
 
 
-def change_along_range(sensor: Sensor) -> float:
-    """1/mm: share of its linearity by which the error of a sensor's range may change from one mm of it to the next."""
+def change_along_range(sensor: Sensor, times: int = 1, apart: float | None = None) -> float:
+    """1/mm^times: by what share of its linearity the error of a sensor's range, differentiated so many ``times`` over
+    it, may be off; or differ between places so many mm of range ``apart``.
+    """
     low, high = sensor.range or (0.0, PERIOD)
-    return sqrt(len(WAVES)) * tau / (high - low)
+    numbers = tau / (high - low) * np.array(WAVES)
+    differs = 1.0 if apart is None else 2.0 - 2.0 * np.cos(numbers * apart)
+    return float(np.sqrt(np.sum(np.square(numbers**times / WAVES) * differs)))
 
 
 def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
