@@ -16,7 +16,7 @@ from truestand.apply.datum import datum_of
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.inspection import Characteristic
+from truestand.core.inspection import Characteristic, decided
 from truestand.gear.assess import assess
 from truestand.gear.budget import Influence, Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
@@ -46,16 +46,16 @@ USUAL_SHARE, USUAL_PITCH, USUAL_FORM = 0.35, 0.004, 0.003
 """Of a gear that is looked at, share of its limits: standard deviation of its pitch; slopes and form, from crest to
 crest, of its flanks; mm where it has none.
 """
-USUAL_WAVES = 2.0
-"""Of this form, along profile and face."""
-USUAL_MARKS, USUAL_FEED = 1 / 3, 2.0
-"""Share of the form along the face that is feed marks, and mm of height from one to the next: hobs leave them."""
+USUAL_WAVES, USUAL_FEED = 2.0, 2.0
+"""Of this form, waves along the profile; mm of height from one mark that a hob's feed left on the face to the next."""
 LEAST_COUNT = 1.0
 """Of readings in a cell that counts as seen."""
 USUAL_CLASS = 7
 """By which U is weighed where the drawing limits nothing."""
-SCANS = 3
-"""Which are imagined: how large U is depends on what a scan reads, on its noise too."""
+FORMS = (0.2, 0.7, 1.4)
+"""Of this form, what the gears of the imagined scans have: how large U is depends on what a scan reads, and U of form
+is largest where there is least of it (the middles of thirds of a half-normal distribution).
+"""
 LARGEST_OF_TEETH = 0.7
 """Of a wave's height over a turn: by so much it moves the range of a gear's pitch on average."""
 
@@ -105,7 +105,7 @@ class GearTarget:
         influences = influences_of(sources, grid, self.toothing)
         rng = np.random.default_rng(0)
         scans = [
-            self._lines_of(self._scanned(grid, influences, views, readings, rng), influences) for _ in range(SCANS)
+            self._lines_of(self._scanned(grid, influences, views, readings, form, rng), influences) for form in FORMS
         ]
         return tuple(_typical(of) for of in zip(*scans, strict=True))
 
@@ -183,11 +183,13 @@ class GearTarget:
 
     def _scanned(
         self, grid: Grid, influences: Sequence[Influence], views: Sequence[View], readings: Sequence["_Readings"],
-        rng: np.random.Generator,
+        form: float, rng: np.random.Generator,
     ) -> Grid:  # fmt: skip
-        """The cells of a gear with usual pitch errors as a stand would read them that errs as the budget says."""
+        """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them
+        that errs as the budget says.
+        """
         gear, read = self.gear, self._read(grid, views, readings, float(rng.random()))
-        delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights), np.nan)
+        delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights, form), np.nan)
         delta += _usual_pitch(gear, rng) + read.u * rng.standard_normal(delta.shape)
         for influence in influences:
             delta += rng.standard_normal() / 2 * influence.field
@@ -336,8 +338,12 @@ def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, .
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
-    """Of the same line in several scans that with the middle U."""
-    return sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
+    """Of the same line in several scans that with the middle U, and all their U as root mean square."""
+    middle = sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
+    if middle.U is None:
+        return middle
+    U = float(np.sqrt(np.mean([line.U**2 for line in lines if line.U is not None])))
+    return decided(replace(middle, U=U))
 
 
 def _moved(fields: Array, nominal: Involute, cells: "_Cells") -> dict[str, Array]:
@@ -392,20 +398,20 @@ def _usual_pitch(gear: Gear, rng: np.random.Generator) -> Array:
     return np.asarray(size * (rng.standard_normal((2, gear.teeth)) + run_out)[..., None, None])
 
 
-def _usual_flanks(nominal: Involute, rolls: Array, heights: Array) -> Array:
-    """mm of delta (..., R, H) at roll lengths (..., R, 1 or H) and ``heights`` (H,): slopes and form of all flanks of
-    such a gear.
+def _usual_flanks(nominal: Involute, rolls: Array, heights: Array, form: float = 1.0) -> Array:
+    """mm of delta (..., R, H) at roll lengths (..., R, 1 or H) and ``heights`` (H,): slopes of all flanks of such a
+    gear, and so much of its ``form``.
     """
     gear = nominal.gear
 
-    def trace(of: str, at: Array, within: tuple[float, float], marks: float = 0.0) -> Array:
+    def trace(of: str, at: Array, within: tuple[float, float], phase: Array) -> Array:
         share = (at - within[0]) / (within[1] - within[0])
-        slope, form = (_usual(gear, name + of, USUAL_FORM) for name in ("f_H", "f_f"))
-        waves = np.sin(2 * np.pi * USUAL_WAVES * share), np.cos(2 * np.pi * at / USUAL_FEED)
-        return np.asarray(slope * (share - 0.5) + form / 2 * ((1.0 - marks) * waves[0] + marks * waves[1]))
+        slope, crests = (_usual(gear, name + of, USUAL_FORM) for name in ("f_H", "f_f"))
+        return np.asarray(slope * (share - 0.5) + form * crests / 2 * np.sin(phase))
 
-    along_profile = trace("alpha", rolls, nominal.profile_range)
-    along_face = trace("beta", heights, nominal.helix_range, USUAL_MARKS)
+    (low, high), turn = nominal.profile_range, 2 * np.pi
+    along_profile = trace("alpha", rolls, (low, high), turn * USUAL_WAVES * (rolls - low) / (high - low))
+    along_face = trace("beta", heights, nominal.helix_range, turn * heights / USUAL_FEED)
     return np.asarray((along_profile + along_face) / nominal.normal_per_delta)
 
 
