@@ -206,12 +206,13 @@ def _between_readings(
     def between(values: Array) -> Array:
         return np.asarray((1.0 - share) * values[order[at]] + share * values[order[at + 1]])
 
-    row = bin_index(between(flanks.roll), grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
+    roll = between(flanks.roll)  # that of a profile along the range's end is beyond it, whatever row holds its cell
+    row = bin_index(roll, grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
     column = column_of(between(flanks.height), grid.edges)
     cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
     after = flanks.index[order[at]] % live.size + np.rint(share * (1 + number[at])).astype(np.int64)
-    of_live = live[after]
-    missing, blind = (np.bincount(cell[of], minlength=grid.count.size) for of in (of_live, ~of_live))
+    of_live, inside = live[after], (roll > limits[0]) & (roll < limits[1])
+    missing, blind = (np.bincount(cell[of], minlength=grid.count.size) for of in (of_live & inside, ~of_live))
     middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
     runs = np.where((middle > limits[0]) & (middle < limits[1]), np.bincount(at[of_live], minlength=number.size), 0)
     long = _longer_than_usual(runs, flank[1:].astype(np.int64), grid)
