@@ -25,6 +25,8 @@ ON_MOST = 0.75
 OVERLAP, MORE = 4, 2
 """Windows that overlap along the face; readings that a flank must lack in one, more than those of a profile a pass and
 one besides."""
+FARTHER = 1.5
+"""Times as far as readings of a profile lie apart a flank must end before the range: noise moves them."""
 HARDLY_ANY = 0.1
 """Share of the usual readings beyond a height, at most, that a flank which ends before it has there: strays."""
 
@@ -56,7 +58,8 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
     """In windows along the face, as wide as its middle, for damage may cover a part of that; against the flanks beside
     each, and against the same flank elsewhere, for it may be on all of them.
 
-    A profile begins anywhere within a step of the table: with every pass one flank may show one more than another.
+    A profile begins anywhere within a step of the table: with every pass one flank may show one more than another. And
+    across helical flanks its readings lie ``apart``, at the same roll lengths for profiles on end.
     """
     nominal, found = grid.nominal, []
     edges = np.linspace(nominal.control_roll, nominal.tip_roll, grid.rolls.size + 1)
@@ -69,6 +72,7 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
         windows = [near.select((near.height > low) & (near.height < low + width)) for low in lows]
         outward = [_by_flank(window, sign * window.roll, grid) for window in windows]
         elsewhere = _side_by_side(outward).swapaxes(0, 1)
+        apart = _apart_on_profiles(near, points)
         cells = np.zeros((2 * grid.delta.shape[1], *grid.delta.shape[2:]), dtype=bool)
         for low, window, own in zip(lows, windows, outward, strict=True):
             least = (passes + 1) * _of_a_profile(window, points) + MORE
@@ -76,7 +80,7 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
             ends = _either(
                 _ends_before(own, _beside(own), sign * end, least), _ends_before(own, elsewhere, sign * end, least)
             )
-            for flank in np.flatnonzero(np.isfinite(ends)):
+            for flank in np.flatnonzero(sign * end - ends > FARTHER * apart):
                 cells[flank] |= _between(edges, sign, min(ends[flank], sign * end), sign * end)[:, None] & columns
         unseen = cells.reshape(grid.delta.shape) & ~grid.seen
         found += [unseen_region(s, t, unseen[s, t], grid) for s, t in np.argwhere(unseen.any(axis=(2, 3)))]
@@ -123,6 +127,13 @@ def _of_a_profile(flanks: Flanks, points: int) -> int:
     rows = int(flanks.index.max(initial=0)) // points + 1
     profiles = flanks.flank.astype(np.int64) * rows + flanks.index // points
     return int(np.unique(profiles, return_counts=True)[1].max(initial=0))
+
+
+def _apart_on_profiles(flanks: Flanks, points: int) -> float:
+    """mm of roll length from one reading of a profile, of so many ``points``, on a flank to the next."""
+    order, numbers = flanks.along_profiles(points)
+    apart = np.abs(np.diff(flanks.roll[order]))[numbers == 1]
+    return float(np.median(apart)) if apart.size else 0.0
 
 
 def _enough(flanks: Flanks, points: int) -> int:
