@@ -14,6 +14,7 @@ import numpy as np
 
 from truestand.apply.datum import datum_of
 from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.assumptions import PLANE_TILT_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, decided
@@ -188,21 +189,25 @@ class GearTarget:
         """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them
         that errs as the budget says.
         """
-        gear, read = self.gear, self._read(grid, views, readings, float(rng.random()))
+        gear, read = self.gear, self._read(grid, views, readings, rng)
         delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights, form), np.nan)
         delta += _usual_pitch(gear, rng) + read.u * rng.standard_normal(delta.shape)
         for influence in influences:
             delta += rng.standard_normal() / 2 * influence.field
         return replace(grid, delta=delta, median=delta, roll=read.roll, count=read.count)
 
-    def _read(self, grid: Grid, views: Sequence[View], readings: Sequence["_Readings"], first: float) -> "_Read":
-        """The readings of all views, of which ``first`` (0..1) of a step of the table lies between the middle of the
-        first tooth and a profile.
+    def _read(
+        self, grid: Grid, views: Sequence[View], readings: Sequence["_Readings"], rng: np.random.Generator
+    ) -> "_Read":
+        """The readings of all views, of which any share of a step of the table lies between the middle of the first
+        tooth and a profile, and whose laser planes are mounted along the axis as well as usual.
         """
         count, share = np.zeros((2, len(views), *grid.delta.shape))
+        first, radius = float(rng.random()), grid.nominal.measuring_radius
         for k, (view, r) in enumerate(zip(views, readings, strict=True)):
-            azimuth = view.mount.place.azimuth
-            met, share[k] = profiles_met(grid, self.turns, self.profiles_per_turn, first, azimuth)
+            azimuth, aside = view.mount.place.azimuth, view.calibration.eccentricity / radius
+            skew = float(rng.normal(0.0, PLANE_TILT_U / K)) / radius
+            met, share[k] = profiles_met(grid, self.turns, self.profiles_per_turn, first, azimuth, aside, skew)
             count[k] = r.number * met
         count[count < LEAST_COUNT] = 0.0
         total = count.sum(axis=0)
@@ -305,18 +310,22 @@ def gear_target(
     return GearTarget(gear, shaft, turns, profiles_per_turn, toothing)
 
 
-def profiles_met(grid: Grid, turns: float, per_turn: float, first: float, azimuth: float) -> tuple[Array, Array]:
+def profiles_met(
+    grid: Grid, turns: float, per_turn: float, first: float, azimuth: float, aside: float = 0.0, skew: float = 0.0
+) -> tuple[Array, Array]:
     """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell, and at what share 0..1 of its
     roll length: a further turn brings others only where a turn is no whole number of profiles.
 
     ``first``: share 0..1 of a step of the table by which a profile misses the middle of the first tooth; ``azimuth`` of
-    the sensor, rad.
+    the sensor, rad; ``aside``, by which an eccentric gear's teeth come sooner or later than they stand on it (rad), and
+    ``skew``, by which a skew laser plane meets them so along the face (rad per mm).
     """
     nominal, gear, step = grid.nominal, grid.nominal.gear, 2 * np.pi / per_turn
     size, _ = grid.size
     up_the_flank = np.concatenate([[0.0], np.cumsum(size / step_on_flank(nominal, grid.rolls, step))])
     side, tooth = np.indices((2, gear.teeth))[..., None, None]
     angle = (tooth + side / 2) * gear.pitch + grid.heights * nominal.twist + azimuth
+    angle = angle + aside * np.sin(angle) + skew * (grid.heights - nominal.middle)
     at_edges = first + angle / step - SIGMA[side] * up_the_flank[:, None]
     low, high = (of(at_edges[:, :, :-1], at_edges[:, :, 1:]) for of in (np.minimum, np.maximum))
     count, share = np.zeros((2, *low.shape))
