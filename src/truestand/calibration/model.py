@@ -276,9 +276,9 @@ class Model:
         bearing = _waves(c, s, self.orders)
         waves = p[self.bearing_slice] @ np.vstack(bearing)
         ex, ey, tx, ty = _axis(self, p, k)
-        towards_it, beside_it = ex + tx * z, ey + ty * z
+        at_x, at_y = ex + tx * z, ey + ty * z
         sideways = y / np.sqrt(np.maximum(self.radii[k] ** 2 - y * y, (LEAST_COSINE * self.radii[k]) ** 2))
-        travel = c * towards_it - s * beside_it + sideways * (s * towards_it + c * beside_it)
+        travel = c * at_x - s * at_y + sideways * (s * at_x + c * at_y)
         u = across + p[RADIAL] + p[DRIFT] * r.time - static @ p[self.static_slice(k)] - waves
         if k:
             more, along_it = p[self.stretch_slice(k)]
@@ -373,9 +373,11 @@ class _ReadingGeometry:
     bearing: tuple[Array, Array]
     """cos and sin (orders - 1, n) of 2..orders times the table's angle."""
     travel: Array
-    """mm by which it stands towards the sensor where it is met: its axis, and what that moves sideways"""
+    """mm by which the surface stands towards the sensor where it is met: as its axis does, and the slope ``sideways``
+    times as far as the axis stands to the side.
+    """
     sideways: Array
-    """times so much: a laser plane off the axis meets a flank that rises."""
+    """Slope of the surface where a laser plane beside the axis meets it."""
     v: Array
     c: Array
     s: Array

@@ -59,7 +59,7 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
     each, and against the same flank elsewhere, for it may be on all of them.
 
     A profile begins anywhere within a step of the table: with every pass one flank may show one more than another. And
-    across helical flanks its readings lie ``apart``, at the same roll lengths for profiles on end.
+    across helical flanks its readings lie apart, at the same roll lengths for profiles on end.
     """
     nominal, found = grid.nominal, []
     edges = np.linspace(nominal.control_roll, nominal.tip_roll, grid.rolls.size + 1)

@@ -347,7 +347,7 @@ def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, .
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
-    """Of the same line in several scans that with the middle U, and all their U as root mean square."""
+    """The line of several scans that has the middle U, with the root mean square of all U that are known."""
     middle = sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
     if middle.U is None:
         return middle
