@@ -9,7 +9,7 @@ import pytest
 from gears import DENTED, POINTS, SPUR, scan_of, simulation, true_calibration
 from truestand.core.surface import apply_calibration
 from truestand.gear.inspect import inspect_gear
-from truestand.sim import Chip, Dent, GearErrors
+from truestand.sim import Chip, Dent, GearErrors, Worn
 
 PERFECT = GearErrors(phase=radians(3.0))
 BROKEN = replace(
@@ -49,6 +49,31 @@ def test_teeth_that_miss_parts():
     assert found == [("bump", 2), ("chipped end", 7), ("chipped tip", 17), ("missing tooth", 12)]
     chip = next(d for d in inspected(BROKEN, points=320).defects if d.tooth == 7)
     assert chip.depth == pytest.approx(0.8, abs=0.05) and chip.height == pytest.approx(22.4, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("broken", "kind", "verdict"),
+    [
+        (Worn(7, "right", (6.5, 14.0), (4.0, 5.9), 0.15), "chipped flank", "does_not_conform"),
+        (Worn(7, "left", (6.5, 14.0), (24.1, 26.0), 0.4), "hidden end", "undecided"),
+    ],
+)
+def test_a_flank_broken_beyond_the_range_of_helices_is_told(broken, kind, verdict):
+    """An outsider's find: no line reads the last millimetre of a face, and the gear conformed. Seen at a grazing angle,
+    the floor of a break may show nothing.
+    """
+    (found,) = (d for d in inspected(replace(PERFECT, worn=(broken,))).defects if d.kind not in ("dent", "bump"))
+    assert (found.kind, found.tooth, found.flank, found.verdict) == (kind, 7, broken.flank, verdict)
+    low, high = broken.heights
+    assert low < found.height < high
+    assert found.depth is None or found.depth == pytest.approx(broken.depth, abs=found.U)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("heights", [(4.0, 5.9), (24.1, 26.0)])
+def test_edges_that_are_rounded_on_all_teeth_are_no_chips(heights):
+    found = inspected(replace(PERFECT, worn=(Worn(None, "left", (6.5, 14.0), heights, 0.4),))).defects
+    assert not [d for d in found if d.kind not in ("dent", "bump")]
 
 
 @pytest.mark.more

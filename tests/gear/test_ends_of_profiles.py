@@ -8,7 +8,7 @@ from truestand.gear.ends import _ends_of_profiles
 from truestand.gear.flanks import COLUMNS, FlankPoints, Flanks, Toothing
 from truestand.gear.geometry import involute
 from truestand.gear.grid import Grid, centres_of, height_edges
-from truestand.gear.rays import _between_readings
+from truestand.gear.rays import _between_neighbours, _between_readings
 
 NOMINAL = involute(SPUR)
 LOW, HIGH = NOMINAL.profile_range
@@ -72,3 +72,21 @@ def test_readings_that_lie_apart_across_a_helical_flank_may_begin_as_much_later(
     found = _ends_of_profiles(flanks, grid_of(flanks), turn, POINTS)
     assert any(d.tooth == 7 and d.side == 0 for d in found) == told
     assert all(d.tooth == 7 for d in found)
+
+
+@pytest.mark.parametrize(("hidden", "told"), [(False, True), (True, False)])
+def test_no_ray_meets_the_cells_between_readings_next_to_each_other(hidden, told):
+    """A view that looks down on the face has them 0.5 mm apart, where cells are 0.25 mm high: an outsider's ring had
+    flanks that *no reading shows*. Where they lie 4 mm apart, an edge hides what is between.
+    """
+    heights = np.arange(5.31, 24.7, 0.5)
+    if hidden:
+        heights[20:] += 4.0
+    heights = np.pad(heights, (0, POINTS - heights.size), constant_values=np.nan)
+    flanks = flanks_of([(3, 5, np.where(np.isfinite(heights), LOW + 2.0, np.nan), heights)])
+    grid = grid_of(flanks)
+    no_ray = _between_neighbours(flanks, grid, POINTS)[0, 3]
+    row = grid.seen[0, 3].any(axis=1)
+    assert not (no_ray & grid.seen[0, 3]).any() and not no_ray[~row].any()
+    gap = np.abs(grid.heights - 17.0) < 1.5
+    assert no_ray[row][0, ~gap].sum() > 20 and no_ray[row][0, gap].any() == told

@@ -149,10 +149,12 @@ def damage_of(
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     known = depth[np.isfinite(depth)]
     spread = max(grid.scatter, robust_sd(known) if known.size else 0.0)  # speckle is alike within a cell
-    by_few = np.abs(rest) < FAR_OFF_BY * spread / np.sqrt(np.maximum(grid.count, 1.0))
+    of_cells = np.hypot(spread / np.sqrt(np.maximum(grid.count, 1.0)), evaluator.noise.of_row)
+    by_few = np.abs(rest) < FAR_OFF_BY * of_cells
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta) & ~by_few
     found = []
-    lower, higher = (_number(cell[sign * depth > DEPARTS * spread], grid) for sign in (1, -1))
+    departs = DEPARTS * hypot(spread, evaluator.noise.of_row)
+    lower, higher = (_number(cell[sign * depth > departs], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
     unseen, missed = _unseen(rays, there)
     unusual, not_met = (np.maximum(missed, weight * rays.in_runs.missed) for weight in (IN_ONE_ROW, 1))

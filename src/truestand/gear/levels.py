@@ -1,10 +1,11 @@
 """Views that read the same flanks a little differently, laid onto each other.
 
 What a sensor makes of steep flanks, of its range and of a laser plane that stands beside where the calibration has it
-is alike on every tooth of a side: a shift, a slope along the profile and one along the face. It is in the budget of
-each view; left between them it would be a step on every flank where one of them ceases to see it, which looks like
-damage. The same view reads as another one where the part was turned over: what it makes of left flanks it then makes of
-right ones, so that their mean is free of much of it (reversal).
+is alike on every tooth of a side: a shift, a slope along the profile and one along the face. What the table's angle and
+its axis make of flanks goes once round the gear, and views beside each other meet it at other angles. All of it is in
+the budget of each view; left between them it would be a step on every flank where one of them ceases to see it, which
+looks like damage. The same view reads as another one where the part was turned over: what it makes of left flanks it
+then makes of right ones, so that their mean is free of much of it (reversal).
 """
 
 from collections.abc import Sequence
@@ -19,19 +20,22 @@ from truestand.core.assumptions import INCIDENCE_U, K
 from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
-from truestand.core.robust import nan_median
+from truestand.core.robust import robust_sd
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
 
 LEAST_SPAN = 0.5
-"""Of the profile, or of the face, over which two views must see the same cells for a slope between them to count."""
+"""Of the profile, the face or the teeth over which two views must see the same cells for what goes along them to count.
+"""
 LEAST_CELLS = 30
 """Of a side that two views must both show."""
+ROUNDS, MOST_SD, LEAST_SPREAD = 2, 4.0, 1e-6
+"""In which differences of cells are left out that lie so many robust standard deviations off, or mm at least."""
 SLOPES = {1: "profile", 2: "face"}
-TERMS = 3
-"""A shift, a slope along the profile and one along the face."""
+SMOOTH, TERMS = 3, 5
+"""A shift, a slope along the profile and one along the face; and what goes once round the gear, cosine and sine."""
 
 
 def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[Message, ...]]:
@@ -54,10 +58,8 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
 
 
 def level_of(view: GearView, grid: Grid) -> Array:
-    """By how much (2, 1, roll lengths, heights) mm a view reads flanks more than the mean of all."""
-    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
-    level = np.zeros((2, TERMS)) if view.level is None else view.level
-    return np.asarray(np.tensordot(level, terms, 1)[:, None])
+    """By how much (2, teeth, roll lengths, heights) mm a view reads flanks more than the mean of all."""
+    return _in_cells(np.zeros((2, TERMS)) if view.level is None else view.level, grid)
 
 
 def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: Grid) -> Array:
@@ -73,9 +75,7 @@ def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: 
         share = shares[of == n].sum(axis=0)
         mean = (shares[of == n] * fields[of == n]).sum(axis=0) / np.where(share > 0, share, 1.0)
         means.append(np.where((share > 0) & grid.seen, mean, np.nan))
-    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
-    level = np.tensordot(_levels(means, grid), terms, 1)
-    return np.asarray(fields - level[of][:, :, None])
+    return np.asarray(fields - _in_cells(_levels(means, grid), grid)[of])
 
 
 def _levels(means: Sequence[Array], grid: Grid) -> Array:
@@ -121,41 +121,75 @@ def _off(means: Sequence[Array], grid: Grid) -> Array:
 
     ``means``: of each view, (teeth, roll lengths, heights) mm; NaN: not seen.
     """
-    terms = _terms(grid.nominal, grid.rolls[:, None], grid.heights)
+    views = len(means)
+    normal = np.zeros((views, TERMS, views, TERMS)) + np.eye(TERMS)[None, :, None, :]  # the mean stays
+    right = np.zeros((views, TERMS))
+    for a, b in combinations(range(views), 2):
+        known, apart = _differences(means[a] - means[b], grid)
+        for i, j in product((a, b), repeat=2):
+            normal[i, :, j] += (known.T @ known) * (1.0 if i == j else -1.0)
+        right[a] += known.T @ apart
+        right[b] -= known.T @ apart
+    solution, *_ = np.linalg.lstsq(normal.reshape(views * TERMS, -1), right.reshape(-1), rcond=None)
+    return np.asarray(solution.reshape(views, TERMS))
+
+
+def _differences(apart: Array, grid: Grid) -> tuple[Array, Array]:
+    """Terms (n, ``TERMS``) of the cells in the evaluation ranges that two views both show, 0 for what these don't
+    tell, and what they are ``apart`` there (n,) mm, of (teeth, roll lengths, heights); strays left out.
+    """
     (low, high), (bottom, top) = grid.nominal.profile_range, grid.nominal.helix_range
     inside = ((grid.rolls >= low) & (grid.rolls <= high))[:, None] & ((grid.heights >= bottom) & (grid.heights <= top))
-    rows, values = [np.tile(np.eye(TERMS), len(means))], [np.zeros(TERMS)]  # the mean stays
-    for a, b in combinations(range(len(means)), 2):
-        apart = np.where(inside, nan_median(means[a] - means[b], axis=0), np.nan)
-        seen = np.isfinite(apart)
-        if np.count_nonzero(seen) < LEAST_CELLS:
-            continue
-        known = np.asarray(terms[:, seen].T * _told(seen, inside))
-        row = np.zeros((known.shape[0], len(means), TERMS))
-        row[:, a], row[:, b] = known, -known
-        rows.append(row.reshape(known.shape[0], -1))
-        values.append(apart[seen])
-    solution, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)
-    return np.asarray(solution.reshape(len(means), TERMS))
+    seen = np.isfinite(apart) & inside
+    if np.count_nonzero(seen.any(axis=0)) < LEAST_CELLS:
+        return np.zeros((0, TERMS)), np.zeros(0)
+    tooth, row, column = np.nonzero(seen)
+    smooth = _smooth_terms(grid.nominal, grid.rolls[row], grid.heights[column])
+    known = np.concatenate([smooth, _around(grid.nominal)[:, tooth]]).T * _told(seen, inside)
+    values = apart[seen]
+    for _ in range(ROUNDS):
+        coefficients, *_ = np.linalg.lstsq(known.T @ known, known.T @ values, rcond=None)
+        rest = np.abs(values - known @ coefficients)
+        near = rest <= max(MOST_SD * robust_sd(rest), LEAST_SPREAD)
+        known, values = known[near], values[near]
+    return known, values
 
 
 def _told(seen: Mask, inside: Mask) -> Array:
-    """(``TERMS``,) 1 for what cells that two views both show tell of their difference, 0 for what they don't."""
-    spans = [seen.any(axis=axis).sum() / max(inside.any(axis=axis).sum(), 1) for axis in (1, 0)]
-    return np.array([1.0, *(float(span >= LEAST_SPAN) for span in spans)])
+    """(``TERMS``,) 1 for what cells (teeth, roll lengths, heights) that two views both show tell of their difference, 0
+    for what they don't.
+    """
+    cells, teeth = np.asarray(seen.any(axis=0)), np.asarray(seen.any(axis=(1, 2)))
+    along = [cells.any(axis=axis).sum() / max(inside.any(axis=axis).sum(), 1) for axis in (1, 0)]
+    around = teeth.mean()
+    return np.array([1.0, *(float(span >= LEAST_SPAN) for span in (*along, around, around))])
 
 
-def _terms(nominal: Involute, roll: Array, height: Array) -> Array:
-    """(``TERMS``, ...): 1, and from -1 to 1 along the profile and along the face."""
+def _smooth_terms(nominal: Involute, roll: Array, height: Array) -> Array:
+    """(``SMOOTH``, ...): 1, and from -1 to 1 along the profile and along the face."""
     (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
     along_profile = (2 * roll - low - high) / (high - low) + 0.0 * height
     along_face = (2 * height - bottom - top) / (top - bottom) + 0.0 * roll
     return np.stack([np.ones_like(along_profile), along_profile, along_face])
 
 
+def _around(nominal: Involute) -> Array:
+    """Cosine and sine (2, teeth) of where teeth stand round the gear."""
+    angle = nominal.gear.pitch * np.arange(nominal.gear.teeth)
+    return np.stack([np.cos(angle), np.sin(angle)])
+
+
+def _in_cells(level: Array, grid: Grid) -> Array:
+    """A level (..., ``TERMS``) mm in the cells (..., teeth, roll lengths, heights)."""
+    smooth = np.tensordot(level[..., :SMOOTH], _smooth_terms(grid.nominal, grid.rolls[:, None], grid.heights), 1)
+    turning = np.tensordot(level[..., SMOOTH:], _around(grid.nominal), 1)
+    return np.asarray(smooth[..., None, :, :] + turning[..., None, None])
+
+
 def _without(flanks: Flanks, off: Array) -> Flanks:
     """The flanks without what their view reads more than the others, (2, ``TERMS``) mm."""
     nominal = flanks.toothing.nominal
-    terms = _terms(nominal, flanks.roll, flanks.height)
-    side = (flanks.flank >= nominal.gear.teeth).astype(np.intp)
-    return replace(flanks, delta=flanks.delta - (off[side].T * terms).sum(axis=0))
+    side, tooth = np.divmod(flanks.flank, nominal.gear.teeth)
+    smooth = (off[side, :SMOOTH].T * _smooth_terms(nominal, flanks.roll, flanks.height)).sum(axis=0)
+    turning = off[:, SMOOTH:] @ _around(nominal)
+    return replace(flanks, delta=flanks.delta - smooth - turning[side, tooth])

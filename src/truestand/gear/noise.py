@@ -128,7 +128,10 @@ class CellNoise:
         on = cells & np.isfinite(rest) & (variance > 0)
         if not on.any():
             return 0.0
-        return float(np.sum(rest[on] / np.sqrt(variance[on])) / np.sqrt(self.correlation.variance_of_sum(on)))
+        share = np.where(on, 1.0 / np.sqrt(np.where(on, variance, 1.0)), 0.0)
+        of_rows, of_columns = (float(np.square(share.sum(axis=axis)).sum()) for axis in (1, 0))
+        together = of_rows * self.of_row**2 + of_columns * self.of_column**2
+        return float(np.sum(share[on] * rest[on]) / np.sqrt(self.correlation.variance_of_sum(on) + together))
 
 
 def _alike(number: int, coefficient: float) -> Array:

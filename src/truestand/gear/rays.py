@@ -6,7 +6,7 @@ it and no reading lies, that is no gap between two profiles: the flank is broken
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor, log, tau
+from math import ceil, cos, floor, log, radians, tau
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ LEAST_SHARE_LOST, MOST_SHARE_LOST = 1e-3, 0.9
 """Share of the readings of a side that get lost, at least and at most."""
 STEPS_OF_INCIDENCE = 20
 """In which it is told how many rays get lost: as many rays in each."""
+LIMIT_SPARE = radians(1.0)
+"""By which rays must be less steep than the sensor's limit for their readings to be missed: so far flanks may lean or
+bend otherwise than the drawing has them near their root.
+"""
+MOST_SPACINGS = 2.0
+"""Times as far as is usual that readings next to each other on the sensor's line may lie apart on one flank: where they
+lie farther apart, an edge hides what is between them.
+"""
 STANDS_WITHIN = 0.01
 """mm of delta within which it is known where a flank stands. A reading may lie as far along the roll length from where
 its ray should meet the flank as that explains, and a cell at least."""
@@ -166,8 +174,8 @@ def rays_on_flanks(
     grid: Grid, surface: Array, level: Array, flanks: Flanks, scan: Scan, calibration: Calibration
 ) -> FlankRays:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
-    heights that stand elsewhere as a whole: in a groove along the profile. ``level`` (2, 1, roll lengths, heights) mm:
-    by how much more the view reads.
+    heights that stand elsewhere as a whole: in a groove along the profile. ``level`` (2, teeth, roll lengths, heights)
+    mm: by how much more the view reads.
     """
     nominal = grid.nominal
     low, high = nominal.profile_range
@@ -180,13 +188,22 @@ def rays_on_flanks(
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    expected, inside = _expected(angle, met, grid, rows, limits, turned) & ~bridge_gaps(blind, grid, 2 * turned)
+    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit)
+    nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
+    expected, inside = _expected(angle, met, grid, rows, limits, turned) & ~(nothing_looks | too_steep)
+    between, missed = between & ~too_steep, missed & ~too_steep
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
         Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
         Rays(inside, inside & ~grid.seen, facing),
     )  # fmt: skip
+
+
+def _too_steep(facing: Array, limit: float | None) -> Mask:
+    """Where a ray's incidence, by its cosine ``facing`` (NaN: never met), comes near the sensor's ``limit`` (rad)."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(facing < (-np.inf if limit is None else cos(limit - LIMIT_SPARE)))
 
 
 def _between_readings(
@@ -221,6 +238,28 @@ def _between_readings(
     missing, in_runs, blind = (n.reshape(grid.count.shape) for n in (missing, in_runs, blind))
     shown = within & (grid.seen | (missing > 0))
     return shown, within & (missing > grid.count), in_runs > 0, (blind > grid.count) & (missing == 0)
+
+
+def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) that a profile, of so many ``points``, passes between two readings next
+    to each other on the sensor's line: where those lie farther apart than cells are high, no ray meets some of them.
+    """
+    order, apart = flanks.along_profiles(points)
+    roll, height = flanks.roll[order], flanks.height[order]
+    spacing = np.abs(np.diff(height))
+    beside = np.flatnonzero(apart == 1)
+    beside = beside[spacing[beside] <= MOST_SPACINGS * np.median(spacing[beside])] if beside.size else beside
+    ends = np.sort(column_of(np.stack([height[beside], height[beside + 1]]), grid.edges), axis=0)
+    number = np.maximum(ends[1] - ends[0] - 1, 0)
+    of = np.repeat(np.arange(number.size), number)
+    column = ends[0, of] + 1 + np.arange(of.size) - (np.cumsum(number) - number)[of]
+    pair = beside[of]
+    share = (grid.heights[column] - height[pair]) / (height[pair + 1] - height[pair])
+    rolls = (1.0 - share) * roll[pair] + share * roll[pair + 1]
+    row = bin_index(rolls, grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
+    cells = np.zeros((grid.delta.shape[0] * grid.delta.shape[1], *grid.delta.shape[2:]), dtype=bool)
+    cells[flanks.flank[order][pair], row, column] = True
+    return cells.reshape(grid.delta.shape)
 
 
 def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:

@@ -22,10 +22,10 @@ from truestand.gear.geometry import Involute
 from truestand.gear.grid import bin_index, centres_of
 
 PLACES = 48
-HEIGHT_CELL, COLUMNS = 0.5, 3.0
+HEIGHT_CELL, COLUMNS = 0.5, 2.0
 """mm, and points of a profile that a cell must be high at least."""
 THIN = 2
-"""Every so many points of a profile make the map."""
+"""Every so many points of a profile make the map where they lie close enough."""
 LEAST_SHARE = 0.25
 """Share of a tip's usual number of points at a height below which they are outliers."""
 REACH = 1.0
@@ -98,10 +98,9 @@ def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> Folde
     g = nominal.gear
     low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
     bottom, top = g.face_from + END_MARGIN, g.face_to - END_MARGIN
-    zones = [toothed_zone(surface, nominal, toothing.datum, rows, low, high, THIN) for rows in blocks(surface)]
-    angle, radius, height = (
-        np.concatenate([getattr(z, name) for z in zones]) for name in ("angle", "radius", "height")
-    )
+    angle, radius, height = _zone(surface, toothing, low, high, THIN)
+    if COLUMNS * (top - bottom) * surface.x.shape[0] > HEIGHT_CELL * height.size:
+        angle, radius, height = _zone(surface, toothing, low, high)
     pitches = (angle - toothing.first_tooth) / g.pitch
     tooth = np.rint(pitches)
     place = bin_index(pitches - tooth, -0.5, 0.5, PLACES)
@@ -117,6 +116,17 @@ def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> Folde
     tip = _tip_places(places, nominal)
     found[:, tip] = _without_outliers(found[:, tip], count.reshape(shape)[:, tip])
     return FoldedMap(found, places, centres_of(bottom, top, rows))
+
+
+def _zone(surface: Surface, toothing: Toothing, low: float, high: float, thin: int = 1) -> tuple[Array, Array, Array]:
+    """Angles (rad), radii and heights (n,) mm of the points with radii ``low`` to ``high`` (mm), every ``thin``-th of
+    a profile.
+    """
+    zones = [toothed_zone(surface, toothing.nominal, toothing.datum, rows, low, high, thin) for rows in blocks(surface)]
+    angle, radius, height = (
+        np.concatenate([getattr(zone, name) for zone in zones]) for name in ("angle", "radius", "height")
+    )
+    return angle, radius, height
 
 
 def _without_outliers(tips: Array, count: NDArray[np.int64]) -> Array:

@@ -39,7 +39,7 @@ class GearView:
     side: int | None = None
     """The only side whose flanks count; None: both."""
     level: Array | None = None
-    """(2, 3) mm: by how much it reads flanks more than the mean of all views does (``levelled``), which its delta is
+    """(2, 5) mm: by how much it reads flanks more than the mean of all views does (``levelled``), which its delta is
     freed of.
     """
 

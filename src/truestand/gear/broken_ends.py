@@ -1,0 +1,115 @@
+"""Flanks that are broken at an end of the face, beyond the range in which helices are evaluated.
+
+No line of the standards reads a flank there, but a tooth that is chipped there is chipped.
+"""
+
+from math import hypot
+
+import numpy as np
+
+from truestand.core.arrays import Array, Mask
+from truestand.core.inspection import GUARD_FACTOR, Defect, decide
+from truestand.core.robust import robust_sd
+from truestand.gear.damage import DEPTH_SHARE_U
+from truestand.gear.flanks import FlankPoints, Flanks
+from truestand.gear.geometry import FLANKS
+from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH
+
+INSIDE = 2.0
+"""mm of face inside the range, at its end, that say where a flank stands there."""
+USUALLY, MORE = 0.75, 3.0
+"""Quantile of the readings far below them that flanks of a side have, and times as many that a broken one must have: an
+end face, a chamfer or a rounded edge has them on all, and strays fall anywhere.
+"""
+LEAST_READINGS, LEAST_PROFILES = 8, 3
+"""Readings more than those, and profiles that must have them to decide."""
+BESIDE = (-3, -2, -1, 1, 2, 3)
+"""Teeth beside one whose ends say how much of it should be seen."""
+MOST_LEFT = 0.5
+"""Of the readings that should be there, that a flank has which was not seen to its end."""
+DEPTH_QUANTILE = 0.9
+"""Of the readings, that is the depth: the last few may be outliers."""
+
+
+def broken_ends(flanks: Flanks, scatter: float, there: Mask, defects: tuple[Defect, ...]) -> tuple[Defect, ...]:
+    """Chips of flanks between an end of the face and the range of helices, and flanks that were not seen there.
+
+    ``scatter``: standard deviation of a reading, mm; ``there`` (teeth,): teeth that the drawing has. Of teeth that
+    ``defects`` name as broken they say nothing new.
+    """
+    nominal = flanks.toothing.nominal
+    broken = {d.tooth for d in defects if d.verdict == "does_not_conform"}
+    points = flanks.joined([flanks.outside_gate])
+    low, high = nominal.profile_range  # beyond it lie the land of the tip, and the root
+    points = points.select((points.roll > low) & (points.roll < high))
+    least, found = TOOTH_DEPTH - GUARD_FACTOR * scatter, []
+    for sign, end in zip((-1.0, 1.0), nominal.helix_range, strict=True):
+        beyond = sign * (points.height - end)
+        inside, at_end = points.select((beyond < 0) & (beyond > -INSIDE)), points.select(beyond > 0)
+        depth = _median_of_flanks(inside, flanks.toothing.offsets)[at_end.flank] - at_end.delta
+        gone, sound = at_end.select(depth > least), at_end.select(depth <= least)
+        chipped = _more_than_usual(gone, there)
+        found += [
+            _chip(gone.select(gone.flank == f), depth[depth > least][gone.flank == f], scatter, flanks) for f in chipped
+        ]
+        hidden = _fewer_than_usual(sound, inside, there)
+        found += [_hidden(flank, sign, end, flanks) for flank in hidden if flank not in chipped]
+    return tuple(d for d in found if d.tooth not in broken)
+
+
+def _median_of_flanks(points: FlankPoints, otherwise: Array) -> Array:
+    """Median delta (flanks,) mm of some points; ``otherwise`` (flanks,) mm where a flank has none."""
+    stands = otherwise.copy()
+    order = np.argsort(points.flank, kind="stable")
+    flanks, first = np.unique(points.flank[order], return_index=True)
+    for flank, delta in zip(flanks, np.split(points.delta[order], first[1:]), strict=False):
+        stands[flank] = np.median(delta)
+    return stands
+
+
+def _more_than_usual(gone: FlankPoints, there: Mask) -> list[int]:
+    """Flanks with so many of the readings ``gone`` as others of their side don't have; ``there`` (teeth,)."""
+    number = np.bincount(gone.flank, minlength=2 * there.size).reshape(2, there.size)
+    usual = np.quantile(number[:, there], USUALLY, axis=1)[:, None] if there.any() else np.zeros((2, 1))
+    return np.flatnonzero((number >= MORE * usual + LEAST_READINGS) & there).tolist()
+
+
+def _fewer_than_usual(sound: FlankPoints, inside: FlankPoints, there: Mask) -> list[int]:
+    """Flanks of whose readings, against those ``inside`` the range beside them, far fewer are ``sound`` ones than on
+    the teeth beside them; ``there`` (teeth,).
+    """
+    of_end, of_inside = (
+        np.bincount(p.flank, minlength=2 * there.size).reshape(2, -1).astype(np.float64) for p in (sound, inside)
+    )
+    share = np.where(there & (of_inside > 0), of_end / np.maximum(of_inside, 1.0), np.nan)
+    beside = np.sort(np.stack([np.roll(share, -k, axis=1) for k in BESIDE]), axis=0)  # NaN last
+    expected = np.nan_to_num(beside[len(BESIDE) // 4]) * of_inside
+    lacking = expected - of_end
+    return np.flatnonzero(
+        (of_end < MOST_LEFT * expected) & (lacking >= LEAST_READINGS + MORE * np.sqrt(expected)) & there
+    ).tolist()
+
+
+def _chip(gone: FlankPoints, depths: Array, scatter: float, flanks: Flanks) -> Defect:
+    """The chip that shows in some readings ``gone`` of a flank, by their ``depths`` (n,) mm."""
+    nominal, depth = flanks.toothing.nominal, float(np.quantile(depths, DEPTH_QUANTILE))
+    side, tooth = divmod(int(gone.flank[0]), nominal.gear.teeth)
+    U = hypot(DEPTH_SHARE_U * depth, 2 * max(scatter, robust_sd(depths - np.median(depths)) / np.sqrt(depths.size)))
+    verdict = decide(depth, U, (None, TOOTH_DEPTH))
+    if verdict == "does_not_conform" and np.unique(gone.profile).size < LEAST_PROFILES:
+        verdict = "undecided"
+    extent = float(max(np.ptp(gone.height), np.ptp(gone.roll)))
+    return Defect(
+        tooth + 1, FLANKS[side], float(np.median(gone.roll)), float(np.median(gone.height)), depth, extent,
+        "chipped flank", depth / TOOTH_DEPTH * SIGNIFICANT, U=U, verdict=verdict,
+    )  # fmt: skip
+
+
+def _hidden(flank: int, sign: float, end: float, flanks: Flanks) -> Defect:
+    """An end of a flank that was not seen, where the teeth beside it have theirs: it may have broken off."""
+    nominal = flanks.toothing.nominal
+    side, tooth = divmod(flank, nominal.gear.teeth)
+    face = nominal.gear.face_to if sign > 0 else nominal.gear.face_from
+    return Defect(
+        tooth + 1, FLANKS[side], None, (end + face) / 2, None, abs(face - end), "hidden end", 0.0, verdict="undecided"
+    )
