@@ -136,12 +136,13 @@ def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask
+    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float = 0.0
 ) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
     ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
-    at the axis; ``there`` (teeth,): teeth that the drawing has.
+    at the axis; ``there`` (teeth,): teeth that the drawing has; ``apart``: standard deviation (mm) of what views read
+    otherwise.
     """
     grid, smooth, teeth = evaluator.grid, evaluator.smooth, evaluator.grid.nominal.gear.teeth
     rest = residuals(grid.delta, smooth) + _raised_on_all(smooth)
@@ -149,11 +150,12 @@ def damage_of(
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     known = depth[np.isfinite(depth)]
     spread = max(grid.scatter, robust_sd(known) if known.size else 0.0)  # speckle is alike within a cell
-    of_cells = np.hypot(spread / np.sqrt(np.maximum(grid.count, 1.0)), evaluator.noise.of_row)
+    shared = hypot(evaluator.noise.of_row, apart)
+    of_cells = np.hypot(spread / np.sqrt(np.maximum(grid.count, 1.0)), shared)
     by_few = np.abs(rest) < FAR_OFF_BY * of_cells
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta) & ~by_few
     found = []
-    departs = DEPARTS * hypot(spread, evaluator.noise.of_row)
+    departs = DEPARTS * hypot(spread, shared)
     lower, higher = (_number(cell[sign * depth > departs], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
     unseen, missed = _unseen(rays, there)

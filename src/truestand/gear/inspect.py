@@ -43,7 +43,7 @@ from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import Grid, grid_of
-from truestand.gear.levels import levelled, slopes_known
+from truestand.gear.levels import left_between, levelled, slopes_known
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness
@@ -110,7 +110,8 @@ def inspect_gear(
     rays = rays_of_views(evaluator.grid, smooth, complete, views)
     unshown = rays.beside.hidden | rays.own.hidden_between
     coverage = coverage_of(evaluator, measures, step, blind_of_helices(views), unshown, sides_tied)
-    damage = damage_of(complete, evaluator, rays, step, min(_radial_share(v.calibration) for v in views), there)
+    radial, left = min(_radial_share(v.calibration) for v in views), left_between(views, flanks, evaluator.grid)
+    damage = damage_of(complete, evaluator, rays, step, radial, there, left)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
     gaps = unseen_in_traces(evaluator.grid, evaluator.traces, step)

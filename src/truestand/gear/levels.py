@@ -47,14 +47,20 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
         return views, ()
     flanks = joined([view.borne_out() for view in views], views)
     grid = grid_of(flanks)
-    by_reader = [
-        [part_of(flanks, views, k) for k, view in enumerate(views) if view.calibration.reader == reader]
-        for reader in readers
-    ]
-    off = _levels([means_of(of_reader, grid) for of_reader in by_reader], grid)
+    off = _levels(_by_reader(views, flanks, grid), grid)
     of_view = [off[readers.index(view.calibration.reader)] for view in views]
     level = (replace(v, flanks=_without(v.flanks, own), level=own) for v, own in zip(views, of_view, strict=True))
     return tuple(level), _contradictions(views, readers, off)
+
+
+def left_between(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> float:
+    """Standard deviation (mm) of what views that are laid onto each other still read otherwise in the cells that they
+    both show, noise included; 0 for one view. Readings of the one between those of the other seem to depart by it.
+    """
+    means = _by_reader(views, flanks, grid)
+    apart = [np.where(grid.in_ranges, a - b, np.nan) for a, b in combinations(means, 2)]
+    told = np.concatenate([of[np.isfinite(of)] for of in apart]) if apart else np.zeros(0)
+    return robust_sd(told) if told.size >= LEAST_CELLS else 0.0
 
 
 def level_of(view: GearView, grid: Grid) -> Array:
@@ -76,6 +82,15 @@ def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: 
         mean = (shares[of == n] * fields[of == n]).sum(axis=0) / np.where(share > 0, share, 1.0)
         means.append(np.where((share > 0) & grid.seen, mean, np.nan))
     return np.asarray(fields - _in_cells(_levels(means, grid), grid)[of])
+
+
+def _by_reader(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> list[Array]:
+    """What each reader's views show of the cells (2, teeth, roll lengths, heights) mm; ``flanks``: of all views."""
+    readers = [view.calibration.reader for view in views]
+    return [
+        means_of([part_of(flanks, views, k) for k, of in enumerate(readers) if of == reader], grid)
+        for reader in dict.fromkeys(readers)
+    ]
 
 
 def _levels(means: Sequence[Array], grid: Grid) -> Array:
