@@ -1,6 +1,7 @@
 """Columns of cells read at one roll length, and traces between them, where little or nothing was seen."""
 
 import numpy as np
+import pytest
 
 from truestand.gear.column_reading import reading_at
 from truestand.gear.interpolation import interpolation
@@ -11,9 +12,24 @@ NOTHING = np.full((2, 3, 8), np.nan)
 
 def test_columns_of_which_nothing_was_seen_read_0_and_say_so():
     zeros = np.zeros(NOTHING.shape)
-    reading = reading_at(zeros, NOTHING, zeros + 1e-6, zeros, [1.0], 0.1)
+    reading = reading_at(zeros, NOTHING, zeros + 1e-6, zeros, zeros, [1.0], 0.1)
     assert not reading.seen.any()
     assert np.array_equal(reading(np.zeros((2, 1, 8, 3))), np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(("own", "known", "within"), [(0.0, True, 0.006), (0.004, True, 0.012), (0.0, False, 0.021)])
+def test_between_two_cells_a_flank_stands_about_as_the_shape_that_all_teeth_share(own, known, within):
+    """It rises by 20 um from one cell to the next and bulges by 3: without knowing that, it may lie anywhere between
+    them. A flank with a slope of its own may stand as much farther off.
+    """
+    x = np.array([-1.8, -0.6, 0.6, 1.8]) * np.ones((1, 1, 1))
+    shape = 0.02 * x / 1.2 - 0.003 * x**2 / 0.36
+    values = shape + own * x / 1.2
+    reading = reading_at(values, x, np.full(x.shape, 1e-8), np.zeros(x.shape), shape if known else 0.0 * x, [], 0.1)
+    read = float(reading(values.reshape(1, 1, 4, 1))[0, 0])
+    low, high = read - reading.below[0, 0], read + reading.above[0, 0]
+    assert low - 1e-12 <= 0.0 <= high + 1e-12
+    assert high - low < within
 
 
 def test_lines_between_values_end_with_them():

@@ -53,17 +53,20 @@ def columns_of(cells: Array) -> Array:
 
 
 def reading_at(
-    values: Array, x: Array, variance: Array, waves: Array, reaches: Sequence[float], half_cell: float
+    values: Array, x: Array, variance: Array, waves: Array, shared: Array, reaches: Sequence[float], half_cell: float
 ) -> Reading:
     """How columns of cells (flanks, heights, roll lengths) are read at 0, at ``x`` from it (NaN: not seen).
 
-    On flanks whose ``waves`` a parabola would level, the nearest cells stand.
+    ``shared``: by how much more the shape that all teeth have stands there than at 0. On flanks whose ``waves`` a
+    parabola would level, the nearest cells stand.
 
     ``reaches``: mm to either side of which a parabola may take cells, the widest first. Where cells depart from it, or
     it from the nearest cells, by more than noise does, the flank bends there: those stand, and it may be anywhere
-    between them, or between the ones next to them where they reach across 0 (``half_cell`` mm).
+    between them, or between the ones next to them where they reach across 0 (``half_cell`` mm), on top of that shape.
     """
-    nearest, below, above = _between(x, values, half_cell)
+    nearest, below, above = _between(x, values - shared, half_cell)
+    too_high = (np.nan_to_num(nearest) * shared).sum(axis=2)
+    below, above = np.maximum(below + too_high, 0.0), np.maximum(above - too_high, 0.0)
     seen = np.asarray(np.isfinite(nearest).all(axis=2))
     weights, bends = nearest, seen.copy()
     for reach in reaches:

@@ -10,12 +10,14 @@ from math import sqrt
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
+from truestand.gear.column_reading import Reading
 from truestand.gear.geometry import SIGMA, Involute, pitch_span
 from truestand.gear.grid import Grid, step_on_flank
 from truestand.gear.noise import CellNoise, borne_out, noise_of_cells
 from truestand.gear.smooth_flanks import SmoothFlanks, areal_positions, shared_shape, smooth_flanks
 from truestand.gear.trace_line import Line, line_of, unseen_ends
 from truestand.gear.traces import (
+    SHARED_BY,
     WIDE_STEPS,
     Traces,
     circle_points,
@@ -90,9 +92,9 @@ class Measures:
 
 def evaluator_of(grid: Grid, step: float) -> Evaluator:
     """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad."""
-    cells = noise_of_cells(grid)
-    traces = traces_of(grid, cells, step)
-    return Evaluator(grid, _borne_out_by_helices(cells, grid, traces, step), smooth_flanks(grid), traces)
+    cells, smooth = noise_of_cells(grid), smooth_flanks(grid)
+    traces = traces_of(grid, cells, shared_shape(grid.delta, smooth, SHARED_BY), step)
+    return Evaluator(grid, _borne_out_by_helices(cells, grid, traces, step), smooth, traces)
 
 
 def with_noise_beside(damaged: Mask, evaluator: Evaluator, step: float) -> Evaluator:
@@ -198,7 +200,7 @@ def smallest(values: Array) -> Array:
 def figures_of(m: Measures, nominal: Involute) -> Figures:
     """Every reported quantity; a mean over the teeth has ``MEAN`` behind its name."""
     found: Figures = dict(pitch_extremes(m.index, pitch_span(nominal.gear)))
-    areal = pitch_extremes(SIGMA[:, None] * m.area * nominal.arc_per_delta, pitch_span(nominal.gear))
+    areal = _pitch_of(m.area, nominal)
     found |= {name + AREAL: areal[name] for name in AREAL_NAMES}
     found |= {name: m.of_flank[name] for name in PER_TOOTH}
     found |= {name + MEAN: mean_seen(m.of_flank[name]) for name in MEANS}
@@ -307,16 +309,47 @@ def _between_profiles(evaluator: Evaluator) -> Figures:
 
 
 def _position_sampling(evaluator: Evaluator) -> Figures:
-    """By how much, mm, the figures that are read from positions may be off: one flank's, or the mean of all."""
-    nominal, traces, shape = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta.shape[:2]
-    position, ball = (position_bend(at, traces).reshape(shape) for at in (traces.circle, traces.ball))
-    single = largest(position) * nominal.arc_per_delta
-    mean, at_ball = mean_seen(position).sum(), nominal.runout_per_delta
-    return {
-        "f_p": single, "F_p": single, "F_pk": single, "f_u": 2 * single, "F_r": largest(ball.reshape(-1)) * at_ball,
+    """By how much, mm, the figures that are read from positions may be off: half-widths with the standard deviation of
+    figures whose positions are drawn from where flanks may lie, or of the mean of all flanks at most.
+    """
+    nominal, traces, delta = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta
+    widths = _spread_of(traces.circle, evaluator, lambda position: _pitch_of(position, nominal))
+    widths |= _spread_of(traces.ball, evaluator, lambda at_ball: _runout_of(at_ball, nominal))
+    position, ball = (position_bend(at, traces).reshape(delta.shape[:2]) for at in (traces.circle, traces.ball))
+    mean = mean_seen(position).sum()
+    return widths | {
         "s": mean * nominal.arc_per_delta, "W_k": mean * nominal.normal_per_delta,
-        "M_d": 2 * mean_seen(ball).sum() * at_ball,
+        "M_d": 2 * mean_seen(ball).sum() * nominal.runout_per_delta,
     }  # fmt: skip
+
+
+def _spread_of(reading: Reading, evaluator: Evaluator, figures: Callable[[Array], Figures]) -> Figures:
+    """Half-widths, mm, of ``figures`` that follow from positions (2, teeth) mm: each flank lies anywhere between where
+    a ``reading`` puts it at most.
+    """
+    traces, delta, rng = evaluator.traces, evaluator.grid.delta, np.random.default_rng(1)
+    position, below, above = (
+        position_of(points, reading, traces).reshape(delta.shape[:2])
+        for points in (reading(delta), reading.below, reading.above)
+    )
+    read = figures(position)
+    square = {name: np.zeros_like(value) for name, value in read.items()}
+    for _ in range(BEND_DRAWS):
+        drawn = figures(position - below + rng.random(position.shape) * (below + above))
+        for name, value in drawn.items():
+            square[name] += np.square(value - read[name]) / BEND_DRAWS
+    return {name: np.sqrt(3.0 * total) for name, total in square.items()}
+
+
+def _pitch_of(position: Array, nominal: Involute) -> Figures:
+    """``PITCH`` by the positions (2, teeth) mm of flanks."""
+    return pitch_extremes(SIGMA[:, None] * position * nominal.arc_per_delta, pitch_span(nominal.gear))
+
+
+def _runout_of(at_ball: Array, nominal: Involute) -> Figures:
+    """F_r by where flanks (2, teeth) mm lie where the ball touches."""
+    places = (at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta
+    return {"F_r": np.asarray(largest(places) - smallest(places))}
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,8 @@ from truestand.gear.evaluate import (
     profile_line,
 )
 from truestand.gear.grid import TRACE_SHARE
-from truestand.gear.traces import helix_of, profile_of, traces_of
+from truestand.gear.smooth_flanks import shared_shape
+from truestand.gear.traces import SHARED_BY, helix_of, profile_of, traces_of
 
 OF_PROFILE = frozenset(("F_alpha", "f_falpha", "f_Halpha"))
 
@@ -42,9 +43,10 @@ def sections_of(evaluator: Evaluator, bias: Bias, step: float) -> Sections:
     grid, nominal = evaluator.grid, evaluator.grid.nominal
     by_flank, number = grid.delta.shape[:2], round(1 / (2 * TRACE_SHARE))
     heights, rolls = (_middles(*ends, number) for ends in (nominal.helix_range, nominal.profile_range))
+    shared = shared_shape(grid.delta, evaluator.smooth, SHARED_BY)
     profiles, helices, figures = [], [], []
     for height, roll in zip(heights, rolls, strict=True):
-        there = replace(evaluator, traces=traces_of(grid, evaluator.noise, step, height, roll))
+        there = replace(evaluator, traces=traces_of(grid, evaluator.noise, shared, step, height, roll))
         profiles.append(profile_of(grid.delta, there.traces))
         helices.append(helix_of(grid.delta, there.traces))
         lines = profile_line(profiles[-1], there), helix_line(helices[-1], there)

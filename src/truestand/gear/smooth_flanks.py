@@ -110,9 +110,9 @@ def smooth_surface(delta: Array, smooth: SmoothFlanks) -> Array:
     return np.asarray((_shared(mean, c, smooth)[:, None] + own).reshape(delta.shape))
 
 
-def shared_shape(delta: Array, smooth: SmoothFlanks) -> Array:
-    """What all teeth of a side share (2, roll lengths, heights) mm; NaN where none of them was seen."""
-    counts = (smooth.weight > 0).reshape(delta.shape).any(axis=1)
+def shared_shape(delta: Array, smooth: SmoothFlanks, least: int = 1) -> Array:
+    """What all teeth of a side share (2, roll lengths, heights) mm; NaN where fewer than ``least`` were seen."""
+    counts = (smooth.weight > 0).reshape(delta.shape).sum(axis=1) >= least
     return np.where(counts, _shared(*_fit(delta, smooth), smooth).reshape(counts.shape), np.nan)
 
 

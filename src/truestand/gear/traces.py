@@ -32,6 +32,8 @@ WIDE_STEPS = (5.0, 2.5)
 MOST_STEPS, MOST_CELLS = 3.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
+SHARED_BY = 8
+"""Teeth that say together what all of them share: of fewer, each has too much a say in it."""
 HOLE = 1.0
 """mm of height over which a gap counts."""
 MOST_APART = 1.6
@@ -99,9 +101,10 @@ class Traces:
 
 
 def traces_of(
-    grid: Grid, noise: CellNoise, step: float, middle: float | None = None, circle: float | None = None
+    grid: Grid, noise: CellNoise, shared: Array, step: float, middle: float | None = None, circle: float | None = None
 ) -> Traces:
-    """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad.
+    """How the flanks of a grid are read; ``step``: table angle from one profile to the next, rad; ``shared`` (2, roll
+    lengths, heights) mm: the shape that all teeth of a side have, NaN where it is not known.
 
     Profiles about the ``middle`` height (mm in C; None: of the face), helices at the roll length ``circle`` (mm; None:
     on the measuring circle).
@@ -114,7 +117,8 @@ def traces_of(
 
     def reading(place: float) -> Reading:
         wide = [max(steps * float(step_on_flank(nominal, place, step)), 1.5 * grid.size[0]) for steps in WIDE_STEPS]
-        return reading_at(delta, rolls - place, variance, columns_of(noise.waves), wide, grid.size[0] / 2)
+        more = columns_of(_shared_from(place, shared, grid))
+        return reading_at(delta, rolls - place, variance, columns_of(noise.waves), more, wide, grid.size[0] / 2)
 
     on_circle = reading(place)
     share = np.abs(on_circle.weights)
@@ -126,6 +130,20 @@ def traces_of(
     across = _widest_over(np.where(np.isfinite(gap), gap, 0.0), max(1, round(HOLE / grid.size[1])))
     ball = reading(nominal.ball_roll) if circle is None else on_circle
     return Traces(nominal, step, grid.size, band, rolls, np.where(near, heights, np.nan), across, on_circle, ball)
+
+
+def _shared_from(place: float, shared: Array, grid: Grid) -> Array:
+    """By how much (2, teeth, roll lengths, heights) mm more the shape that all teeth share, (2, roll lengths, heights)
+    mm, stands in the cells than at the roll length ``place`` (mm); 0 where it is not known.
+    """
+    more = np.zeros(grid.roll.shape)
+    for side, column in np.ndindex(shared.shape[0], shared.shape[2]):
+        known = np.isfinite(shared[side, :, column])
+        if known.any():
+            rolls, shape = grid.rolls[known], shared[side, known, column]
+            more[side, :, :, column] = np.interp(grid.roll[side, :, :, column], rolls, shape)
+            more[side, :, :, column] -= np.interp(place, rolls, shape)
+    return more
 
 
 def _widest_over(gap: Array, columns: int) -> Array:
