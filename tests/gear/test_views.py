@@ -25,7 +25,7 @@ from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.grid import grid_of
 from truestand.gear.inspect import inspect_gear
-from truestand.gear.levels import levelled, levelled_fields
+from truestand.gear.levels import _contradictions, levelled, levelled_fields
 from truestand.gear.rays import rays_of_views
 from truestand.gear.views import views_of
 from truestand.parts.inspect import inspect
@@ -178,6 +178,18 @@ def test_what_goes_once_round_the_gear_is_shared_out_too():
     around = 0.004 * np.cos(np.arange(MILD.teeth) * MILD.pitch + 0.7)[:, None, None] + np.zeros(grid.delta.shape)
     left = levelled_fields(np.stack([around, -around]), np.full((2, *grid.delta.shape), 0.5), "ab", grid)
     assert np.abs(left).max() < 0.01 * 0.004
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.03, 0), (0.4, 2)])
+def test_views_that_read_the_gear_by_far_otherwise_once_round_contradict(apart, told):
+    surfaces = roll_views(scans(VirtualGear(MILD, WORN)), calibrated())
+    nominal, datum = involute(MILD), datum_of(surfaces[0].origin[1], MILD.datum, MILD.bore_clearance)
+    views = views_of(surfaces, find_toothing(stacked(surfaces), nominal, datum))
+    off = np.zeros((2, 2, 5))
+    off[:, :, 3] = np.array([[apart / 2], [-apart / 2]])
+    found = _contradictions(views, [view.calibration.reader for view in views], off)
+    assert [m.code for m in found] == told * ["views_contradict"]
+    assert all("once round the gear" in str(m) for m in found)
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.robust import robust_sd
 from truestand.gear.damage import DEPTH_SHARE_U
 from truestand.gear.flanks import FlankPoints, Flanks
-from truestand.gear.geometry import FLANKS
+from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH
 
 INSIDE = 2.0
@@ -39,9 +39,7 @@ def broken_ends(flanks: Flanks, scatter: float, there: Mask, defects: tuple[Defe
     """
     nominal = flanks.toothing.nominal
     broken = {d.tooth for d in defects if d.verdict == "does_not_conform"}
-    points = flanks.joined([flanks.outside_gate])
-    low, high = nominal.profile_range  # beyond it lie the land of the tip, and the root
-    points = points.select((points.roll > low) & (points.roll < high))
+    points = _near_ends(flanks, nominal).joined([_near_ends(flanks.outside_gate, nominal)])
     least, found = TOOTH_DEPTH - GUARD_FACTOR * scatter, []
     for sign, end in zip((-1.0, 1.0), nominal.helix_range, strict=True):
         beyond = sign * (points.height - end)
@@ -55,6 +53,15 @@ def broken_ends(flanks: Flanks, scatter: float, there: Mask, defects: tuple[Defe
         hidden = _fewer_than_usual(sound, inside, there)
         found += [_hidden(flank, sign, end, flanks) for flank in hidden if flank not in chipped]
     return tuple(d for d in found if d.tooth not in broken)
+
+
+def _near_ends(points: FlankPoints, nominal: Involute) -> FlankPoints:
+    """The points near the ends of helices' range and beyond them, within that of profiles: beyond that lie the land of
+    the tip, and the root.
+    """
+    (low, high), (bottom, top) = nominal.profile_range, nominal.helix_range
+    on_profile = (points.roll > low) & (points.roll < high)
+    return points.select(on_profile & ((points.height < bottom + INSIDE) | (points.height > top - INSIDE)))
 
 
 def _median_of_flanks(points: FlankPoints, otherwise: Array) -> Array:

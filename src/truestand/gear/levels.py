@@ -11,13 +11,13 @@ then makes of right ones, so that their mean is free of much of it (reversal).
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations, product
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
-from truestand.core.assumptions import INCIDENCE_U, K
-from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
+from truestand.core.assumptions import BEARING_U, INCIDENCE_U, K
+from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
@@ -25,6 +25,7 @@ from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
+from truestand.uncertainty.lines import once_per_turn
 
 LEAST_SPAN = 0.5
 """Of the profile, the face or the teeth over which two views must see the same cells for what goes along them to count.
@@ -57,9 +58,11 @@ def left_between(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> float
     """Standard deviation (mm) of what views that are laid onto each other still read otherwise in the cells that they
     both show, noise included; 0 for one view. Readings of the one between those of the other seem to depart by it.
     """
+    if len({view.calibration.reader for view in views}) < 2:
+        return 0.0
     means = _by_reader(views, flanks, grid)
     apart = [np.where(grid.in_ranges, a - b, np.nan) for a, b in combinations(means, 2)]
-    told = np.concatenate([of[np.isfinite(of)] for of in apart]) if apart else np.zeros(0)
+    told = np.concatenate([of[np.isfinite(of)] for of in apart])
     return robust_sd(told) if told.size >= LEAST_CELLS else 0.0
 
 
@@ -101,20 +104,45 @@ def _levels(means: Sequence[Array], grid: Grid) -> Array:
 
 
 def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -> tuple[Message, ...]:
-    """Why nothing may be decided where two views read a slope otherwise than their U allow."""
-    known = {view.calibration.reader: slopes_known(view) for view in views}
-    found = []
-    for (a, b), side, (term, along) in product(combinations(range(len(readers)), 2), (0, 1), SLOPES.items()):
-        apart = 2 * float(abs(off[a, side, term] - off[b, side, term]))
-        U = hypot(*(known[readers[k]][along] for k in (a, b)))
-        if apart > CONTRADICTS * U:
+    """Why nothing may be decided where two views read a slope, or what goes once round the gear, otherwise than their U
+    allow.
+    """
+    of_readers = {view.calibration.reader: view for view in views}
+    found: list[Message] = []
+    for (a, b), side in product(combinations(range(len(readers)), 2), (0, 1)):
+        pair = (of_readers[readers[a]], of_readers[readers[b]])
+        apart = off[a, side] - off[b, side]
+        found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart))
+    return tuple(found)
+
+
+def _slopes_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
+    """Slopes of one side's flanks that two views read too far ``apart`` (``TERMS``,) mm."""
+    known, found = [slopes_known(view) for view in pair], []
+    names = " and ".join(repr(view.calibration.reader) for view in pair)
+    for term, along in SLOPES.items():
+        difference, U = 2 * float(abs(apart[term])), hypot(*(of[along] for of in known))
+        if difference > CONTRADICTS * U:
             text = (
-                f"views {readers[a]!r} and {readers[b]!r} read the slope of {FLANKS[side]} flanks along the {along} "
-                f"{1000 * apart:.1f} um otherwise, U is {1000 * U:.1f} um: one of them has moved since the "
-                "calibration; verify each (truestand verify), or inspect by one view"
+                f"views {names} read the slope of {FLANKS[side]} flanks along the {along} {1000 * difference:.1f} um "
+                f"otherwise, U is {1000 * U:.1f} um: one of them has moved since the calibration; verify each "
+                "(truestand verify), or inspect by one view"
             )
             found.append(Message("views_contradict", text))
-    return tuple(found)
+    return found
+
+
+def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
+    """What two views read too far ``apart`` (``TERMS``,) mm once round the gear."""
+    difference, U = float(np.hypot(*apart[SMOOTH:])), hypot(*(_round_known(view) for view in pair))
+    if difference <= CONTRADICTS * U:
+        return []
+    names = " and ".join(repr(view.calibration.reader) for view in pair)
+    text = (
+        f"views {names} read the {FLANKS[side]} flanks up to {1000 * difference:.1f} um otherwise once round the gear, "
+        f"U is {1000 * U:.1f} um: the angle slipped in one of the scans, or the part moved between them; scan again"
+    )
+    return [Message("views_contradict", text)]
 
 
 def slopes_known(view: GearView) -> dict[str, float]:
@@ -129,6 +157,18 @@ def slopes_known(view: GearView) -> dict[str, float]:
     beside = float(known[PLANE_OFFSET]) * nominal.base_radius * float(1 / low - 1 / high)
     turned = float(known[[PHI, PLANE_TILT]].max()) * nominal.gear.face_width
     return {"profile": hypot(read, beside, turned), "face": hypot(read, turned)}
+
+
+def _round_known(view: GearView) -> float:
+    """U (mm, k = 2) of what a view reads once round the gear, roughly; infinite for a part that was turned over, which
+    may sit otherwise.
+    """
+    calibration = view.calibration
+    if calibration.sense < 0 or calibration.covariance.shape[0] < UNKNOWNS:
+        return inf
+    axis = K * float(np.sqrt(np.diag(calibration.covariance)[ECCENTRICITY].max()))
+    turning = once_per_turn(view.scan)[1] * view.flanks.toothing.nominal.base_radius
+    return hypot(turning, BEARING_U, axis, view.scan.stand.sensor.linearity)
 
 
 def _off(means: Sequence[Array], grid: Grid) -> Array:
