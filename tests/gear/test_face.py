@@ -67,8 +67,8 @@ def test_a_shoulder_beside_the_toothing_is_no_toothing():
     ("drawn", "code"),
     [
         (replace(SPUR, root_diameter=46.0), "other_root"),
-        (replace(SPUR, tip_diameter=51.0), "other_tip"),
-        (replace(SPUR, tip_diameter=53.0), "other_tip"),
+        (replace(SPUR, tip_diameter=50.8), "other_tip"),
+        (replace(SPUR, tip_diameter=53.2), "other_tip"),
         (replace(SPUR, root_diameter=43.6, tip_diameter=51.8), None),
     ],
 )

@@ -99,7 +99,7 @@ def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> Folde
     low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
     bottom, top = g.face_from + END_MARGIN, g.face_to - END_MARGIN
     angle, radius, height = _zone(surface, toothing, low, high, THIN)
-    if COLUMNS * (top - bottom) * surface.x.shape[0] > HEIGHT_CELL * height.size:
+    if rows is None and COLUMNS * (top - bottom) * surface.x.shape[0] > HEIGHT_CELL * height.size:
         angle, radius, height = _zone(surface, toothing, low, high)
     pitches = (angle - toothing.first_tooth) / g.pitch
     tooth = np.rint(pitches)
