@@ -76,7 +76,7 @@ def test_readings_that_lie_apart_across_a_helical_flank_may_begin_as_much_later(
 
 @pytest.mark.parametrize(("hidden", "told"), [(False, True), (True, False)])
 def test_no_ray_meets_the_cells_between_readings_next_to_each_other(hidden, told):
-    """A view that looks down on the face has them 0.5 mm apart, where cells are 0.25 mm high: an outsider's ring had
+    """A view that looks down on the face has them 0.5 mm apart, where cells are 0.25 mm high: a sound ring had
     flanks that *no reading shows*. Where they lie 4 mm apart, an edge hides what is between.
     """
     heights = np.arange(5.31, 24.7, 0.5)

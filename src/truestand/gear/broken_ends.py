@@ -11,6 +11,7 @@ from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.robust import robust_sd
 from truestand.gear.damage import DEPTH_SHARE_U
+from truestand.gear.ends import BESIDE
 from truestand.gear.flanks import FlankPoints, Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH
@@ -23,8 +24,6 @@ end face, a chamfer or a rounded edge has them on all, and strays fall anywhere.
 """
 LEAST_READINGS, LEAST_PROFILES = 8, 3
 """Readings more than those, and profiles that must have them to decide."""
-BESIDE = (-3, -2, -1, 1, 2, 3)
-"""Teeth beside one whose ends say how much of it should be seen."""
 MOST_LEFT = 0.5
 """Of the readings that should be there, that a flank has which was not seen to its end."""
 DEPTH_QUANTILE = 0.9

@@ -136,7 +136,7 @@ def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float = 0.0
+    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float
 ) -> tuple[Damage, ...]:
     """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 

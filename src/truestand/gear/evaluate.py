@@ -136,7 +136,7 @@ def evaluate(delta: Array, evaluator: Evaluator) -> Measures:
         of_flank=figures_of_lines(alpha, beta, by_flank),
         index=index,
         pitch=index - np.roll(index, 1, axis=1),
-        runout=(at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta,
+        runout=_runout(at_ball, nominal),
     )
 
 
@@ -206,7 +206,7 @@ def figures_of(m: Measures, nominal: Involute) -> Figures:
     found |= {name + MEAN: mean_seen(m.of_flank[name]) for name in MEANS}
     both = mean_seen(m.position).sum()
     ball = nominal.ball_diameter
-    found["F_r"] = np.asarray(largest(m.runout) - smallest(m.runout))
+    found["F_r"] = _range(m.runout)
     found["s"] = np.asarray(nominal.thickness + both * nominal.arc_per_delta)
     found["W_k"] = np.asarray(nominal.span + both * nominal.normal_per_delta)
     across = nominal.over_balls(ball) - ball
@@ -314,7 +314,7 @@ def _position_sampling(evaluator: Evaluator) -> Figures:
     """
     nominal, traces, delta = evaluator.grid.nominal, evaluator.traces, evaluator.grid.delta
     widths = _spread_of(traces.circle, evaluator, lambda position: _pitch_of(position, nominal))
-    widths |= _spread_of(traces.ball, evaluator, lambda at_ball: _runout_of(at_ball, nominal))
+    widths |= _spread_of(traces.ball, evaluator, lambda at_ball: {"F_r": _range(_runout(at_ball, nominal))})
     position, ball = (position_bend(at, traces).reshape(delta.shape[:2]) for at in (traces.circle, traces.ball))
     mean = mean_seen(position).sum()
     return widths | {
@@ -346,10 +346,14 @@ def _pitch_of(position: Array, nominal: Involute) -> Figures:
     return pitch_extremes(SIGMA[:, None] * position * nominal.arc_per_delta, pitch_span(nominal.gear))
 
 
-def _runout_of(at_ball: Array, nominal: Involute) -> Figures:
-    """F_r by where flanks (2, teeth) mm lie where the ball touches."""
-    places = (at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta
-    return {"F_r": np.asarray(largest(places) - smallest(places))}
+def _runout(at_ball: Array, nominal: Involute) -> Array:
+    """Radial places (teeth,) mm of the ball by where flanks (2, teeth) mm lie where it touches."""
+    return np.asarray((at_ball[0] + np.roll(at_ball[1], -1)) * nominal.runout_per_delta)
+
+
+def _range(values: Array) -> Array:
+    """From the smallest to the largest of values (n,), NaN aside."""
+    return np.asarray(largest(values) - smallest(values))
 
 
 @dataclass(frozen=True, slots=True)
