@@ -116,6 +116,7 @@ def _hidden(flank: int, sign: float, end: float, flanks: Flanks) -> Defect:
     nominal = flanks.toothing.nominal
     side, tooth = divmod(flank, nominal.gear.teeth)
     face = nominal.gear.face_to if sign > 0 else nominal.gear.face_from
+    middle = sum(nominal.profile_range) / 2
     return Defect(
-        tooth + 1, FLANKS[side], None, (end + face) / 2, None, abs(face - end), "hidden end", 0.0, verdict="undecided"
+        tooth + 1, FLANKS[side], middle, (end + face) / 2, None, abs(face - end), "hidden end", 0.0, verdict="undecided"
     )
