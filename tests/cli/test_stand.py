@@ -91,7 +91,7 @@ def test_watch_shows_live_numbers(stand):
     assert stand.safe
 
 
-@pytest.mark.more
+@pytest.mark.stand
 def test_acquire_ends_0_with_a_complete_scan_of_each_sensor(stand):
     target = stand.folder / "k1.h5"
     done = run("acquire", "--stand", stand.recipe, "-o", target, "--store", stand.folder / "results")

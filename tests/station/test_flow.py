@@ -17,7 +17,6 @@ from truestand.station import log as log_module
 from truestand.station.convert import convert
 from truestand.station.log import Frames, load_log
 from truestand.station.scan import write_scans
-from variants import tried
 
 
 @pytest.fixture
@@ -44,7 +43,7 @@ def differing(one, other) -> list[str]:
     return [f.name for f in fields(one) if not same(getattr(one, f.name), getattr(other, f.name))]
 
 
-@pytest.mark.parametrize("encoder", tried([True], False))
+@pytest.mark.parametrize("encoder", [True, pytest.param(False, marks=pytest.mark.stand)])
 def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path, no_reading, encoder):
     with lab(tmp_path, pace=2.0, turns=0.1, sensors=("front", "back"), encoder=encoder) as stand:
         taken = stand.take(keep_log=True)
@@ -56,7 +55,7 @@ def test_a_scan_is_recorded_without_reading_and_recovered_byte_by_byte(tmp_path,
         assert differing(one.scan.recording, read_recording(one.path)) == []
 
 
-@pytest.mark.more
+@pytest.mark.stand
 def test_a_job_evaluates_its_scan_without_reading_the_file(tmp_path, no_reading):
     with lab(tmp_path, pace=2.0, turns=0.1) as stand:
         (scan,) = jobs._scans(
