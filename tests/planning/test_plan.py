@@ -56,9 +56,18 @@ def few_places(monkeypatch):
     monkeypatch.setattr(carried, "TRIED", (7, 7, 3, 3))
 
 
-def test_a_sensor_without_its_range_is_refused():
-    with pytest.raises(BadRecipe, match=r"\[\[sensor\]\] 'front': found no range_mm"):
-        plan(SPUR, stand(range=None), paper_shaft())
+@pytest.mark.parametrize(
+    ("sensor", "found"),
+    [({"range": None}, "no range_mm"), ({"range": (-70.0, 120.0)}, "range_mm = "), ({"points": 1}, "points = 1")],
+)
+def test_a_sensor_of_which_no_plan_can_be_made_is_refused(sensor, found):
+    with pytest.raises(BadRecipe, match=rf"\[\[sensor\]\] 'front': found {found}"):
+        plan(SPUR, stand(**sensor), paper_shaft())
+
+
+def test_a_table_above_the_part_is_refused():
+    with pytest.raises(BadRecipe, match="found table_face_mm = 50, need 5 or less"):
+        plan(SPUR, stand(), paper_shaft(), Task(room=Room(table_face=50.0)))
 
 
 def test_what_nothing_can_see_is_said_with_the_reason(few_places):

@@ -8,6 +8,7 @@ from truestand.gear.doubt import Assessment
 from truestand.gear.evaluate import (
     DRAWS,
     FEW_DRAWS,
+    ROUGHNESS,
     VIBRATION,
     Evaluator,
     Figures,
@@ -16,6 +17,7 @@ from truestand.gear.evaluate import (
     evaluate,
     evaluator_of,
     figures_of,
+    roughness_of,
     sampling_of,
     steepness_of,
     vibration_of,
@@ -55,6 +57,7 @@ def assess(
         | {
             "noise": noise.expanded(figures, steepness_of(evaluator)),
             BETWEEN_READINGS: sampling_of(evaluator),
+            ROUGHNESS: roughness_of(corrected, evaluator),
             VIBRATION: vibration_of(figures, corrected, evaluator),
         },
         influences,

@@ -5,6 +5,7 @@ All of it is linear in the cells once it stands how the flanks are read, extreme
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -50,6 +51,10 @@ NOISE_U = 0.1
 """How well (k = 2) the size of the noise is known, as a share of it."""
 VIBRATION = "vibration, or form of single flanks"
 """Line of what single flanks have along their profiles and others don't."""
+ROUGHNESS = "roughness of the flanks, or noise that goes on over some readings"
+"""Line of what cells share with their neighbours: it may be the flanks' own."""
+ALONG_PROFILE = ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")
+"""Figures that a line along the roll length makes; the others are read along the height."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
 MEAN = " mean"
@@ -447,6 +452,26 @@ def vibration_of(figures: Figures, corrected: Figures, evaluator: Evaluator) -> 
     U = {n: 2 * sd for n, sd in bias.sd.items()}
     lowest = bias.corrected({n: np.maximum(v - U[n], 0.0) if n in bias.lifted else v for n, v in corrected.items()})
     return {n: np.fmax(U[n], v - lowest[n]) for n, v in corrected.items()}
+
+
+def roughness_of(corrected: Figures, evaluator: Evaluator) -> Figures:
+    """U (k = 2, mm) of the ``corrected`` figures: what cells share with their neighbours may be the flanks', and a line
+    over a flank has more of it than the cells do, which are means of places and stand aside of it. The largest of many
+    values may be as large as both make it, and any other figure may be another by as much as the line is.
+    """
+    noise, cells = evaluator.noise, np.zeros_like(evaluator.grid.delta)
+    if not noise.correlation.share:
+        return {n: np.zeros_like(v) for n, v in corrected.items()}
+    along_roll, along_height = (
+        _drawn(evaluator, STEEP_DRAWS, partial(noise.draw_surface, along=axis), cells) for axis in (2, 3)
+    )
+    U = {}
+    for name, value in corrected.items():
+        plain = name.removesuffix(MEAN)
+        drawn = (along_roll if plain in ALONG_PROFILE else along_height)[name]
+        of_many = np.hypot(value, drawn.mean(axis=0)) - value
+        U[name] = of_many if plain in NEVER_NEGATIVE else 2 * drawn.std(axis=0)
+    return {name: np.zeros_like(U[name]) if name.endswith(AREAL) else U[name] for name in U}
 
 
 def _drawn(evaluator: Evaluator, draws: int, noise: Callable[[np.random.Generator], Array], cells: Array) -> Figures:

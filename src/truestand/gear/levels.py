@@ -26,6 +26,7 @@ from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of, means_of
 from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.lines import once_per_turn
+from truestand.uncertainty.range_errors import change_along_range
 
 LEAST_SPAN = 0.5
 """Of the profile, the face or the teeth over which two views must see the same cells for what goes along them to count.
@@ -160,15 +161,16 @@ def slopes_known(view: GearView) -> dict[str, float]:
 
 
 def _round_known(view: GearView) -> float:
-    """U (mm, k = 2) of what a view reads once round the gear, roughly; infinite for a part that was turned over, which
-    may sit otherwise.
+    """U (mm, k = 2) of what a view reads once round the gear, roughly: of its range, what differs over the shaft's
+    travel. Infinite for a part that was turned over, which may sit otherwise.
     """
     calibration = view.calibration
     if calibration.sense < 0 or calibration.covariance.shape[0] < UNKNOWNS:
         return inf
+    sensor, travel = view.scan.stand.sensor, 2 * calibration.eccentricity
     axis = K * float(np.sqrt(np.diag(calibration.covariance)[ECCENTRICITY].max()))
     turning = once_per_turn(view.scan)[1] * view.flanks.toothing.nominal.base_radius
-    return hypot(turning, BEARING_U, axis, view.scan.stand.sensor.linearity)
+    return hypot(turning, BEARING_U, axis, sensor.linearity * change_along_range(sensor, apart=travel))
 
 
 def _off(means: Sequence[Array], grid: Grid) -> Array:

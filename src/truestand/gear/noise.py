@@ -13,6 +13,7 @@ out by medians.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import log
 
 import numpy as np
 
@@ -46,6 +47,8 @@ PROFILE_LAGS, ALONG_PROFILE = (1, 2, 4, 8), np.linspace(0.0, 0.9, 19)
 """Cells of roll length over which profiles are compared with those beside them; coefficients that are tried."""
 SURE = 3.0
 """Standard deviations by which they must differ by more than noise does."""
+LEAST_OF_CELL_MEAN = 0.25
+"""Variance of a cell's mean over that of its places, at least: what varies faster is beyond the standard's low-pass."""
 MOST_SD = 3.0
 """Standard deviations to which noise is cut where its correlation or its mean square is looked at: damage is more."""
 
@@ -114,6 +117,25 @@ class CellNoise:
         own = np.sqrt(self.variance) * self.correlation.draw(rng, self.variance.shape)
         return np.asarray(own + self.of_row * rows + self.of_column * columns)
 
+    @property
+    def of_surface(self) -> Array:
+        """Standard deviation (2, teeth, roll lengths, heights) mm that single places of the flanks have if what cells
+        share with others is no noise, but the surface: a cell shows the mean of its places, which vary more.
+        """
+        evened = _of_cell_mean(self.correlation.along_roll) * _of_cell_mean(self.correlation.along_height)
+        return np.asarray(np.sqrt(self.correlation.share * self.variance / max(evened, LEAST_OF_CELL_MEAN)))
+
+    def draw_surface(self, rng: np.random.Generator, along: int) -> Array:
+        """Surface (2, teeth, roll lengths, heights) mm that has what cells share with others, as a line runs over it
+        that is no wider than a point: ``along`` the height (3), or the roll length (2).
+        """
+        shape = self.variance.shape
+        coefficient = self.correlation.along_height if along == 3 else self.correlation.along_roll
+        single = rng.standard_normal([n if axis in (0, 1, along) else 1 for axis, n in enumerate(shape)])
+        factor = _factor(shape[along], coefficient)
+        line = single @ factor.T if along == 3 else factor @ single
+        return np.asarray(self.of_surface * line)
+
     def draw_profiles(self, rng: np.random.Generator) -> Array:
         """Profiles (2, teeth, roll lengths, 1) mm that may be off as a whole."""
         sides, teeth, rolls, _ = self.variance.shape
@@ -137,6 +159,16 @@ class CellNoise:
 def _alike(number: int, coefficient: float) -> Array:
     """Correlation (number, number) of first-order autoregressive noise."""
     return np.asarray(coefficient ** np.abs(np.subtract.outer(np.arange(number), np.arange(number))), dtype=np.float64)
+
+
+def _of_cell_mean(coefficient: float) -> float:
+    """Variance of the mean of a cell over that of its places along one direction, where noise goes on in such a way
+    that it is correlated so much with the next cell.
+    """
+    if not 0.0 < coefficient < 1.0:
+        return coefficient
+    cells = -log(coefficient)  # of one correlation length
+    return 2.0 * (cells - 1.0 + coefficient) / cells**2
 
 
 def _factor(number: int, coefficient: float) -> Array:

@@ -20,8 +20,8 @@ HOUSING = (100.0, 40.0, 90.0)
 RANGE_SPARE, LINE_SPARE, INCIDENCE_SPARE = 2.0, 0.06, radians(0.5)
 """mm of range at either end, share of the laser line, and rad of incidence that a plan leaves unused: nobody puts a
 sensor just where it is planned."""
-POINTS = 640
-"""Of a profile."""
+POINTS, LEAST_POINTS = 640, 8
+"""Of a profile: assumed, and needed to plan anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def optics_of(sensor: Sensor) -> tuple[Optics, tuple[str, ...]]:
     """The optics of a sensor, and which of its keys are assumed, with the value.
 
     Raises:
-        BadRecipe: its range is not stated.
+        BadRecipe: its range is not stated or reaches behind it, or it has too few points.
     """
     if sensor.range is None:
         raise BadRecipe(
@@ -93,6 +93,13 @@ def optics_of(sensor: Sensor) -> tuple[Optics, tuple[str, ...]]:
             "data sheet"
         )
     near, far = sensor.range
+    if near <= 0:
+        raise BadRecipe(
+            f"[[sensor]] {sensor.name!r}: found range_mm = {[near, far]}, need distances from the sensor's origin, "
+            "above 0, to plan where to put it"
+        )
+    if sensor.points is not None and sensor.points < LEAST_POINTS:
+        raise BadRecipe(f"[[sensor]] {sensor.name!r}: found points = {sensor.points}, need {LEAST_POINTS} or more")
     fan = (2 * near * tan(FAN / 2), 2 * far * tan(FAN / 2))
     assumed = {
         "line_mm": f"a fan of {degrees(FAN):g} degrees, {fan[0]:.0f} mm wide at the near end of the range",

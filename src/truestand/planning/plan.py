@@ -130,7 +130,8 @@ def plan(
     device in several places.
 
     Raises:
-        BadRecipe: a sensor without its range, or a number of views below one.
+        BadRecipe: a sensor without its range or with a wrong one, a number of views below one, or a table above the
+            part's lower face.
     """
     task = task or Task()
     if views is not None and views < 1:
@@ -142,6 +143,7 @@ def plan(
     per_turn = _profiles_per_turn(stand)
     setting = Setting(stand_of_views, artefact, eccentricity, task.carrier, round(turns * per_turn))
     target = _target(part, setting, turns, per_turn)
+    _check_table_face(task.room.table_face, target)
     search = search_of(setting, target, task.room, sensors, lambda share: step(share / 3))
     texts = (*assumed, *_assumed(stand, task))
     found: Plan | None = None
@@ -215,6 +217,15 @@ def _target(part: Part, setting: Setting, turns: float, per_turn: float) -> Targ
     if isinstance(part, Turned):
         return turned_target(part, setting.shaft, setting.eccentricity, turns, per_turn)
     return cad_target(part, setting.shaft, setting.eccentricity, turns, per_turn)
+
+
+def _check_table_face(face: float | None, target: Target) -> None:
+    lowest = min(body.bottom for body in target.swept)
+    if face is not None and face > lowest:
+        raise BadRecipe(
+            f"[plan]: found table_face_mm = {face:g}, need {lowest:g} or less, where the part begins; both are heights "
+            "over the shaft's shoulder"
+        )
 
 
 def _profiles_per_turn(stand: Stand) -> float:
