@@ -21,6 +21,7 @@ from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, U
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
+from truestand.gear.fillet import surely_on_flanks
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of, means_of
@@ -51,7 +52,8 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
     grid = grid_of(flanks)
     off = _levels(_by_reader(views, flanks, grid), grid)
     of_view = [off[readers.index(view.calibration.reader)] for view in views]
-    level = (replace(v, flanks=_without(v.flanks, own), level=own) for v, own in zip(views, of_view, strict=True))
+    sure = surely_on_flanks(views, [_of_readings(v.flanks, own) for v, own in zip(views, of_view, strict=True)])
+    level = (replace(v, flanks=_without(v.flanks, own), level=own) for v, own in zip(sure, of_view, strict=True))
     return tuple(level), _contradictions(views, readers, off)
 
 
@@ -245,8 +247,13 @@ def _in_cells(level: Array, grid: Grid) -> Array:
 
 def _without(flanks: Flanks, off: Array) -> Flanks:
     """The flanks without what their view reads more than the others, (2, ``TERMS``) mm."""
+    return replace(flanks, delta=flanks.delta - _of_readings(flanks, off))
+
+
+def _of_readings(flanks: Flanks, off: Array) -> Array:
+    """A level (2, ``TERMS``) mm at the readings (n,) of flanks."""
     nominal = flanks.toothing.nominal
     side, tooth = np.divmod(flanks.flank, nominal.gear.teeth)
     smooth = (off[side, :SMOOTH].T * _smooth_terms(nominal, flanks.roll, flanks.height)).sum(axis=0)
     turning = off[:, SMOOTH:] @ _around(nominal)
-    return replace(flanks, delta=flanks.delta - smooth - turning[side, tooth])
+    return np.asarray(smooth + turning[side, tooth])

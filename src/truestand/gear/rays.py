@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
-from truestand.core.scan import Scan
 from truestand.core.surface import seen_at, sensor_origins, table_angle
+from truestand.gear.fillet import reach_of_fillet
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
@@ -149,7 +149,7 @@ class FlankRays:
 def rays_of_views(grid: Grid, surface: Array, flanks: Flanks, views: Sequence[GearView]) -> FlankRays:
     """``rays_on_flanks`` of all views: missed is a cell that none of those which should see it shows."""
     of_views = [
-        rays_on_flanks(grid, surface, level_of(view, grid), part_of(flanks, views, k), view.scan, view.calibration)
+        rays_on_flanks(grid, surface, level_of(view, grid), part_of(flanks, views, k), view)
         for k, view in enumerate(views)
     ]
     return FlankRays(*(_of_any([getattr(rays, kind) for rays in of_views]) for kind in FlankRays.__slots__))
@@ -170,27 +170,29 @@ def _of_any(rays: list[Rays]) -> Rays:
     return Rays(any_expected, any_expected & ~shown, facing)
 
 
-def rays_on_flanks(
-    grid: Grid, surface: Array, level: Array, flanks: Flanks, scan: Scan, calibration: Calibration
-) -> FlankRays:
+def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, view: GearView) -> FlankRays:
     """The rays that should meet flanks which stand at ``surface`` (2, teeth, roll lengths, heights) mm of delta, but at
     heights that stand elsewhere as a whole: in a groove along the profile. ``level`` (2, teeth, roll lengths, heights)
     mm: by how much more the view reads.
     """
-    nominal = grid.nominal
+    nominal, scan, calibration = grid.nominal, view.scan, view.calibration
     low, high = nominal.profile_range
     rows = np.unique(np.linspace(0, grid.rolls.size - 1, KNOTS).astype(np.intp))
     stands = surface[:, :, rows] + nan_median(grid.delta - surface, axis=2)[:, :, None]
     stands = np.clip(np.nan_to_num(stands), -MOST_OFF, MOST_OFF) + level[:, :, rows]
     met, facing = _met_at(flanks.toothing, calibration, grid, rows, stands)
+    truly_met = met
+    if level.any():
+        at_mean, _ = _met_at(flanks.toothing, calibration, grid, rows, stands - level[:, :, rows])
+        truly_met = met + np.angle(np.exp(1j * (at_mean - met)))
     facing = _along_roll(facing, rows, grid.rolls.size)
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit)
+    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit) | _by_the_fillet(grid, view)
     nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
-    expected, inside = _expected(angle, met, grid, rows, limits, turned) & ~(nothing_looks | too_steep)
+    expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~(nothing_looks | too_steep)
     between, missed = between & ~too_steep, missed & ~too_steep
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(
@@ -204,6 +206,15 @@ def _too_steep(facing: Array, limit: float | None) -> Mask:
     """Where a ray's incidence, by its cosine ``facing`` (NaN: never met), comes near the sensor's ``limit`` (rad)."""
     with np.errstate(invalid="ignore"):
         return np.asarray(facing < (-np.inf if limit is None else cos(limit - LIMIT_SPARE)))
+
+
+def _by_the_fillet(grid: Grid, view: GearView) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) near the root of which a view doesn't tell readings of the fillet apart,
+    where another one sees them less steeply.
+    """
+    steeper = np.zeros(2, dtype=bool) if view.steeper is None else view.steeper
+    near = (grid.rolls < reach_of_fillet(view))[:, None]
+    return np.broadcast_to(near & steeper[:, None, None, None], grid.delta.shape)
 
 
 def _between_readings(
@@ -279,19 +290,29 @@ def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask
 
 
 def _expected(
-    angle: Array, met: Array, grid: Grid, rows: NDArray[np.intp], limits: tuple[float, float], turned: float
+    angle: Array,
+    met: Array,
+    truly_met: Array,
+    grid: Grid,
+    rows: NDArray[np.intp],
+    limits: tuple[float, float],
+    turned: float,
 ) -> Mask:
     """Cells (2, 2, teeth, roll lengths, heights) in which profiles at increasing table angles (n,) rad should meet
     flanks, at roll lengths within ``limits`` (mm): all, and those where they do even if they are met ``turned`` rad
     sooner or later.
 
-    ``met`` (2, teeth, k, heights) rad: table angle at which they are met in these ``rows`` of cells; NaN: never.
+    ``met``, ``truly_met`` (2, teeth, k, heights) rad: table angle at which they are met in these ``rows`` of cells,
+    where the view reads them and where they stand; NaN: never. A ray whose reading would lie on a flank, but which
+    meets what is beyond its end, need not be read there.
     """
     shape, nominal = grid.delta.shape, grid.nominal
     expected, inside = np.zeros((2, *shape), dtype=bool)
     for side, tooth, column in np.ndindex(shape[0], shape[1], shape[3]):
-        roll = _rolls_met(angle, met[side, tooth, :, column], grid.rolls[rows])
-        roll = roll[(roll > limits[0]) & (roll < limits[1])]
+        on = side, tooth, slice(None), column
+        at = _angles_met(angle, met[on])
+        roll, true = (_rolls_at(at, of[on], grid.rolls[rows]) for of in (met, truly_met))
+        roll = roll[(roll > limits[0]) & (roll < limits[1]) & (true > limits[0]) & (true < limits[1])]
         row = bin_index(roll, nominal.control_roll, nominal.tip_roll, shape[2])
         to_border = grid.size[0] / 2 - np.abs(roll - grid.rolls[row])
         expected[side, tooth, row, column] = True
@@ -323,16 +344,24 @@ def _along_roll(values: Array, rows: NDArray[np.intp], number: int) -> Array:
     return np.asarray((1.0 - share) * values[:, :, behind - 1] + share * values[:, :, behind])
 
 
-def _rolls_met(angle: Array, met: Array, rolls: Array) -> Array:
-    """Roll lengths (m,) mm at which profiles at increasing table angles (n,) rad meet a flank.
+def _angles_met(angle: Array, met: Array) -> Array:
+    """Table angles (m,) rad, less whole turns, of profiles at increasing angles (n,) that meet a flank.
 
-    ``met`` (k,) rad: table angle at which it is met at ``rolls`` (k,) mm; NaN: never.
+    ``met`` (k,) rad: angle at which it is met at k roll lengths; NaN: never.
     """
-    roll = [np.zeros(0)]
+    found = [np.zeros(0)]
     if angle.size and np.isfinite(met).all():
-        upward = slice(None, None, 1 if met[-1] >= met[0] else -1)
         low, high = float(met.min()), float(met.max())
         for turn in range(floor((angle[0] - high) / tau), ceil((angle[-1] - low) / tau) + 1):
             first, last = np.searchsorted(angle, [low + tau * turn, high + tau * turn])
-            roll.append(np.interp(angle[first:last] - tau * turn, met[upward], rolls[upward]))
-    return np.concatenate(roll)
+            found.append(angle[first:last] - tau * turn)
+    return np.concatenate(found)
+
+
+def _rolls_at(at: Array, met: Array, rolls: Array) -> Array:
+    """Roll lengths (m,) mm at which a flank is met at table angles ``at`` (m,) rad; NaN: beyond its ends.
+
+    ``met`` (k,) rad: table angle at which it is met at ``rolls`` (k,) mm.
+    """
+    upward = slice(None, None, 1 if met[-1] >= met[0] else -1)
+    return np.interp(at, met[upward], rolls[upward], left=np.nan, right=np.nan)

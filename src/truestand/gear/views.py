@@ -6,7 +6,7 @@ from typing import Self, TypeVar
 
 import numpy as np
 
-from truestand.core.arrays import Array, Ints
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
@@ -42,6 +42,8 @@ class GearView:
     """(2, 5) mm: by how much it reads flanks more than the mean of all views does (``levelled``), which its delta is
     freed of.
     """
+    steeper: Mask | None = None
+    """(2,): sides whose root another view sees less steeply: near it, this one's rays need not show the flank."""
 
     @property
     def name(self) -> str:
