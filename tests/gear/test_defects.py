@@ -8,6 +8,7 @@ import pytest
 
 from gears import DENTED, POINTS, SPUR, scan_of, simulation, true_calibration
 from truestand.core.surface import apply_calibration
+from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.sim import Chip, Dent, GearErrors, Worn
 
@@ -29,6 +30,15 @@ def inspected(errors, how=None, gear=SPUR, points=POINTS):
 def is_at(defect, dent):
     same = (defect.kind, defect.tooth, defect.flank) == ("dent", dent.tooth, dent.flank)
     return same and abs(defect.roll_length - dent.roll_length) < 0.5 and abs(defect.height - dent.height) < 0.5
+
+
+def test_a_chipped_edge_of_the_tip_that_reaches_little_into_the_range_does_not_conform():
+    """An outsider's, 0.35 mm deep at the tip: four cells of it lay in one row of the range, *conforms*."""
+    end = involute(SPUR).profile_range[1]
+    found = inspected(replace(PERFECT, worn=(Worn(9, "right", (end - 0.1, end + 2.0), (14.0, 15.3), 0.2, 0.05),)))
+    (chip,) = [d for d in found.defects if d.kind == "chipped flank"]
+    assert (chip.tooth, chip.flank, chip.verdict) == (9, "right", "does_not_conform")
+    assert chip.depth == pytest.approx(0.2, abs=0.01)
 
 
 @pytest.mark.slow

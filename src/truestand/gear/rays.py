@@ -190,10 +190,12 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit) | _by_the_fillet(grid, view)
+    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit)
+    near_root, better_seen = _by_the_fillet(grid, view)
     nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
-    expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~(nothing_looks | too_steep)
-    between, missed = between & ~too_steep, missed & ~too_steep
+    untold = nothing_looks | too_steep | better_seen
+    expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~untold
+    between, missed = between & ~(too_steep | near_root), missed & ~(too_steep | near_root)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
@@ -208,13 +210,15 @@ def _too_steep(facing: Array, limit: float | None) -> Mask:
         return np.asarray(facing < (-np.inf if limit is None else cos(limit - LIMIT_SPARE)))
 
 
-def _by_the_fillet(grid: Grid, view: GearView) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) near the root of which a view doesn't tell readings of the fillet apart,
-    where another one sees them less steeply.
+def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
+    """Cells (2, teeth, roll lengths, heights) near the root of which one of several views doesn't tell readings of the
+    fillet apart, and those of them that another one sees less steeply.
     """
-    steeper = np.zeros(2, dtype=bool) if view.steeper is None else view.steeper
-    near = (grid.rolls < reach_of_fillet(view))[:, None]
-    return np.broadcast_to(near & steeper[:, None, None, None], grid.delta.shape)
+    near = np.zeros(grid.delta.shape, dtype=bool)
+    if view.steeper is None:
+        return near, near
+    near |= (grid.rolls < reach_of_fillet(view))[:, None]
+    return near, near & view.steeper[:, None, None, None]
 
 
 def _between_readings(
