@@ -14,6 +14,7 @@ from truestand.files.scans.read import read_recording, read_scan
 from truestand.sim.live.faults import FaultKind
 from truestand.station import stand as stand_module
 from truestand.station.stand_lock import reset_latched_fault, state_path
+from truestand.station.sync import STEADY_FACTOR
 
 
 @dataclass
@@ -65,7 +66,8 @@ def test_without_an_encoder_the_angle_comes_from_the_clocks(tmp_path):
     assert synchronisation["source"] == "clock" and synchronisation["steady"]
     scan = read_scan(taken.written[0].path)
     assert scan.angle_source == "angle"
-    assert scan.step == pytest.approx(0.1 * np.pi / 200, rel=2e-3)
+    doubt = (STEADY_FACTOR * synchronisation["doubt_ms"] + synchronisation["clock_misfit_ms"]) / 1000
+    assert scan.step == pytest.approx(0.1 * np.pi / 200, rel=2e-3 + doubt / (scan.profiles / 200))
 
 
 @pytest.mark.stand

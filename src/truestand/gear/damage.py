@@ -160,7 +160,7 @@ def damage_of(
     lower, higher = (_number(cell[sign * depth > departs], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
     chipped = _chipped_tips(rest, departs, grid)
-    inside, below = grid.in_ranges, np.where(chipped | ~grid.in_ranges, chipped, below)
+    inside, below = grid.in_ranges, np.where(grid.in_ranges, below, chipped)
     unseen, missed = _unseen(rays, there)
     unusual, not_met = (np.maximum(missed, weight * rays.in_runs.missed) for weight in (IN_ONE_ROW, 1))
     for sign, departing, number, marked, weight in (
@@ -172,7 +172,7 @@ def damage_of(
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             of_flank = (cells[side, tooth] for cells in (marked, weight, number, bridged))
             for region in _regions(*of_flank):
-                if np.count_nonzero(region & inside[side, tooth]) < FEW:
+                if not _in_range(region, inside[side, tooth], chipped[side, tooth]):
                     continue
                 on = (region & departing[side, tooth]).reshape(-1)
                 found.append(_damage(_Region(
@@ -195,6 +195,13 @@ def _chipped_tips(rest: Array, departs: float, grid: Grid) -> Mask:
     usual = nan_median(rest, axis=1)[:, None]
     with np.errstate(invalid="ignore"):
         return np.asarray(beyond & (rest - np.minimum(usual, 0.0) < -departs))
+
+
+def _in_range(region: Mask, inside: Mask, chipped: Mask) -> bool:
+    """Whether a region (roll lengths, heights) is one of the evaluation range: what is ``chipped`` beyond it reaches
+    into it by more than a cell that noise may have marked.
+    """
+    return bool(not (region & chipped).any() or np.count_nonzero(region & inside) >= FEW)
 
 
 def _raised_on_all(smooth: SmoothFlanks) -> Array:
