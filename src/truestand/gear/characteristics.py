@@ -11,7 +11,7 @@ from truestand.core.calibration import Contribution
 from truestand.core.inspection import EDITION, GUARD_FACTOR, WORST, Characteristic, decided, status_of
 from truestand.core.scan import Scan
 from truestand.gear.budget import lines_of
-from truestand.gear.doubt import PROFILE_NAMES, SIZES, Assessment, gap_of, noise_of, touching, with_damage
+from truestand.gear.doubt import SIZES, Assessment, gap_of, noise_of, touching, with_damage
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
     AREAL,
@@ -21,6 +21,7 @@ from truestand.gear.evaluate import (
     NEVER_NEGATIVE,
     PER_TOOTH,
     PITCH,
+    PROFILE_NAMES,
     mean_seen,
 )
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span

@@ -15,12 +15,11 @@ from truestand.core.inspection import Characteristic, Verdict, decided
 from truestand.gear.budget import Influence
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
-from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, Figures
+from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, PROFILE_NAMES, Figures
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.sections import Sections
 
-PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 SIZES = ("s", "W_k", "M_d")
 AT_BALL = frozenset({"F_r", "M_d"})
 FORMS = frozenset({"F_alpha", "f_falpha", "F_beta", "f_fbeta"})

@@ -53,7 +53,7 @@ VIBRATION = "vibration, or form of single flanks"
 """Line of what single flanks have along their profiles and others don't."""
 ROUGHNESS = "roughness of the flanks, or noise that goes on over some readings"
 """Line of what cells share with their neighbours: it may be the flanks' own."""
-ALONG_PROFILE = ("F_alpha", "f_falpha", "f_Halpha", "C_alpha")
+PROFILE_NAMES = frozenset({"F_alpha", "f_falpha", "f_Halpha", "C_alpha"})
 """Figures that a line along the roll length makes; the others are read along the height."""
 AREAL, AREAL_NAMES = "_areal", ("f_p", "F_p")
 """Behind the name of a pitch figure from whole flanks, which a measuring circle doesn't have: reported, not judged."""
@@ -468,7 +468,7 @@ def roughness_of(corrected: Figures, evaluator: Evaluator) -> Figures:
     U = {}
     for name, value in corrected.items():
         plain = name.removesuffix(MEAN)
-        drawn = (along_roll if plain in ALONG_PROFILE else along_height)[name]
+        drawn = (along_roll if plain in PROFILE_NAMES else along_height)[name]
         of_many = np.hypot(value, drawn.mean(axis=0)) - value
         U[name] = of_many if plain in NEVER_NEGATIVE else 2 * drawn.std(axis=0)
     return {name: np.zeros_like(U[name]) if name.endswith(AREAL) else U[name] for name in U}
