@@ -25,7 +25,7 @@ from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.grid import grid_of
 from truestand.gear.inspect import inspect_gear
-from truestand.gear.levels import _contradictions, levelled, levelled_fields
+from truestand.gear.levels import _contradictions, levelled, levelling
 from truestand.gear.rays import rays_of_views
 from truestand.gear.views import views_of
 from truestand.parts.inspect import inspect
@@ -176,7 +176,7 @@ def test_what_goes_once_round_the_gear_is_shared_out_too():
     nominal, datum = involute(MILD), datum_of(surfaces[0].origin[1], MILD.datum, MILD.bore_clearance)
     grid = grid_of(views_of(surfaces, find_toothing(stacked(surfaces), nominal, datum))[0].flanks)
     around = 0.004 * np.cos(np.arange(MILD.teeth) * MILD.pitch + 0.7)[:, None, None] + np.zeros(grid.delta.shape)
-    left = levelled_fields(np.stack([around, -around]), np.full((2, *grid.delta.shape), 0.5), "ab", grid)
+    left = levelling(np.full((2, *grid.delta.shape), 0.5), "ab", grid)(np.stack([around, -around]))
     assert np.abs(left).max() < 0.01 * 0.004
 
 

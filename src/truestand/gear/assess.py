@@ -1,7 +1,7 @@
 """The figures of a gear with every line of their budget: of a scan that was taken, or of one that is planned."""
 
 from truestand.core.arrays import Mask
-from truestand.gear.budget import BETWEEN_READINGS, Influence, expanded
+from truestand.gear.budget import BETWEEN_READINGS, expanded
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, clear_of, without_damage, zones_of
 from truestand.gear.doubt import Assessment
@@ -24,6 +24,7 @@ from truestand.gear.evaluate import (
     with_noise_beside,
 )
 from truestand.gear.sections import sections_of
+from truestand.gear.seen_flanks import Influence
 
 
 def assess(

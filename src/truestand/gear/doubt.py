@@ -12,13 +12,13 @@ import numpy as np
 from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import Characteristic, Verdict, decided
-from truestand.gear.budget import Influence
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, PROFILE_NAMES, Figures
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.sections import Sections
+from truestand.gear.seen_flanks import Influence
 
 SIZES = ("s", "W_k", "M_d")
 AT_BALL = frozenset({"F_r", "M_d"})

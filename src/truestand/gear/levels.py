@@ -8,7 +8,7 @@ looks like damage. The same view reads as another one where the part was turned 
 then makes of right ones, so that their mean is free of much of it (reversal).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 from math import hypot, inf
@@ -74,20 +74,27 @@ def level_of(view: GearView, grid: Grid) -> Array:
     return _in_cells(np.zeros((2, TERMS)) if view.level is None else view.level, grid)
 
 
-def levelled_fields(fields: Array, shares: Array, readers: Sequence[str], grid: Grid) -> Array:
+def levelling(shares: Array, readers: Sequence[str], grid: Grid) -> Callable[[Array], Array]:
     """What is left of fields (views, 2, teeth, roll lengths, heights) mm, by which each view may read delta otherwise,
     when views are laid onto each other: ``shares`` of each view in the cells, who ``readers`` are (views,).
+
+    Inputs move all cells of a view smoothly: none of them stands out as a stray.
     """
     names = list(dict.fromkeys(readers))
     if len(names) < 2:
-        return fields
+        return lambda fields: fields
     of = np.array([names.index(reader) for reader in readers])
-    means = []
-    for n in range(len(names)):
-        share = shares[of == n].sum(axis=0)
-        mean = (shares[of == n] * fields[of == n]).sum(axis=0) / np.where(share > 0, share, 1.0)
-        means.append(np.where((share > 0) & grid.seen, mean, np.nan))
-    return np.asarray(fields - _in_cells(_levels(means, grid), grid)[of])
+    whole = np.stack([shares[of == n].sum(axis=0) for n in range(len(names))])
+    seen, weights = (whole > 0) & grid.seen, shares / np.where(whole > 0, whole, 1.0)[of]
+    solved = [_solved(seen[:, side], grid) for side in (0, 1)]
+
+    def left(fields: Array) -> Array:
+        read = weights * fields
+        means = np.stack([read[of == n].sum(axis=0) for n in range(len(names))])
+        off = np.stack([solve(means[:, side]) for side, solve in enumerate(solved)], axis=1)
+        return np.asarray(fields - _in_cells(off, grid)[of])
+
+    return left
 
 
 def _by_reader(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> list[Array]:
@@ -180,38 +187,76 @@ def _off(means: Sequence[Array], grid: Grid) -> Array:
 
     ``means``: of each view, (teeth, roll lengths, heights) mm; NaN: not seen.
     """
-    views = len(means)
-    normal = np.zeros((views, TERMS, views, TERMS)) + np.eye(TERMS)[None, :, None, :]  # the mean stays
-    right = np.zeros((views, TERMS))
-    for a, b in combinations(range(views), 2):
-        known, apart = _differences(means[a] - means[b], grid)
+    compared = []
+    for a, b in combinations(range(len(means)), 2):
+        apart = means[a] - means[b]
+        seen, known = _compared(np.isfinite(apart), grid)
+        compared.append((a, b, *_without_strays(known, apart[seen])))
+    normal = _normal(len(means), [(a, b, known) for a, b, known, _ in compared])
+    right = _right(len(means), compared)
+    return np.asarray(np.linalg.lstsq(normal, right.reshape(-1), rcond=None)[0].reshape(right.shape))
+
+
+def _solved(seen: Mask, grid: Grid) -> Callable[[Array], Array]:
+    """The same for any means of views that show these cells, (views, teeth, roll lengths, heights); all count."""
+    pairs = list(combinations(range(len(seen)), 2))
+    compared = [_compared(seen[a] & seen[b], grid) for a, b in pairs]
+    normal = _normal(len(seen), [(*pair, known) for pair, (_, known) in zip(pairs, compared, strict=True)])
+    inverse = np.linalg.pinv(normal)
+
+    def solve(means: Array) -> Array:
+        apart = [
+            (a, b, known, (means[a] - means[b])[both]) for (a, b), (both, known) in zip(pairs, compared, strict=True)
+        ]
+        right = _right(len(means), apart)
+        return np.asarray((inverse @ right.reshape(-1)).reshape(right.shape))
+
+    return solve
+
+
+def _normal(views: int, compared: Sequence[tuple[int, int, Array]]) -> Array:
+    """The normal equations (views ``TERMS``, views ``TERMS``) of what pairs of views differ by in cells of ``known``
+    terms (n, ``TERMS``); the mean of all views stays.
+    """
+    normal = np.zeros((views, TERMS, views, TERMS)) + np.eye(TERMS)[None, :, None, :]
+    for a, b, known in compared:
         for i, j in product((a, b), repeat=2):
             normal[i, :, j] += (known.T @ known) * (1.0 if i == j else -1.0)
-        right[a] += known.T @ apart
-        right[b] -= known.T @ apart
-    solution, *_ = np.linalg.lstsq(normal.reshape(views * TERMS, -1), right.reshape(-1), rcond=None)
-    return np.asarray(solution.reshape(views, TERMS))
+    return np.asarray(normal.reshape(views * TERMS, -1))
 
 
-def _differences(apart: Array, grid: Grid) -> tuple[Array, Array]:
-    """Terms (n, ``TERMS``) of the cells in the evaluation ranges that two views both show, 0 for what these don't
-    tell, and what they are ``apart`` there (n,) mm, of (teeth, roll lengths, heights); strays left out.
+def _right(views: int, compared: Sequence[tuple[int, int, Array, Array]]) -> Array:
+    """The right side (views, ``TERMS``) of these equations, of cells that are so many mm (n,) apart."""
+    right = np.zeros((views, TERMS))
+    for a, b, known, apart in compared:
+        told = known.T @ apart
+        right[a] += told
+        right[b] -= told
+    return right
+
+
+def _compared(both: Mask, grid: Grid) -> tuple[Mask, Array]:
+    """Of the cells (teeth, roll lengths, heights) that ``both`` of two views show, those in the evaluation ranges, and
+    their terms (n, ``TERMS``), 0 for what they don't tell. None where they are too few.
     """
     (low, high), (bottom, top) = grid.nominal.profile_range, grid.nominal.helix_range
     inside = ((grid.rolls >= low) & (grid.rolls <= high))[:, None] & ((grid.heights >= bottom) & (grid.heights <= top))
-    seen = np.isfinite(apart) & inside
+    seen = both & inside
     if np.count_nonzero(seen.any(axis=0)) < LEAST_CELLS:
-        return np.zeros((0, TERMS)), np.zeros(0)
+        return np.zeros_like(seen), np.zeros((0, TERMS))
     tooth, row, column = np.nonzero(seen)
     smooth = _smooth_terms(grid.nominal, grid.rolls[row], grid.heights[column])
-    known = np.concatenate([smooth, _around(grid.nominal)[:, tooth]]).T * _told(seen, inside)
-    values = apart[seen]
-    for _ in range(ROUNDS):
-        coefficients, *_ = np.linalg.lstsq(known.T @ known, known.T @ values, rcond=None)
-        rest = np.abs(values - known @ coefficients)
+    return seen, np.concatenate([smooth, _around(grid.nominal)[:, tooth]]).T * _told(seen, inside)
+
+
+def _without_strays(known: Array, apart: Array) -> tuple[Array, Array]:
+    """Terms (n, ``TERMS``) and differences (n,) mm of cells but those that stick out of what the others tell."""
+    for _ in range(ROUNDS if apart.size else 0):
+        coefficients, *_ = np.linalg.lstsq(known.T @ known, known.T @ apart, rcond=None)
+        rest = np.abs(apart - known @ coefficients)
         near = rest <= max(MOST_SD * robust_sd(rest), LEAST_SPREAD)
-        known, values = known[near], values[near]
-    return known, values
+        known, apart = known[near], apart[near]
+    return known, apart
 
 
 def _told(seen: Mask, inside: Mask) -> Array:

@@ -5,7 +5,7 @@ flank measures them, as a reading of the artefact does: it corrects them and the
 as it does not contradict what was known of them. Their errors that a flank does not tell apart stay in U.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from math import sqrt
@@ -20,12 +20,11 @@ from truestand.core.frames import (
 )
 from truestand.core.inspection import Seam
 from truestand.core.robust import robust_sd
-from truestand.core.scan import Scan
 from truestand.core.surface import Surface, apply_calibration, stacked
-from truestand.gear.budget import of_sensor, seen_cells
-from truestand.gear.flanks import Toothing, find_toothing, flank_offsets
+from truestand.gear.flanks import find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import grid_of, means_of
+from truestand.gear.seen_flanks import SeenFlanks, seen_flanks
 from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.influence import joint_covariance, without
 
@@ -39,16 +38,6 @@ FAR_APART = 0.1
 """mm of delta: so far apart, flanks of two views are laid onto each other before points are told to be on flanks."""
 PLACES = 5
 """Along the face at which flanks are compared roughly."""
-
-
-@dataclass(frozen=True, slots=True)
-class Followed:
-    """How the deviations that a view shows of the flanks' cells follow its own errors."""
-
-    by_unknown: Array
-    """(``VIEW_UNKNOWNS``, cells) mm per mm or rad."""
-    by_sensor: Array
-    """(errors, cells) mm, standard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +70,7 @@ def tied_roughly(
     toothing = find_toothing(stacked(surfaces), nominal, datum)
     shape = (2, nominal.gear.teeth, PLACES)
     roll, height = np.full(shape, nominal.measuring_roll), np.linspace(*nominal.helix_range, PLACES)
-    seen = [followed(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
+    seen = [seen_flanks(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
     offsets = [flank_offsets(s, toothing).reshape(2, -1) for s in surfaces]
     differences = []
     for (a, b), side in product(_pairs([s.origin[1] for s in surfaces]), (0, 1)):
@@ -119,7 +108,7 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     """What views differ by in the cells of flanks that both show."""
     flanks = joined([view.borne_out() for view in views], views)
     grid, toothing = grid_of(flanks), flanks.toothing
-    seen = [followed(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
+    seen = [seen_flanks(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
     means = [means_of([part_of(flanks, views, k)], grid) for k in range(len(views))]
     found = []
     for (a, b), side in product(_pairs([view.calibration for view in views]), (0, 1)):
@@ -141,24 +130,16 @@ def _pairs(calibrations: Sequence[Calibration]) -> list[tuple[int, int]]:
     return [(a, b) for a, b in combinations(upright, 2) if calibrations[a].name != calibrations[b].name]
 
 
-def followed(scan: Scan, calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> Followed:
-    """How what a view shows of cells, at roll lengths and heights (2, teeth, ...) mm, follows its own errors."""
-    cells = seen_cells(calibration, toothing, roll, height)
-    by_unknown = np.einsum("unc,nc->un", cells.moves(calibration), cells.gradient)
-    by_sensor = np.stack([i.field.reshape(-1) / 2 for i in of_sensor(scan, calibration, cells)])
-    return Followed(by_unknown, by_sensor)
-
-
 def difference_of(
-    seen: Sequence[Followed], of: tuple[int, int], side: int, value: float, u: float, both: Mask
+    seen: Sequence[SeenFlanks], of: tuple[int, int], side: int, value: float, u: float, both: Mask
 ) -> Difference:
     """What the views ``of`` a pair differ by, mm with its standard uncertainty, in the cells that ``both`` show."""
     signs, on = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1)
 
-    def row(name: str) -> Array:
-        return np.concatenate([signs.get(k, 0.0) * getattr(s, name)[:, on].mean(axis=1) for k, s in enumerate(seen)])
+    def row(of_views: Iterable[Array]) -> Array:
+        return np.concatenate([signs.get(k, 0.0) * by[:, on].mean(axis=1) for k, by in enumerate(of_views)])
 
-    return Difference(of, side, value, u, row("by_unknown"), row("by_sensor"))
+    return Difference(of, side, value, u, row(s.by_delta for s in seen), row(s.by_sensor for s in seen))
 
 
 def _seams(differences: list[Difference], surfaces: tuple[Surface, ...], covariance: Array) -> tuple[Seam, ...]:

@@ -5,7 +5,7 @@ drawn, and noise. They are then assessed as those of an inspection are.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, product
 from math import ceil, cos, sin
@@ -19,7 +19,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, decided
 from truestand.gear.assess import assess
-from truestand.gear.budget import Influence, Weighed, influences_of, radial_lines
+from truestand.gear.budget import Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
 from truestand.gear.coverage import coverage_of
 from truestand.gear.damage import unseen_in_traces
@@ -29,9 +29,12 @@ from truestand.gear.evaluate import evaluate, evaluator_of, slope_length
 from truestand.gear.flanks import Toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute
 from truestand.gear.grid import HEIGHT_CELL, SPACINGS, Grid, centres_of, height_edges, step_on_flank
-from truestand.gear.seams import corrected, difference_of, followed
+from truestand.gear.seams import corrected, difference_of
+from truestand.gear.seen_flanks import Influence, SeenFlanks, seen_flanks
 from truestand.gear.teeth import Diameter
 from truestand.planning.obstacles import Body, Round, Toothed
+from truestand.planning.optics import Optics
+from truestand.planning.place import Place
 from truestand.planning.sight import Sight, centred, look
 from truestand.planning.target import Surfaces, View, room_of
 
@@ -72,6 +75,8 @@ class GearTarget:
     profiles_per_turn: float
     toothing: Toothing
     """As drawn."""
+    _roughly: dict[tuple[Place, Optics], SeenFlanks] = field(default_factory=dict, repr=False, compare=False)
+    """What ``rough_shares`` has found of places: most are compared many times."""
 
     @cached_property
     def surfaces(self) -> Surfaces:
@@ -102,7 +107,8 @@ class GearTarget:
         total = np.sum([r.number for r in readings], axis=0)
         shares = [np.where(total > 0, r.number / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
         grid = self._grid(cells, readings)
-        sources = _sources(self._tied(views, seen, grid), [np.broadcast_to(s, self._shape(cells)) for s in shares])
+        own = [seen_flanks(v.scan, v.calibration, self.toothing, grid.roll, grid.height) for v in views]
+        sources = _sources(_tied(views, own, seen), own, [np.broadcast_to(s, self._shape(cells)) for s in shares])
         influences = influences_of(sources, grid, self.toothing)
         rng = np.random.default_rng(0)
         scans = [
@@ -143,13 +149,21 @@ class GearTarget:
         shares = [np.where(number > 0, s / np.maximum(number, 1), 1 / len(views)) for s in seen]
         roll, height = empty + cells.rolls[:, None], empty + cells.heights
         grid = Grid(nominal, empty, empty, roll, height, empty, cells.rolls, cells.edges, 0.0)
-        influences = influences_of(_sources(self._tied(views, seen, grid), shares), grid, self.toothing)
+        own = [self._roughly_seen(view, grid) for view in views]
+        influences = influences_of(_sources(_tied(views, own, seen), own, shares), grid, self.toothing)
         moved = _moved(np.stack([i.field for i in influences]), nominal, cells)
         worst = np.zeros(2)
         for name, by in moved.items():
             if (room := self._room(name)) is not None:
                 worst = np.maximum(worst, np.sqrt(np.square(by).sum(axis=0)) / room)
         return {name: float(worst[k]) for k, name in enumerate(FLANKS) if (number[k] > 0).mean() > SHOWS}
+
+    def _roughly_seen(self, view: View, grid: Grid) -> SeenFlanks:
+        """The flanks as a view sees them in the few cells of ``rough_shares``."""
+        place = view.mount.place, view.mount.sensor.optics
+        if place not in self._roughly:
+            self._roughly[place] = seen_flanks(view.scan, view.calibration, self.toothing, grid.roll, grid.height)
+        return self._roughly[place]
 
     def _room(self, name: str) -> float | None:
         """mm that the limits of a figure leave, those of a class where the drawing has none at all; None: no limit."""
@@ -216,22 +230,6 @@ class GearTarget:
         variance = np.stack([np.broadcast_to(np.square(r.u), total.shape) for r in readings])
         u = np.sqrt(np.sum(count * variance, axis=0)) / one
         return _Read(total, grid.roll + (up - 0.5) * grid.size[0], u)
-
-    def _tied(self, views: Sequence[View], seen: Sequence[Mask], grid: Grid) -> tuple[View, ...]:
-        """The views with what their overlaps tell of where they stand; ``seen`` (2, teeth, R, H): by each."""
-        if len(views) == 1:
-            return tuple(views)
-        follow = [followed(view.scan, view.calibration, self.toothing, grid.roll, grid.height) for view in views]
-        found = []
-        for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
-            both = np.zeros(grid.delta.shape, dtype=bool)
-            both[side] = seen[a][side] & seen[b][side]
-            if both.mean() > LEAST_OVERLAP:
-                found.append(difference_of(follow, (a, b), side, 0.0, SEAM_U, both))
-        if not found:
-            return tuple(views)
-        calibrations = corrected([view.calibration for view in views], found)
-        return tuple(replace(view, calibration=c) for view, c in zip(views, calibrations, strict=True))
 
     def _sight(self, view: View, cells: "_Cells") -> Sight:
         """What a view sees of the cells (2 R H,) of a tooth."""
@@ -337,13 +335,26 @@ def profiles_met(
     return count, np.where(SIGMA[side] > 0, 1.0 - share, share)
 
 
-def _sources(views: Sequence[View], shares: Sequence[Array]) -> tuple[Weighed, ...]:
+def _sources(
+    calibrations: Sequence[Calibration], own: Sequence[SeenFlanks], shares: Sequence[Array]
+) -> tuple[Weighed, ...]:
     """The views with their ``shares`` (2, teeth, R, H) of each cell."""
-    alone = len(views) == 1
+    alone = len(own) == 1
     return tuple(
-        Weighed(view.scan, view.calibration, None, None if alone else share)
-        for view, share in zip(views, shares, strict=True)
+        Weighed(seen, calibration, None if alone else share)
+        for seen, calibration, share in zip(own, calibrations, shares, strict=True)
     )
+
+
+def _tied(views: Sequence[View], own: Sequence[SeenFlanks], seen: Sequence[Mask]) -> list[Calibration]:
+    """The views' calibrations with what their overlaps tell of where they stand; ``seen`` (2, teeth, R, H): by each."""
+    calibrations, found = [view.calibration for view in views], []
+    for (a, b), side in product(combinations(range(len(views)), 2), (0, 1)):
+        both = np.zeros_like(seen[a])
+        both[side] = seen[a][side] & seen[b][side]
+        if both.mean() > LEAST_OVERLAP:
+            found.append(difference_of(own, (a, b), side, 0.0, SEAM_U, both))
+    return corrected(calibrations, found) if found else calibrations
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
