@@ -134,10 +134,10 @@ def difference_of(
     seen: Sequence[SeenFlanks], of: tuple[int, int], side: int, value: float, u: float, both: Mask
 ) -> Difference:
     """What the views ``of`` a pair differ by, mm with its standard uncertainty, in the cells that ``both`` show."""
-    signs, on = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1)
+    signs, mean = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1) / np.count_nonzero(both)
 
     def row(of_views: Iterable[Array]) -> Array:
-        return np.concatenate([signs.get(k, 0.0) * by[:, on].mean(axis=1) for k, by in enumerate(of_views)])
+        return np.concatenate([signs.get(k, 0.0) * (by @ mean) for k, by in enumerate(of_views)])
 
     return Difference(of, side, value, u, row(s.by_delta for s in seen), row(s.by_sensor for s in seen))
 

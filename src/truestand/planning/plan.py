@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import pi
 
 import numpy as np
@@ -75,7 +76,7 @@ class Expected:
         return self.flank or self.section or ""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plan:
     """Where to put the sensors, and what comes of it."""
 
@@ -85,7 +86,6 @@ class Plan:
     views: tuple[View, ...]
     coverage: dict[str, float]
     """Share 0..1 of each surface that the views see together."""
-    expected: tuple[Expected, ...]
     unseen: tuple[str, ...]
     """What no place can see, and what these views don't."""
     fewer: "Plan | None"
@@ -94,6 +94,11 @@ class Plan:
     """What the recipes don't state."""
     tried: tuple[ComparedPlaces, ...]
     """Sets of places that were compared."""
+
+    @cached_property
+    def expected(self) -> tuple[Expected, ...]:
+        """What an inspection by these views would say; costly."""
+        return _expected(self.search.target.lines(self.views), self.coverage) if self.views else ()
 
     @property
     def asked(self) -> tuple[Expected, ...]:
@@ -104,7 +109,14 @@ class Plan:
     @property
     def complete(self) -> bool:
         """Whether all that the drawing asks is measurable and capable."""
-        return bool(self.views) and all(e.status == "measured" and e.capable for e in self.asked)
+        if not self.views or self.hidden_flanks:
+            return False
+        return all(e.status == "measured" and e.capable for e in self.asked)
+
+    @property
+    def hidden_flanks(self) -> int:
+        """Sides of a gear of which too little is seen: nothing that reads them is measured whole."""
+        return sum(share < ENOUGH for name, share in self.coverage.items() if name in FLANKS)
 
     @property
     def worst(self) -> Expected | None:
@@ -116,6 +128,10 @@ class Plan:
         """How many of the asked are measured, and how many capable."""
         measured = [e for e in self.asked if e.status == "measured"]
         return len(measured), sum(e.capable for e in measured)
+
+    def better_than(self, other: "Plan") -> bool:
+        """Whether it shows a flank more, or measures more of what is asked."""
+        return self.hidden_flanks < other.hidden_flanks or self.rank > other.rank
 
 
 def plan(
@@ -150,7 +166,7 @@ def plan(
     known: KnownViews = {}
     for number in range(1 if views is None else max(views - 1, 1), most + 1):
         further = _with(part, search, sensors[:number], known, texts, found, lambda share: step((1 + share) / 3))
-        if views is None and found is not None and further.rank <= found.rank:
+        if views is None and found is not None and not further.better_than(found):
             break
         found = further
         if views is None and (found.complete or not found.views):
@@ -171,10 +187,8 @@ def _with(
     for view in views:
         seen |= search.seen_from(view.mount)
     coverage = search.target.surfaces.coverage(seen)
-    expected = _expected(search.target.lines(views), coverage) if views else ()
     return Plan(
-        part, search.setting, search, views, coverage, expected,
-        _unseen(search, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
+        part, search.setting, search, views, coverage, _unseen(search, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
     )  # fmt: skip
 
 
