@@ -36,18 +36,19 @@ def assess(
     told: tuple[Damage, ...],
     gaps: tuple[Damage, ...],
     there: Mask,
-    elsewhere: bool = True,
+    planned: bool = False,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget.
 
     ``influences``: every input of the budget but noise; ``told``: damage that shows; ``gaps``: what was not seen;
-    ``there`` (teeth,): those that the drawing has; ``elsewhere``: whether other sections are read, too.
+    ``there`` (teeth,): those that the drawing has; ``planned``: of one of several imagined scans, which share the draws
+    of noise, and of which no other sections are read.
     """
     nominal, damage = evaluator.grid.nominal, (*told, *gaps)
     figures = figures_of(measures, nominal)
     if (damaged := clear_of(damage, evaluator.grid)).any():
         evaluator = with_noise_beside(damaged, evaluator, step)
-    noise = bias_of(figures, evaluator, DRAWS)
+    noise = bias_of(figures, evaluator, FEW_DRAWS if planned else DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
     return Assessment(
         nominal,
@@ -67,7 +68,7 @@ def assess(
         told,
         zones_of(evaluator.grid, step),
         there,
-        sections_of(evaluator, noise, step) if elsewhere else None,
+        None if planned else sections_of(evaluator, noise, step),
         evaluator.grid.size[1],
     )
 

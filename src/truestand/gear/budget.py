@@ -27,6 +27,8 @@ it.
 """
 BETWEEN_READINGS = "between readings"
 """Line of what lies between the readings and beyond them (``evaluate.sampling_of``)."""
+UNFELT = 1e-5
+"""mm by which an input moves no cell that moves no figure."""
 UNKNOWN_NAMES = (
     "lateral offset of the laser plane", "skew of the laser line",
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
@@ -134,8 +136,10 @@ def expanded(influences: tuple[Influence, ...], evaluator: Evaluator) -> dict[st
     base = figures_of(evaluate(delta, evaluator), nominal)
     by_input: dict[str, Figures] = {}
     for i in influences:
-        up, down = (figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0))
         joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
+        if np.abs(i.field).max() < UNFELT:
+            continue
+        up, down = (figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0))
         for n, value in base.items():
             joined[n] = np.hypot(joined[n], np.fmax(np.abs(up[n] - value), np.abs(down[n] - value)))
     return by_input

@@ -27,12 +27,8 @@ class Interpolation:
 
     def __call__(self, values: Array) -> Array:
         """Values (flanks, n) read at the places; NaN where not seen."""
-        return np.where(self.seen, self.going_on(values), np.nan)
-
-    def going_on(self, values: Array) -> Array:
-        """The same, with any value where not seen."""
         before, behind = (np.take_along_axis(values, at, axis=1) for at in (self.first, self.last))
-        return np.asarray(before + self.share * (behind - before))
+        return np.where(self.seen, before + self.share * (behind - before), np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +40,12 @@ class Joined:
     Fewer than half of them don't say how all go on: there those that hold count, too.
     """
 
-    columns: tuple[Interpolation, ...]
+    first: Ints
+    """(flanks, columns, places): of the value before a place, its index in all values (flanks, columns, n),"""
+    last: Ints
+    """and of the one behind it."""
+    share: Array
+    """0..1 of the way from one to the other."""
     of_mean: Array
     """(flanks, columns, places) in the mean of those seen,"""
     of_step: Array
@@ -56,7 +57,8 @@ class Joined:
 
     def __call__(self, values: Array) -> Array:
         """The trace (flanks, places) of values (flanks, columns, n); NaN where not seen."""
-        read = np.stack([column.going_on(values[:, j]) for j, column in enumerate(self.columns)], axis=1)
+        before, behind = (np.take(values, at) for at in (self.first, self.last))
+        read = before + self.share * (behind - before)
         mean = np.einsum("fcp,fcp->fp", self.of_mean, read)
         path = np.zeros(mean.shape)
         np.cumsum(np.einsum("fcp,fcp->fp", self.of_step, np.diff(read, axis=2)), axis=1, out=path[:, 1:])
@@ -64,16 +66,20 @@ class Joined:
         return np.where(self.seen, path + level[:, None], np.nan)
 
 
-def joined_columns(columns: tuple[Interpolation, ...]) -> Joined:
-    """The mean trace of some columns, each read at the same places."""
+def joined_columns(columns: tuple[Interpolation, ...], number: int) -> Joined:
+    """The mean trace of some columns of so many values, each read at the same places."""
     seen, inside = (np.stack(of, axis=1) for of in ([c.seen for c in columns], [c.inside for c in columns]))
-    number, reached = seen.sum(axis=1), inside.sum(axis=1)
-    known = number >= LEAST_COLUMNS * len(columns)
+    first, last, share = (np.stack([getattr(c, of) for c in columns], axis=1) for of in ("first", "last", "share"))
+    before = number * np.arange(first.shape[0] * len(columns)).reshape(-1, len(columns), 1)
+    those, reached = seen.sum(axis=1), inside.sum(axis=1)
+    known = those >= LEAST_COLUMNS * len(columns)
     holding, going_on = (on[:, :, 1:] & on[:, :, :-1] for on in (seen, inside))
     most = going_on.sum(axis=1, keepdims=True) >= LEAST_COLUMNS * len(columns)
     stepping = np.where(most, going_on & holding, holding)
     level = (reached == reached.max(axis=1, keepdims=True)) & known
-    return Joined(columns, _shares(seen & known[:, None]), _shares(stepping), _shares(level), known)
+    return Joined(
+        before + first, before + last, share, _shares(seen & known[:, None]), _shares(stepping), _shares(level), known
+    )
 
 
 def _shares(on: Mask) -> Array:

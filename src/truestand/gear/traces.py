@@ -93,7 +93,8 @@ class Traces:
     def _profile(self, shorter: float) -> Joined:
         places, rolls = profile_points(self.nominal, shorter), self.rolls[:, self.band]
         beyond = step_on_flank(self.nominal, rolls, self.step) / 2
-        return joined_columns(tuple(interpolation(rolls[:, j], places, beyond[:, j]) for j in range(rolls.shape[1])))
+        columns = tuple(interpolation(rolls[:, j], places, beyond[:, j]) for j in range(rolls.shape[1]))
+        return joined_columns(columns, rolls.shape[2])
 
     def _helix(self, longer: float) -> Interpolation:
         places, cell = helix_points(self.nominal, longer), self.cell[1]

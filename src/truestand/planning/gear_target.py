@@ -101,6 +101,7 @@ class GearTarget:
 
     def lines(self, views: Sequence[View]) -> tuple[Characteristic, ...]:
         """The lines that an inspection by these views would have."""
+        self._roughly.clear()  # the search for them is over
         cells = self._cells(views)
         readings = [self._readings(view, cells) for view in views]
         seen = [np.broadcast_to(r.number > 0, self._shape(cells)) for r in readings]
@@ -124,7 +125,7 @@ class GearTarget:
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
         gaps = unseen_in_traces(grid, evaluator.traces, step)
-        found = assess(influences, evaluator, step, measures, coverage, (), gaps, there, elsewhere=False)
+        found = assess(influences, evaluator, step, measures, coverage, (), gaps, there, planned=True)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":

@@ -187,9 +187,8 @@ def _with(
     for view in views:
         seen |= search.seen_from(view.mount)
     coverage = search.target.surfaces.coverage(seen)
-    return Plan(
-        part, search.setting, search, views, coverage, _unseen(search, seen, None if views else choice.why_not), fewer, assumed, choice.tried,
-    )  # fmt: skip
+    unseen = _unseen(search, seen, None if views else choice.why_not)
+    return Plan(part, search.setting, search, views, coverage, unseen, fewer, assumed, choice.tried)
 
 
 def _planned_sensors(

@@ -7,6 +7,7 @@ the uncertainty decides, told roughly: the sensors in those that are left are ca
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, islice
+from math import ceil
 
 import numpy as np
 
@@ -247,7 +248,7 @@ def _groups(search: Search, number: int) -> list[tuple[int, ...]]:
         return []
     missing = np.array([search.missing(np.logical_or.reduce(seen[list(g)])) for g in groups])
     as_good = np.flatnonzero(missing <= missing.min() + AS_GOOD)
-    return [groups[k] for k in as_good[:: max(1, as_good.size // MOST_GROUPS)]]
+    return [groups[k] for k in as_good[:: ceil(as_good.size / MOST_GROUPS)]]
 
 
 def _pool(search: Search, seen: Array) -> list[int]:
