@@ -105,16 +105,13 @@ class GearTarget:
         cells = self._cells(views)
         readings = [self._readings(view, cells) for view in views]
         seen = [np.broadcast_to(r.number > 0, self._shape(cells)) for r in readings]
-        total = np.sum([r.number for r in readings], axis=0)
-        shares = [np.where(total > 0, r.number / np.maximum(total, 1e-9), 1 / len(views)) for r in readings]
-        grid = self._grid(cells, readings)
+        grid, rng, scans = self._grid(cells, readings), np.random.default_rng(0), []
         own = [seen_flanks(v.scan, v.calibration, self.toothing, grid.roll, grid.height) for v in views]
-        sources = _sources(_tied(views, own, seen), own, [np.broadcast_to(s, self._shape(cells)) for s in shares])
-        influences = influences_of(sources, grid, self.toothing)
-        rng = np.random.default_rng(0)
-        scans = [
-            self._lines_of(self._scanned(grid, influences, views, readings, form, rng), influences) for form in FORMS
-        ]
+        calibrations = _tied(views, own, seen)
+        for form in FORMS:
+            read = self._read(grid, views, readings, rng)
+            influences = influences_of(_sources(calibrations, own, read.shares), grid, self.toothing)
+            scans.append(self._lines_of(self._scanned(grid, influences, read, form, rng), influences))
         return tuple(_typical(of) for of in zip(*scans, strict=True))
 
     def _lines_of(self, grid: Grid, influences: tuple[Influence, ...]) -> tuple[Characteristic, ...]:
@@ -198,15 +195,13 @@ class GearTarget:
         return _Readings(number[:, None], u[:, None])
 
     def _scanned(
-        self, grid: Grid, influences: Sequence[Influence], views: Sequence[View], readings: Sequence["_Readings"],
-        form: float, rng: np.random.Generator,
-    ) -> Grid:  # fmt: skip
+        self, grid: Grid, influences: Sequence[Influence], read: "_Read", form: float, rng: np.random.Generator
+    ) -> Grid:
         """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them
         that errs as the budget says.
         """
-        gear, read = self.gear, self._read(grid, views, readings, rng)
         delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights, form), np.nan)
-        delta += _usual_pitch(gear, rng) + read.u * rng.standard_normal(delta.shape)
+        delta += _usual_pitch(self.gear, rng) + read.u * rng.standard_normal(delta.shape)
         for influence in influences:
             delta += rng.standard_normal() / 2 * influence.field
         return replace(grid, delta=delta, median=delta, roll=read.roll, count=read.count)
@@ -230,7 +225,8 @@ class GearTarget:
         up = np.where(total > 0, np.sum(count * share, axis=0) / one, 0.5)
         variance = np.stack([np.broadcast_to(np.square(r.u), total.shape) for r in readings])
         u = np.sqrt(np.sum(count * variance, axis=0)) / one
-        return _Read(total, grid.roll + (up - 0.5) * grid.size[0], u)
+        shares = tuple(np.where(total > 0, of / one, 1 / len(views)) for of in count)
+        return _Read(shares, total, grid.roll + (up - 0.5) * grid.size[0], u)
 
     def _sight(self, view: View, cells: "_Cells") -> Sight:
         """What a view sees of the cells (2 R H,) of a tooth."""
@@ -293,6 +289,8 @@ class _Readings:
 class _Read:
     """What a scan has in the cells (2, teeth, R, H)."""
 
+    shares: tuple[Array, ...]
+    """Of its readings, by view."""
     count: Array
     roll: Array
     """mm: mean of the readings."""
