@@ -197,13 +197,13 @@ class GearTarget:
     def _scanned(
         self, grid: Grid, influences: Sequence[Influence], read: "_Read", form: float, rng: np.random.Generator
     ) -> Grid:
-        """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them
-        that errs as the budget says.
+        """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them of
+        which each input errs by its standard uncertainty, one way or the other: few scans stand for many stands.
         """
         delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights, form), np.nan)
         delta += _usual_pitch(self.gear, rng) + read.u * rng.standard_normal(delta.shape)
         for influence in influences:
-            delta += rng.standard_normal() / 2 * influence.field
+            delta += rng.choice((-1.0, 1.0)) / K * influence.field
         return replace(grid, delta=delta, median=delta, roll=read.roll, count=read.count)
 
     def _read(
