@@ -97,8 +97,8 @@ def _expected(plan: Plan) -> str:
     )
     text = (
         "<h2>What to expect</h2><p>As an inspection would have it: scans from these places are imagined and assessed "
-        "with the same budget. Of a gear there are three, each with the errors of a stand: the middle <i>U</i> of "
-        "them, and of all teeth the largest.</p>" + K_NOTE + table(heads, rows, "results")
+        "with the same budget. Of a gear there are three, each with the errors of a stand: the root mean square of "
+        "their <i>U</i>, and of all teeth the largest.</p>" + K_NOTE + table(heads, rows, "results")
     )
     if others:
         text += f"<details><summary>Without limits</summary>{table(heads, others, 'results')}</details>"

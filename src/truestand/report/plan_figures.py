@@ -151,5 +151,8 @@ def tried(plan: Plan) -> Figure:
         for view in plan.views:
             p = view.mount.place
             axes.plot(degrees(p.phi), getattr(p, key), marker="x", color="#a8240b", ms=8, mew=1.8)
+    ranges = [view.mount.sensor.optics.range for view in plan.views]
+    if ranges:
+        right.set_ylim(min(low for low, _ in ranges), max(high for _, high in ranges))
     right.set(title="Places that were compared", xlabel="phi, °", ylabel="stand-off, mm")
     return fig
