@@ -200,15 +200,19 @@ def test_the_room_is_read_and_unknown_keys_are_refused(tmp_path):
 @cache
 def inspected(gear):
     """A gear as the virtual stand shows it, and as a plan would have it from the same place."""
-    scan = scan_of(gear, WORN, simulation(4400, True), 240)
-    surface = roll(scan, calibrated(True))
-    _, known = surface.origin
+    surface = roll(scan_of(gear, WORN, simulation(4400, True), 240), calibrated(True))
+    target, view = planned_as(gear, *surface.origin)
+    return inspect_gear(surface, gear), target.lines([view])
+
+
+def planned_as(gear, scan, known):
+    """A gear as a plan has it, and a view from the place of a scan."""
     line = tuple(2 * z * tan(FANS[True] / 2) for z in (70.0, 120.0))
     optics, _ = optics_of(replace(scan.stand.sensor, line=line, noise=0.005, incidence_limit=radians(88.0)))
     shaft = Setting(scan.stand, paper_shaft(), 0.88).shaft
     target = gear_target(gear, known, shaft, scan.revolutions, 2 * np.pi / abs(scan.step))
     view = View(Mount(PlannedSensor("front", "front", optics), Place(-1.2, 105.0, 2.0), 10.0), scan, known)
-    return inspect_gear(surface, gear), target.lines([view])
+    return target, view
 
 
 @pytest.mark.more
@@ -241,6 +245,19 @@ def test_turns_of_whole_profiles_meet_flanks_at_the_same_places(gear):
     assert (between > 0).mean() > 1.5 * (two > 0).mean()
     along_the_face = (one == one[..., :1]).all(axis=(0, 1, 3))
     assert along_the_face.all() == (gear is SPUR), "a profile crosses helical flanks at an angle"
+
+
+def test_cells_count_the_views_whose_profiles_meet_them():
+    """Every cell had the same share of each view: what these still read otherwise made no form."""
+    target, view = planned_as(SPUR, scan_of(SPUR, WORN, simulation(1100, True), 60), calibrated(True))
+    aside = replace(view, mount=replace(view.mount, place=replace(view.mount.place, azimuth=0.1)))
+    cells = target._cells([view, aside])
+    readings = [target._readings(v, cells) for v in (view, aside)]
+    read = target._read(target._grid(cells, readings), [view, aside], readings, np.random.default_rng(0))
+    first, second = read.shares
+    assert first + second == pytest.approx(1.0)
+    shown = first[read.count > 0]
+    assert min((shown == 1.0).mean(), (shown == 0.0).mean()) > 0.1, "one view alone meets many of them"
 
 
 def test_a_room_that_leaves_no_place_says_so(few_places):

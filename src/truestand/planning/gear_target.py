@@ -75,8 +75,8 @@ class GearTarget:
     profiles_per_turn: float
     toothing: Toothing
     """As drawn."""
-    _roughly: dict[tuple[Place, Optics], SeenFlanks] = field(default_factory=dict, repr=False, compare=False)
-    """What ``rough_shares`` has found of places: most are compared many times."""
+    _roughly: dict[tuple[Place, Optics, bool], SeenFlanks] = field(default_factory=dict, repr=False, compare=False)
+    """What ``rough_shares`` has found of places, of sensors carried there or not: most are compared many times."""
 
     @cached_property
     def surfaces(self) -> Surfaces:
@@ -158,10 +158,11 @@ class GearTarget:
 
     def _roughly_seen(self, view: View, grid: Grid) -> SeenFlanks:
         """The flanks as a view sees them in the few cells of ``rough_shares``."""
-        place = view.mount.place, view.mount.sensor.optics
-        if place not in self._roughly:
-            self._roughly[place] = seen_flanks(view.scan, view.calibration, self.toothing, grid.roll, grid.height)
-        return self._roughly[place]
+        sensor = view.mount.sensor
+        key = view.mount.place, sensor.optics, sensor.carried
+        if key not in self._roughly:
+            self._roughly[key] = seen_flanks(view.scan, view.calibration, self.toothing, grid.roll, grid.height)
+        return self._roughly[key]
 
     def _room(self, name: str) -> float | None:
         """mm that the limits of a figure leave, those of a class where the drawing has none at all; None: no limit."""
