@@ -22,8 +22,10 @@ from truestand.gear.views import GearView
 
 MOST_ALONG = 1.0
 """mm of roll length by which a reading may be read farther along its flank than it is, at most."""
-LEAST_FACING = 0.05
-"""Cosine of the incidence below which nothing is seen."""
+LEAST_FACING, STEEPEST = 0.05, 0.1
+"""Cosine of the incidence below which nothing is seen; the fillet is seen as steeply as so much of the readings near a
+root, the steepest.
+"""
 ROW, LEAST_READINGS, PLAINLY = 0.25, 30, 2.5
 """mm of roll length in which readings near the root are compared, how many of them at least, and robust standard
 deviations of readings by which one lies plainly above the others.
@@ -35,7 +37,8 @@ def surely_on_flanks(views: Sequence[GearView], more: Sequence[Array]) -> list[G
     than another one does. ``more``: by how much each reads its flanks' points (n,) more than the mean of all, mm.
 
     Those lie beyond an end that do where they are moved back along their rays by that. Those may be of the fillet that
-    lie within its reach and plainly above what else is read there.
+    lie within its reach and plainly above what else is read there: as far from the end as what the incidence makes of
+    a reading moves it along its ray.
     """
     near = [_NearEnds.of(view, of_view) for view, of_view in zip(views, more, strict=True)]
     facing = np.array([of.root_facing for of in near])
@@ -43,19 +46,9 @@ def surely_on_flanks(views: Sequence[GearView], more: Sequence[Array]) -> list[G
     for view, of in zip(views, near, strict=True):
         sure = np.ones(view.flanks.roll.size, dtype=bool)
         sure[of.which] = of.on_flank & ~of.by_fillet
-        found.append(replace(view, flanks=view.flanks.select(sure), steeper=of.root_facing < facing.max(axis=0)))
+        steeper = of.root_facing < facing.max(axis=0)
+        found.append(replace(view, flanks=view.flanks.select(sure), steeper=steeper, fillet_reach=of.reach))
     return found
-
-
-def reach_of_fillet(view: GearView) -> float:
-    """Roll length (mm) up to which readings of the fillet may be read: it is seen as steeply as the sensor sees at all,
-    and what the incidence makes of a reading moves it along its ray.
-    """
-    sensor, nominal = view.scan.stand.sensor, view.flanks.toothing.nominal
-    off = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
-    facing = LEAST_FACING if sensor.incidence_limit is None else max(cos(sensor.incidence_limit), LEAST_FACING)
-    along = min(off / facing * nominal.base_radius / nominal.control_roll, MOST_ALONG)
-    return nominal.control_roll + along
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +63,8 @@ class _NearEnds:
     """and whether they may be of the fillet."""
     root_facing: Array
     """(2,): mean cosine of the incidence near the root, of left and right; 0 where too little was seen."""
+    reach: Array
+    """(2,) mm: roll length up to which readings of the fillet may be read."""
 
     @classmethod
     def of(cls, view: GearView, more: Array) -> "_NearEnds":
@@ -86,17 +81,27 @@ class _NearEnds:
         place = some.toothing.datum.pose(points - (more[which] / rise)[:, None] * to_sensor)
         roll = np.sqrt(np.maximum(place[:, 0] ** 2 + place[:, 1] ** 2 - nominal.base_radius**2, 0.0))
         facing = rise / (np.linalg.norm(to_sensor, axis=1) * np.linalg.norm(gradient, axis=1))
-        at_root = from_root[which] < MOST_ALONG
+        at_root = [facing[(from_root[which] < MOST_ALONG) & (side == k)] for k in (0, 1)]
+        told = [values if values.size >= LEAST_READINGS else np.zeros(1) for values in at_root]
+        reach = np.array([_reach(view, float(np.quantile(values, STEEPEST))) for values in told])
         return cls(
             which,
             (roll >= nominal.control_roll) & (roll <= nominal.tip_roll),
-            (some.roll < reach_of_fillet(view)) & _above_others(flanks.delta - more, flanks)[which],
-            np.array([_mean(facing[at_root & (side == k)]) for k in (0, 1)]),
+            (some.roll < reach[side]) & _above_others(flanks.delta - more, flanks)[which],
+            np.array([values.mean() for values in told]),
+            reach,
         )
 
 
-def _mean(values: Array) -> float:
-    return float(values.mean()) if values.size >= LEAST_READINGS else 0.0
+def _reach(view: GearView, facing: float) -> float:
+    """Roll length (mm) up to which readings of a fillet may be read that is seen at a cosine ``facing`` of incidence,
+    or as steeply as the sensor sees at all.
+    """
+    sensor, nominal = view.scan.stand.sensor, view.flanks.toothing.nominal
+    off = INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U
+    least = LEAST_FACING if sensor.incidence_limit is None else max(cos(sensor.incidence_limit), LEAST_FACING)
+    along = min(off / max(facing, least) * nominal.base_radius / nominal.control_roll, MOST_ALONG)
+    return nominal.control_roll + along
 
 
 def _above_others(delta: Array, flanks: Flanks) -> Mask:

@@ -15,7 +15,6 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import nan_median
 from truestand.core.surface import seen_at, sensor_origins, table_angle
-from truestand.gear.fillet import reach_of_fillet
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
@@ -215,9 +214,9 @@ def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
     fillet apart, and those of them that another one sees less steeply.
     """
     near = np.zeros(grid.delta.shape, dtype=bool)
-    if view.steeper is None:
+    if view.steeper is None or view.fillet_reach is None:
         return near, near
-    near |= (grid.rolls < reach_of_fillet(view))[:, None]
+    near |= (grid.rolls < view.fillet_reach[:, None])[:, None, :, None]
     return near, near & view.steeper[:, None, None, None]
 
 

@@ -44,6 +44,8 @@ class GearView:
     """
     steeper: Mask | None = None
     """(2,): sides whose root another view sees less steeply: near it, this one's rays need not show the flank."""
+    fillet_reach: Array | None = None
+    """(2,) mm: roll length up to which this one of several views may read the fillet on left and right flanks."""
 
     @property
     def name(self) -> str:

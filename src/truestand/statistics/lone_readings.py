@@ -3,11 +3,11 @@
 On a part, outliers are single readings, never regions: a groove departs from the ideal surface as far as an outlier
 does, but its readings bear each other out. A reading counts when readings beside it in profile and time are like it (or
 more of them go along with it: a small dent has no two readings alike), or as one of two or three in a row that depart
-from the surface together where outliers are too rare for that, and, where another turn shows its place, when it repeats
-there.
+from the surface together where outliers are too rare for that, or as one of more in a place than outliers would be,
+and, where another turn shows its place, when it repeats there.
 """
 
-from math import pi, sqrt
+from math import inf, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,10 @@ BY_CHANCE, HIGHEST = 0.5, 0.4
 """Outliers of a scan that may bear each other out by chance; density of a normal distribution at its middle, times its
 standard deviation.
 """
+NEAR = 6, 4
+"""Profiles and points within which lone readings stand together,"""
+LEAST_TOGETHER, RARE = 2, 0.01
+"""so many more of them at least, and how many times in a scan that may happen by chance."""
 LEAST_SPREAD = 5e-4
 """mm: the scatter of readings is not taken for less: sensors count in steps."""
 
@@ -61,7 +65,8 @@ def lone_readings(
     image[row + ROWS, column + MARGIN] = delta
     reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
     seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
-    off = np.abs(delta - _median_of(surface, delta))
+    above = delta - _median_of(surface, delta)
+    off = np.abs(above)
     farther = reach + ALONG * off
     beside = [(0, c) for c in IN_PROFILE]
     beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
@@ -91,7 +96,30 @@ def lone_readings(
         alone &= ~(in_row[-1] | in_row[1])
     elif number**3 < total**2:  # or not three
         alone &= ~((in_row[-2] & in_row[-1]) | (in_row[-1] & in_row[1]) | (in_row[1] & in_row[2]))
+    alone[alone] = ~_together(np.sign(above[alone]), row[alone], (column - slant * row)[alone], total)
     return np.asarray(alone | (shown & ~repeated))
+
+
+def _together(side: Array, row: NDArray[np.int64], column: Array, total: int) -> Mask:
+    """Which lone readings (n,) of a ``total`` stand with more such on the same ``side`` of the surface (-1 or 1) than
+    chance puts there: where a steep edge is seen aslant, no two of its readings are alike.
+    """
+    from scipy.spatial import KDTree
+    from scipy.special import bdtrc
+
+    found = np.zeros(side.size, dtype=bool)
+    places = (2 * NEAR[0] + 1) * (2 * NEAR[1] + 1) - 1
+    fewest = np.arange(LEAST_TOGETHER, places + 1)
+    rare = side.size * bdtrc(fewest - 1, places, side.size / total) < RARE
+    if not side.size or not rare.any():
+        return found
+    for sign in (-1.0, 1.0):
+        own = np.flatnonzero(side == sign)
+        if own.size:
+            at = np.stack([row[own] / NEAR[0], column[own] / NEAR[1]], axis=1)
+            others = KDTree(at).query_ball_point(at, 1.0, p=inf, return_length=True) - 1
+            found[own] = others >= fewest[np.argmax(rare)]
+    return found
 
 
 def _needed(off: Array, total: int, reach: float, beside: int) -> tuple[int, int]:
