@@ -17,7 +17,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.assumptions import BEARING_U, INCIDENCE_U, K
-from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
+from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, TILT, UNKNOWNS
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
@@ -50,11 +50,12 @@ def levelled(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[M
         return views, ()
     flanks = joined([view.borne_out() for view in views], views)
     grid = grid_of(flanks)
-    off = _levels(_by_reader(views, flanks, grid), grid)
+    means = _by_reader(views, flanks, grid)
+    off = _levels(means, grid)
     of_view = [off[readers.index(view.calibration.reader)] for view in views]
     sure = surely_on_flanks(views, [_of_readings(v.flanks, own) for v, own in zip(views, of_view, strict=True)])
     level = (replace(v, flanks=_without(v.flanks, own), level=own) for v, own in zip(sure, of_view, strict=True))
-    return tuple(level), _contradictions(views, readers, off)
+    return tuple(level), _contradictions(views, readers, off, means, grid)
 
 
 def left_between(views: Sequence[GearView], flanks: Flanks, grid: Grid) -> float:
@@ -113,9 +114,11 @@ def _levels(means: Sequence[Array], grid: Grid) -> Array:
     return np.stack([_off([m[side] for m in means], grid) for side in (0, 1)], axis=1)
 
 
-def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -> tuple[Message, ...]:
+def _contradictions(
+    views: Sequence[GearView], readers: list[str], off: Array, means: Sequence[Array], grid: Grid
+) -> tuple[Message, ...]:
     """Why nothing may be decided where two views read a slope, or what goes once round the gear, otherwise than their U
-    allow.
+    allow: by ``off`` (readers, 2, ``TERMS``) mm, and by ``means`` of what each shows of the cells.
     """
     of_readers = {view.calibration.reader: view for view in views}
     found: list[Message] = []
@@ -123,6 +126,7 @@ def _contradictions(views: Sequence[GearView], readers: list[str], off: Array) -
         pair = (of_readers[readers[a]], of_readers[readers[b]])
         apart = off[a, side] - off[b, side]
         found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart))
+        found += _leans_contradict(pair, side, means[a][side] - means[b][side], grid)
     return tuple(found)
 
 
@@ -153,6 +157,43 @@ def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array)
         f"U is {1000 * U:.1f} um: the angle slipped in one of the scans, or the part moved between them; scan again"
     )
     return [Message("views_contradict", text)]
+
+
+def _leans_contradict(pair: tuple[GearView, GearView], side: int, apart: Array, grid: Grid) -> list[Message]:
+    """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``."""
+    lean, U = _lean(apart, grid), hypot(*(_lean_known(view) for view in pair))
+    if lean <= CONTRADICTS * U:
+        return []
+    names = " and ".join(repr(view.calibration.reader) for view in pair)
+    text = (
+        f"views {names} read the {FLANKS[side]} flanks up to {1000 * lean:.1f} um otherwise at the ends of the face, "
+        f"once round the gear, U is {1000 * U:.1f} um: the part leaned otherwise in one of the scans; scan again"
+    )
+    return [Message("views_contradict", text)]
+
+
+def _lean(apart: Array, grid: Grid) -> float:
+    """mm at the ends of the face by which one of two views, whose cells (teeth, roll lengths, heights) are ``apart``
+    mm, reads the gear leaning more; 0 where their cells don't tell.
+    """
+    seen, known = _compared(np.isfinite(apart), grid)
+    if not known[:, 2:].any(axis=0).all():
+        return 0.0
+    leaning = known[:, [2]] * known[:, SMOOTH:]
+    known, values = _without_strays(np.concatenate([known, leaning], axis=1), apart[seen])
+    coefficients, *_ = np.linalg.lstsq(known.T @ known, known.T @ values, rcond=None)
+    return float(np.hypot(*coefficients[TERMS:]))
+
+
+def _lean_known(view: GearView) -> float:
+    """U (mm, k = 2) of how the gear leans as a view reads it, at the ends of its face, roughly: the shaft's tilt, the
+    bearing, and of a helical gear what goes once round, which its ends meet at other angles.
+    """
+    round_it, nominal = _round_known(view), view.flanks.toothing.nominal
+    if round_it == inf:
+        return inf
+    half, tilt = nominal.gear.face_width / 2, K * float(np.sqrt(np.diag(view.calibration.covariance)[TILT].max()))
+    return hypot(tilt * half, abs(nominal.twist) * half * round_it, BEARING_U)
 
 
 def slopes_known(view: GearView) -> dict[str, float]:
