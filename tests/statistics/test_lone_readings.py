@@ -81,8 +81,8 @@ def test_few_readings_are_no_error():
 
 
 def test_a_steep_edge_seen_aslant_is_kept_beside_single_outliers():
-    """Each profile has a reading or two of it, 20 um apart: an outsider's material near a root, 80 um high, was all left
-    out, and the gear conformed.
+    """Each profile has a reading or two of it, 20 um apart: an outsider's material near a root, 80 um high, was
+    left out, and the gear conformed.
     """
     image = flank()
     for row in range(60, 100):
