@@ -28,7 +28,7 @@ it.
 BETWEEN_READINGS = "between readings"
 """Line of what lies between the readings and beyond them (``evaluate.sampling_of``)."""
 UNFELT = 1e-5
-"""mm by which an input moves no cell that moves no figure."""
+"""mm: an input that moves no cell by so much is taken to move no figure."""
 UNKNOWN_NAMES = (
     "lateral offset of the laser plane", "skew of the laser line",
     "angle and radial zero of the sensor", "angle and radial zero of the sensor",
