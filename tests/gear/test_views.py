@@ -180,11 +180,16 @@ def test_what_goes_once_round_the_gear_is_shared_out_too():
     assert np.abs(left).max() < 0.01 * 0.004
 
 
+def seen_by_two():
+    """A worn gear as two views show it."""
+    surfaces = roll_views(scans(VirtualGear(MILD, WORN)), calibrated())
+    datum = datum_of(surfaces[0].origin[1], MILD.datum, MILD.bore_clearance)
+    return views_of(surfaces, find_toothing(stacked(surfaces), involute(MILD), datum))
+
+
 @pytest.mark.parametrize(("apart", "told"), [(0.004, 0), (0.04, 2)])
 def test_views_that_read_the_gear_by_far_otherwise_once_round_contradict(apart, told):
-    surfaces = roll_views(scans(VirtualGear(MILD, WORN)), calibrated())
-    nominal, datum = involute(MILD), datum_of(surfaces[0].origin[1], MILD.datum, MILD.bore_clearance)
-    views = views_of(surfaces, find_toothing(stacked(surfaces), nominal, datum))
+    views = seen_by_two()
     grid = grid_of(views[0].flanks)
     off, means = np.zeros((2, 2, 5)), np.zeros((2, *grid.delta.shape))
     off[:, :, 3] = np.array([[apart / 2], [-apart / 2]])
@@ -196,11 +201,9 @@ def test_views_that_read_the_gear_by_far_otherwise_once_round_contradict(apart, 
 @pytest.mark.parametrize(("apart", "told"), [(0.0005, 0), (0.006, 2)])
 def test_a_gear_that_leans_more_in_one_of_two_scans_is_told(apart, told):
     """An outsider's, by 0.05 degrees: f_Hbeta was 2.7 U off, and conformed."""
-    surfaces = roll_views(scans(VirtualGear(MILD, WORN)), calibrated())
-    nominal, datum = involute(MILD), datum_of(surfaces[0].origin[1], MILD.datum, MILD.bore_clearance)
-    views = views_of(surfaces, find_toothing(stacked(surfaces), nominal, datum))
+    views = seen_by_two()
     grid = grid_of(views[0].flanks)
-    aside = (grid.heights - nominal.middle) / (nominal.gear.face_width / 2)
+    aside = (grid.heights - grid.nominal.middle) / (MILD.face_width / 2)
     lean = apart * np.cos(np.arange(MILD.teeth) * MILD.pitch + 0.7)[:, None, None] * aside + np.zeros(grid.delta.shape)
     readers = [view.calibration.reader for view in views]
     found = _contradictions(views, readers, np.zeros((2, 2, 5)), (lean, np.zeros_like(lean)), grid)

@@ -133,42 +133,37 @@ def _contradictions(
 def _slopes_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
     """Slopes of one side's flanks that two views read too far ``apart`` (``TERMS``,) mm."""
     known, found = [slopes_known(view) for view in pair], []
-    names = " and ".join(repr(view.calibration.reader) for view in pair)
     for term, along in SLOPES.items():
         difference, U = 2 * float(abs(apart[term])), hypot(*(of[along] for of in known))
-        if difference > CONTRADICTS * U:
-            text = (
-                f"views {names} read the slope of {FLANKS[side]} flanks along the {along} {1000 * difference:.1f} um "
-                f"otherwise, U is {1000 * U:.1f} um: one of them has moved since the calibration; verify each "
-                "(truestand verify), or inspect by one view"
-            )
-            found.append(Message("views_contradict", text))
+        what = f"the slope of {FLANKS[side]} flanks along the {along}", ""
+        why = "one of them has moved since the calibration; verify each (truestand verify), or inspect by one view"
+        found += _contradiction(pair, what, difference, U, why)
     return found
 
 
 def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
     """What two views read too far ``apart`` (``TERMS``,) mm once round the gear."""
     difference, U = float(np.hypot(*apart[SMOOTH:])), hypot(*(_round_known(view) for view in pair))
-    if difference <= CONTRADICTS * U:
-        return []
-    names = " and ".join(repr(view.calibration.reader) for view in pair)
-    text = (
-        f"views {names} read the {FLANKS[side]} flanks up to {1000 * difference:.1f} um otherwise once round the gear, "
-        f"U is {1000 * U:.1f} um: the angle slipped in one of the scans, or the part moved between them; scan again"
-    )
-    return [Message("views_contradict", text)]
+    what = f"the {FLANKS[side]} flanks up to", " once round the gear"
+    why = "the angle slipped in one of the scans, or the part moved between them; scan again"
+    return _contradiction(pair, what, difference, U, why)
 
 
 def _leans_contradict(pair: tuple[GearView, GearView], side: int, apart: Array, grid: Grid) -> list[Message]:
     """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``."""
-    lean, U = _lean(apart, grid), hypot(*(_lean_known(view) for view in pair))
-    if lean <= CONTRADICTS * U:
+    what = f"the {FLANKS[side]} flanks up to", " at the ends of the face, once round the gear"
+    why = "the part leaned otherwise in one of the scans; scan again"
+    return _contradiction(pair, what, _lean(apart, grid), hypot(*(_lean_known(view) for view in pair)), why)
+
+
+def _contradiction(
+    pair: tuple[GearView, GearView], what: tuple[str, str], difference: float, U: float, why: str
+) -> list[Message]:
+    """That two views read ``what``, and where, too far apart for its U (k = 2), both mm; nothing where they don't."""
+    if difference <= CONTRADICTS * U:
         return []
-    names = " and ".join(repr(view.calibration.reader) for view in pair)
-    text = (
-        f"views {names} read the {FLANKS[side]} flanks up to {1000 * lean:.1f} um otherwise at the ends of the face, "
-        f"once round the gear, U is {1000 * U:.1f} um: the part leaned otherwise in one of the scans; scan again"
-    )
+    names, (of, where) = " and ".join(repr(view.calibration.reader) for view in pair), what
+    text = f"views {names} read {of} {1000 * difference:.1f} um otherwise{where}, U is {1000 * U:.1f} um: {why}"
     return [Message("views_contradict", text)]
 
 
