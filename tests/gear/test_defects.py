@@ -41,6 +41,26 @@ def test_a_chipped_edge_of_the_tip_that_reaches_little_into_the_range_does_not_c
     assert chip.depth == pytest.approx(0.2, abs=0.01)
 
 
+EDGE = involute(SPUR).profile_range[1], 99.0
+"""Roll lengths (mm) from the range of profiles to beyond the tip."""
+CHIPPED_EDGE = Worn(9, "right", EDGE, (13.6, 15.2), 0.4, 0.6)
+
+
+def test_a_chipped_edge_of_the_tip_beyond_the_range_does_not_conform():
+    """An outsider's find: no line reads the last 5 % at the tip, and the gear conformed."""
+    (chip,) = inspected(replace(PERFECT, worn=(CHIPPED_EDGE,))).defects
+    assert (chip.kind, chip.tooth, chip.flank, chip.verdict) == ("chipped flank", 9, "right", "does_not_conform")
+    assert 14.0 < chip.height < 14.8 and 0.1 < chip.depth < 0.4
+
+
+@pytest.mark.more
+def test_chamfered_tips_are_no_chips_and_hide_none():
+    chamfer = Worn(None, "right", EDGE, (4.0, 26.0), 0.2, 0.6)
+    assert inspected(replace(PERFECT, worn=(chamfer,))).defects == ()
+    (chip,) = inspected(replace(PERFECT, worn=(chamfer, CHIPPED_EDGE))).defects
+    assert (chip.kind, chip.tooth, chip.verdict) == ("chipped flank", 9, "does_not_conform")
+
+
 @pytest.mark.slow
 def test_dents_of_30_to_100_um_are_found_with_no_false_alarm():
     found = [d for d in inspected(DENTED, points=400).defects if d.kind != "chipped flank"]

@@ -18,7 +18,7 @@ from truestand.core.surface import Surface, apply_calibration, stacked
 from truestand.gear.angle import with_correct_angles
 from truestand.gear.assess import assess
 from truestand.gear.blind import blind_of_helices
-from truestand.gear.broken_ends import broken_ends
+from truestand.gear.broken_edges import broken_edges
 from truestand.gear.budget import influences_of, radial_lines, weighed
 from truestand.gear.characteristics import characteristics_of, settings_of, without_damage_of
 from truestand.gear.coverage import Coverage, coverage_of
@@ -119,7 +119,7 @@ def inspect_gear(
     assessment = assess(influences, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *chipped_flanks(damage, defects))
-    defects = (*defects, *broken_ends(flanks, evaluator.grid.scatter, there, defects))
+    defects = (*defects, *broken_edges(flanks, folded, evaluator.grid.scatter, there, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)
     if gear.defect_depth is not None:

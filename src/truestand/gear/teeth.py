@@ -214,7 +214,7 @@ def below_tips(flanks: Flanks, folded: FoldedMap, scatter: float) -> Flanks:
     ``scatter``: standard deviation of a flank's points, mm. A broken tooth ends like the others.
     """
     nominal = flanks.toothing.nominal
-    usual, tips = _usual_tips(folded, nominal, missing_teeth(folded, nominal)), folded.tip_radius(nominal)
+    usual, tips = usual_tips(folded, nominal), folded.tip_radius(nominal)
     tips = np.where(np.abs(tips - usual) < TOOTH_DEPTH, tips, usual)
     margin = max(TIP_MARGIN, TIP_SIGMA * scatter * nominal.gear.tip_diameter / 2 / nominal.tip_roll)
     return flanks.select(nominal.radius(flanks.roll) < tips[flanks.flank % nominal.gear.teeth] - margin)
@@ -226,7 +226,7 @@ def tooth_defects(folded: FoldedMap, nominal: Involute, face: tuple[float, float
     ``face``: heights (mm in C) between which the toothing was seen; beyond lie the real end faces.
     """
     missing = missing_teeth(folded, nominal)
-    all_drops = _usual_tips(folded, nominal, missing)[:, None] - nan_median(folded.tips(nominal), 1)
+    all_drops = usual_tips(folded, nominal)[:, None] - nan_median(folded.tips(nominal), 1)
     half = folded.row_height / 2
     on_face = (folded.heights - half >= face[0]) & (folded.heights + half <= face[1])
     drops = np.where(on_face, all_drops, np.nan)
@@ -266,12 +266,12 @@ def _broken_tips(folded: FoldedMap, tooth: int, drop: Array, hidden: Mask, least
     return found
 
 
-def _usual_tips(folded: FoldedMap, nominal: Involute, missing: Mask) -> Array:
+def usual_tips(folded: FoldedMap, nominal: Involute) -> Array:
     """Radius (teeth,) at which each tooth would end like the others: their median and, off the datum's axis, a wave
     that comes round once; the drawing's where none is left. Teeth that are far from it have no say.
     """
     tips = folded.tip_radius(nominal)
-    known = np.isfinite(tips) & ~missing
+    known = np.isfinite(tips) & ~missing_teeth(folded, nominal)
     if np.count_nonzero(known) < LEAST_TEETH:
         return np.full(tips.size, float(np.median(tips[known])) if known.any() else nominal.gear.tip_diameter / 2)
     around = np.arange(tips.size, dtype=np.float64) * nominal.gear.pitch

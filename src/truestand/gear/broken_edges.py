@@ -1,9 +1,10 @@
-"""Flanks that are broken at an end of the face, beyond the range in which helices are evaluated.
+"""Flanks that are broken at an end of the face or at the tip, beyond the ranges in which helices and profiles are
+evaluated.
 
 No line of the standards reads a flank there, but a tooth that is chipped there is chipped.
 """
 
-from math import hypot
+from math import ceil, hypot
 
 import numpy as np
 
@@ -14,14 +15,17 @@ from truestand.gear.damage import DEPTH_SHARE_U
 from truestand.gear.ends import BESIDE
 from truestand.gear.flanks import FlankPoints, Flanks
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH
+from truestand.gear.grid import bin_index
+from truestand.gear.teeth import SIGNIFICANT, TOOTH_DEPTH, FoldedMap, usual_tips
 
-INSIDE = 2.0
-"""mm of face inside the range, at its end, that say where a flank stands there."""
+INSIDE, INSIDE_TIP = 2.0, 0.5
+"""mm of face inside the range at its end, and of roll length, that say where a flank stands there."""
 USUALLY, MORE = 0.75, 3.0
 """Quantile of the readings far below them that flanks of a side have, and times as many that a broken one must have: an
 end face, a chamfer or a rounded edge has them on all, and strays fall anywhere.
 """
+TIP_BIN = 0.1
+"""mm of roll length over which the edges of tips are usually alike."""
 LEAST_READINGS, LEAST_PROFILES = 8, 3
 """Readings more than those, and profiles that must have them to decide."""
 MOST_LEFT = 0.5
@@ -30,28 +34,68 @@ DEPTH_QUANTILE = 0.9
 """Of the readings, that is the depth: the last few may be outliers."""
 
 
-def broken_ends(flanks: Flanks, scatter: float, there: Mask, defects: tuple[Defect, ...]) -> tuple[Defect, ...]:
-    """Chips of flanks between an end of the face and the range of helices, and flanks that were not seen there.
+def broken_edges(
+    flanks: Flanks, folded: FoldedMap, scatter: float, there: Mask, defects: tuple[Defect, ...]
+) -> tuple[Defect, ...]:
+    """Chips of flanks beyond the ranges of helices and profiles, and ends of flanks that were not seen.
 
     ``scatter``: standard deviation of a reading, mm; ``there`` (teeth,): teeth that the drawing has. Of teeth that
     ``defects`` name as broken they say nothing new.
     """
-    nominal = flanks.toothing.nominal
     broken = {d.tooth for d in defects if d.verdict == "does_not_conform"}
+    found = (*_broken_ends(flanks, scatter, there), *_chipped_tips(flanks, folded, scatter, there))
+    return tuple(d for d in found if d.tooth not in broken)
+
+
+def _broken_ends(flanks: Flanks, scatter: float, there: Mask) -> list[Defect]:
+    """Chips between an end of the face and the range of helices, and flanks that were not seen there."""
+    nominal, found = flanks.toothing.nominal, []
     points = _near_ends(flanks, nominal).joined([_near_ends(flanks.outside_gate, nominal)])
-    least, found = TOOTH_DEPTH - GUARD_FACTOR * scatter, []
     for sign, end in zip((-1.0, 1.0), nominal.helix_range, strict=True):
         beyond = sign * (points.height - end)
         inside, at_end = points.select((beyond < 0) & (beyond > -INSIDE)), points.select(beyond > 0)
         depth = _median_of_flanks(inside, flanks.toothing.offsets)[at_end.flank] - at_end.delta
-        gone, sound = at_end.select(depth > least), at_end.select(depth <= least)
-        chipped = _more_than_usual(gone, there)
-        found += [
-            _chip(gone.select(gone.flank == f), depth[depth > least][gone.flank == f], scatter, flanks) for f in chipped
-        ]
-        hidden = _fewer_than_usual(sound, inside, there)
+        gone = depth > _least_depth(scatter)
+        chipped = _more_than_usual(at_end.select(gone), there)
+        found += [_chip(at_end, depth, flank, scatter, nominal) for flank in chipped]
+        hidden = _fewer_than_usual(at_end.select(~gone), inside, there)
         found += [_hidden(flank, sign, end, flanks) for flank in hidden if flank not in chipped]
-    return tuple(d for d in found if d.tooth not in broken)
+    return found
+
+
+def _chipped_tips(flanks: Flanks, folded: FoldedMap, scatter: float, there: Mask) -> list[Defect]:
+    """Chips of the tip's edge beyond the range of profiles: readings below the flank, by more than all teeth have
+    there, and below the land.
+    """
+    nominal, teeth = flanks.toothing.nominal, there.size
+    end = nominal.profile_range[1]
+    inside = flanks.select((flanks.roll < end) & (flanks.roll > end - INSIDE_TIP))
+    within, outside = (p.select(p.roll > end) for p in (flanks, flanks.outside_gate))
+    at_tip = within.joined([outside])
+    depth = _median_of_flanks(inside, flanks.toothing.offsets)[at_tip.flank] - at_tip.delta
+    drop = usual_tips(folded, nominal)[at_tip.flank % teeth] - nominal.radius(at_tip.roll)
+    missing = np.minimum(depth - _usual_depth(at_tip, depth, teeth), drop)
+    chipped = _more_than_usual(at_tip.select(missing > _least_depth(scatter)), there)
+    return [_chip(at_tip, missing, flank, scatter, nominal) for flank in chipped]
+
+
+def _least_depth(scatter: float) -> float:
+    """mm that a reading must lie deep to be one of a chip; ``scatter``: standard deviation of a reading, mm."""
+    return TOOTH_DEPTH - GUARD_FACTOR * scatter
+
+
+def _usual_depth(points: FlankPoints, depth: Array, teeth: int) -> Array:
+    """How far below their flanks (n,) mm readings of a side usually are at the roll lengths of ``points``, by their own
+    ``depth`` (n,) mm: tips may be chamfered or rounded.
+    """
+    first, last = float(points.roll.min(initial=np.inf)), float(points.roll.max(initial=-np.inf))
+    bins = max(1, ceil((last - first) / TIP_BIN)) if points.roll.size else 1
+    cell = points.flank // teeth * bins + bin_index(points.roll, first, last, bins)
+    usual = np.zeros(2 * bins)
+    for n in np.unique(cell):
+        seen = depth[(cell == n) & np.isfinite(depth)]
+        usual[n] = max(float(np.quantile(seen, USUALLY)), 0.0) if seen.size else 0.0
+    return np.asarray(usual[cell])
 
 
 def _near_ends(points: FlankPoints, nominal: Involute) -> FlankPoints:
@@ -96,18 +140,21 @@ def _fewer_than_usual(sound: FlankPoints, inside: FlankPoints, there: Mask) -> l
     ).tolist()
 
 
-def _chip(gone: FlankPoints, depths: Array, scatter: float, flanks: Flanks) -> Defect:
-    """The chip that shows in some readings ``gone`` of a flank, by their ``depths`` (n,) mm."""
-    nominal, depth = flanks.toothing.nominal, float(np.quantile(depths, DEPTH_QUANTILE))
-    side, tooth = divmod(int(gone.flank[0]), nominal.gear.teeth)
-    U = hypot(DEPTH_SHARE_U * depth, 2 * max(scatter, robust_sd(depths - np.median(depths)) / np.sqrt(depths.size)))
-    verdict = decide(depth, U, (None, TOOTH_DEPTH))
+def _chip(points: FlankPoints, depth: Array, flank: int, scatter: float, nominal: Involute) -> Defect:
+    """The chip of a flank that shows in those of the ``points`` that lie deep, by their ``depth`` (n,) mm."""
+    on = (points.flank == flank) & (depth > _least_depth(scatter))
+    gone, depths = points.select(on), depth[on]
+    side, tooth = divmod(flank, nominal.gear.teeth)
+    deepest = float(np.quantile(depths, DEPTH_QUANTILE))
+    scatters = max(scatter, robust_sd(depths - np.median(depths)) / np.sqrt(depths.size))
+    U = hypot(DEPTH_SHARE_U * deepest, 2 * scatters)
+    verdict = decide(deepest, U, (None, TOOTH_DEPTH))
     if verdict == "does_not_conform" and np.unique(gone.profile).size < LEAST_PROFILES:
         verdict = "undecided"
     extent = float(max(np.ptp(gone.height), np.ptp(gone.roll)))
     return Defect(
-        tooth + 1, FLANKS[side], float(np.median(gone.roll)), float(np.median(gone.height)), depth, extent,
-        "chipped flank", depth / TOOTH_DEPTH * SIGNIFICANT, U=U, verdict=verdict,
+        tooth + 1, FLANKS[side], float(np.median(gone.roll)), float(np.median(gone.height)), deepest, extent,
+        "chipped flank", deepest / TOOTH_DEPTH * SIGNIFICANT, U=U, verdict=verdict,
     )  # fmt: skip
 
 
