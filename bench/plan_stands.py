@@ -239,14 +239,15 @@ def main() -> None:
     refused = {"refused": 0, "untrusted": 0}
     seeds = range(options.first_seed, options.first_seed + options.stands)
     with ProcessPoolExecutor(options.jobs) as pool:
-        for job in [pool.submit(partial(try_stand, options.part, options.views), seed) for seed in seeds]:
+        jobs = {seed: pool.submit(partial(try_stand, options.part, options.views), seed) for seed in seeds}
+        for seed, job in jobs.items():
             try:
                 for key, line in job.result().items():
                     told.setdefault(key, []).append(line)
             except TruestandError as error:
                 kind = "untrusted" if isinstance(error, Untrusted) else "refused"
                 refused[kind] += 1
-                print(f"{kind}: {error}")
+                print(f"{kind}, seed {seed}: {error}", flush=True)
     print(
         "| characteristic | U planned, um | U inspected, um | 2 rms error, um | largest | of its U | planned / 2 rms |"
     )

@@ -101,6 +101,21 @@ def test_the_mesh_is_watertight_and_faces_outwards(beta):
     assert 0.8 * full < np.sum(a * np.cross(b, c)) / 6 < 1.1 * full
 
 
+def test_the_fillet_leaves_the_flank_in_its_direction():
+    """A radial wall below the flank was seen at 84 degrees, far more steeply than any fillet that a rack cuts."""
+    ring = Gear(80, 1.0, 20.0, 5.0, 82.0, 77.5)
+    vertices, triangles, flanks = gear_mesh(GearSurface(ring, GearErrors()), 20.0)
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    middles = corners.mean(axis=1)
+    of_flank = np.flatnonzero((flanks.tooth == 3) & (flanks.side == 1))
+    lowest = of_flank[np.argmin(np.linalg.norm(middles[of_flank, :2], axis=1))]
+    others = np.flatnonzero(flanks.side == 0)
+    next_one = others[np.argmin(np.linalg.norm(middles[others] - middles[lowest], axis=1))]
+    assert np.degrees(np.arccos(normals[lowest] @ normals[next_one])) < 5.0
+
+
 @pytest.mark.parametrize("beta", [0, 15, -15])
 def test_readings_of_a_perfect_gear_lie_on_the_involute(beta):
     found, _, _ = deviations(in_shaft(scanned(VirtualGear(gear(beta)))), gear(beta))

@@ -74,6 +74,16 @@ def test_a_flank_that_stands_elsewhere_on_the_next_turn_stays():
     assert lone_readings(*read(image)).mean() < 0.01
 
 
+def test_an_edge_beside_a_flank_is_no_flank_that_stands_elsewhere():
+    """Profiles of two turns met the same places, and next to them the land of the tip: what lies between two profiles
+    there was taken for what the turns differ by.
+    """
+    image = flank(2.0)
+    image += np.minimum(0.0, 0.06 * (62.0 - np.arange(2 * PER_TURN) % PER_TURN))[:, None]
+    image[(np.arange(2 * PER_TURN) % PER_TURN < 60) | (np.arange(2 * PER_TURN) % PER_TURN > 67)] = np.nan
+    assert lone_readings(*read(image)).mean() < 0.01
+
+
 def test_few_readings_are_no_error():
     assert lone_readings(*read(np.full((3, 4), np.nan))).size == 0
     assert lone_readings(*read(np.full((2 * PER_TURN, 4), np.nan))).size == 0

@@ -81,9 +81,11 @@ class _NearEnds:
         place = some.toothing.datum.pose(points - (more[which] / rise)[:, None] * to_sensor)
         roll = np.sqrt(np.maximum(place[:, 0] ** 2 + place[:, 1] ** 2 - nominal.base_radius**2, 0.0))
         facing = rise / (np.linalg.norm(to_sensor, axis=1) * np.linalg.norm(gradient, axis=1))
-        at_root = [facing[(from_root[which] < MOST_ALONG) & (side == k)] for k in (0, 1)]
-        told = [values if values.size >= LEAST_READINGS else np.zeros(1) for values in at_root]
+        at_root = [(from_root[which] < MOST_ALONG) & (side == k) for k in (0, 1)]
+        told = [facing[of] if np.count_nonzero(of) >= LEAST_READINGS else np.zeros(1) for of in at_root]
+        beyond = [some.roll[of & (roll < nominal.control_roll)].max(initial=0.0) for of in at_root]
         reach = np.array([_reach(view, float(np.quantile(values, STEEPEST))) for values in told])
+        reach = np.maximum(reach, beyond)
         return cls(
             which,
             (roll >= nominal.control_roll) & (roll <= nominal.tip_roll),

@@ -216,7 +216,7 @@ def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
     near = np.zeros(grid.delta.shape, dtype=bool)
     if view.steeper is None or view.fillet_reach is None:
         return near, near
-    near |= (grid.rolls < view.fillet_reach[:, None])[:, None, :, None]
+    near |= (grid.rolls - grid.size[0] / 2 < view.fillet_reach[:, None])[:, None, :, None]
     return near, near & view.steeper[:, None, None, None]
 
 

@@ -1,6 +1,7 @@
 """A watertight mesh of a real gear: it decides which surface a ray meets first; flanks are solved afterwards."""
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,9 +103,9 @@ def _tooth(surface: GearSurface, k: int, heights: Array) -> tuple[Array, Array, 
     grid = np.broadcast_to(np.hypot(c.base, roll), (heights.size, FLANK_POINTS))
     capped = np.minimum(grid, surface.tip_radius(tooth, column))
     flank = {s: surface.flank_angle(tooth, s, capped, column) for s in (LEFT, RIGHT)}
-    turn = np.linspace(0.0, np.pi / 2, FILLET_POINTS + 1)[1:]
-    fillet_radius = np.broadcast_to(c.root + (c.start - c.root) * (1 - np.sin(turn)), (heights.size, FILLET_POINTS))
-    fillet = {s: flank[s][:, :1] + s * _fillet_angle(surface) * (1 - np.cos(turn)) for s in (LEFT, RIGHT)}
+    below, beside = _fillet(surface)
+    fillet_radius = np.broadcast_to(below, (heights.size, FILLET_POINTS))
+    fillet = {s: flank[s][:, :1] + s * beside for s in (LEFT, RIGHT)}
     tip = capped[:, -1:]
     land, land_angle = _arc(tip, flank[RIGHT][:, -1:], flank[LEFT][:, -1:])
     root, root_angle = _arc(np.full_like(tip, c.root), fillet[LEFT][:, -1:], _next_foot(surface, k, heights))
@@ -130,6 +131,17 @@ def _arc(radius: Array, first: Array, last: Array) -> tuple[Array, Array]:
     share = np.arange(1, LAND_POINTS + 1) / (LAND_POINTS + 1)
     angle = first + (last - first) * share
     return np.broadcast_to(radius, angle.shape), angle
+
+
+def _fillet(surface: GearSurface) -> tuple[Array, Array]:
+    """Radius (mm) and angle (rad, from the flank's end) of a fillet's points (n,): a parabola that leaves the flank in
+    the flank's direction, as one that a rack cuts does, and meets the root circle in the circle's.
+    """
+    c, end = surface.circles, _fillet_angle(surface)
+    slope = sqrt(c.start**2 - c.base**2) / c.base / c.start  # of the involute's angle over its radius
+    corner = min(slope * (c.start - c.root), end)
+    t = np.arange(1, FILLET_POINTS + 1) / FILLET_POINTS
+    return c.root + (c.start - c.root) * (1 - t) ** 2, 2 * t * (1 - t) * corner + t**2 * end
 
 
 def _fillet_angle(surface: GearSurface) -> float:

@@ -84,7 +84,7 @@ def lone_readings(
     shown, repeated = np.zeros((2, delta.size), dtype=bool)
     for place in _places_in_other_turns(angle):
         low, high = _bracket(image, place[row], column)
-        drift = _drift(delta - (low + high) / 2, surface, angle[row])
+        drift = _drift(delta - _nearest(image, place[row], column), surface, angle[row])
         with np.errstate(invalid="ignore"):
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
         shown |= np.isfinite(low)
@@ -170,6 +170,13 @@ def _bracket(image: Image, place: Array, column: NDArray[np.int64]) -> tuple[Arr
             other = image[first + ROWS + r, column[there] + MARGIN + c]
             low[there], high[there] = np.fmin(low[there], other), np.fmax(high[there], other)
     return low, high
+
+
+def _nearest(image: Image, place: Array, column: NDArray[np.int64]) -> Array:
+    """delta (n,) of the reading nearest to each ``place`` (n,); NaN: none."""
+    there = np.isfinite(place)
+    row = np.rint(np.where(there, place, 0.0)).astype(np.int64)
+    return np.where(there, image[row + ROWS, column + MARGIN], np.nan)
 
 
 def _drift(apart: Array, surface: NDArray[np.integer], angle: Array) -> Array:
