@@ -17,7 +17,7 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.assumptions import BEARING_U, INCIDENCE_U, K
-from truestand.core.frames import ECCENTRICITY, PHI, PLANE_OFFSET, PLANE_TILT, TILT, UNKNOWNS
+from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, TILT, UNKNOWNS
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
@@ -25,9 +25,8 @@ from truestand.gear.fillet import surely_on_flanks
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import Grid, grid_of, means_of
+from truestand.gear.seen_flanks import seen_flanks
 from truestand.gear.views import GearView, joined, part_of
-from truestand.uncertainty.lines import once_per_turn
-from truestand.uncertainty.range_errors import change_along_range
 
 LEAST_SPAN = 0.5
 """Of the profile, the face or the teeth over which two views must see the same cells for what goes along them to count.
@@ -37,6 +36,8 @@ LEAST_CELLS = 30
 ROUNDS, MOST_SD, LEAST_SPREAD = 2, 4.0, 1e-6
 """In which differences of cells are left out that lie so many robust standard deviations off, or mm at least."""
 SLOPES = {1: "profile", 2: "face"}
+PLACES = 5
+"""Along the profile and along the face at which it is worked out what goes once round the gear."""
 SMOOTH, TERMS = 3, 5
 """A shift, a slope along the profile and one along the face; and what goes once round the gear, cosine and sine."""
 
@@ -143,7 +144,7 @@ def _slopes_contradict(pair: tuple[GearView, GearView], side: int, apart: Array)
 
 def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
     """What two views read too far ``apart`` (``TERMS``,) mm once round the gear."""
-    difference, U = float(np.hypot(*apart[SMOOTH:])), hypot(*(_round_known(view) for view in pair))
+    difference, U = float(np.hypot(*apart[SMOOTH:])), hypot(*(_round_known(view)[side] for view in pair))
     what = f"the {FLANKS[side]} flanks up to", " once round the gear"
     why = "the angle slipped in one of the scans, or the part moved between them; scan again"
     return _contradiction(pair, what, difference, U, why)
@@ -153,7 +154,7 @@ def _leans_contradict(pair: tuple[GearView, GearView], side: int, apart: Array, 
     """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``."""
     what = f"the {FLANKS[side]} flanks up to", " at the ends of the face, once round the gear"
     why = "the part leaned otherwise in one of the scans; scan again"
-    return _contradiction(pair, what, _lean(apart, grid), hypot(*(_lean_known(view) for view in pair)), why)
+    return _contradiction(pair, what, _lean(apart, grid), hypot(*(_lean_known(view, side) for view in pair)), why)
 
 
 def _contradiction(
@@ -180,11 +181,11 @@ def _lean(apart: Array, grid: Grid) -> float:
     return float(np.hypot(*coefficients[TERMS:]))
 
 
-def _lean_known(view: GearView) -> float:
-    """U (mm, k = 2) of how the gear leans as a view reads it, at the ends of its face, roughly: the shaft's tilt, the
-    bearing, and of a helical gear what goes once round, which its ends meet at other angles.
+def _lean_known(view: GearView, side: int) -> float:
+    """U (mm, k = 2) of how the gear leans as a view reads it on one side, at the ends of its face, roughly: the shaft's
+    tilt, the bearing, and of a helical gear what goes once round, which its ends meet at other angles.
     """
-    round_it, nominal = _round_known(view), view.flanks.toothing.nominal
+    round_it, nominal = float(_round_known(view)[side]), view.flanks.toothing.nominal
     if round_it == inf:
         return inf
     half, tilt = nominal.gear.face_width / 2, K * float(np.sqrt(np.diag(view.calibration.covariance)[TILT].max()))
@@ -205,17 +206,26 @@ def slopes_known(view: GearView) -> dict[str, float]:
     return {"profile": hypot(read, beside, turned), "face": hypot(read, turned)}
 
 
-def _round_known(view: GearView) -> float:
-    """U (mm, k = 2) of what a view reads once round the gear, roughly: of its range, what differs over the shaft's
-    travel. Infinite for a part that was turned over, which may sit otherwise.
+def _round_known(view: GearView) -> Array:
+    """U (2,) (mm, k = 2) of what a view reads once round the gear, on left and on right flanks: of all inputs that are
+    its own and of the table, in whatever direction. Infinite for a part that was turned over, which may sit otherwise.
     """
-    calibration = view.calibration
+    calibration, toothing = view.calibration, view.flanks.toothing
     if calibration.sense < 0 or calibration.covariance.shape[0] < UNKNOWNS:
-        return inf
-    sensor, travel = view.scan.stand.sensor, 2 * calibration.eccentricity
-    axis = K * float(np.sqrt(np.diag(calibration.covariance)[ECCENTRICITY].max()))
-    turning = once_per_turn(view.scan)[1] * view.flanks.toothing.nominal.base_radius
-    return hypot(turning, BEARING_U, axis, sensor.linearity * change_along_range(sensor, apart=travel))
+        return np.full(2, inf)
+    nominal, shape = toothing.nominal, (2, view.teeth, PLACES, PLACES)
+    roll = np.broadcast_to(np.linspace(*nominal.profile_range, PLACES)[:, None], shape)
+    height = np.broadcast_to(np.linspace(*nominal.helix_range, PLACES), shape)
+    seen = seen_flanks(view.scan, calibration, toothing, roll, height, view.before_rms)
+
+    def once_round(fields: Array) -> Array:
+        of_teeth = fields.reshape(len(fields), 2, view.teeth, -1).mean(axis=3)
+        return np.asarray(2 / view.teeth * of_teeth @ _around(nominal).T)
+
+    of_inputs = once_round(np.stack([line.field for line in (*seen.of_sensor, *seen.of_table)]))
+    of_unknowns, covariance = once_round(seen.by_delta[:UNKNOWNS]), calibration.covariance[:UNKNOWNS, :UNKNOWNS]
+    by_calibration = K**2 * np.einsum("isc,ij,jsc->s", of_unknowns, covariance, of_unknowns)
+    return np.asarray(np.sqrt(np.square(of_inputs).sum(axis=(0, 2)) + by_calibration))
 
 
 def _off(means: Sequence[Array], grid: Grid) -> Array:
