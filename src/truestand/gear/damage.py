@@ -138,8 +138,7 @@ def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
 def damage_of(
     flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float
 ) -> tuple[Damage, ...]:
-    """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth,
-    with what is missing of the tip's edge beyond them.
+    """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
 
     ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
     at the axis; ``there`` (teeth,): teeth that the drawing has; ``apart``: standard deviation (mm) of what views read
@@ -159,21 +158,17 @@ def damage_of(
     departs = DEPARTS * hypot(spread, shared)
     lower, higher = (_number(cell[sign * depth > departs], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
-    chipped = _chipped_tips(rest, departs, grid)
-    inside, below = grid.in_ranges, np.where(grid.in_ranges, below, chipped)
     unseen, missed = _unseen(rays, there)
     unusual, not_met = (np.maximum(missed, weight * rays.in_runs.missed) for weight in (IN_ONE_ROW, 1))
     for sign, departing, number, marked, weight in (
         (1, below, lower, below | unseen, np.maximum(below, unusual)), (-1, above, higher, above, above),
     ):  # fmt: skip
-        marked = marked & (inside | chipped) & there[:, None, None]
+        marked = marked & grid.in_ranges & there[:, None, None]
         bridged = _with_those_between(bridge_gaps(marked, grid, step), grid.seen, BETWEEN)
-        for side, tooth in np.argwhere((marked & inside).any(axis=(2, 3))):
+        for side, tooth in np.argwhere(marked.any(axis=(2, 3))):
             own = np.flatnonzero(flanks.flank == side * teeth + tooth)
             of_flank = (cells[side, tooth] for cells in (marked, weight, number, bridged))
             for region in _regions(*of_flank):
-                if not _in_range(region, inside[side, tooth], chipped[side, tooth]):
-                    continue
                 on = (region & departing[side, tooth]).reshape(-1)
                 found.append(_damage(_Region(
                     int(side), int(tooth), region, sign, sign * depth[own[on[cell[own] % region.size]]], spread,
@@ -183,25 +178,6 @@ def damage_of(
                 ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
-
-
-def _chipped_tips(rest: Array, departs: float, grid: Grid) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) beyond the evaluation range at the tip of which more is missing than of
-    those of other teeth: an edge that is chipped may reach little into the range. All tips may be rounded or chamfered.
-
-    ``rest`` (2, teeth, roll lengths, heights) mm off the smooth flanks.
-    """
-    beyond = (grid.rolls > grid.nominal.profile_range[1])[:, None] & ~grid.in_ranges
-    usual = nan_median(rest, axis=1)[:, None]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(beyond & (rest - np.minimum(usual, 0.0) < -departs))
-
-
-def _in_range(region: Mask, inside: Mask, chipped: Mask) -> bool:
-    """Whether a region (roll lengths, heights) is one of the evaluation range: what is ``chipped`` beyond it reaches
-    into it by more than a cell that noise may have marked.
-    """
-    return bool(not (region & chipped).any() or np.count_nonzero(region & inside) >= FEW)
 
 
 def _raised_on_all(smooth: SmoothFlanks) -> Array:

@@ -118,8 +118,8 @@ def inspect_gear(
     influences = influences_of(weighed(views, complete, evaluator.grid), evaluator.grid, complete.toothing)
     assessment = assess(influences, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
-    defects = (*defects, *chipped_flanks(damage, defects))
     defects = (*defects, *broken_edges(flanks, folded, evaluator.grid.scatter, there, defects))
+    defects = (*defects, *chipped_flanks(damage, defects))
     if not gear.damage_decides:
         defects = tuple(replace(d, verdict=None) for d in defects)
     if gear.defect_depth is not None:
