@@ -198,6 +198,19 @@ def test_views_that_read_the_gear_by_far_otherwise_once_round_contradict(apart, 
     assert all("once round the gear" in str(m) for m in found)
 
 
+@pytest.mark.parametrize(("incidence", "told"), [(0.005, 2), (0.06, 0)])
+def test_flanks_of_an_eccentric_shaft_are_seen_more_and_less_steeply(incidence, told):
+    """Two of 50 sound rings contradicted each other once round."""
+    views = [
+        replace(view, scan=replace(view.scan, stand=two_sensors(points=240, incidence_U=incidence).of_view(name)))
+        for view, name in zip(seen_by_two(), ("front", "rear"), strict=True)
+    ]
+    grid = grid_of(views[0].flanks)
+    off, means = np.zeros((2, 2, 5)), np.zeros((2, *grid.delta.shape))
+    off[0, :, 3] = 0.01
+    assert len(_contradictions(views, [view.calibration.reader for view in views], off, means, grid)) == told
+
+
 @pytest.mark.parametrize(("apart", "told"), [(0.0005, 0), (0.006, 2)])
 def test_a_gear_that_leans_more_in_one_of_two_scans_is_told(apart, told):
     """An outsider's, by 0.05 degrees: f_Hbeta was 2.7 U off, and conformed."""
