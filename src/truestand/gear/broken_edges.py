@@ -88,8 +88,10 @@ def _usual_depth(points: FlankPoints, depth: Array, teeth: int) -> Array:
     """How far below their flanks (n,) mm readings of a side usually are at the roll lengths of ``points``, by their own
     ``depth`` (n,) mm: tips may be chamfered or rounded.
     """
-    first, last = float(points.roll.min(initial=np.inf)), float(points.roll.max(initial=-np.inf))
-    bins = max(1, ceil((last - first) / TIP_BIN)) if points.roll.size else 1
+    if not points.roll.size:
+        return depth
+    first, last = float(points.roll.min()), float(points.roll.max())
+    bins = max(1, ceil((last - first) / TIP_BIN))
     cell = points.flank // teeth * bins + bin_index(points.roll, first, last, bins)
     usual = np.zeros(2 * bins)
     for n in np.unique(cell):

@@ -122,12 +122,14 @@ def _contradictions(
     allow: by ``off`` (readers, 2, ``TERMS``) mm, and by ``means`` of what each shows of the cells.
     """
     of_readers = {view.calibration.reader: view for view in views}
+    known = {reader: _round_known(view) for reader, view in of_readers.items()}
     found: list[Message] = []
     for (a, b), side in product(combinations(range(len(readers)), 2), (0, 1)):
         pair = (of_readers[readers[a]], of_readers[readers[b]])
+        round_it = known[readers[a]][side], known[readers[b]][side]
         apart = off[a, side] - off[b, side]
-        found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart))
-        found += _leans_contradict(pair, side, means[a][side] - means[b][side], grid)
+        found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart, hypot(*round_it)))
+        found += _leans_contradict(pair, side, means[a][side] - means[b][side], round_it, grid)
     return tuple(found)
 
 
@@ -142,19 +144,24 @@ def _slopes_contradict(pair: tuple[GearView, GearView], side: int, apart: Array)
     return found
 
 
-def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array) -> list[Message]:
-    """What two views read too far ``apart`` (``TERMS``,) mm once round the gear."""
-    difference, U = float(np.hypot(*apart[SMOOTH:])), hypot(*(_round_known(view)[side] for view in pair))
+def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array, U: float) -> list[Message]:
+    """What two views read too far ``apart`` (``TERMS``,) mm once round the gear, for its ``U`` (k = 2), mm."""
+    difference = float(np.hypot(*apart[SMOOTH:]))
     what = f"the {FLANKS[side]} flanks up to", " once round the gear"
     why = "the angle slipped in one of the scans, or the part moved between them; scan again"
     return _contradiction(pair, what, difference, U, why)
 
 
-def _leans_contradict(pair: tuple[GearView, GearView], side: int, apart: Array, grid: Grid) -> list[Message]:
-    """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``."""
+def _leans_contradict(
+    pair: tuple[GearView, GearView], side: int, apart: Array, round_it: tuple[float, float], grid: Grid
+) -> list[Message]:
+    """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``;
+    ``round_it``: U (mm, k = 2) of what each reads once round.
+    """
     what = f"the {FLANKS[side]} flanks up to", " at the ends of the face, once round the gear"
     why = "the part leaned otherwise in one of the scans; scan again"
-    return _contradiction(pair, what, _lean(apart, grid), hypot(*(_lean_known(view, side) for view in pair)), why)
+    U = hypot(*(_lean_known(view, known) for view, known in zip(pair, round_it, strict=True)))
+    return _contradiction(pair, what, _lean(apart, grid), U, why)
 
 
 def _contradiction(
@@ -181,11 +188,11 @@ def _lean(apart: Array, grid: Grid) -> float:
     return float(np.hypot(*coefficients[TERMS:]))
 
 
-def _lean_known(view: GearView, side: int) -> float:
-    """U (mm, k = 2) of how the gear leans as a view reads it on one side, at the ends of its face, roughly: the shaft's
-    tilt, the bearing, and of a helical gear what goes once round, which its ends meet at other angles.
+def _lean_known(view: GearView, round_it: float) -> float:
+    """U (mm, k = 2) of how the gear leans as a view reads it, at the ends of its face, roughly: the shaft's tilt, the
+    bearing, and of a helical gear what goes once round (``round_it``, its U), which its ends meet at other angles.
     """
-    round_it, nominal = float(_round_known(view)[side]), view.flanks.toothing.nominal
+    nominal = view.flanks.toothing.nominal
     if round_it == inf:
         return inf
     half, tilt = nominal.gear.face_width / 2, K * float(np.sqrt(np.diag(view.calibration.covariance)[TILT].max()))
