@@ -94,6 +94,7 @@ def test_teeth_that_miss_parts():
     [
         (Worn(7, "right", (6.5, 14.0), (4.0, 5.9), 0.15), "chipped flank", "does_not_conform"),
         (Worn(7, "left", (6.5, 14.0), (24.1, 26.0), 0.4), "hidden end", "undecided"),
+        (Worn(7, "left", (7.5, 11.0), (24.1, 26.0), 0.4), "hidden end", "undecided"),
     ],
 )
 def test_a_flank_broken_beyond_the_range_of_helices_is_told(broken, kind, verdict):

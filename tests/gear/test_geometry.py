@@ -61,5 +61,7 @@ def test_a_flank_lies_where_the_tooth_is_as_thick_as_stated(gear):
 def test_a_drawing_that_is_no_gear_is_refused():
     with pytest.raises(BadRecipe, match="need a tip above the root"):
         replace(SPUR, root_diameter=60.0)
+    with pytest.raises(BadRecipe, match="face_width_mm 0"):
+        replace(SPUR, face_width=0.5)
     with pytest.raises(BadRecipe, match="check teeth"):
         replace(SPUR, teeth=48)

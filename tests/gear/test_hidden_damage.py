@@ -265,3 +265,13 @@ def test_stray_readings_near_the_flank_make_no_sound_gear_fail(share):
     off = np.array([abs(c.value - true[c.name, c.flank, c.tooth]) / c.U for c in lines])
     assert (off > 1.5).mean() < 0.02 and off.max() < 3.0
     assert sum(c.verdict == "conforms" for c in lines) > 0.8 * len(lines)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("width", "points"), [(1.0, 320), (3.0, 160)])
+def test_faces_that_few_points_of_a_profile_see_are_inspected(width, points):
+    """They crashed: other sections had no cell, and a bend between profiles had more stretches than the face cells."""
+    found = inspected(SOUND, replace(GEAR, face_width=width, accuracy_class=None), points=points)
+    for flank in FLANKS:
+        pitch = line(found, "f_p", None, flank)
+        assert pitch.value <= pitch.U

@@ -82,7 +82,7 @@ class Defect:
     depth: float | None
     extent: float | None
     kind: str
-    """dent | bump | chipped tip | chipped end | burr | missing tooth | hidden tip | chipped flank."""
+    """dent | bump | chipped tip | chipped end | burr | missing tooth | hidden tip | hidden end | chipped flank."""
     score: float
     second_score: float | None = None
     """IsolationForest, 0..1, where scikit-learn is installed."""

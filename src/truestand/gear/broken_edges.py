@@ -29,7 +29,9 @@ TIP_BIN = 0.1
 LEAST_READINGS, LEAST_PROFILES = 8, 3
 """Readings more than those, and profiles that must have them to decide."""
 MOST_LEFT = 0.5
-"""Of the readings that should be there, that a flank has which was not seen to its end."""
+"""Of the readings that should be there, that a flank has which was not seen to its end,"""
+STRETCHES = (1.0, 1 / 2, 1 / 3)
+"""and the shares of the range of profiles over which they are counted: a break needn't take all of a flank."""
 DEPTH_QUANTILE = 0.9
 """Of the readings, that is the depth: the last few may be outliers."""
 
@@ -58,8 +60,8 @@ def _broken_ends(flanks: Flanks, scatter: float, there: Mask) -> list[Defect]:
         gone = depth > _least_depth(scatter)
         chipped = _more_than_usual(at_end.select(gone), there)
         found += [_chip(at_end, depth, flank, scatter, nominal) for flank in chipped]
-        hidden = _fewer_than_usual(at_end.select(~gone), inside, there)
-        found += [_hidden(flank, sign, end, flanks) for flank in hidden if flank not in chipped]
+        hidden = _hidden_stretches(at_end.select(~gone), inside, there, nominal)
+        found += [_hidden(f, stretch, sign, end, nominal) for f, stretch in hidden.items() if f not in chipped]
     return found
 
 
@@ -126,6 +128,23 @@ def _more_than_usual(gone: FlankPoints, there: Mask) -> list[int]:
     return np.flatnonzero((number >= MORE * usual + LEAST_READINGS) & there).tolist()
 
 
+def _hidden_stretches(
+    sound: FlankPoints, inside: FlankPoints, there: Mask, nominal: Involute
+) -> dict[int, tuple[float, float]]:
+    """Flanks that were not seen to an end of the face, with the longest stretch of roll lengths (mm, from and to) over
+    which they were not.
+    """
+    found: dict[int, tuple[float, float]] = {}
+    low, high = nominal.profile_range
+    for share in STRETCHES:
+        for first in np.linspace(low, high - share * (high - low), round(2 / share) - 1):
+            last = first + share * (high - low)
+            there_sound, there_inside = (p.select((p.roll >= first) & (p.roll <= last)) for p in (sound, inside))
+            for flank in _fewer_than_usual(there_sound, there_inside, there):
+                found.setdefault(flank, (float(first), float(last)))
+    return found
+
+
 def _fewer_than_usual(sound: FlankPoints, inside: FlankPoints, there: Mask) -> list[int]:
     """Flanks of whose readings, against those ``inside`` the range beside them, far fewer are ``sound`` ones than on
     the teeth beside them; ``there`` (teeth,).
@@ -137,9 +156,9 @@ def _fewer_than_usual(sound: FlankPoints, inside: FlankPoints, there: Mask) -> l
     beside = np.sort(np.stack([np.roll(share, -k, axis=1) for k in BESIDE]), axis=0)  # NaN last
     expected = np.nan_to_num(beside[len(BESIDE) // 4]) * of_inside
     lacking = expected - of_end
-    return np.flatnonzero(
-        (of_end < MOST_LEFT * expected) & (lacking >= LEAST_READINGS + MORE * np.sqrt(expected)) & there
-    ).tolist()
+    scatter = np.array([[robust_sd(side[there]) if there.any() else 0.0] for side in lacking])
+    few = (of_end < MOST_LEFT * expected) & (lacking >= LEAST_READINGS + MORE * scatter)
+    return np.flatnonzero(few & there).tolist()
 
 
 def _chip(points: FlankPoints, depth: Array, flank: int, scatter: float, nominal: Involute) -> Defect:
@@ -160,12 +179,13 @@ def _chip(points: FlankPoints, depth: Array, flank: int, scatter: float, nominal
     )  # fmt: skip
 
 
-def _hidden(flank: int, sign: float, end: float, flanks: Flanks) -> Defect:
-    """An end of a flank that was not seen, where the teeth beside it have theirs: it may have broken off."""
-    nominal = flanks.toothing.nominal
+def _hidden(flank: int, stretch: tuple[float, float], sign: float, end: float, nominal: Involute) -> Defect:
+    """An end of a flank that was not seen over a ``stretch`` of roll lengths, where the teeth beside it have theirs: it
+    may have broken off.
+    """
     side, tooth = divmod(flank, nominal.gear.teeth)
     face = nominal.gear.face_to if sign > 0 else nominal.gear.face_from
-    middle = sum(nominal.profile_range) / 2
     return Defect(
-        tooth + 1, FLANKS[side], middle, (end + face) / 2, None, abs(face - end), "hidden end", 0.0, verdict="undecided"
-    )
+        tooth + 1, FLANKS[side], sum(stretch) / 2, (end + face) / 2, None, abs(face - end), "hidden end", 0.0,
+        verdict="undecided",
+    )  # fmt: skip

@@ -10,6 +10,8 @@ from truestand.core.temperature import UNSTATED, Temperature
 Datum = Literal["base", "seat", "common"]
 Standard = Literal["ISO 1328-1:2013", "ISO 1328-1:1995"]
 Ends = Literal["full", "evaluation"]
+LEAST_FACE_WIDTH = 0.6
+"""mm: 0.2 mm at either end are left out, where chamfers are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +108,8 @@ class Gear:
                 f"found tip_diameter_mm {self.tip_diameter:g} and root_diameter_mm {self.root_diameter:g}; "
                 "need a tip above the root"
             )
+        if self.face_width < LEAST_FACE_WIDTH:
+            raise BadRecipe(f"found face_width_mm {self.face_width:g}, need {LEAST_FACE_WIDTH:g} at least")
         if any(not 1 <= n <= self.teeth for n in self.missing_teeth):
             raise BadRecipe(f"found missing_teeth {list(self.missing_teeth)}, need numbers from 1 to {self.teeth}")
         if len(set(self.missing_teeth)) == self.teeth:

@@ -305,8 +305,9 @@ def _between_profiles(evaluator: Evaluator) -> Figures:
     read = helix_line(traces.helix(points), evaluator)
     square = {name: np.zeros(points.shape[0]) for name in FIGURES_OF_LINE}
     for _ in range(BEND_DRAWS):
-        stretch = np.cumsum(rng.random(points.shape) < STRETCHES / points.shape[1], axis=1)
-        share = np.take_along_axis(rng.random(points.shape), stretch, axis=1)
+        begins = rng.random(points.shape) < STRETCHES / points.shape[1]
+        begins[:, 0] = False
+        share = np.take_along_axis(rng.random(points.shape), np.cumsum(begins, axis=1), axis=1)
         drawn = helix_line(traces.helix(np.where(share < nearer_high, points + high, points - low)), evaluator)
         for name in square:
             square[name] += np.square(getattr(drawn, name) - getattr(read, name)) / BEND_DRAWS

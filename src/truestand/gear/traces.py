@@ -127,7 +127,8 @@ def traces_of(
     gap = gap_about(rolls - place)
     near = on_circle.seen & (gap <= widest)
     heights = (share * columns_of(grid.height)).sum(axis=2) / np.maximum(share.sum(axis=2), 1e-300)
-    band = np.asarray(np.abs(grid.heights - middle) < TRACE_SHARE * nominal.gear.face_width)
+    off_middle = np.abs(grid.heights - middle)
+    band = np.asarray(off_middle <= max(TRACE_SHARE * nominal.gear.face_width, float(off_middle.min())))
     across = _widest_over(np.where(np.isfinite(gap), gap, 0.0), max(1, round(HOLE / grid.size[1])))
     ball = reading(nominal.ball_roll) if circle is None else on_circle
     return Traces(nominal, step, grid.size, band, rolls, np.where(near, heights, np.nan), across, on_circle, ball)
