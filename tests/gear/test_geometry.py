@@ -8,8 +8,9 @@ import pytest
 
 from gears import SPUR, helical
 from truestand.core.errors import BadRecipe
-from truestand.gear.drawing import Evaluation
+from truestand.gear.drawing import Evaluation, Gear
 from truestand.gear.geometry import angle_from_inv, inv, involute
+from truestand.gear.undercut import undercut_roll
 
 
 def test_the_involute_function_and_its_inverse():
@@ -65,3 +66,17 @@ def test_a_drawing_that_is_no_gear_is_refused():
         replace(SPUR, face_width=0.5)
     with pytest.raises(BadRecipe, match="check teeth"):
         replace(SPUR, teeth=48)
+
+
+@pytest.mark.parametrize(("teeth", "module", "roll"), [(9, 3.0, 1.90), (12, 2.5, 1.20), (24, 2.0, 0.0)])
+def test_few_teeth_are_undercut_as_far_up_as_another_generator_makes_them(teeth, module, roll):
+    """An outsider's trochoids, of a rack whose tip is rounded by a quarter of a module."""
+    reference = teeth * module / 2
+    assert undercut_roll(reference, radians(20.0), 1.25 * module, module) == pytest.approx(roll, abs=0.05)
+
+
+def test_a_profile_starts_above_an_undercut_and_away_from_the_base_circle():
+    few = Gear(9, 3.0, 14.0, 5.0, 33.0, 19.5)
+    assert involute(few).control_roll == pytest.approx(1.90, abs=0.05)
+    seventeen = Gear(17, 2.5, 14.0, 5.0, 47.5, 36.25)
+    assert involute(seventeen).control_roll == pytest.approx(0.1 * involute(seventeen).base_radius)

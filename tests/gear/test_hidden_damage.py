@@ -12,6 +12,7 @@ from gears import SPUR, helical, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
 from truestand.core.surface import apply_calibration
 from truestand.gear.damage import may_go_on
+from truestand.gear.drawing import Evaluation
 from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import VIBRATION
 from truestand.gear.flanks import find_flanks, find_toothing
@@ -275,3 +276,15 @@ def test_faces_that_few_points_of_a_profile_see_are_inspected(width, points):
     for flank in FLANKS:
         pitch = line(found, "f_p", None, flank)
         assert pitch.value <= pitch.U
+
+
+@pytest.mark.more
+def test_a_lower_end_of_profiles_that_no_tooth_shows_is_partial():
+    """An outsider's undercut teeth: f_falpha 2.5 +- 3.0 um for 43, of a range that began where no ray meets a flank."""
+    low = Evaluation(control_diameter=45.13)
+    spots = [(t, f, 0.75, h, 1.6) for t, f, h in product(range(1, 25), FLANKS, np.arange(5.0, 25.1, 0.5))]
+    found = inspected(SOUND, replace(GEAR, evaluation=low), blind=tuple(spots))
+    for flank, name in product(FLANKS, PROFILE):
+        at_root = line(found, name, None, flank)
+        assert at_root.status == "partial" and "without a reading" in at_root.reason
+        assert at_root.verdict != "conforms"

@@ -10,11 +10,13 @@ import numpy as np
 
 from truestand.core.arrays import Array, Mask
 from truestand.gear.evaluate import Evaluator, Measures
-from truestand.gear.grid import bridge_gaps, step_on_flank
+from truestand.gear.grid import Grid, bridge_gaps, step_on_flank
 from truestand.gear.traces import Traces, helix_points, profile_points
 
 NEAR_MIDDLE = 0.15
 """Share of control length and face about the middle of the measuring circle that must be seen for a position."""
+NARROWEST = 1.0
+"""mm of a trace without a reading in which damage may hide, unless the drawing says otherwise."""
 LEAST_SEEN = 0.2
 """Share of a row or column of cells that makes a point of a trace."""
 
@@ -39,7 +41,7 @@ class Coverage:
     helix_blind: Array
     """(2, teeth) mm of height, in one stretch, for which the sensor's points are blind."""
     hidden: Mask
-    """(2,): sides of whose profiles no tooth shows a part that rays should meet."""
+    """(2,): sides of whose profiles no tooth shows a part that rays should meet, or the lower end."""
     sides_tied: bool = True
     """Whether left and right flanks were seen in one frame."""
 
@@ -77,9 +79,18 @@ def coverage_of(
         np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
         _open_ends(evaluator.traces).reshape(2, *near.shape),
         blind,
-        hidden,
+        hidden | _lower_end_unseen(grid),
         sides_tied,
     )
+
+
+def _lower_end_unseen(grid: Grid) -> Mask:
+    """(2,): sides of which no tooth shows so long a stretch of the profile's lower end that damage may hide in it: what
+    is true of it, an undercut or a fillet, is true of all teeth, and no flank says so.
+    """
+    narrowest = grid.nominal.gear.evaluation.narrowest_damage or NARROWEST
+    shown = np.asarray(grid.solid.any(axis=(1, 3)))
+    return np.asarray(np.where(shown.any(axis=1), shown.argmax(axis=1), grid.rolls.size) * grid.size[0] > narrowest)
 
 
 def _share_seen(trace: Array, at: Array, reach: Array) -> Array:

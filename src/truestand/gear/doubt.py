@@ -12,7 +12,7 @@ import numpy as np
 from truestand.core.arrays import Mask
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import Characteristic, Verdict, decided
-from truestand.gear.coverage import Coverage
+from truestand.gear.coverage import NARROWEST, Coverage
 from truestand.gear.damage import Damage, Zone, damage_in
 from truestand.gear.evaluate import AREAL, MEAN, MEANS, PITCH, PROFILE_NAMES, Figures
 from truestand.gear.geometry import Involute
@@ -28,8 +28,6 @@ ON_TOP = "on top of a flank, or a second reflection"
 NOT_SEEN = "damage that was not seen whole"
 EDGES = "edges of damage in the middle of the face"
 HIDDEN = "damage like that found elsewhere, where nothing was seen"
-NARROWEST = 1.0
-"""mm of a trace without a reading in which damage may hide, unless the drawing says otherwise."""
 NARROW = 2.0
 """Gaps without a reading that damage may be wide, along the trace, to be of a kind that hides in one."""
 STEEPEST = 0.5

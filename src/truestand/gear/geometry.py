@@ -17,6 +17,7 @@ import numpy as np
 from truestand.core.arrays import Array, Ints
 from truestand.core.inspection import Flank
 from truestand.gear.drawing import Gear
+from truestand.gear.undercut import undercut_roll
 
 SIGMA = np.array([1.0, -1.0])
 """Of the left and the right flank, in the order of every array with flanks."""
@@ -25,9 +26,9 @@ TIP_SHARE = 0.05
 """Share of the control length at the tip that the profile's evaluation leaves out (ISO 1328-1:2013)."""
 FACE_SHARE = 0.05
 """Share of the face at either end that the helix' evaluation leaves out, at most one module (ISO 1328-1)."""
-LEAST_ROLL = 0.05
-"""Share of the tip's roll length at which a control length may start: nearer to the base circle a flank has no
-direction in which to look at it."""
+LEAST_ROLL = 0.1
+"""Share of the base radius at which a control length starts at least, unless the drawing says otherwise: nearer to the
+base circle 5 um of the flank move where a ray meets it by half a millimetre and more."""
 ROUND_BALL = 0.05
 """mm to which the ball's diameter is rounded."""
 
@@ -234,14 +235,17 @@ def involute(gear: Gear) -> Involute:
 
 
 def _control_roll(g: Gear, base: float, transverse: float, reference: float) -> float:
-    """Where a profile's control length starts: as drawn, or where a rack of one module's addendum leaves the flank."""
+    """Where a profile's control length starts: as drawn, or where a rack of one module's addendum leaves the flank, or
+    undercuts it.
+    """
     e = g.evaluation
-    tip = sqrt(max((g.tip_diameter / 2) ** 2 - base**2, 0.0))
     if e.control_diameter is not None:
         return sqrt(max((e.control_diameter / 2) ** 2 - base**2, 0.0))
     generated = reference * sin(transverse) - g.module * (1.0 - g.profile_shift) / sin(transverse)
+    if generated < 0:
+        generated = undercut_roll(reference, transverse, reference - g.root_diameter / 2, g.module)
     rooted = sqrt(max((g.root_diameter / 2 + 0.1 * g.module) ** 2 - base**2, 0.0))
-    return max(generated, rooted, LEAST_ROLL * tip)
+    return max(generated, rooted, LEAST_ROLL * base)
 
 
 def pitch_span(gear: Gear) -> int:
