@@ -5,22 +5,23 @@
     python bench/two_views.py seams --stands 100
     python bench/two_views.py gears
 
-poses: linearity of 20 um, coaxiality of 10 um, mountings and diameters drawn; ideal: none of it. seams: a helical gear
-by both, the rear one moved by 20 um towards the axis since the calibration in every second stand. gears: helical gears
-of both hands, figures against the truth.
+poses: linearity of 20 um in one wave, coaxiality of 10 um, mountings, diameters and what the table's bearing does once
+a turn towards each sensor drawn; ideal: none of it. seams: a helical gear by both, the rear one moved by 20 um towards
+the axis since the calibration in every second stand. gears: helical gears of both hands, figures against the truth.
 """
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from math import cos, degrees, radians, sin, sqrt, tau
+from math import atan2, cos, degrees, hypot, radians, sin, sqrt, tau
 
 import numpy as np
 
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import BEARING_U
 from truestand.core.errors import TruestandError
 from truestand.core.frames import Pose, about_axis
 from truestand.core.harmonics import wrap
@@ -35,6 +36,7 @@ from truestand.sim import (
     Misalignment,
     Mounting,
     Optics,
+    Running,
     Simulation,
     VirtualGear,
     Workpiece,
@@ -67,6 +69,8 @@ class World:
     artefact: Artefact
     simulation: Simulation
     optics: tuple[Optics, Optics]
+    running: tuple[Running, Running]
+    """As each sensor sees it: what the table's bearing does once a turn looks like eccentricity."""
 
     def scans(self, seed: int, part: VirtualGear | None = None, moved: float = 0.0) -> tuple[Scan, Scan]:
         """By both sensors; the rear one ``moved`` towards the axis, mm."""
@@ -82,7 +86,7 @@ class World:
                 front, (rear, where) = simulation.views
                 other = replace(where, standoff=where.standoff - moved / abs(sin(where.phi)))
                 simulation = replace(simulation, views=(front, (rear, other)))
-            own = replace(simulation.seen_from(name), optics=self.optics[k])
+            own = replace(simulation.seen_from(name), optics=self.optics[k], running=self.running[k])
             made = simulate(self.stand.of_view(name), own, self.artefact, 1000 * seed + k, None, part)
             scan = interpret(made.recording, self.stand, view=name)
             found.append((scan, made.truth))
@@ -127,7 +131,17 @@ def world(
     simulation = replace(
         base, mounting=Mounting(), running=running, workpiece=workpiece, acquisition=acquisition, views=views
     )
-    return World(stand, artefact, simulation, (optics[0], optics[1]))
+    aside = size * rng.normal(0, BEARING_U / 2, (2, 2))
+    return World(
+        stand, artefact, simulation, (optics[0], optics[1]), (off_by(running, *aside[0]), off_by(running, *aside[1]))
+    )
+
+
+def off_by(running: Running, x: float, y: float) -> Running:
+    """The same shaft a little aside, mm."""
+    x += running.eccentricity * cos(running.eccentricity_direction)
+    y += running.eccentricity * sin(running.eccentricity_direction)
+    return replace(running, eccentricity=hypot(x, y), eccentricity_direction=atan2(y, x))
 
 
 def try_poses(ideal: bool, seed: int) -> tuple[float, ...]:

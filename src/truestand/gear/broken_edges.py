@@ -139,8 +139,8 @@ def _hidden_stretches(
     for share in STRETCHES:
         for first in np.linspace(low, high - share * (high - low), round(2 / share) - 1):
             last = first + share * (high - low)
-            there_sound, there_inside = (p.select((p.roll >= first) & (p.roll <= last)) for p in (sound, inside))
-            for flank in _fewer_than_usual(there_sound, there_inside, there):
+            of_stretch = (p.select((p.roll >= first) & (p.roll <= last)) for p in (sound, inside))
+            for flank in _fewer_than_usual(*of_stretch, there):
                 found.setdefault(flank, (float(first), float(last)))
     return found
 
