@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from math import cos, hypot, pi, radians
+from math import cos, hypot, pi, radians, sqrt
 
 import numpy as np
 import pytest
@@ -225,7 +225,7 @@ def evaluated():
 
 
 def test_u_of_an_input_is_the_same_for_either_sign_of_its_field():
-    """The larger of both ways counts: ranges grow one way and shrink the other."""
+    """Both ways count: ranges grow one way and shrink the other."""
     by, _ = evaluated()
     field = 3 * UM * np.square(by.grid.heights / by.grid.heights.max()) + np.zeros(by.grid.delta.shape)
     U = [expanded((Influence("bend", s * field, 0.0, UM),), by)["bend"] for s in (1.0, -1.0)]
@@ -239,3 +239,16 @@ def test_flanks_moved_alike_move_position_and_areal_mean_alike():
     moved = evaluate(by.grid.delta + 7 * UM, by)
     for name in ("position", "area"):
         assert getattr(moved, name) - getattr(measures, name) == pytest.approx(7 * UM, abs=1e-12, nan_ok=True), name
+
+
+def test_u_of_a_range_is_the_root_mean_square_of_both_ways():
+    """A helix that leans by half of what it may: one way its range grows by all of that, the other way by nothing."""
+    by, _ = evaluated()
+    leaning = 10 * UM * by.grid.heights / np.ptp(by.grid.heights) + np.zeros(by.grid.delta.shape)
+    U = [
+        expanded((Influence("lean", leaning, 0.0, UM),), replace(by, grid=replace(by.grid, delta=share * leaning)))
+        for share in (0.0, 0.5)
+    ]
+    level, half = (found["lean"]["F_beta"] for found in U)
+    assert np.nanmin(level) > 5 * UM
+    assert half == pytest.approx(level / sqrt(2.0), rel=1e-3, nan_ok=True)

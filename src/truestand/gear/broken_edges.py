@@ -139,8 +139,8 @@ def _hidden_stretches(
     for share in STRETCHES:
         for first in np.linspace(low, high - share * (high - low), round(2 / share) - 1):
             last = first + share * (high - low)
-            of_stretch = (p.select((p.roll >= first) & (p.roll <= last)) for p in (sound, inside))
-            for flank in _fewer_than_usual(*of_stretch, there):
+            of_end, of_inside = (p.select((p.roll >= first) & (p.roll <= last)) for p in (sound, inside))
+            for flank in _fewer_than_usual(of_end, of_inside, there):
                 found.setdefault(flank, (float(first), float(last)))
     return found
 

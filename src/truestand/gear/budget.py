@@ -131,7 +131,11 @@ def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
 
 
 def expanded(influences: tuple[Influence, ...], evaluator: Evaluator) -> dict[str, Figures]:
-    """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined."""
+    """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined.
+
+    The input may be off either way, and a range that grows by it one way shrinks the other, less and less the smaller
+    it is: the root mean square of both.
+    """
     nominal, delta = evaluator.grid.nominal, np.nan_to_num(evaluator.grid.delta)
     base = figures_of(evaluate(delta, evaluator), nominal)
     by_input: dict[str, Figures] = {}
@@ -139,10 +143,18 @@ def expanded(influences: tuple[Influence, ...], evaluator: Evaluator) -> dict[st
         joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
         if np.abs(i.field).max() < UNFELT:
             continue
-        up, down = (figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0))
+        ways = [figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0)]
         for n, value in base.items():
-            joined[n] = np.hypot(joined[n], np.fmax(np.abs(up[n] - value), np.abs(down[n] - value)))
+            joined[n] = np.hypot(joined[n], _root_mean_square([way[n] - value for way in ways]))
     return by_input
+
+
+def _root_mean_square(off: list[Array]) -> Array:
+    """Of what is known of some arrays; NaN: not known."""
+    known = [np.isfinite(values) for values in off]
+    total = sum(np.square(np.where(at, values, 0.0)) for at, values in zip(known, off, strict=True))
+    number = np.sum(known, axis=0)
+    return np.sqrt(np.where(number > 0, total / np.maximum(number, 1), np.nan))
 
 
 def lines_of(
