@@ -29,6 +29,8 @@ FACE_SHARE = 0.05
 LEAST_ROLL = 0.1
 """Share of the base radius at which a control length starts at least, unless the drawing says otherwise: nearer to the
 base circle 5 um of the flank move where a ray meets it by half a millimetre and more."""
+DEEPEST_RACK = 1.4
+"""Modules that the tip of a standard rack reaches below its reference line at most (ISO 53, profile D)."""
 ROUND_BALL = 0.05
 """mm to which the ball's diameter is rounded."""
 
@@ -243,7 +245,8 @@ def _control_roll(g: Gear, base: float, transverse: float, reference: float) -> 
         return sqrt(max((e.control_diameter / 2) ** 2 - base**2, 0.0))
     generated = reference * sin(transverse) - g.module * (1.0 - g.profile_shift) / sin(transverse)
     if generated < 0:
-        generated = undercut_roll(reference, transverse, reference - g.root_diameter / 2, g.module)
+        deep = min(reference - g.root_diameter / 2, (DEEPEST_RACK - g.profile_shift) * g.module)
+        generated = undercut_roll(reference, transverse, deep, g.module)
     rooted = sqrt(max((g.root_diameter / 2 + 0.1 * g.module) ** 2 - base**2, 0.0))
     return max(generated, rooted, LEAST_ROLL * base)
 

@@ -24,6 +24,8 @@ def undercut_roll(reference: float, pressure_angle: float, depth: float, module:
 
     ``reference``: radius (mm) of the reference circle, on which the rack rolls; its tip reaches ``depth`` mm below.
     """
+    if depth <= 0.0:
+        return 0.0
     base = reference * cos(pressure_angle)
     rounding = min(TIP_ROUNDING * module, depth / (1.0 - sin(pressure_angle)))
     along, below = _tip_of_rack(pressure_angle, depth, rounding)
