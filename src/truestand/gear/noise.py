@@ -417,6 +417,7 @@ def _shared_square(
     have.
     """
     across = 5 - along
+    cells = _level(cells, across)
     seen = np.isfinite(cells)
     number = seen.sum(axis=across, keepdims=True)
     count = np.maximum(number, 1)
@@ -435,6 +436,24 @@ def _shared_square(
     square = robust_sd(rest[told] / np.sqrt(factor[told])) ** 2
     excess = square - float(np.median(known[told] / factor[told]))
     return excess, square * float(np.sqrt(2.0 / differences)), differences
+
+
+def _level(cells: Array, across: int) -> Array:
+    """Cells (2, teeth, roll lengths, heights) without what all flanks of a side have along the axis ``across``, nor the
+    slope that each of them has there: rows that don't show the same columns of a flank differ by it.
+    """
+    turned = np.moveaxis(cells, across, -1)
+    sides, *_, places = turned.shape
+    form = nan_median(turned.reshape(sides, -1, places), axis=1)[:, None, None]
+    rest, seen, at = turned - form, np.isfinite(turned), np.linspace(-1.0, 1.0, places)
+    number = np.maximum(seen.sum(axis=(2, 3), keepdims=True), 1)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.where(seen, values, 0.0).sum(axis=(2, 3), keepdims=True) / number)
+
+    off = at - mean(at)
+    slope = mean(off * rest) / np.maximum(mean(np.square(off)), 1e-300)
+    return np.moveaxis(rest - slope * off, -1, across)
 
 
 def _second_differences(
