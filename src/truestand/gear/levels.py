@@ -16,8 +16,8 @@ from math import hypot, inf
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
-from truestand.core.assumptions import BEARING_U, INCIDENCE_U, K
-from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, TILT, UNKNOWNS
+from truestand.core.assumptions import INCIDENCE_U, K
+from truestand.core.frames import PHI, PLANE_OFFSET, PLANE_TILT, UNKNOWNS
 from truestand.core.inspection import CONTRADICTS
 from truestand.core.message import Message
 from truestand.core.robust import robust_sd
@@ -122,14 +122,14 @@ def _contradictions(
     allow: by ``off`` (readers, 2, ``TERMS``) mm, and by ``means`` of what each shows of the cells.
     """
     of_readers = {view.calibration.reader: view for view in views}
-    known = {reader: _round_known(view) for reader, view in of_readers.items()}
+    known = {reader: _rounds_known(view) for reader, view in of_readers.items()}
     found: list[Message] = []
     for (a, b), side in product(combinations(range(len(readers)), 2), (0, 1)):
         pair = (of_readers[readers[a]], of_readers[readers[b]])
-        round_it = known[readers[a]][side], known[readers[b]][side]
+        round_U, lean_U = np.hypot(known[readers[a]], known[readers[b]])[:, side]
         apart = off[a, side] - off[b, side]
-        found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart, hypot(*round_it)))
-        found += _leans_contradict(pair, side, means[a][side] - means[b][side], round_it, grid)
+        found += (*_slopes_contradict(pair, side, apart), *_rounds_contradict(pair, side, apart, round_U))
+        found += _leans_contradict(pair, side, _lean(means[a][side] - means[b][side], grid), lean_U)
     return tuple(found)
 
 
@@ -152,16 +152,11 @@ def _rounds_contradict(pair: tuple[GearView, GearView], side: int, apart: Array,
     return _contradiction(pair, what, difference, U, why)
 
 
-def _leans_contradict(
-    pair: tuple[GearView, GearView], side: int, apart: Array, round_it: tuple[float, float], grid: Grid
-) -> list[Message]:
-    """By how much more the gear leans in one of two scans, whose cells (teeth, roll lengths, heights) are ``apart``;
-    ``round_it``: U (mm, k = 2) of what each reads once round.
-    """
+def _leans_contradict(pair: tuple[GearView, GearView], side: int, lean: float, U: float) -> list[Message]:
+    """A ``lean`` (mm) of the gear in one of two scans over the other that is too large for its ``U`` (k = 2), mm."""
     what = f"the {FLANKS[side]} flanks up to", " at the ends of the face, once round the gear"
     why = "the part leaned otherwise in one of the scans; scan again"
-    U = hypot(*(_lean_known(view, known) for view, known in zip(pair, round_it, strict=True)))
-    return _contradiction(pair, what, _lean(apart, grid), U, why)
+    return _contradiction(pair, what, lean, U, why)
 
 
 def _contradiction(
@@ -188,17 +183,6 @@ def _lean(apart: Array, grid: Grid) -> float:
     return float(np.hypot(*coefficients[TERMS:]))
 
 
-def _lean_known(view: GearView, round_it: float) -> float:
-    """U (mm, k = 2) of how the gear leans as a view reads it, at the ends of its face, roughly: the shaft's tilt, the
-    bearing, and of a helical gear what goes once round (``round_it``, its U), which its ends meet at other angles.
-    """
-    nominal = view.flanks.toothing.nominal
-    if round_it == inf:
-        return inf
-    half, tilt = nominal.gear.face_width / 2, K * float(np.sqrt(np.diag(view.calibration.covariance)[TILT].max()))
-    return hypot(tilt * half, abs(nominal.twist) * half * round_it, BEARING_U)
-
-
 def slopes_known(view: GearView) -> dict[str, float]:
     """U (mm, k = 2) of a slope over the whole profile and over the whole face as a view reads them, roughly."""
     sensor, covariance = view.scan.stand.sensor, view.calibration.covariance
@@ -213,26 +197,30 @@ def slopes_known(view: GearView) -> dict[str, float]:
     return {"profile": hypot(read, beside, turned), "face": hypot(read, turned)}
 
 
-def _round_known(view: GearView) -> Array:
-    """U (2,) (mm, k = 2) of what a view reads once round the gear, on left and on right flanks: of all inputs that are
-    its own and of the table, in whatever direction. Infinite for a part that was turned over, which may sit otherwise.
+def _rounds_known(view: GearView) -> Array:
+    """U (2, 2) (mm, k = 2) of what a view reads once round the gear, and of that at the ends of the face, where the
+    gear leans; each on left and on right flanks. Of all inputs that are its own and of the table, in whatever
+    direction, and of steep flanks that read otherwise, in proportion to their incidence or not. Infinite for a part
+    that was turned over, which may sit otherwise.
     """
     calibration, toothing = view.calibration, view.flanks.toothing
     if calibration.sense < 0 or calibration.covariance.shape[0] < UNKNOWNS:
-        return np.full(2, inf)
+        return np.full((2, 2), inf)
     nominal, shape = toothing.nominal, (2, view.teeth, PLACES, PLACES)
     roll = np.broadcast_to(np.linspace(*nominal.profile_range, PLACES)[:, None], shape)
-    height = np.broadcast_to(np.linspace(*nominal.helix_range, PLACES), shape)
+    height, along = np.broadcast_to(np.linspace(*nominal.helix_range, PLACES), shape), np.linspace(-1.0, 1.0, PLACES)
     seen = seen_flanks(view.scan, calibration, toothing, roll, height, view.before_rms)
+    on_face = np.stack([np.full(PLACES, 1 / PLACES), along / (along @ along)])
 
     def once_round(fields: Array) -> Array:
-        of_teeth = fields.reshape(len(fields), 2, view.teeth, -1).mean(axis=3)
-        return np.asarray(2 / view.teeth * of_teeth @ _around(nominal).T)
+        """(..., 2 round and leaning, 2 sides, cosine and sine)."""
+        of_teeth = fields.reshape(-1, *shape).mean(axis=3)
+        return np.asarray(2 / view.teeth * np.einsum("isth,kh,ct->iksc", of_teeth, on_face, _around(nominal)))
 
-    of_inputs = once_round(np.stack([line.field for line in (*seen.of_sensor, *seen.of_table)]))
+    of_inputs = once_round(np.stack([line.field for line in (*seen.of_sensor, *seen.of_table, seen.of_bent_incidence)]))
     of_unknowns, covariance = once_round(seen.by_delta[:UNKNOWNS]), calibration.covariance[:UNKNOWNS, :UNKNOWNS]
-    by_calibration = K**2 * np.einsum("isc,ij,jsc->s", of_unknowns, covariance, of_unknowns)
-    return np.asarray(np.sqrt(np.square(of_inputs).sum(axis=(0, 2)) + by_calibration))
+    by_calibration = K**2 * np.einsum("iksc,ij,jksc->ks", of_unknowns, covariance, of_unknowns)
+    return np.asarray(np.sqrt(np.square(of_inputs).sum(axis=(0, 3)) + by_calibration))
 
 
 def _off(means: Sequence[Array], grid: Grid) -> Array:

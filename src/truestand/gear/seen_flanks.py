@@ -186,14 +186,22 @@ class SeenFlanks:
 
     def _of_incidence(self) -> list[Influence]:
         """What steep flanks do to their readings: alike everywhere, and the more the steeper."""
+        return [self._of_steep(1.0), self._of_steep(self._steepness())]
+
+    @property
+    def of_bent_incidence(self) -> Influence:
+        """The same where it does not grow in proportion: no line of the budget, but views that meet flanks at other
+        incidences all round differ by it.
+        """
+        return self._of_steep(4.0 * np.square(self._steepness()) - 0.5)
+
+    def _of_steep(self, by: Array | float) -> Influence:
+        """Flanks that read farther out by U and a factor (n,)."""
         stated = self.scan.stand.sensor.incidence_U
         U, name = (INCIDENCE_U, ASSUMED) if stated is None else (stated, "")
         gradient = self.cells.gradient
         out = self.cells.shift(U * gradient / np.square(np.linalg.norm(gradient, axis=1, keepdims=True)))
-        return [
-            self.cells.influence(f"{FLANK_ONLY} on the flanks{name}", out * by, U / 2)
-            for by in (1.0, self._steepness())
-        ]
+        return self.cells.influence(f"{FLANK_ONLY} on the flanks{name}", out * by, U / 2)
 
     @cached_property
     def _rays(self) -> Array:
