@@ -1,5 +1,6 @@
 """Defects that the virtual gear has are found where they are, and only those."""
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 from math import radians
@@ -66,7 +67,20 @@ def test_a_chamfer_that_reaches_into_the_range_on_one_tooth_is_no_chip():
     """An outsider's: chamfers of 0.2 mm, a third more or less from tooth to tooth; one tooth of 30 failed by 226 um."""
     chamfers = tuple(Worn(n, "right", (EDGE[0] + 0.1 * (n != 10) - 0.12, 99.0), (4.0, 26.0), 0.25, 0.6)
                      for n in range(1, 25))  # fmt: skip
-    assert not [d for d in inspected(replace(PERFECT, worn=chamfers)).defects if d.verdict]
+    found = inspected(replace(PERFECT, worn=chamfers))
+    assert not [d for d in found.defects if d.verdict]
+    assert "chamfered_tips" not in [r.code for r in found.remarks]
+
+
+@pytest.mark.more
+def test_chamfers_of_most_teeth_that_reach_into_the_range_are_told():
+    begins = EDGE[0] - 0.4
+    chamfer = Worn(None, "right", (begins, 99.0), (4.0, 26.0), 0.25, 0.6)
+    (remark,) = (r for r in inspected(replace(PERFECT, worn=(chamfer,))).remarks if r.code == "chamfered_tips")
+    assert "right" in str(remark) and "tip_form_diameter_mm" in str(remark)
+    (diameter,) = re.findall(r"from diameter ([\d.]+) mm", str(remark))
+    begins = 2 * float(involute(SPUR).radius(begins))
+    assert begins - 0.3 < float(diameter) < begins + 0.02  # no higher, or the range would hold a part of it
 
 
 @pytest.mark.slow

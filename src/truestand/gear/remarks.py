@@ -8,6 +8,7 @@ from math import cos
 import numpy as np
 
 from truestand.core.message import Message
+from truestand.core.robust import nan_median
 from truestand.core.scan import Scan
 from truestand.gear.blind import BlindStrip, blind_strips
 from truestand.gear.coverage import Coverage
@@ -17,6 +18,7 @@ from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
 from truestand.gear.teeth import Diameter
+from truestand.gear.traces import profile_points
 from truestand.gear.views import GearView, joined
 
 SHORT_FACE = 0.6
@@ -28,6 +30,8 @@ OTHER_THICKNESS = 0.06
 MOST_REGIONS = 12
 """Damaged regions that are named."""
 OR_THE_GEAR = "or the gear is made so"
+TIP, NOTICEABLE_CHAMFER = 0.1, 0.02
+"""Share of a profile at its upper end, and mm by which most teeth may fall away there without a word."""
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
@@ -52,6 +56,7 @@ def remarks_of(
         *(_other_thickness(flanks.toothing) if coverage.sides_tied else ()),
         *dict.fromkeys(remark for view in views for remark in _angle_source(view)),
         *_slopes(measures, nominal),
+        *_chamfered_tips(measures, nominal),
     )
 
 
@@ -224,3 +229,23 @@ def _profile_slope(nominal: Involute, wave: np.ufunc) -> float:
     roll = np.linspace(*nominal.profile_range, 100)
     line = np.polyfit(roll, wave(np.arctan(roll / nominal.base_radius)), 1)
     return float(line[0]) * slope_length(nominal, along_profile=True)
+
+
+def _chamfered_tips(m: Measures, nominal: Involute) -> tuple[Message, ...]:
+    """Profiles that most teeth of a side have falling away at the end of their range: figures and defects read it."""
+    points, found = profile_points(nominal), []
+    below = points < points[-1] - TIP * (points[-1] - points[0])
+    for flank, profiles in zip(FLANKS, m.profile, strict=True):
+        trace = nan_median(profiles, axis=0)
+        if not np.isfinite(trace).all():
+            continue
+        rest = trace - np.polyval(np.polyfit(points[below], trace[below], 2), points)
+        if -rest[-1] > NOTICEABLE_CHAMFER:
+            begins = points[np.flatnonzero(rest > -NOTICEABLE_CHAMFER / 4)[-1]]
+            text = (
+                f"profiles of {flank} flanks fall away by {-1000 * rest[-1]:.0f} um at their upper end, from diameter "
+                f"{2 * nominal.radius(begins):.2f} mm on, on most teeth: if they are chamfered there, state "
+                "tip_form_diameter_mm"
+            )
+            found.append(Message("chamfered_tips", text))
+    return tuple(found)
