@@ -21,12 +21,14 @@ from truestand.core.scan import interpret
 from truestand.core.surface import apply_calibration, stacked
 from truestand.files.records.inspection_record import inspection_record
 from truestand.files.records.schemas import schema_text
+from truestand.gear.disagreement import disagreements
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.grid import grid_of
 from truestand.gear.inspect import inspect_gear
-from truestand.gear.levels import _contradictions, levelled, levelling
+from truestand.gear.levels import levelled, levelling
 from truestand.gear.rays import rays_of_views
+from truestand.gear.seams import tied
 from truestand.gear.views import views_of
 from truestand.parts.inspect import inspect
 from truestand.report.inspection import inspection_report
@@ -194,25 +196,33 @@ def seen_by_two(incidence=None):
     ]
 
 
+def disagreements_where(views, apart, phase=0.0, leans=False, seen=None):
+    """Why nothing is decided where the first view reads more by a wave once round the gear, in cells that are ``seen``;
+    ``leans``: from one end of the face to the other.
+    """
+    grid = grid_of(views[0].flanks)
+    along = (grid.heights - grid.nominal.middle) / (MILD.face_width / 2) if leans else np.ones(grid.heights.size)
+    wave = apart * np.cos(np.arange(MILD.teeth) * MILD.pitch + phase)[:, None, None] * along
+    more = wave + np.zeros(grid.delta.shape)
+    more[:, ~(np.ones(MILD.teeth, dtype=bool) if seen is None else seen)] = np.nan
+    return disagreements(views, [view.calibration.reader for view in views], (more, np.zeros_like(more)), grid)
+
+
 @pytest.mark.parametrize(("apart", "told"), [(0.004, 0), (0.04, 2)])
 def test_views_that_read_the_gear_by_far_otherwise_once_round_contradict(apart, told):
-    views = seen_by_two()
-    grid = grid_of(views[0].flanks)
-    off, means = np.zeros((2, 2, 5)), np.zeros((2, *grid.delta.shape))
-    off[:, :, 3] = np.array([[apart / 2], [-apart / 2]])
-    found = _contradictions(views, [view.calibration.reader for view in views], off, means, grid)
+    found = disagreements_where(seen_by_two(), apart)
     assert [m.code for m in found] == told * ["views_contradict"]
     assert all("once round the gear" in str(m) for m in found)
+
+
+def test_what_some_teeth_show_that_both_views_see_is_nothing_once_round():
+    assert not disagreements_where(seen_by_two(), 0.04, seen=np.arange(MILD.teeth) < 0.4 * MILD.teeth)
 
 
 @pytest.mark.parametrize(("incidence", "told"), [(0.005, 2), (0.06, 0)])
 def test_flanks_of_an_eccentric_shaft_are_seen_more_and_less_steeply(incidence, told):
     """Two of 50 sound rings contradicted each other once round."""
-    views = seen_by_two(incidence)
-    grid = grid_of(views[0].flanks)
-    off, means = np.zeros((2, 2, 5)), np.zeros((2, *grid.delta.shape))
-    off[0, :, 3] = 0.01
-    assert len(_contradictions(views, [view.calibration.reader for view in views], off, means, grid)) == told
+    assert len(disagreements_where(seen_by_two(incidence), 0.01)) == told
 
 
 @pytest.mark.parametrize(
@@ -222,12 +232,7 @@ def test_a_gear_that_leans_more_in_one_of_two_scans_is_told(apart, incidence, to
     """An outsider's, by 0.05 degrees: f_Hbeta was 2.7 U off, and conformed. Two of 34 sound rings were told, whose
     steep flanks read otherwise, and not in proportion to their incidence.
     """
-    views = seen_by_two(incidence)
-    grid = grid_of(views[0].flanks)
-    aside = (grid.heights - grid.nominal.middle) / (MILD.face_width / 2)
-    lean = apart * np.cos(np.arange(MILD.teeth) * MILD.pitch + 0.7)[:, None, None] * aside + np.zeros(grid.delta.shape)
-    readers = [view.calibration.reader for view in views]
-    found = _contradictions(views, readers, np.zeros((2, 2, 5)), (lean, np.zeros_like(lean)), grid)
+    found = disagreements_where(seen_by_two(incidence), apart, phase=0.7, leans=True)
     assert [m.code for m in found] == told * ["views_contradict"]
     assert all("leaned" in str(m) for m in found)
 
@@ -264,6 +269,18 @@ def test_where_one_sensor_is_blind_the_other_shows_the_flanks_that_it_sees():
               for f in ("left", "right")}  # fmt: skip
     assert status["left"].count("partial") > 12 and set(status["right"]) == {"measured"}
     assert "points_blind" in {r.code for r in blind.remarks}
+
+
+@pytest.mark.parametrize(("teeth", "compared"), [(6, False), (18, True)])
+def test_a_few_teeth_that_views_share_are_no_seam(teeth, compared):
+    """A sound ring by three views had one of 11 of 80 teeth, all at one corner: 19 um at a U of 9."""
+    middle, (front, rear) = MILD.face_from + MILD.face_width / 2, (view.flanks for view in seen_by_two())
+    lower = front.select((front.height < middle) | (front.flank % MILD.teeth < teeth))
+    views = tuple(
+        replace(view, flanks=flanks)
+        for view, flanks in zip(seen_by_two(), (lower, rear.select(rear.height > middle)), strict=True)
+    )
+    assert bool(tied(views)[1]) == compared
 
 
 def test_views_agree_within_their_seams():

@@ -30,6 +30,7 @@ from truestand.gear.damage import (
     zones_of,
 )
 from truestand.gear.defects import DefectMap, chipped_flanks, find_defects, held_against
+from truestand.gear.disagreement import slopes_known
 from truestand.gear.drawing import Gear
 from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import (
@@ -43,7 +44,7 @@ from truestand.gear.face import other_diameters, other_face
 from truestand.gear.flanks import Flanks, find_toothing
 from truestand.gear.geometry import FLANKS, SIGMA, Involute, involute, pitch_span
 from truestand.gear.grid import Grid, grid_of
-from truestand.gear.levels import left_between, levelled, slopes_known
+from truestand.gear.levels import left_between, levelled
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
 from truestand.gear.remarks import remarks_of, unevenness

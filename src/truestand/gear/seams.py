@@ -28,8 +28,9 @@ from truestand.gear.seen_flanks import SeenFlanks, seen_flanks
 from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.influence import joint_covariance, without
 
-LEAST_TEETH = 3
-"""Flanks of a side that two views must both show to be compared,"""
+LEAST_TEETH, LEAST_SHARE = 3, 0.5
+"""Flanks of a side that two views must both show to be compared, and their share of those that each of them shows: a
+few out of many stand where others see them worst,"""
 LEAST_CELLS = 30
 """and cells of them."""
 ROUGH_U = 0.02
@@ -54,6 +55,8 @@ class Difference:
     """(unknowns of all views,) mm per mm or rad."""
     by_sensor: Array
     """(errors of all sensors,) mm, standard."""
+    by_table: Array
+    """(errors of the table,) mm, standard: once round the gear, they don't cancel on some of its teeth."""
 
 
 def tied_roughly(
@@ -115,11 +118,16 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
         apart = means[a] - means[b]
         both = np.zeros(apart.shape, dtype=bool)
         both[side] = np.isfinite(apart[side]) & grid.in_ranges[side]
-        teeth = np.count_nonzero(both[side].any(axis=(1, 2)))
-        if teeth >= LEAST_TEETH and np.count_nonzero(both) >= LEAST_CELLS:
+        teeth, least = _teeth_of(both[side]), min(_teeth_of(np.isfinite(means[k][side])) for k in (a, b))
+        if teeth >= max(LEAST_TEETH, LEAST_SHARE * least) and np.count_nonzero(both) >= LEAST_CELLS:
             u = robust_sd(apart[both] - np.median(apart[both])) / sqrt(teeth)
             found.append(difference_of(seen, (a, b), side, float(np.median(apart[both])), u, both))
     return found
+
+
+def _teeth_of(seen: Mask) -> int:
+    """How many teeth have any cell that is ``seen`` (teeth, roll lengths, heights)."""
+    return int(np.count_nonzero(seen.any(axis=(1, 2))))
 
 
 def _pairs(calibrations: Sequence[Calibration]) -> list[tuple[int, int]]:
@@ -139,7 +147,8 @@ def difference_of(
     def row(of_views: Iterable[Array]) -> Array:
         return np.concatenate([signs.get(k, 0.0) * (by @ mean) for k, by in enumerate(of_views)])
 
-    return Difference(of, side, value, u, row(s.by_delta for s in seen), row(s.by_sensor for s in seen))
+    by_table = (seen[of[0]].by_table - seen[of[1]].by_table) @ mean
+    return Difference(of, side, value, u, row(s.by_delta for s in seen), row(s.by_sensor for s in seen), by_table)
 
 
 def _seams(differences: list[Difference], surfaces: tuple[Surface, ...], covariance: Array) -> tuple[Seam, ...]:
@@ -160,8 +169,10 @@ def _seams(differences: list[Difference], surfaces: tuple[Surface, ...], covaria
 
 def _told(differences: list[Difference]) -> tuple[Array, Array]:
     """How the differences (n,) follow the unknowns (n, unknowns), and the covariance (n, n) of what else they hold."""
-    rows, sensors = (np.stack([getattr(d, name) for d in differences]) for name in ("by_unknown", "by_sensor"))
-    return rows, sensors @ sensors.T + np.diag([d.u**2 for d in differences])
+    rows, sensors, table = (
+        np.stack([getattr(d, name) for d in differences]) for name in ("by_unknown", "by_sensor", "by_table")
+    )
+    return rows, sensors @ sensors.T + table @ table.T + np.diag([d.u**2 for d in differences])
 
 
 def _rolled_up(surfaces: tuple[Surface, ...], differences: list[Difference]) -> tuple[Surface, ...]:

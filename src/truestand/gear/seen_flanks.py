@@ -119,8 +119,13 @@ class SeenFlanks:
 
     @cached_property
     def by_sensor(self) -> Array:
-        """(errors, n) mm of delta, standard: what these do."""
-        return np.stack([influence.field.reshape(-1) / K for influence in self.of_sensor])
+        """(errors, n) mm of delta, standard: what these do, and incidence out of proportion, by which views differ."""
+        return np.stack([line.field.reshape(-1) / K for line in (*self.of_sensor, self.of_bent_incidence)])
+
+    @cached_property
+    def by_table(self) -> Array:
+        """(errors, n) mm of delta, standard: what ``of_table`` does."""
+        return np.stack([influence.field.reshape(-1) / K for influence in self.of_table])
 
     @cached_property
     def of_shaft(self) -> tuple[Influence, ...]:
