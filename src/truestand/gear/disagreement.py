@@ -83,8 +83,7 @@ def _terms(both: Mask, cells: Cells) -> tuple[Mask, Array]:
 
 def _fields(view: GearView, cells: Cells) -> Array | None:
     """What (inputs, 2, teeth, roll lengths, heights) mm every input of a view and of the table does to what it reads
-    (k = 2), and steep flanks that read otherwise out of proportion. None where anything may be: of a part that was
-    turned over, which may sit otherwise.
+    (k = 2). None where anything may be: of a part that was turned over, which may sit otherwise.
     """
     calibration = view.calibration
     if calibration.sense < 0 or calibration.covariance.shape[0] < UNKNOWNS:
@@ -94,7 +93,7 @@ def _fields(view: GearView, cells: Cells) -> Array | None:
     seen = seen_flanks(view.scan, calibration, view.flanks.toothing, roll, height, view.before_rms)
     variances, axes = np.linalg.eigh(calibration.covariance[:UNKNOWNS, :UNKNOWNS])
     of_unknowns = K * (axes * np.sqrt(np.maximum(variances, 0.0))).T @ seen.by_delta[:UNKNOWNS]
-    inputs = [line.field for line in (*seen.of_sensor, *seen.of_table, seen.of_bent_incidence)]
+    inputs = [line.field for line in (*seen.of_sensor, *seen.of_table)]
     return np.concatenate([np.stack(inputs), of_unknowns.reshape(-1, *shape)])
 
 

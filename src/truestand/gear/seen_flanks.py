@@ -119,8 +119,8 @@ class SeenFlanks:
 
     @cached_property
     def by_sensor(self) -> Array:
-        """(errors, n) mm of delta, standard: what these do, and incidence out of proportion, by which views differ."""
-        return np.stack([line.field.reshape(-1) / K for line in (*self.of_sensor, self.of_bent_incidence)])
+        """(errors, n) mm of delta, standard: what these do."""
+        return np.stack([influence.field.reshape(-1) / K for influence in self.of_sensor])
 
     @cached_property
     def by_table(self) -> Array:
@@ -190,15 +190,9 @@ class SeenFlanks:
         ]
 
     def _of_incidence(self) -> list[Influence]:
-        """What steep flanks do to their readings: alike everywhere, and the more the steeper."""
-        return [self._of_steep(1.0), self._of_steep(self._steepness())]
-
-    @property
-    def of_bent_incidence(self) -> Influence:
-        """The same where it does not grow in proportion: no line of the budget, but views that meet flanks at other
-        incidences all round differ by it.
-        """
-        return self._of_steep(4.0 * np.square(self._steepness()) - 0.5)
+        """What steep flanks do to their readings: alike everywhere, the more the steeper, and out of proportion."""
+        steep = self._steepness()
+        return [self._of_steep(by) for by in (1.0, steep, 4.0 * np.square(steep) - 0.5)]
 
     def _of_steep(self, by: Array | float) -> Influence:
         """Flanks that read farther out by U and a factor (n,)."""
