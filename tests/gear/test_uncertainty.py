@@ -7,7 +7,7 @@ from math import cos, hypot, pi, radians, sqrt
 import numpy as np
 import pytest
 
-from gears import SPUR, UPRIGHT_POINTS, calibrated, line, scan_of, simulation, stand, true_calibration
+from gears import POINTS, SPUR, UPRIGHT_POINTS, calibrated, line, scan_of, simulation, stand, true_calibration
 from truestand.apply.datum import datum_of
 from truestand.apply.transfer import roll
 from truestand.calibration.calibrate import calibrate
@@ -252,3 +252,17 @@ def test_u_of_a_range_is_the_root_mean_square_of_both_ways():
     level, half = (found["lean"]["F_beta"] for found in U)
     assert np.nanmin(level) > 5 * UM
     assert half == pytest.approx(level / sqrt(2.0), rel=1e-3, nan_ok=True)
+
+
+def test_incidence_out_of_proportion_stands_in_u():
+    """An outsider's sine over the incidence, within what is stated: f_falpha of teeth was 2.3 U off, decided."""
+    stated, angles = 8 * UM, np.radians(np.arange(0.0, 90.0, 3.0))
+    sine = np.where(angles < radians(40.0), 0.0, stated * np.sin((angles - radians(40.0)) / radians(45.0) * 2 * pi))
+    how = replace(QUIET, optics=replace(QUIET.optics, noise=0.002, flank_bias=tuple(zip(angles, sine, strict=True))))
+    own = stand(POINTS)
+    own = replace(own, sensors=tuple(replace(s, incidence_U=stated) for s in own.sensors))
+    scan = replace(scan_of(SPUR, PERFECT, how), stand=own)
+    found = inspect_gear(apply_calibration(scan, true_calibration()), SPUR)
+    lines = [c for c in found.characteristics if c.name in ("f_falpha", "F_alpha") and c.tooth and c.verdict]
+    assert len(lines) > 40
+    assert max(c.value / c.U for c in lines) < 1.5  # all that is read of a perfect gear is the sensor's
