@@ -39,11 +39,8 @@ def compared(both: Mask, cells: Cells) -> tuple[Mask, Array]:
     their terms (n, ``TERMS``), 0 for what they don't tell. None where they are too few.
     """
     (low, high), (bottom, top) = cells.nominal.profile_range, cells.nominal.helix_range
-    on_profile, on_face = (
-        (cells.rolls >= low) & (cells.rolls <= high),
-        (cells.heights >= bottom) & (cells.heights <= top),
-    )
-    inside = on_profile[:, None] & on_face
+    on_profile = (cells.rolls >= low) & (cells.rolls <= high)
+    inside = on_profile[:, None] & (cells.heights >= bottom) & (cells.heights <= top)
     seen = both & inside
     if np.count_nonzero(seen.any(axis=0)) < LEAST_CELLS:
         return np.zeros_like(seen), np.zeros((0, TERMS))
