@@ -125,6 +125,7 @@ def test_broken_teeth_do_not_conform():
     assert found.verdict == "does_not_conform"
 
 
+@pytest.mark.more
 def test_a_broken_tooth_leaves_no_figure_of_its_flanks_conforming():
     found = inspected(BROKEN, points=320)
     for name in (*PROFILE, *HELIX):

@@ -254,6 +254,7 @@ def test_u_of_a_range_is_the_root_mean_square_of_both_ways():
     assert half == pytest.approx(level / sqrt(2.0), rel=1e-3, nan_ok=True)
 
 
+@pytest.mark.more
 def test_incidence_out_of_proportion_stands_in_u():
     """An outsider's sine over the incidence, within what is stated: f_falpha of teeth was 2.3 U off, decided."""
     stated, angles = 8 * UM, np.radians(np.arange(0.0, 90.0, 3.0))

@@ -237,6 +237,7 @@ def test_a_gear_that_leans_more_in_one_of_two_scans_is_told(apart, incidence, to
     assert all("leaned" in str(m) for m in found)
 
 
+@pytest.mark.more
 def test_a_part_that_moved_between_the_scans_of_two_views_is_told():
     """An outsider's, by 20 um: F_p was 23.6 +- 5.3 um, of 6.4 in one scan and 44.5 in the other, and conformed."""
     moved = replace(WORN, eccentricity=np.hypot(WORN.eccentricity, 0.02), eccentricity_direction=2.0)

@@ -84,6 +84,7 @@ def test_each_section_is_read_by_the_view_that_shows_it_best():
     assert all(seam.ok and seam.views == ("front", "rear") for seam in found.seams)
 
 
+@pytest.mark.more
 def test_u_is_the_same_in_the_frame_of_another_view():
     """Points moved in a view's own frame, and normals were of the first one's: U of a diameter was 75 um for 0.3."""
     placed = inspect_turned(surfaces()[1], STEPPED)
