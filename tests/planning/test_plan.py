@@ -226,7 +226,9 @@ def test_u_is_as_an_inspection_has_it(gear):
             continue
         assert other.status == c.status or {other.status, c.status} == {"measured", "partial"}, c
         if c.name in TOLD and c.status == "measured":
-            assert pytest.approx(c.U, rel=TOLD[c.name]) == other.U, (c.name, c.flank)
+            # Where profiles happen to cross a single tooth, so much of its range is seen.
+            rel = TOLD[c.name] * (1.0 if c.tooth is None else 1.5)
+            assert pytest.approx(c.U, rel=rel) == other.U, (c.name, c.flank, c.tooth)
 
 
 @pytest.mark.parametrize("gear", [SPUR, helical(20.0)], ids=["spur", "helical"])
