@@ -417,7 +417,7 @@ def _shared_square(
     have.
     """
     across = 5 - along
-    cells = _level(cells, across)
+    cells = _without_form(cells, across)
     seen = np.isfinite(cells)
     number = seen.sum(axis=across, keepdims=True)
     count = np.maximum(number, 1)
@@ -438,7 +438,7 @@ def _shared_square(
     return excess, square * float(np.sqrt(2.0 / differences)), differences
 
 
-def _level(cells: Array, across: int) -> Array:
+def _without_form(cells: Array, across: int) -> Array:
     """Cells (2, teeth, roll lengths, heights) without what all flanks of a side have along the axis ``across``, nor the
     slope that each of them has there: rows that don't show the same columns of a flank differ by it.
     """

@@ -29,8 +29,8 @@ from truestand.gear.views import GearView, joined, part_of
 from truestand.uncertainty.influence import joint_covariance, without
 
 LEAST_TEETH, LEAST_SHARE = 3, 0.5
-"""Flanks of a side that two views must both show to be compared, and their share of those that each of them shows: a
-few out of many stand where others see them worst,"""
+"""Flanks of a side that two views must both show to be compared, and their share of those that the one shows that shows
+fewer: a few may all be met at one corner, which says nothing of the rest,"""
 LEAST_CELLS = 30
 """and cells of them."""
 ROUGH_U = 0.02
