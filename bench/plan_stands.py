@@ -168,12 +168,16 @@ def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics
 
 
 def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """By how much flanks read farther out, at the tip's and at the root's incidence; level surfaces don't."""
-    level, slope = rng.normal(0, INCIDENCE_U / 2, 2)
+    """By how much flanks read farther out, from the tip's to the root's incidence: a shift, a slope and a bend; level
+    surfaces don't.
+    """
+    level, slope, bend = rng.normal(0, INCIDENCE_U / 2, 3)
     base = gear.teeth * gear.module / 2 * cos(gear.pressure_angle)
     radii = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
     tip, root = (acos(sin(-place.phi) * sqrt(1.0 - (base / r) ** 2)) for r in radii)
-    return (0.0, 0.0), (tip / 2, 0.0), (tip, level - slope / 2), (root, level + slope / 2)
+    steep = np.linspace(-0.5, 0.5, 9)
+    read = level + slope * steep + bend * (4.0 * steep**2 - 0.5)
+    return (0.0, 0.0), (tip / 2, 0.0), *zip(np.linspace(tip, root, 9).tolist(), read.tolist(), strict=True)
 
 
 def held_against(inspection: Inspection, truth: dict) -> Found:

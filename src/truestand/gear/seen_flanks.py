@@ -11,6 +11,7 @@ sensitivities to get wrong (those of the theory page are tests).
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import pi
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from truestand.core.frames import PLANE_OFFSET, RADIAL, UNKNOWNS
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
 from truestand.gear.flanks import Toothing
-from truestand.gear.geometry import SIGMA, Involute
+from truestand.gear.geometry import SIGMA
 from truestand.uncertainty.influence import influence_of_view, moved_points, part_from_shaft, retaken
 from truestand.uncertainty.lines import diameter_name, expanded_diameter, once_per_turn, stability_name, stability_of
 from truestand.uncertainty.range_errors import range_errors
@@ -92,7 +93,7 @@ class SeenFlanks:
 
     scan: Scan
     calibration: Calibration
-    nominal: Involute
+    toothing: Toothing
     cells: SeenCells
     before_rms: float | None = None
     """mm: by how much the passes of a flank disagreed, as ``GearView`` has it."""
@@ -145,11 +146,12 @@ class SeenFlanks:
         """The table's bearing and its angle: zero, and errors that repeat every turn, which are taken for no less than
         by what turns disagreed; and how the axis moves across the laser plane.
         """
-        teeth, cells = self.nominal.gear.teeth, self.cells
+        nominal, cells = self.toothing.nominal, self.cells
+        teeth = nominal.gear.teeth
         faster = max(2, teeth // 4)  # the same unevenness of speed, where neighbouring teeth feel it most
         name, U = once_per_turn(self.scan)
         if SPEED in name and name.endswith(ASSUMED):
-            U = max(U, 2 * (self.before_rms or 0.0) / self.nominal.base_radius)
+            U = max(U, 2 * (self.before_rms or 0.0) / nominal.base_radius)
         waves = ((1, name), (faster, name.replace("once", f"{faster} times")))
         stated = self.scan.stand.table.sideways_U
         sideways = SIDEWAYS_U if stated is None else stated
@@ -183,7 +185,7 @@ class SeenFlanks:
 
     def _of_range(self) -> list[Influence]:
         """Errors of range, along the rays, and what the calibration took up of them."""
-        z, along = self.cells.z, self.cells.shift(self._rays)
+        z, along = self.cells.z, self.cells.shift(_rays(self.calibration, self.cells))
         return [
             self.cells.influence(e.name, along * e.of_range(z) + np.tensordot(e.taken_up, self.by_unknown, 1), e.u)
             for e in range_errors(self.calibration)
@@ -202,20 +204,24 @@ class SeenFlanks:
         out = self.cells.shift(U * gradient / np.square(np.linalg.norm(gradient, axis=1, keepdims=True)))
         return self.cells.influence(f"{FLANK_ONLY} on the flanks{name}", out * by, U / 2)
 
-    @cached_property
-    def _rays(self) -> Array:
-        """Away from the sensor (n, 3): from one mm of range to the next."""
-        return np.asarray(
-            (self.cells.point - sensor_origins(self.calibration, self.cells.theta)) / self.cells.z[:, None]
-        )
-
     def _steepness(self) -> Array:
-        """-0.5..0.5 over the flank: how steeply it is seen, in the middle 0."""
-        normal = self.cells.gradient / np.linalg.norm(self.cells.gradient, axis=1, keepdims=True)
-        facing = np.abs((normal * self._rays).sum(axis=1)) / np.linalg.norm(self._rays, axis=1)
-        incidence = np.arccos(np.clip(facing, 0.0, 1.0))
-        low, high = np.quantile(incidence, [0.02, 0.98])
-        return np.asarray(np.clip((incidence - low) / max(high - low, 1e-6), 0.0, 1.0) - 0.5)
+        """How steeply (n,) it is seen: from -0.5 to 0.5 over what one flank shows from root to tip.
+
+        Flanks of the other side, or of an eccentric gear's other half, may lie beyond.
+        """
+        middle, span = self._from_root_to_tip
+        return np.asarray(np.clip((_incidence(self.calibration, self.cells) - middle) / span, -1.0, 1.0))
+
+    @cached_property
+    def _from_root_to_tip(self) -> tuple[float, float]:
+        """rad: the incidence in the middle of a flank that faces the view, and what it grows by along the profile."""
+        nominal = self.toothing.nominal
+        shape = (2, nominal.gear.teeth, 2)
+        roll, height = np.broadcast_to(nominal.profile_range, shape), np.full(shape, np.mean(nominal.helix_range))
+        ends = _incidence(self.calibration, _seen_cells(self.calibration, self.toothing, roll, height)).reshape(-1, 2)
+        facing = ends[ends.mean(axis=1) < pi / 2]
+        ends = facing if len(facing) else ends
+        return float(np.median(ends.mean(axis=1))), float(np.median(np.abs(ends[:, 1] - ends[:, 0])))
 
     def _of_stability(self) -> list[Influence]:
         """The radial zero of the sensor since it was calibrated."""
@@ -259,9 +265,24 @@ def seen_flanks(
     before_rms: float | None = None,
 ) -> SeenFlanks:  # fmt: skip
     """Places of the flanks, at roll lengths and heights (2, teeth, ...) mm, as a view sees them."""
+    return SeenFlanks(scan, calibration, toothing, _seen_cells(calibration, toothing, roll, height), before_rms)
+
+
+def _seen_cells(calibration: Calibration, toothing: Toothing, roll: Array, height: Array) -> SeenCells:
     side, tooth = np.indices(roll.shape).reshape(roll.ndim, -1)[:2]
     point = toothing.points((side, tooth), roll.reshape(-1), height.reshape(-1), np.zeros(side.size))
     theta = seen_at(calibration, point)
     x, z = readings_of(calibration, point, theta)
-    cells = SeenCells(point, x, z, theta, toothing.gradient(point, SIGMA[side]), roll.shape)
-    return SeenFlanks(scan, calibration, toothing.nominal, cells, before_rms)
+    return SeenCells(point, x, z, theta, toothing.gradient(point, SIGMA[side]), roll.shape)
+
+
+def _rays(calibration: Calibration, cells: SeenCells) -> Array:
+    """Away from the sensor (n, 3): from one mm of range to the next."""
+    return np.asarray((cells.point - sensor_origins(calibration, cells.theta)) / cells.z[:, None])
+
+
+def _incidence(calibration: Calibration, cells: SeenCells) -> Array:
+    """rad (n,), between a ray and the normal of the flank; over 90 degrees where the flank faces away."""
+    rays, normal = _rays(calibration, cells), cells.gradient
+    lengths = np.linalg.norm(rays, axis=1) * np.linalg.norm(normal, axis=1)
+    return np.asarray(np.arccos(np.clip(-(normal * rays).sum(axis=1) / lengths, -1.0, 1.0)))
