@@ -15,7 +15,7 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from math import acos, cos, radians, sin, sqrt, tan, tau
+from math import acos, asin, cos, radians, sin, tan, tau
 
 import numpy as np
 
@@ -69,6 +69,8 @@ LINEARITY = 0.01
 """
 FORM, FLANK_FORM = 0.003, 0.0015
 """mm: amplitude of the turned part's waves; standard deviation of that of the flanks'."""
+ECCENTRICITY = 1.0
+"""mm, of the shaft on the table."""
 FEED = 2.0
 """mm of height from one feed mark of the gear to the next."""
 
@@ -113,8 +115,9 @@ def try_stand(name: str, views: int | None, seed: int) -> Found:
     rng, part, found = np.random.default_rng(seed), PARTS[name], planned(name, views)
     shaft, base = paper_shaft(), paper_simulation()
     certified = real_shaft(rng)
-    running = replace(base.running, eccentricity=1.0, eccentricity_direction=float(rng.uniform(0, tau)), tilt=3e-4,
-                      tilt_direction=float(rng.uniform(0, tau)))  # fmt: skip
+    directions = rng.uniform(0, tau, 2).tolist()
+    running = replace(base.running, eccentricity=ECCENTRICITY, eccentricity_direction=directions[0], tilt=3e-4,
+                      tilt_direction=directions[1])  # fmt: skip
     acquisition = replace(base.acquisition, profiles=round(PER_TURN * TURNS), columns=("encoder",))
     true, angle_seed = real_part(part, rng), int(rng.integers(1 << 30))
     moved = carried(true, rng)
@@ -168,16 +171,18 @@ def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics
 
 
 def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """By how much flanks read farther out, from the tip's to the root's incidence: a shift, a slope and a bend; level
-    surfaces don't.
+    """By how much flanks read farther out, from the least to the most incidence at which any is seen, also of a shaft
+    that runs out: a shift, a slope and a bend; level surfaces don't.
     """
     level, slope, bend = rng.normal(0, INCIDENCE_U / 2, 3)
     base = gear.teeth * gear.module / 2 * cos(gear.pressure_angle)
-    radii = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
-    tip, root = (acos(sin(-place.phi) * sqrt(1.0 - (base / r) ** 2)) for r in radii)
+    tip, root = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
+    aside = asin((abs(place.plane_offset) + ECCENTRICITY) / tip)
+    least, most = (acos(sin(-place.phi) * sin(acos(base / r) + more)) for r, more in ((tip, aside), (root, -aside)))
     steep = np.linspace(-0.5, 0.5, 9)
     read = level + slope * steep + bend * (4.0 * steep**2 - 0.5)
-    return (0.0, 0.0), (tip / 2, 0.0), *zip(np.linspace(tip, root, 9).tolist(), read.tolist(), strict=True)
+    angles = np.linspace(least, min(most, LIMIT), steep.size)
+    return (0.0, 0.0), (least / 2, 0.0), *zip(angles.tolist(), read.tolist(), strict=True)
 
 
 def held_against(inspection: Inspection, truth: dict) -> Found:

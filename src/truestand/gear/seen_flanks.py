@@ -11,7 +11,7 @@ sensitivities to get wrong (those of the theory page are tests).
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi
+from math import acos, pi
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.frames import PLANE_OFFSET, RADIAL, UNKNOWNS
 from truestand.core.scan import Scan
 from truestand.core.surface import readings_of, seen_at, sensor_origins
-from truestand.gear.flanks import Toothing
+from truestand.gear.flanks import LEAST_FACING, Toothing
 from truestand.gear.geometry import SIGMA
 from truestand.uncertainty.influence import influence_of_view, moved_points, part_from_shaft, retaken
 from truestand.uncertainty.lines import diameter_name, expanded_diameter, once_per_turn, stability_name, stability_of
@@ -205,23 +205,24 @@ class SeenFlanks:
         return self.cells.influence(f"{FLANK_ONLY} on the flanks{name}", out * by, U / 2)
 
     def _steepness(self) -> Array:
-        """How steeply (n,) it is seen: from -0.5 to 0.5 over what one flank shows from root to tip.
-
-        Flanks of the other side, or of an eccentric gear's other half, may lie beyond.
-        """
-        middle, span = self._from_root_to_tip
-        return np.asarray(np.clip((_incidence(self.calibration, self.cells) - middle) / span, -1.0, 1.0))
+        """How steeply (n,) it is seen: -0.5..0.5 from the least to the most incidence at which the view sees flanks."""
+        least, most = self._incidences
+        steep = (_incidence(self.calibration, self.cells) - least) / max(most - least, 1e-6)
+        return np.asarray(np.clip(steep, 0.0, 1.0) - 0.5)
 
     @cached_property
-    def _from_root_to_tip(self) -> tuple[float, float]:
-        """rad: the incidence in the middle of a flank that faces the view, and what it grows by along the profile."""
-        nominal = self.toothing.nominal
-        shape = (2, nominal.gear.teeth, 2)
-        roll, height = np.broadcast_to(nominal.profile_range, shape), np.full(shape, np.mean(nominal.helix_range))
-        ends = _incidence(self.calibration, _seen_cells(self.calibration, self.toothing, roll, height)).reshape(-1, 2)
-        facing = ends[ends.mean(axis=1) < pi / 2]
-        ends = facing if len(facing) else ends
-        return float(np.median(ends.mean(axis=1))), float(np.median(np.abs(ends[:, 1] - ends[:, 0])))
+    def _incidences(self) -> tuple[float, float]:
+        """rad: the least and the most at which the view sees the ends of any profile, at the ends of the face.
+
+        Of the whole gear, not of the places looked at: an input is the same wherever it is asked for.
+        """
+        nominal, limit = self.toothing.nominal, self.scan.stand.sensor.incidence_limit
+        shape = (2, nominal.gear.teeth, 2, 2)
+        roll, height = np.broadcast_arrays(np.array(nominal.profile_range)[:, None], nominal.helix_range)
+        ends = (np.broadcast_to(of, shape) for of in (roll, height))
+        incidence = _incidence(self.calibration, _seen_cells(self.calibration, self.toothing, *ends))
+        seen = incidence[incidence < (acos(LEAST_FACING) if limit is None else limit)]
+        return (float(seen.min()), float(seen.max())) if seen.size else (0.0, pi / 2)
 
     def _of_stability(self) -> list[Influence]:
         """The radial zero of the sensor since it was calibrated."""
