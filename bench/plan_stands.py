@@ -15,7 +15,8 @@ import json
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from math import acos, asin, cos, radians, sin, tan, tau
+from itertools import product
+from math import acos, asin, atan, cos, radians, sin, tan, tau
 
 import numpy as np
 
@@ -171,18 +172,29 @@ def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics
 
 
 def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """By how much flanks read farther out, from the least to the most incidence at which any is seen, also of a shaft
-    that runs out: a shift, a slope and a bend; level surfaces don't.
+    """By how much flanks read farther out, from the least to the most incidence at which any is seen: a shift, a slope
+    and a bend; level surfaces don't.
     """
     level, slope, bend = rng.normal(0, INCIDENCE_U / 2, 3)
-    base = gear.teeth * gear.module / 2 * cos(gear.pressure_angle)
-    tip, root = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
-    aside = asin((abs(place.plane_offset) + ECCENTRICITY) / tip)
-    least, most = (acos(sin(-place.phi) * sin(acos(base / r) + more)) for r, more in ((tip, aside), (root, -aside)))
+    least, most = incidences(gear, place)
     steep = np.linspace(-0.5, 0.5, 9)
     read = level + slope * steep + bend * (4.0 * steep**2 - 0.5)
-    angles = np.linspace(least, min(most, LIMIT), steep.size)
+    angles = np.linspace(least, most, steep.size)
     return (0.0, 0.0), (least / 2, 0.0), *zip(angles.tolist(), read.tolist(), strict=True)
+
+
+def incidences(gear: Gear, place: Mounting) -> tuple[float, float]:
+    """The least and the most at which a tip, or a root, of either flank is seen of a gear on a shaft that runs out."""
+    helix, normal_angle = gear.helix_angle, gear.pressure_angle
+    angle = atan(tan(normal_angle) / cos(helix))
+    base, base_helix = gear.teeth * gear.module / 2 / cos(helix) * cos(angle), asin(sin(helix) * cos(normal_angle))
+    radii = gear.tip_diameter / 2, max(1.005 * base, gear.root_diameter / 2 + 0.25 * gear.module)
+    aside, along = abs(place.plane_offset) + ECCENTRICITY, atan(gear.face_width / 2 / place.standoff)
+    cosines = [
+        cos(base_helix) * sin(acos(base / r) + off / r) * sin(ray) + side * sin(base_helix) * cos(ray)
+        for r, off, ray, side in product(radii, (-aside, aside), (-place.phi - along, -place.phi + along), (-1, 1))
+    ]
+    return acos(max(cosines)), acos(max(min(cosines), cos(LIMIT)))
 
 
 def held_against(inspection: Inspection, truth: dict) -> Found:

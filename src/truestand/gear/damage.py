@@ -6,6 +6,7 @@ confirms may hide anything, and a groove narrower than three profiles may be dee
 is dirt, a region of cells is material.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import hypot, log, sqrt
 from typing import Literal
@@ -14,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
+from truestand.core.inspection import CONTRADICTS
 from truestand.core.robust import nan_median, robust_sd
 from truestand.gear.evaluate import Evaluator
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, step_on_flank
 from truestand.gear.rays import FlankRays, Rays
+from truestand.gear.seen_flanks import Influence
 from truestand.gear.smooth_flanks import SmoothFlanks, residuals, shared_shape
 from truestand.gear.traces import Traces, helix_of, helix_points, profile_points, stretches_inside
 
@@ -136,9 +139,11 @@ def with_deep_damage(flanks: Flanks, grid: Grid) -> Flanks:
 
 
 def damage_of(
-    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float
-) -> tuple[Damage, ...]:
-    """Regions of cells inside the evaluation ranges that depart from the smooth flanks or are not seen, tooth by tooth.
+    flanks: Flanks, evaluator: Evaluator, rays: FlankRays, step: float, radial: float, there: Mask, apart: float,
+    influences: Sequence[Influence],
+) -> tuple[Damage, ...]:  # fmt: skip
+    """Regions of cells inside the evaluation ranges that depart from the smooth flanks, by more than ``influences`` of
+    the budget explain, or are not seen; tooth by tooth.
 
     ``step``: table angle from one profile to the next, rad; ``radial``: share 0..1 of the rays' direction that points
     at the axis; ``there`` (teeth,): teeth that the drawing has; ``apart``: standard deviation (mm) of what views read
@@ -177,7 +182,31 @@ def damage_of(
                     float(unusual[side, tooth][region].sum()) >= LEAST_CELLS,
                 ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
+    found = _beyond_the_budget(found, rest, smooth, influences)
     return tuple(sorted(found, key=lambda d: (d.tooth, d.side, d.rolls, d.heights)))
+
+
+def _beyond_the_budget(
+    found: list[Damage], rest: Array, smooth: SmoothFlanks, influences: Sequence[Influence]
+) -> list[Damage]:
+    """Regions whose cells lie, on the mean, so many U off the smooth flanks that inputs of the budget don't explain it.
+
+    Where ends of profiles are seen on a few teeth only, what steep incidence does to them is shared by no others, and
+    stands out.
+    """
+    regions = [(d.side, d.tooth, d.cells & np.isfinite(rest[d.side, d.tooth])) for d in found]
+    known = np.zeros(len(found))
+    for influence in influences if found else ():
+        known = np.hypot(known, _means(residuals(influence.field, smooth), regions))
+    beyond = np.abs(_means(rest, regions)) > CONTRADICTS * known
+    return [d for d, further in zip(found, beyond, strict=True) if d.depth is None or further]
+
+
+def _means(values: Array, regions: Sequence[tuple[int, int, Mask]]) -> Array:
+    """Of values (2, teeth, roll lengths, heights) over regions of some flanks; 0 where one has no cells."""
+    return np.array([
+        values[side, tooth][cells].sum() / max(np.count_nonzero(cells), 1) for side, tooth, cells in regions
+    ])  # fmt: skip
 
 
 def _raised_on_all(smooth: SmoothFlanks) -> Array:

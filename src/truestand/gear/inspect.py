@@ -112,11 +112,11 @@ def inspect_gear(
     unshown = rays.beside.hidden | rays.own.hidden_between
     coverage = coverage_of(evaluator, measures, step, blind_of_helices(views), unshown, sides_tied)
     radial, left = min(_radial_share(v.calibration) for v in views), left_between(views, flanks, evaluator.grid)
-    damage = damage_of(complete, evaluator, rays, step, radial, there, left)
+    influences = influences_of(weighed(views, complete, evaluator.grid), evaluator.grid, complete.toothing)
+    damage = damage_of(complete, evaluator, rays, step, radial, there, left, influences)
     damage = with_unread(damage, zones_of(evaluator.grid, step)["helix"], evaluator.traces)
     told = (*damage, *unseen_at_ends(complete, evaluator.grid, step, whole.x.shape[1]))
     gaps = unseen_in_traces(evaluator.grid, evaluator.traces, step)
-    influences = influences_of(weighed(views, complete, evaluator.grid), evaluator.grid, complete.toothing)
     assessment = assess(influences, evaluator, step, measures, coverage, told, gaps, there)
     defects, defect_map = find_defects(flanks, folded, there, coverage)
     defects = (*defects, *broken_edges(flanks, folded, evaluator.grid.scatter, there, defects))
