@@ -20,6 +20,7 @@ from truestand.gear.evaluate import evaluate, figures_of
 from truestand.gear.flanks import find_flanks, find_toothing
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import evaluate_flanks, inspect_gear
+from truestand.gear.seen_flanks import seen_flanks
 from truestand.sim import GearErrors, VirtualGear, paper_shaft, simulate
 from truestand.uncertainty.influence import unknowns_of
 from variants import tried
@@ -267,3 +268,22 @@ def test_incidence_out_of_proportion_stands_in_u():
     lines = [c for c in found.characteristics if c.name in ("f_falpha", "F_alpha") and c.tooth and c.verdict]
     assert len(lines) > 40
     assert max(c.value / c.U for c in lines) < 1.5  # all that is read of a perfect gear is the sensor's
+
+
+def test_what_steep_flanks_do_is_the_same_wherever_it_is_asked_for():
+    """It was scaled by the places looked at: some near the tip had all the slope of a whole flank."""
+    calibration = true_calibration()
+    surface = apply_calibration(scan_of(SPUR, PERFECT, QUIET), calibration)
+    nominal = involute(SPUR)
+    toothing = find_toothing(surface, nominal, datum_of(calibration, SPUR.datum, 0.0))
+
+    def incidence(rolls):
+        shape = (2, SPUR.teeth, len(rolls), 2)
+        roll, height = np.broadcast_to(rolls[:, None], shape), np.broadcast_to(nominal.helix_range, shape)
+        seen = seen_flanks(*surface.origin, toothing, roll, height)
+        return np.stack([i.field for i in seen.of_sensor if i.name.startswith("incidence")])
+
+    rolls = np.linspace(*nominal.profile_range, 9)
+    whole = incidence(rolls)
+    assert incidence(rolls[6:]) == pytest.approx(whole[:, :, :, 6:], rel=1e-9)
+    assert np.ptp(whole[1]) == pytest.approx(whole[0].mean(), rel=0.01)  # U from the least to the most incidence
