@@ -172,13 +172,13 @@ def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics
 
 
 def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """By how much flanks read farther out, from the least to the most incidence at which any is seen: a shift, a slope
-    and a bend; level surfaces don't.
+    """By how much flanks read farther out, from the least to the most incidence at which any is seen: a shift, a slope,
+    a bend and a wave of half their size; level surfaces don't.
     """
-    level, slope, bend = rng.normal(0, INCIDENCE_U / 2, 3)
+    level, slope, bend, wave = rng.normal(0, INCIDENCE_U / 2, 4)
     least, most = incidences(gear, place)
-    steep = np.linspace(-0.5, 0.5, 9)
-    read = level + slope * steep + bend * (4.0 * steep**2 - 0.5)
+    steep = np.linspace(-0.5, 0.5, 17)
+    read = level + slope * steep + bend * (4.0 * steep**2 - 0.5) + wave / 4 * np.sin(tau * steep)
     angles = np.linspace(least, most, steep.size)
     return (0.0, 0.0), (least / 2, 0.0), *zip(angles.tolist(), read.tolist(), strict=True)
 

@@ -192,9 +192,13 @@ class SeenFlanks:
         ]
 
     def _of_incidence(self) -> list[Influence]:
-        """What steep flanks do to their readings: alike everywhere, the more the steeper, and out of proportion."""
+        """What steep flanks do to their readings: alike everywhere, the more the steeper, and out of proportion: bent,
+        and by one wave of half the size.
+        """
         steep = self._steepness()
-        return [self._of_steep(by) for by in (1.0, steep, 4.0 * np.square(steep) - 0.5)]
+        return [
+            self._of_steep(by) for by in (1.0, steep, 4.0 * np.square(steep) - 0.5, np.sin(2 * pi * steep) / 4)
+        ]  # fmt: skip
 
     def _of_steep(self, by: Array | float) -> Influence:
         """Flanks that read farther out by U and a factor (n,)."""
