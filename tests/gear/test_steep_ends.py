@@ -18,7 +18,7 @@ BEND = tuple(zip(np.radians(71.5 + 27.0 * STEEP).tolist(), (0.016 * (0.5 - 4.0 *
 
 @pytest.mark.more
 def test_ends_that_few_teeth_show_are_no_damage(monkeypatch):
-    """Five regions of a sound gear were damage, 16 to 20 um deep, of a sensor that is known to 20 um on steep flanks."""
+    """Five regions of a sound gear were damage, 16 to 20 um deep; the sensor is known to 20 um on steep flanks."""
     stand = plan_stands.stand()
     view = SimpleNamespace(mount=SimpleNamespace(sensor=stand.sensor, place=PLACE))
     found = SimpleNamespace(views=(view,), setting=SimpleNamespace(stand=stand))
