@@ -7,11 +7,12 @@ Every stand is mounted as planned to half a degree and half a millimetre, calibr
 deviations of its own, of form too. What nobody knows of a stand is drawn from what the budget says of it: the sensor's
 linearity (one and two waves over the range) and scale, how it reads steep flanks, the encoder's error, the table's
 sideways motion (as an angle), its bearing (as motion of the part), the shaft's diameter and coaxiality. Printed: U of
-the plan over twice the rms error, for each characteristic.
+the plan over twice the rms error, for each characteristic; of all teeth, where there are several.
 """
 
 import argparse
 import json
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
@@ -72,6 +73,10 @@ FORM, FLANK_FORM = 0.003, 0.0015
 """mm: amplitude of the turned part's waves; standard deviation of that of the flanks'."""
 ECCENTRICITY = 1.0
 """mm, of the shaft on the table."""
+FAR_BEYOND = 1.5
+"""U by which a line is off that is named."""
+LOST = 0.1
+"""mm of U from which nothing is known of a line: parts of it count as not seen."""
 FEED = 2.0
 """mm of height from one feed mark of the gear to the next."""
 
@@ -105,10 +110,8 @@ class Untrusted(TruestandError):
     """An inspection that decides nothing."""
 
 
-Found = dict[tuple[str, str], tuple[float, float]]
-"""Of each characteristic, by name and flank or section: error and U of the inspection, mm, where it has several lines
-(teeth) of that with the largest U, which is what a plan promises.
-"""
+Found = dict[tuple[str, str], list[tuple[float, float]]]
+"""Of each characteristic, by name and flank or section: error and U of each line (tooth) of the inspection, mm."""
 
 
 def try_stand(name: str, views: int | None, seed: int) -> Found:
@@ -198,12 +201,12 @@ def incidences(gear: Gear, place: Mounting) -> tuple[float, float]:
 
 
 def held_against(inspection: Inspection, truth: dict) -> Found:
-    lines: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    lines: Found = {}
     for c in inspection.characteristics:
         key = (c.name, c.flank or c.section or "", c.tooth)
         if c.value is not None and c.U is not None and key in truth:
             lines.setdefault(key[:2], []).append((c.value - truth[key], c.U))
-    return {key: max(of, key=lambda line: line[1]) for key, of in lines.items()}
+    return lines
 
 
 def real_part(part: Part, rng: np.random.Generator):
@@ -245,6 +248,21 @@ def true_figures(part, workpiece: Workpiece, shaft) -> dict:
     return found
 
 
+def odd_lines(found: Found) -> Iterator[str]:
+    """What is far beyond its U, and how much nothing is known of."""
+    for key, lines in found.items():
+        error, U = max(lines, key=lambda line: abs(line[0] / line[1]))
+        if abs(error) > FAR_BEYOND * U:
+            yield f"{' '.join(key)} {1000 * error:.1f} um off at U {1000 * U:.1f}"
+    lost = sum(U >= LOST for lines in found.values() for _, U in lines)
+    if lost:
+        yield f"{lost} lines with a U of {LOST:g} mm and more"
+
+
+def _root_mean_square(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("part", choices=PARTS)
@@ -263,8 +281,10 @@ def main() -> None:
         jobs = {seed: pool.submit(partial(try_stand, options.part, options.views), seed) for seed in seeds}
         for seed, job in jobs.items():
             try:
-                for key, line in job.result().items():
-                    told.setdefault(key, []).append(line)
+                for key, lines in job.result().items():
+                    told.setdefault(key, []).extend(lines)
+                for text in odd_lines(job.result()):
+                    print(f"seed {seed}: {text}", flush=True)
             except TruestandError as error:
                 kind = "untrusted" if isinstance(error, Untrusted) else "refused"
                 refused[kind] += 1
@@ -278,9 +298,9 @@ def main() -> None:
         if e.U is None or (e.name, e.where) not in told:
             continue
         errors, inspected = np.array(told[e.name, e.where]).T
-        twice = 2000 * float(np.sqrt(np.mean(np.square(errors))))
+        twice, U = 2000 * _root_mean_square(errors), 1000 * _root_mean_square(inspected[inspected < LOST])
         ratios[f"{e.name} {e.where}".strip()] = ratio = 1000 * e.U / twice
-        um = f"{1000 * e.U:.2f} | {1000 * np.median(inspected):.2f} | {twice:.2f} | {1000 * np.abs(errors).max():.2f}"
+        um = f"{1000 * e.U:.2f} | {U:.2f} | {twice:.2f} | {1000 * np.abs(errors).max():.2f}"
         print(f"| {e.name} {e.where} | {um} | {np.abs(errors / inspected).max():.2f} | {ratio:.2f} |", flush=True)
     lost = ", ".join(f"{number} {kind}" for kind, number in refused.items())
     print(f"{options.stands} stands, {lost}; ratio {min(ratios.values()):.2f} to {max(ratios.values()):.2f}")

@@ -12,6 +12,7 @@ import pytest
 from gears import FANS, SPUR, WORN, calibrated, helical, scan_of, simulation
 from truestand.apply.transfer import roll
 from truestand.core.errors import BadRecipe
+from truestand.core.inspection import Characteristic
 from truestand.devices.positioner import read_carrier
 from truestand.files.recipes.plan import planned_stand, read_task
 from truestand.files.recipes.recipes import read_stand, write_starters
@@ -25,7 +26,7 @@ from truestand.planning import carried, places, search
 from truestand.planning.gear_target import gear_target, profiles_met
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
-from truestand.planning.plan import Task, plan
+from truestand.planning.plan import Task, _expected, plan
 from truestand.planning.room import Room
 from truestand.planning.target import Mount, PlannedSensor, View
 from truestand.planning.views import Setting
@@ -92,6 +93,20 @@ def test_a_sleeve_is_planned_with_one_view(few_places, tmp_path):
     assert {c["section"] for c in record["characteristics"]} == {"wide", "narrow"}
     page = plan_report(found)
     assert "One view will do" in page and "What was assumed" in page
+
+
+def test_u_of_a_characteristic_is_that_of_a_tooth_and_its_share_of_the_worst():
+    """U of every tooth scatters: the largest of 24 was half as much again as what errors bear out."""
+    limits = (None, 0.012)
+    teeth = tuple(
+        Characteristic("f_falpha", 0.002, U, "left", tooth, limits=limits) for tooth, U in ((1, 0.003), (2, 0.004))
+    )
+    mean = Characteristic("f_falpha", 0.002, 0.001, "left", limits=limits)
+    alone = Characteristic("F_p", 0.01, 0.006, "left")
+    f_falpha, F_p = _expected((*teeth, mean, alone), {})
+    assert pytest.approx(0.005 / 2**0.5) == f_falpha.U and f_falpha.largest == 0.004
+    assert f_falpha.share == pytest.approx(0.004 / 0.012)
+    assert (F_p.U, F_p.largest, F_p.share) == (pytest.approx(0.006), None, None)
 
 
 @pytest.mark.more
@@ -239,7 +254,7 @@ def test_turns_of_whole_profiles_meet_flanks_at_the_same_places(gear):
     grid = Grid(nominal, empty, empty, empty, empty, empty, rolls, edges, 0.001)
 
     def met(turns, per_turn):
-        return profiles_met(grid, turns, per_turn, 0.38, 0.0)[0]
+        return profiles_met(grid, grid.heights, turns, per_turn, 0.38, 0.0)[0]
 
     one, two, between = met(1.0, 1000.0), met(2.0, 1000.0), met(2.0, 1000.5)
     assert (two == 2 * one).all() and 0.1 < (one > 0).mean() < 0.2

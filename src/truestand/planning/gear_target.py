@@ -52,8 +52,8 @@ crest, of its flanks; mm where it has none.
 """
 USUAL_WAVES, USUAL_FEED = 2.0, 2.0
 """Of this form, waves along the profile; mm of height from one mark that a hob's feed left on the face to the next."""
-LEAST_COUNT = 1.0
-"""Of readings in a cell that counts as seen."""
+PARTS = 4
+"""Of a cell's height, for each of which it is told which profiles meet it: on helical flanks they pass aslant."""
 USUAL_CLASS = 7
 """By which U is weighed where the drawing limits nothing."""
 FORMS = (0.2, 0.7, 1.4)
@@ -218,12 +218,14 @@ class GearTarget:
         for k, (view, r) in enumerate(zip(views, readings, strict=True)):
             azimuth, aside = view.mount.place.azimuth, view.calibration.eccentricity / radius
             skew = float(rng.normal(0.0, PLANE_TILT_U / K)) / radius
-            met, share[k] = profiles_met(grid, self.turns, self.profiles_per_turn, first, azimuth, aside, skew)
-            count[k] = r.number * met
-        count[count < LEAST_COUNT] = 0.0
+            for part, number in enumerate(_in_parts(r.number, float(rng.random()))):
+                heights = grid.heights + ((part + 0.5) / PARTS - 0.5) * grid.size[1]
+                met, at = profiles_met(grid, heights, self.turns, self.profiles_per_turn, first, azimuth, aside, skew)
+                count[k] += number * met
+                share[k] += number * met * at
         total = count.sum(axis=0)
         one = np.maximum(total, 1.0)
-        up = np.where(total > 0, np.sum(count * share, axis=0) / one, 0.5)
+        up = np.where(total > 0, share.sum(axis=0) / one, 0.5)
         variance = np.stack([np.broadcast_to(np.square(r.u), total.shape) for r in readings])
         u = np.sqrt(np.sum(count * variance, axis=0)) / one
         shares = tuple(np.where(total > 0, of / one, 1 / len(views)) for of in count)
@@ -308,11 +310,21 @@ def gear_target(
     return GearTarget(gear, shaft, turns, profiles_per_turn, toothing)
 
 
+def _in_parts(number: Array, first: float) -> Array:
+    """Readings (``PARTS``, 2, 1, R, H) that a profile has in each part of the cells, of a ``number`` (2, 1, R, H) in
+    the whole; ``first``: share 0..1 of one by which the lowest misses the end of the face.
+    """
+    before = np.cumsum(number, axis=3) - number
+    ends = [np.floor(first + before + number * part / PARTS) for part in range(PARTS + 1)]
+    return np.diff(ends, axis=0)
+
+
 def profiles_met(
-    grid: Grid, turns: float, per_turn: float, first: float, azimuth: float, aside: float = 0.0, skew: float = 0.0
-) -> tuple[Array, Array]:
-    """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell, and at what share 0..1 of its
-    roll length: a further turn brings others only where a turn is no whole number of profiles.
+    grid: Grid, heights: Array, turns: float, per_turn: float, first: float, azimuth: float, aside: float = 0.0,
+    skew: float = 0.0,
+) -> tuple[Array, Array]:  # fmt: skip
+    """How many profiles (2, teeth, R, H) of a scan of so many ``turns`` meet each cell at ``heights`` (H,) mm, and at
+    what share 0..1 of its roll length: a further turn brings others only where a turn is no whole number of profiles.
 
     ``first``: share 0..1 of a step of the table by which a profile misses the middle of the first tooth; ``azimuth`` of
     the sensor, rad; ``aside``, by which an eccentric gear's teeth come sooner or later than they stand on it (rad), and
@@ -322,8 +334,8 @@ def profiles_met(
     size, _ = grid.size
     up_the_flank = np.concatenate([[0.0], np.cumsum(size / step_on_flank(nominal, grid.rolls, step))])
     side, tooth = np.indices((2, gear.teeth))[..., None, None]
-    angle = (tooth + side / 2) * gear.pitch + grid.heights * nominal.twist + azimuth
-    angle = angle + aside * np.sin(angle) + skew * (grid.heights - nominal.middle)
+    angle = (tooth + side / 2) * gear.pitch + heights * nominal.twist + azimuth
+    angle = angle + aside * np.sin(angle) + skew * (heights - nominal.middle)
     at_edges = first + angle / step - SIGMA[side] * up_the_flank[:, None]
     low, high = (of(at_edges[:, :, :-1], at_edges[:, :, 1:]) for of in (np.minimum, np.maximum))
     count, share = np.zeros((2, *low.shape))

@@ -53,20 +53,22 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """A characteristic as it would be measured: of all teeth, the worst."""
+    """A characteristic as it would be measured; of all teeth, where there are several."""
 
     name: str
     flank: str | None
     section: str | None
     U: float | None
-    """mm, k = 2; None: it can't be measured."""
+    """mm, k = 2, of several teeth the root mean square; None: it can't be measured."""
+    largest: float | None
+    """mm: the largest of the teeth, where there are several."""
     limits: tuple[float | None, float | None] | None
     size: bool
     share: float | None
-    """U over the room between the limits."""
+    """The largest U over the room between the limits."""
     status: Status
     capable: bool
-    """Whether any value could be shown to conform; without limits, whether it is measured."""
+    """Whether any value of any tooth could be shown to conform; without limits, whether it is measured."""
     mostly: str | None
     """The input that makes most of U."""
 
@@ -258,7 +260,8 @@ def _assumed(stand: Stand, task: Task) -> tuple[str, ...]:
 
 
 def _expected(lines: tuple[Characteristic, ...], coverage: dict[str, float]) -> tuple[Expected, ...]:
-    """The lines of an inspection by name and place, of all teeth the worst; means over whole flanks left out.
+    """The lines of an inspection by name and place, those of teeth together; their means, and those over whole flanks,
+    left out.
 
     What views leave out of a flank may be damaged: an inspection counts it, so nothing that reads it is promised.
     """
@@ -266,7 +269,10 @@ def _expected(lines: tuple[Characteristic, ...], coverage: dict[str, float]) -> 
     for line in lines:
         if not line.name.endswith(AREAL):
             by_place.setdefault((line.name, line.flank, line.section), []).append(line)
-    return tuple(_as_far_as_seen(_worst_of(*place, of), coverage) for place, of in by_place.items())
+    return tuple(
+        _as_far_as_seen(_of_teeth(*place, [line for line in of if line.tooth is not None] or of), coverage)
+        for place, of in by_place.items()
+    )
 
 
 def _as_far_as_seen(e: Expected, coverage: dict[str, float]) -> Expected:
@@ -276,17 +282,17 @@ def _as_far_as_seen(e: Expected, coverage: dict[str, float]) -> Expected:
     return replace(e, status="partial", capable=False)
 
 
-def _worst_of(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
-    known = [line for line in lines if line.U is not None]
-    largest = max(known, key=lambda line: line.U or 0.0, default=None)
-    shares = [share for line in lines if (share := share_of_room(line)) is not None]
+def _of_teeth(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
+    """What the lines of a characteristic, a tooth each, come to: U of one, and what the worst leaves to be decided."""
     status = max((line.status for line in lines), key=ORDER.index)
-    seen = status != "not_measurable"
-    capable = seen and all(line.capable for line in lines)
+    known = [line.U for line in lines if line.U is not None] if status != "not_measurable" else []
+    shares = [share for line in lines if (share := share_of_room(line)) is not None] if known else []
+    largest = max((line for line in lines if line.U is not None), key=lambda line: line.U or 0.0, default=None)
     return Expected(
-        name, flank, section, largest.U if seen and largest else None, lines[0].limits, lines[0].size,
-        max(shares, default=None) if seen else None, status, capable,
-        largest.budget[0].name if seen and largest and largest.budget else None,
+        name, flank, section, float(np.sqrt(np.mean(np.square(known)))) if known else None,
+        max(known) if len(known) > 1 else None, lines[0].limits, lines[0].size, max(shares, default=None), status,
+        status != "not_measurable" and all(line.capable for line in lines),
+        largest.budget[0].name if known and largest and largest.budget else None,
     )  # fmt: skip
 
 

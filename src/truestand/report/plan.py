@@ -11,6 +11,7 @@ from truestand.report.notation import meaning, prose, symbol
 from truestand.report.page import K_NOTE, framed, head, not_measured, page, stamp
 from truestand.report.plan_tables import (
     PLACE_COLUMNS,
+    largest_text,
     limits_text,
     outcome,
     place_row,
@@ -92,13 +93,15 @@ def _expected(plan: Plan) -> str:
     rows = "".join(_row(e) for e in sorted(plan.asked, key=lambda e: -(e.share or 0.0)))
     others = "".join(_row(e) for e in plan.expected if id(e) not in asked)
     heads = (
-        '<tr><th>characteristic</th><th></th><th class="n"><i>U</i></th><th class="n">limit</th>'
-        '<th class="n"><i>U</i> of the limits</th><th>mostly from</th><th></th></tr>'
+        '<tr><th>characteristic</th><th></th><th class="n"><i>U</i></th><th class="n">largest tooth</th>'
+        '<th class="n">limit</th><th class="n">of the limits</th><th>mostly from</th><th></th></tr>'
     )
     text = (
         "<h2>What to expect</h2><p>As an inspection would have it: scans from these places are imagined and assessed "
-        "with the same budget. Of a gear there are three, each with the errors of a stand: the root mean square of "
-        "their <i>U</i>, and of all teeth the largest.</p>" + K_NOTE + table(heads, rows, "results")
+        "with the same budget. Of a gear there are three, each with the errors of a stand. <i>U</i> is the root mean "
+        "square of theirs, over the teeth too; the largest of a tooth is held against the limits.</p>"
+        + K_NOTE
+        + table(heads, rows, "results")
     )
     if others:
         text += f"<details><summary>Without limits</summary>{table(heads, others, 'results')}</details>"
@@ -108,7 +111,8 @@ def _expected(plan: Plan) -> str:
 def _row(e: Expected) -> str:
     return (
         f'<tr><td class="name">{symbol(e.name)}<small>{escape(meaning(e.name))}</small></td><td>{escape(e.where)}</td>'
-        f'<td class="n">{u_text(e)}</td><td class="n">{limits_text(e)}</td><td class="n">{share_text(e)}</td>'
+        f'<td class="n">{u_text(e)}</td><td class="n">{largest_text(e)}</td><td class="n">{limits_text(e)}</td>'
+        f'<td class="n">{share_text(e)}</td>'
         f"<td>{prose(e.mostly or '')}</td><td>{escape(outcome(e))}</td></tr>"
     )
 

@@ -29,15 +29,24 @@ def position_text(view: View) -> str:
 
 
 def expected_row(e: Expected) -> tuple[str, ...]:
-    """Name, flank or section, U, limit, U as a share of the limits, and what that means."""
-    return e.name, e.where, u_text(e), limits_text(e), share_text(e), outcome(e)
+    """Name, flank or section, U, its largest of the teeth, limit, the share of it, and what that means."""
+    return e.name, e.where, u_text(e), largest_text(e), limits_text(e), share_text(e), outcome(e)
 
 
 def u_text(e: Expected) -> str:
     """U with its unit; a dash where it can't be measured."""
-    if e.U is None:
+    return _with_unit(e.U, e.size)
+
+
+def largest_text(e: Expected) -> str:
+    """The largest U of the teeth; a dash where there is one line only."""
+    return _with_unit(e.largest, e.size)
+
+
+def _with_unit(U: float | None, size: bool) -> str:
+    if U is None:
         return NONE
-    value, unit = (e.U, "mm") if e.size else (um(e.U), "µm")
+    value, unit = (U, "mm") if size else (um(U), "µm")
     return f"{number(value, places(value))} {unit}"
 
 
@@ -53,7 +62,7 @@ def limits_text(e: Expected) -> str:
 
 
 def share_text(e: Expected) -> str:
-    """U as a share of what the limits leave."""
+    """The largest U as a share of what the limits leave."""
     return NONE if e.share is None else f"{100 * e.share:.0f} %"
 
 

@@ -16,7 +16,8 @@ def plan_tables(plan: Plan) -> RenderableType:
     for view in plan.views:
         position = (position_text(view),) if carried else ()
         places.add_row(view.mount.sensor.name, view.mount.sensor.device, *place_row(view), *position)
-    lines = text_table("Expected", ("characteristic", "flank or section"), ("U (k = 2)", "limit", "U of the limits"))
+    figures = ("U (k = 2)", "largest tooth", "limit", "of the limits")
+    lines = text_table("Expected", ("characteristic", "flank or section"), figures)
     lines.add_column("")
     for e in plan.asked:
         lines.add_row(*expected_row(e))

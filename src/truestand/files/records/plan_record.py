@@ -54,6 +54,7 @@ def _expected(e: Expected) -> Record:
         "flank": e.flank,
         "section": e.section,
         "U_um": None if e.U is None else um(e.U),
+        "largest_U_um": None if e.largest is None else um(e.largest),
         "limit_um": _limit_um(e),
         "U_of_limits": e.share,
         "status": e.status,
