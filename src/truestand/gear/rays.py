@@ -6,14 +6,17 @@ it and no reading lies, that is no gap between two profiles: the flank is broken
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, cos, floor, log, radians, tau
+from math import ceil, floor, log, pi, radians, sqrt, tau
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.assumptions import INCIDENCE_U
 from truestand.core.calibration import Calibration
+from truestand.core.inspection import CONTRADICTS
 from truestand.core.robust import nan_median
+from truestand.core.stand import Sensor
 from truestand.core.surface import seen_at, sensor_origins, table_angle
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
@@ -46,6 +49,10 @@ STEPS_OF_INCIDENCE = 20
 LIMIT_SPARE = radians(1.0)
 """By which rays must be less steep than the sensor's limit for their readings to be missed: so far flanks may lean or
 bend otherwise than the drawing has them near their root.
+"""
+MOST_OUT = CONTRADICTS * sqrt(1.5)
+"""U of incidence by which steep flanks may read farther out: a shift, half of a slope and half of a bend, and half as
+much again.
 """
 MOST_SPACINGS = 2.0
 """Times as far as is usual that readings next to each other on the sensor's line may lie apart on one flank: where they
@@ -189,7 +196,7 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    too_steep = _too_steep(facing, scan.stand.sensor.incidence_limit)
+    too_steep = _too_steep(facing, grid, scan.stand.sensor)
     near_root, better_seen = _by_the_fillet(grid, view)
     nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
     untold = nothing_looks | too_steep | better_seen
@@ -203,10 +210,23 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     )  # fmt: skip
 
 
-def _too_steep(facing: Array, limit: float | None) -> Mask:
-    """Where a ray's incidence, by its cosine ``facing`` (NaN: never met), comes near the sensor's ``limit`` (rad)."""
+def _too_steep(facing: Array, grid: Grid, sensor: Sensor) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) whose rays, at a cosine ``facing`` (NaN: never met) of incidence, come
+    near the sensor's limit.
+
+    A flank that reads farther out where it is steep is read where a ray passes it, before the ray meets it more
+    steeply: by an angle g to the flank, whose radius r is the roll length, it comes down to it by g r dg. Both grow
+    along an involute, the radius by the base radius.
+    """
+    if sensor.incidence_limit is None:
+        return np.zeros(facing.shape, dtype=bool)
+    out = MOST_OUT * (INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U)
+    roll, steepest = grid.rolls[:, None], pi / 2 - sensor.incidence_limit + LIMIT_SPARE
+    less = np.maximum(np.arcsin(facing) - steepest, 0.0)
+    there = np.maximum(roll - grid.nominal.base_radius * less, 0.0)
+    middle = 4 * (steepest + less / 2) * (there + roll) / 2
     with np.errstate(invalid="ignore"):
-        return np.asarray(facing < (-np.inf if limit is None else cos(limit - LIMIT_SPARE)))
+        return np.asarray(less / 6 * (steepest * there + middle + (steepest + less) * roll) < out)
 
 
 def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
