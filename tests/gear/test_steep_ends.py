@@ -1,5 +1,6 @@
 """Ends of profiles near the root, read otherwise because they are seen steeply: no damage."""
 
+from dataclasses import replace
 from math import radians
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 
 import plan_stands
 from truestand.planning.place import Place
+from truestand.sim import Worn
 
 PLACE = Place(radians(-77.0), 109.0, 19.0, 0.0, 0.0)
 """Of the spur gear's plan: with 2,000 profiles a turn, 3 to 6 of its 24 teeth show their last millimetre."""
@@ -34,6 +36,23 @@ def test_what_is_too_steep_to_be_seen_is_not_missing(monkeypatch):
     assert not [c for c in inspection.characteristics if c.reason and "no reading shows" in c.reason]
     forms = [c for c in inspection.characteristics if c.name == "F_alpha" and c.tooth]
     assert len(forms) == 48 and max(c.U for c in forms) < 0.04
+
+
+@pytest.mark.more
+def test_what_is_missing_there_on_one_tooth_alone_is_told(monkeypatch):
+    """It was taken for too steep, though other teeth are read as steeply: a root 0.3 mm deep *conforms*."""
+    real_part, broken = plan_stands.real_part, Worn(17, "left", (0.0, 4.2), (0.0, 30.0), 0.3, 0.05)
+
+    def damaged(part, rng):
+        gear = real_part(part, rng)
+        return replace(gear, errors=replace(gear.errors, worn=(broken,)))
+
+    monkeypatch.setattr(plan_stands, "real_part", damaged)
+    monkeypatch.setattr(plan_stands, "PER_TURN", 4000)
+    inspection = inspected(monkeypatch, ((0.0, 0.0), (radians(85.0), 0.0)), 3902)
+    lines = {c.tooth: c for c in inspection.characteristics if c.name == "F_alpha" and c.flank == "left" and c.tooth}
+    assert "no reading shows the flank" in (lines[17].reason or "")
+    assert [tooth for tooth, c in lines.items() if c.U > 1.0] == [17]
 
 
 def inspected(monkeypatch, bias, seed):

@@ -54,6 +54,10 @@ MOST_OUT = CONTRADICTS * sqrt(1.5)
 """U of incidence by which steep flanks may read farther out: a shift, half of a slope and half of a bend, and half as
 much again.
 """
+STEP_OF_INCIDENCE, MOST_STEPS = radians(0.25), 160
+"""In which rays near the limit are compared, so many from the steepest on."""
+MOST_LOST_BY_OTHERS = 0.2
+"""Share of the rays of other teeth that may be missed where those of one tell damage."""
 MOST_SPACINGS = 2.0
 """Times as far as is usual that readings next to each other on the sensor's line may lie apart on one flank: where they
 lie farther apart, an edge hides what is between them.
@@ -196,13 +200,14 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
     between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
-    too_steep = _too_steep(facing, grid, scan.stand.sensor)
     near_root, better_seen = _by_the_fillet(grid, view)
     nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
-    untold = nothing_looks | too_steep | better_seen
-    expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~untold
-    between, missed = between & ~(too_steep | near_root), missed & ~(too_steep | near_root)
+    expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~(nothing_looks | better_seen)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
+    too_steep, nearly = _too_steep(facing, grid, scan.stand.sensor, Rays(expected, expected & ~beside, facing))
+    expected, inside = expected & ~too_steep, inside & ~too_steep
+    untold = too_steep | near_root | (nearly & ~(expected & ~beside))
+    between, missed = between & ~untold, missed & ~untold
     return FlankRays(
         Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
         Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
@@ -210,23 +215,50 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     )  # fmt: skip
 
 
-def _too_steep(facing: Array, grid: Grid, sensor: Sensor) -> Mask:
-    """Cells (2, teeth, roll lengths, heights) whose rays, at a cosine ``facing`` (NaN: never met) of incidence, come
-    near the sensor's limit.
+def _too_steep(facing: Array, grid: Grid, sensor: Sensor, rays: Rays) -> tuple[Mask, Mask]:
+    """Cells (2, teeth, roll lengths, heights) whose ``rays``, at a cosine ``facing`` (NaN: never met) of incidence,
+    come so near the sensor's limit that none need be read; or so near that it may be, where other teeth don't show them
+    at that incidence either.
 
     A flank that reads farther out where it is steep is read where a ray passes it, before the ray meets it more
     steeply: by an angle g to the flank, whose radius r is the roll length, it comes down to it by g r dg. Both grow
     along an involute, the radius by the base radius.
     """
     if sensor.incidence_limit is None:
-        return np.zeros(facing.shape, dtype=bool)
+        nowhere = np.zeros(facing.shape, dtype=bool)
+        return nowhere, nowhere
     out = MOST_OUT * (INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U)
     roll, steepest = grid.rolls[:, None], pi / 2 - sensor.incidence_limit + LIMIT_SPARE
-    less = np.maximum(np.arcsin(facing) - steepest, 0.0)
-    there = np.maximum(roll - grid.nominal.base_radius * less, 0.0)
-    middle = 4 * (steepest + less / 2) * (there + roll) / 2
     with np.errstate(invalid="ignore"):
-        return np.asarray(less / 6 * (steepest * there + middle + (steepest + less) * roll) < out)
+        less = np.arcsin(facing) - steepest
+        beyond, less = less < 0, np.maximum(less, 0.0)
+        there = np.maximum(roll - grid.nominal.base_radius * less, 0.0)
+        middle = 4 * (steepest + less / 2) * (there + roll) / 2
+        near = less / 6 * (steepest * there + middle + (steepest + less) * roll) < out
+    return np.asarray(beyond | (near & (_lost_by_others(rays) > MOST_LOST_BY_OTHERS))), near
+
+
+def _lost_by_others(rays: Rays) -> Array:
+    """Share (2, teeth, roll lengths, heights) of the rays that other teeth miss which meet them as steeply as each ray
+    its own; of all that are steeper where they are few, and 1 where there are none.
+    """
+    shares = np.zeros(rays.expected.shape)
+    angle = np.nan_to_num(np.arcsin(np.clip(rays.facing, 0.0, 1.0)))
+    step = np.minimum((angle / STEP_OF_INCIDENCE).astype(np.intp), MOST_STEPS - 1)
+    teeth = np.broadcast_to(np.arange(step.shape[1])[:, None, None], step.shape[1:])
+    for side, share in enumerate(shares):
+        numbers = []
+        for cells in (rays.expected[side], rays.missed[side]):
+            of_tooth = np.zeros((step.shape[1], MOST_STEPS))
+            np.add.at(of_tooth, (teeth[cells], step[side][cells]), 1.0)
+            others = of_tooth.sum(axis=0) - of_tooth
+            beside = np.pad(others, ((0, 0), (1, 1)))
+            numbers.append((beside[:, :-2] + beside[:, 1:-1] + beside[:, 2:], np.cumsum(others, axis=1)))
+        (expected, steeper), (missed, missed_steeper) = numbers
+        few = expected < LEAST_EXPECTED
+        of, lost = np.where(few, steeper, expected), np.where(few, missed_steeper, missed)
+        share[...] = np.where(of > 0, lost / np.maximum(of, 1.0), 1.0)[teeth, step[side]]
+    return shares
 
 
 def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
