@@ -5,7 +5,7 @@ it and no reading lies, that is no gap between two profiles: the flank is broken
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor, log, pi, radians, sqrt, tau
 
 import numpy as np
@@ -235,7 +235,8 @@ def _too_steep(facing: Array, grid: Grid, sensor: Sensor, rays: Rays) -> tuple[M
         there = np.maximum(roll - grid.nominal.base_radius * less, 0.0)
         middle = 4 * (steepest + less / 2) * (there + roll) / 2
         near = less / 6 * (steepest * there + middle + (steepest + less) * roll) < out
-    return np.asarray(beyond | (near & (_lost_by_others(rays) > MOST_LOST_BY_OTHERS))), near
+    lost = _lost_by_others(replace(rays, expected=rays.expected & ~beyond, missed=rays.missed & ~beyond))
+    return np.asarray(beyond | (near & (lost > MOST_LOST_BY_OTHERS))), near
 
 
 def _lost_by_others(rays: Rays) -> Array:
