@@ -29,5 +29,6 @@ def test_sound_rings_have_no_damage_near_the_root(monkeypatch, seed, turns, by):
     ]
     found = SimpleNamespace(views=views, setting=SimpleNamespace(stand=stand))
     monkeypatch.setattr(plan_stands, "planned", lambda name, views: found)
-    for (name, _), (error, U) in plan_stands.try_stand("ring", None, seed).items():
+    for (name, _), lines in plan_stands.try_stand("ring", None, seed).items():
+        error, U = max(lines, key=lambda line: line[1])
         assert abs(error) < 1.5 * U < 0.05, name
