@@ -23,7 +23,7 @@ from truestand.gear.grid import Grid, centres_of
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.drawings import Section, Turned
 from truestand.planning import carried, places, search
-from truestand.planning.gear_target import gear_target, profiles_met
+from truestand.planning.gear_target import PARTS, _in_parts, gear_target, profiles_met
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.plan import Task, _expected, plan
@@ -262,6 +262,15 @@ def test_turns_of_whole_profiles_meet_flanks_at_the_same_places(gear):
     assert (between > 0).mean() > 1.5 * (two > 0).mean()
     along_the_face = (one == one[..., :1]).all(axis=(0, 1, 3))
     assert along_the_face.all() == (gear is SPUR), "a profile crosses helical flanks at an angle"
+
+
+def test_a_profile_has_whole_readings_in_parts_of_cells():
+    """A helical flank's rows of cells each had all of a profile's readings, or none."""
+    number = np.full((2, 1, 3, 10), 1.6)
+    parts = _in_parts(number, 0.4)
+    assert parts.shape == (PARTS, *number.shape) and set(np.unique(parts)) == {0.0, 1.0}
+    assert parts.sum(axis=(0, 4)) == pytest.approx(16.0)
+    assert (parts.sum(axis=0) < 3).all()
 
 
 def test_cells_count_the_views_whose_profiles_meet_them():

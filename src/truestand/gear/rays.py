@@ -218,7 +218,7 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
 def _too_steep(facing: Array, grid: Grid, sensor: Sensor, rays: Rays) -> tuple[Mask, Mask]:
     """Cells (2, teeth, roll lengths, heights) whose ``rays``, at a cosine ``facing`` (NaN: never met) of incidence,
     come so near the sensor's limit that none need be read; or so near that it may be, where other teeth don't show them
-    at that incidence either.
+    at that incidence either. And all cells that are so near.
 
     A flank that reads farther out where it is steep is read where a ray passes it, before the ray meets it more
     steeply: by an angle g to the flank, whose radius r is the roll length, it comes down to it by g r dg. Both grow

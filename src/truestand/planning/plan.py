@@ -285,14 +285,15 @@ def _as_far_as_seen(e: Expected, coverage: dict[str, float]) -> Expected:
 def _of_teeth(name: str, flank: str | None, section: str | None, lines: list[Characteristic]) -> Expected:
     """What the lines of a characteristic, a tooth each, come to: U of one, and what the worst leaves to be decided."""
     status = max((line.status for line in lines), key=ORDER.index)
-    known = [line.U for line in lines if line.U is not None] if status != "not_measurable" else []
-    shares = [share for line in lines if (share := share_of_room(line)) is not None] if known else []
-    largest = max((line for line in lines if line.U is not None), key=lambda line: line.U or 0.0, default=None)
+    seen = status != "not_measurable"
+    shares = [share for line in lines if seen and (share := share_of_room(line)) is not None]
+    known = [(line.U, line.budget) for line in lines if seen and line.U is not None]
+    U = [of_line for of_line, _ in known]
+    _, budget = max(known, key=lambda line: line[0], default=(None, ()))
     return Expected(
-        name, flank, section, float(np.sqrt(np.mean(np.square(known)))) if known else None,
-        max(known) if len(known) > 1 else None, lines[0].limits, lines[0].size, max(shares, default=None), status,
-        status != "not_measurable" and all(line.capable for line in lines),
-        largest.budget[0].name if known and largest and largest.budget else None,
+        name, flank, section, float(np.sqrt(np.mean(np.square(U)))) if U else None,
+        max(U) if len(U) > 1 else None, lines[0].limits, lines[0].size, max(shares, default=None), status,
+        seen and all(line.capable for line in lines), budget[0].name if budget else None,
     )  # fmt: skip
 
 
