@@ -31,6 +31,7 @@ from truestand.planning.room import Room
 from truestand.planning.target import Mount, PlannedSensor, View
 from truestand.planning.views import Setting
 from truestand.report.plan import plan_report
+from truestand.report.plan_tables import figures_of
 from truestand.sim import paper_shaft, paper_stand
 from truestand.sim.recipe import simulation_from
 from truestand.station.recipe import read_devices, stops_of
@@ -107,6 +108,8 @@ def test_u_of_a_characteristic_is_that_of_a_tooth_and_its_share_of_the_worst():
     assert pytest.approx(0.005 / 2**0.5) == f_falpha.U and f_falpha.largest == 0.004
     assert f_falpha.share == pytest.approx(0.004 / 0.012)
     assert (F_p.U, F_p.largest, F_p.share) == (pytest.approx(0.006), None, None)
+    assert tuple(figures_of([F_p])) == ("U (k = 2)", "limit", "of the limits")
+    assert [text(f_falpha) for text in figures_of([F_p, f_falpha]).values()] == ["3.5 µm", "4.0 µm", "12 µm", "33 %"]
 
 
 @pytest.mark.more

@@ -1,24 +1,22 @@
 """The report of a plan: where to put the sensors, in one HTML file."""
 
+from collections.abc import Iterable, Sequence
 from html import escape
 
 from truestand.files.recipes.recipes import Company
 from truestand.planning.gear_target import GearTarget
 from truestand.planning.plan import Expected, Plan
 from truestand.report import plan_figures as figures
-from truestand.report.inspection_tables import table
+from truestand.report.inspection_tables import headings, table
 from truestand.report.notation import meaning, prose, symbol
 from truestand.report.page import K_NOTE, framed, head, not_measured, page, stamp
 from truestand.report.plan_tables import (
     PLACE_COLUMNS,
-    largest_text,
-    limits_text,
+    figures_of,
     outcome,
     place_row,
     position_text,
     price,
-    share_text,
-    u_text,
 )
 
 
@@ -90,30 +88,32 @@ def _expected(plan: Plan) -> str:
     if not plan.expected:
         return ""
     asked = set(map(id, plan.asked))
-    rows = "".join(_row(e) for e in sorted(plan.asked, key=lambda e: -(e.share or 0.0)))
-    others = "".join(_row(e) for e in plan.expected if id(e) not in asked)
-    heads = (
-        '<tr><th>characteristic</th><th></th><th class="n"><i>U</i></th><th class="n">largest tooth</th>'
-        '<th class="n">limit</th><th class="n">of the limits</th><th>mostly from</th><th></th></tr>'
-    )
+    lines = sorted(plan.asked, key=lambda e: -(e.share or 0.0))
+    others = [e for e in plan.expected if id(e) not in asked]
     text = (
         "<h2>What to expect</h2><p>As an inspection would have it: scans from these places are imagined and assessed "
         "with the same budget. Of a gear there are three, each with the errors of a stand. <i>U</i> is the root mean "
         "square of theirs, over the teeth too; the largest of a tooth is held against the limits.</p>"
         + K_NOTE
-        + table(heads, rows, "results")
+        + _lines(lines)
     )
     if others:
-        text += f"<details><summary>Without limits</summary>{table(heads, others, 'results')}</details>"
+        text += f"<details><summary>Without limits</summary>{_lines(others)}</details>"
     return text
 
 
-def _row(e: Expected) -> str:
+def _lines(lines: Sequence[Expected]) -> str:
+    figures = figures_of(lines)
+    heads = headings(("<i>U</i>", *tuple(figures)[1:]))
+    rows = "".join(_row(e, [text(e) for text in figures.values()]) for e in lines)
+    return table(f"<tr><th>characteristic</th><th></th>{heads}<th>mostly from</th><th></th></tr>", rows, "results")
+
+
+def _row(e: Expected, figures: Iterable[str]) -> str:
     return (
         f'<tr><td class="name">{symbol(e.name)}<small>{escape(meaning(e.name))}</small></td><td>{escape(e.where)}</td>'
-        f'<td class="n">{u_text(e)}</td><td class="n">{largest_text(e)}</td><td class="n">{limits_text(e)}</td>'
-        f'<td class="n">{share_text(e)}</td>'
-        f"<td>{prose(e.mostly or '')}</td><td>{escape(outcome(e))}</td></tr>"
+        + "".join(f'<td class="n">{text}</td>' for text in figures)
+        + f"<td>{prose(e.mostly or '')}</td><td>{escape(outcome(e))}</td></tr>"
     )
 
 

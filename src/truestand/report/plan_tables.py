@@ -1,6 +1,6 @@
 """A plan as rows of tables: places, and what is expected of each characteristic. Plain text."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from truestand.core.units import degrees, um
 from truestand.planning.plan import Expected, Plan
@@ -28,9 +28,10 @@ def position_text(view: View) -> str:
     )
 
 
-def expected_row(e: Expected) -> tuple[str, ...]:
-    """Name, flank or section, U, its largest of the teeth, limit, the share of it, and what that means."""
-    return e.name, e.where, u_text(e), largest_text(e), limits_text(e), share_text(e), outcome(e)
+def figures_of(lines: Iterable[Expected]) -> dict[str, Callable[[Expected], str]]:
+    """What is told of each of these lines in numbers, by the heads of the columns: U first."""
+    largest = {"largest tooth": largest_text} if any(e.largest is not None for e in lines) else {}
+    return {"U (k = 2)": u_text, **largest, "limit": limits_text, "of the limits": share_text}
 
 
 def u_text(e: Expected) -> str:

@@ -3,7 +3,7 @@
 from rich.console import Group, RenderableType
 
 from truestand.planning.plan import Plan
-from truestand.report.plan_tables import PLACE_COLUMNS, expected_row, place_row, position_text
+from truestand.report.plan_tables import PLACE_COLUMNS, figures_of, outcome, place_row, position_text
 from truestand.report.terminal import text_table
 
 
@@ -16,9 +16,9 @@ def plan_tables(plan: Plan) -> RenderableType:
     for view in plan.views:
         position = (position_text(view),) if carried else ()
         places.add_row(view.mount.sensor.name, view.mount.sensor.device, *place_row(view), *position)
-    figures = ("U (k = 2)", "largest tooth", "limit", "of the limits")
-    lines = text_table("Expected", ("characteristic", "flank or section"), figures)
+    figures = figures_of(plan.asked)
+    lines = text_table("Expected", ("characteristic", "flank or section"), tuple(figures))
     lines.add_column("")
     for e in plan.asked:
-        lines.add_row(*expected_row(e))
+        lines.add_row(e.name, e.where, *(text(e) for text in figures.values()), outcome(e))
     return Group(places, lines)
