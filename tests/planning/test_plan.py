@@ -23,13 +23,14 @@ from truestand.gear.grid import Grid, centres_of
 from truestand.gear.inspect import inspect_gear
 from truestand.parts.drawings import Section, Turned
 from truestand.planning import carried, places, search
+from truestand.planning.cast_target import turned_target
 from truestand.planning.gear_target import PARTS, _in_parts, gear_target, profiles_met
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.plan import Task, _expected, plan
 from truestand.planning.room import Room
 from truestand.planning.target import Mount, PlannedSensor, View
-from truestand.planning.views import Setting
+from truestand.planning.views import Setting, views_at
 from truestand.report.plan import plan_report
 from truestand.report.plan_tables import figures_of
 from truestand.sim import paper_shaft, paper_stand
@@ -110,6 +111,22 @@ def test_u_of_a_characteristic_is_that_of_a_tooth_and_its_share_of_the_worst():
     assert (F_p.U, F_p.largest, F_p.share) == (pytest.approx(0.006), None, None)
     assert tuple(figures_of([F_p])) == ("U (k = 2)", "limit", "of the limits")
     assert [text(f_falpha) for text in figures_of([F_p, f_falpha]).values()] == ["3.5 µm", "4.0 µm", "12 µm", "33 %"]
+
+
+def test_what_a_range_that_errs_leaves_of_a_calibration_is_noise():
+    """U of the laser plane's tilt was promised with 0.022 degrees where calibrations of sixteen stands had 0.028."""
+    noise = {}
+    for linearity in (0.0, 0.02):
+        line = tuple(2 * z * tan(radians(15.0)) for z in (70.0, 120.0))
+        known = stand(linearity_U=linearity, noise=0.005, points=320, line=line)
+        mount = Mount(
+            PlannedSensor("front", "front", optics_of(known.sensor)[0]), Place(radians(-77.0), 109.0, 19.0), 10.0
+        )
+        setting = Setting(known, paper_shaft(), 1.0, profiles=4000)
+        (view,) = views_at((mount,), setting, turned_target(SLEEVE, setting.shaft, 1.0, 2.0, 2000.0))
+        tilt = view.calibration.uncertainty["laser_plane_tilt_deg"]
+        noise[linearity] = next(line.U for line in tilt.contributions if line.name == "noise")
+    assert noise[0.02] > 1.5 * noise[0.0]
 
 
 @pytest.mark.more

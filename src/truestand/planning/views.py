@@ -13,6 +13,7 @@ from truestand.calibration.segment import MOST_SLID_MM
 from truestand.calibration.views import calibrate_views
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
+from truestand.core.assumptions import K
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import UNKNOWNS, Pose
@@ -26,6 +27,7 @@ from truestand.planning.optics import Optics
 from truestand.planning.place import Place
 from truestand.planning.sight import centred, look
 from truestand.planning.target import Mount, Target, View
+from truestand.uncertainty.range_errors import waves_of_range
 
 PROFILES, POINTS, TURNS = 150, 120, 1.1
 """Of the imagined scan of a shaft."""
@@ -116,7 +118,17 @@ def _scan_of_shaft(mount: Mount, setting: Setting) -> Scan:
     few = replace(all_of_them, points=POINTS, noise=all_of_them.noise * sqrt(fewer))  # as the means of all of them have
     stand = replace(stand, sensors=(_mounted(stand.sensor, mount, setting.carrier),))
     base = setting.artefact.base.radius
-    return imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
+    scan = imagined_scan(setting.shaft, mount.place, base, few, stand, setting.eccentricity, TURNS, PROFILES)
+    return _by_a_range_that_errs(scan)
+
+
+def _by_a_range_that_errs(scan: Scan) -> Scan:
+    """The scan by a sensor of whose range each wave errs by its standard uncertainty: where the shaft travels, that
+    differs from point to point, which counts as noise.
+    """
+    sensor = scan.stand.sensor
+    z = scan.z + sum(wave(scan.z) for _, wave in waves_of_range(sensor, sensor.linearity)) / K
+    return replace(scan, x=scan.x * z / scan.z, z=z)
 
 
 def _mounted(sensor: Sensor, mount: Mount, carrier: Carrier | None) -> Sensor:

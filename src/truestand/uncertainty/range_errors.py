@@ -54,6 +54,18 @@ def change_along_range(sensor: Sensor, times: int = 1, apart: float | None = Non
     return float(np.sqrt(np.sum(np.square(numbers**times / WAVES) * differs)))
 
 
+def waves_of_range(sensor: Sensor, linearity: float) -> tuple[tuple[float, Callable[[Array], Array]], ...]:
+    """What a smooth error of a sensor's range is made of that is as large as its ``linearity`` (mm, k = 2): U of each
+    wave, mm, and by how much a range is read too long for it.
+    """
+    low, high = sensor.range or (0.0, PERIOD)
+
+    def wave(n: int, shape: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        return lambda z: linearity / n * shape(n * tau / (high - low) * (z - low))
+
+    return tuple((linearity / n, wave(n, shape)) for n in WAVES for shape in (np.cos, np.sin))
+
+
 def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
     """Linearity and scale of a view's sensor."""
     sensor = calibration.stand.sensor
@@ -61,13 +73,10 @@ def range_errors(calibration: Calibration) -> tuple[RangeError, ...]:
     scale = SCALE_U if sensor.scale_U is None else sensor.scale_U
     low, high = sensor.range or (0.0, PERIOD)
 
-    def wave(n: int, shape: Callable[[Array], Array]) -> Callable[[Array], Array]:
-        return lambda z: linearity / n * shape(n * tau / (high - low) * (z - low))
-
     def stretch(z: Array) -> Array:
         return scale * (z - (low + high) / 2)
 
-    waves = [(name, linearity / n / K, wave(n, shape)) for n in WAVES for shape in (np.cos, np.sin)]
+    waves = [(name, U / K, wave) for U, wave in waves_of_range(sensor, linearity)]
     found = [*waves, (scale_name(sensor), scale / K, stretch)]
     return tuple(RangeError(name, u, error, _taken_up(calibration, error)) for name, u, error in found)
 
