@@ -302,7 +302,8 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
     about = bridge_gaps(cells[None, None], grid, step)[0, 0]
     depth = region.sign * float(np.quantile(region.depths, DEPTH_QUANTILE)) if region.depths.size else 0.0
     if not region.depths.size or (abs(depth) <= LEAST_DEPTH and region.unseen):
-        return replace(unseen_region(region.side, region.tooth, about, grid), rolls=rolls, heights=heights)
+        may_be = about | may_go_on(about, grid.seen[at])
+        return replace(unseen_region(region.side, region.tooth, may_be, grid), rolls=rolls, heights=heights)
     width, middle = _widest(cells, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     shadow = depth * _shadow(grid.nominal, middle, radial)

@@ -54,8 +54,8 @@ MOST_OUT = CONTRADICTS * sqrt(1.5)
 """U of incidence by which steep flanks may read farther out: a shift, half of a slope and half of a bend, and half as
 much again.
 """
-STEP_OF_INCIDENCE, MOST_STEPS = radians(0.25), 160
-"""In which rays near the limit are compared, so many from the steepest on."""
+STEP_OF_HEIGHT = 1e-3
+"""mm in which it is told how high rays near the limit pass over a flank."""
 MOST_LOST_BY_OTHERS = 0.2
 """Share of the rays of other teeth that may be missed where those of one tell damage."""
 MOST_SPACINGS = 2.0
@@ -217,49 +217,62 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
 
 def _too_steep(facing: Array, grid: Grid, sensor: Sensor, rays: Rays) -> tuple[Mask, Mask]:
     """Cells (2, teeth, roll lengths, heights) whose ``rays``, at a cosine ``facing`` (NaN: never met) of incidence,
-    come so near the sensor's limit that none need be read; or so near that it may be, where other teeth don't show them
-    at that incidence either. And all cells that are so near.
-
-    A flank that reads farther out where it is steep is read where a ray passes it, before the ray meets it more
-    steeply: by an angle g to the flank, whose radius r is the roll length, it comes down to it by g r dg. Both grow
-    along an involute, the radius by the base radius.
+    come so near the sensor's limit that none need be read; or so near that it may be, where other teeth don't show
+    those that come as near either. And all cells that are so near.
     """
     if sensor.incidence_limit is None:
         nowhere = np.zeros(facing.shape, dtype=bool)
         return nowhere, nowhere
     out = MOST_OUT * (INCIDENCE_U if sensor.incidence_U is None else sensor.incidence_U)
-    roll, steepest = grid.rolls[:, None], pi / 2 - sensor.incidence_limit + LIMIT_SPARE
+    passed = _passed_over(facing, grid, pi / 2 - sensor.incidence_limit + LIMIT_SPARE)
     with np.errstate(invalid="ignore"):
-        less = np.arcsin(facing) - steepest
-        beyond, less = less < 0, np.maximum(less, 0.0)
-        there = np.maximum(roll - grid.nominal.base_radius * less, 0.0)
-        middle = 4 * (steepest + less / 2) * (there + roll) / 2
-        near = less / 6 * (steepest * there + middle + (steepest + less) * roll) < out
-    lost = _lost_by_others(replace(rays, expected=rays.expected & ~beyond, missed=rays.missed & ~beyond))
+        beyond, near = passed < 0, passed < out
+    lost = _lost_by_others(replace(rays, expected=rays.expected & ~beyond, missed=rays.missed & ~beyond), passed, out)
     return np.asarray(beyond | (near & (lost > MOST_LOST_BY_OTHERS))), near
 
 
-def _lost_by_others(rays: Rays) -> Array:
-    """Share (2, teeth, roll lengths, heights) of the rays that other teeth miss which meet them as steeply as each ray
-    its own; of all that are steeper where they are few, and 1 where there are none.
+def _passed_over(facing: Array, grid: Grid, steepest: float) -> Array:
+    """How high, mm, rays at a cosine ``facing`` (2, teeth, roll lengths, heights) of incidence pass over a flank where
+    it is as steep to them as ``steepest`` (rad, between ray and surface); below zero where they are steeper.
+
+    A flank that reads farther out where it is steep is read where a ray passes it, before the ray meets it more
+    steeply: by an angle g to the flank, whose radius r is the roll length, it comes down to it by g r dg. Both grow
+    along an involute, the radius by the base radius.
     """
-    shares = np.zeros(rays.expected.shape)
-    angle = np.nan_to_num(np.arcsin(np.clip(rays.facing, 0.0, 1.0)))
-    step = np.minimum((angle / STEP_OF_INCIDENCE).astype(np.intp), MOST_STEPS - 1)
-    teeth = np.broadcast_to(np.arange(step.shape[1])[:, None, None], step.shape[1:])
+    roll = grid.rolls[:, None]
+    less = np.arcsin(facing) - steepest
+    there = np.maximum(roll - grid.nominal.base_radius * np.maximum(less, 0.0), 0.0)
+    middle = 4 * (steepest + less / 2) * (there + roll) / 2
+    return np.asarray(less / 6 * (steepest * there + middle + (steepest + less) * roll))
+
+
+def _lost_by_others(rays: Rays, passed: Array, most: float) -> Array:
+    """Share (2, teeth, roll lengths, heights) of the rays that other teeth miss which have ``passed`` over them as high
+    as each ray over its own, or up to ``STANDS_WITHIN`` less; of all that are lower where those are few, and 1 where
+    these are, too. Rays that pass higher than ``most`` (mm) are not told apart.
+    """
+    shares, teeth = np.zeros(rays.expected.shape), np.arange(rays.expected.shape[1])
+    steps = ceil(most / STEP_OF_HEIGHT) + 1
+    step = np.clip(np.nan_to_num(passed) / STEP_OF_HEIGHT, 0, steps - 1).astype(np.intp)
+    at = teeth[:, None, None] * steps + step
     for side, share in enumerate(shares):
-        numbers = []
-        for cells in (rays.expected[side], rays.missed[side]):
-            of_tooth = np.zeros((step.shape[1], MOST_STEPS))
-            np.add.at(of_tooth, (teeth[cells], step[side][cells]), 1.0)
-            others = of_tooth.sum(axis=0) - of_tooth
-            beside = np.pad(others, ((0, 0), (1, 1)))
-            numbers.append((beside[:, :-2] + beside[:, 1:-1] + beside[:, 2:], np.cumsum(others, axis=1)))
-        (expected, steeper), (missed, missed_steeper) = numbers
+        (expected, lower), (missed, missed_lower) = (
+            _of_others(np.bincount(at[side][cells], minlength=teeth.size * steps).reshape(-1, steps))
+            for cells in (rays.expected[side], rays.missed[side])
+        )
         few = expected < LEAST_EXPECTED
-        of, lost = np.where(few, steeper, expected), np.where(few, missed_steeper, missed)
-        share[...] = np.where(of > 0, lost / np.maximum(of, 1.0), 1.0)[teeth, step[side]]
+        of, lost = np.where(few, lower, expected), np.where(few, missed_lower, missed)
+        share[...] = np.where(of < LEAST_EXPECTED, 1.0, lost / np.maximum(of, 1)).reshape(-1)[at[side]]
     return shares
+
+
+def _of_others(number: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of a ``number`` (teeth, steps) of rays, those (teeth, steps) of all other teeth in a step and in
+    ``STANDS_WITHIN`` below it, and all up to it.
+    """
+    upto, within = np.cumsum(number.sum(axis=0) - number, axis=1), round(STANDS_WITHIN / STEP_OF_HEIGHT) + 1
+    below = np.pad(upto, ((0, 0), (within, 0)))[:, : upto.shape[1]]
+    return upto - below, upto
 
 
 def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
