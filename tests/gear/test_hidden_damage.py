@@ -11,13 +11,13 @@ from damaged import FORM_LINES, GEAR, HELIX, PROFILE, SOUND, WILD, inspected, li
 from gears import SPUR, helical, scan_of, simulation, true_calibration
 from truestand.apply.datum import datum_of
 from truestand.core.surface import apply_calibration
-from truestand.gear.damage import may_go_on
+from truestand.gear.damage import _damage, _Region, may_go_on
 from truestand.gear.drawing import Evaluation
 from truestand.gear.ends import unseen_at_ends
 from truestand.gear.evaluate import VIBRATION
 from truestand.gear.flanks import find_flanks, find_toothing
 from truestand.gear.geometry import FLANKS, involute
-from truestand.gear.grid import grid_of
+from truestand.gear.grid import Grid, centres_of, grid_of, height_edges
 from truestand.sim import Dent, Worn
 from variants import tried
 
@@ -288,3 +288,21 @@ def test_a_lower_end_of_profiles_that_no_tooth_shows_is_partial():
         at_root = line(found, name, None, flank)
         assert at_root.status == "partial" and "without a reading" in at_root.reason
         assert at_root.verdict != "conforms"
+
+
+@pytest.mark.parametrize("read_between", [False, True])
+def test_what_no_reading_shows_may_go_on_where_none_was_read(read_between):
+    """A root broken off all along the face was *not seen* at one end of it: F_alpha 0.5 +- 20, *conforms*, for 96."""
+    nominal = involute(SPUR)
+    rolls, edges = centres_of(nominal.control_roll, nominal.tip_roll, 40), height_edges(nominal, 0.25)
+    count = np.ones((2, SPUR.teeth, rolls.size, edges.size - 1))
+    count[0, 16, :6, :60] = 0.0
+    count[0, 16, :6, 30:40] = read_between
+    none = np.zeros_like(count)
+    grid = Grid(nominal, none, none, none, none, count, rolls, edges, 0.002)
+    not_met = np.zeros(count.shape[2:], dtype=bool)
+    not_met[1:4, 5:15] = True
+    found = _damage(_Region(0, 16, not_met, 1, np.zeros(0), 0.002, 0.0, 30.0, unseen=True), grid, 1e-3, 1.0)
+    assert found.heights == pytest.approx((edges[5], edges[15]), abs=1e-3)  # where rays met nothing
+    reached = np.flatnonzero(found.cells[1:4].all(axis=0))
+    assert (reached[0], reached[-1]) == (0, 29 if read_between else 59)

@@ -17,6 +17,7 @@ STEEP = np.linspace(-0.5, 0.5, 13)
 FARTHER = ((0.0, 0.0), (radians(50.0), 0.0), (radians(58.0), 0.025), (radians(85.0), 0.025))
 """rad and mm: by how much flanks read farther out. The sensor sees up to 85 degrees. What a ray meets at these it reads
 where it passes the flank 25 um off, which is a millimetre of roll length before, at 80."""
+LESS = (*FARTHER[:2], (radians(58.0), 0.01), (radians(85.0), 0.01))
 BEND = tuple(zip(np.radians(71.5 + 27.0 * STEEP).tolist(), (0.016 * (0.5 - 4.0 * STEEP**2)).tolist(), strict=True))
 """rad and mm: by how much flanks read farther out; 1.6 of what is known (20 um, k = 2) in standard deviations."""
 
@@ -30,9 +31,12 @@ def test_ends_that_few_teeth_show_are_no_damage(monkeypatch):
 
 
 @pytest.mark.more
-def test_what_is_too_steep_to_be_seen_is_not_missing(monkeypatch):
-    """Ends of sound flanks were *not seen*, and every tooth had a U of a millimetre for what might be there."""
-    inspection = inspected(monkeypatch, FARTHER, 3900)
+@pytest.mark.parametrize(("bias", "seed"), [(FARTHER, 3900), (LESS, 3902)], ids=["25 um", "10 um"])
+def test_what_is_too_steep_to_be_seen_is_not_missing(monkeypatch, bias, seed):
+    """Ends of sound flanks were *not seen*, and every tooth had a U of a millimetre for what might be there: teeth that
+    stand elsewhere are read at the same incidence on another radius.
+    """
+    inspection = inspected(monkeypatch, bias, seed)
     assert not [c for c in inspection.characteristics if c.reason and "no reading shows" in c.reason]
     forms = [c for c in inspection.characteristics if c.name == "F_alpha" and c.tooth]
     assert len(forms) == 48 and max(c.U for c in forms) < 0.04
