@@ -27,6 +27,10 @@ OVERLAP, MORE = 4, 2
 one besides."""
 FARTHER = 1.5
 """Times as far as readings of a profile lie apart a flank must end before the range: noise moves them."""
+ALL_ALONG = 3.0
+"""Times as far as readings of other flanks lie apart there, at most: where profiles on end don't have theirs at the
+same roll lengths, they fill it.
+"""
 HARDLY_ANY = 0.1
 """Share of the usual readings beyond a height, at most, that a flank which ends before it has there: strays."""
 
@@ -77,10 +81,12 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
         for low, window, own in zip(lows, windows, outward, strict=True):
             least = (passes + 1) * _of_a_profile(window, points) + MORE
             columns = (grid.edges[1:] > low) & (grid.edges[:-1] < low + width)
+            beside = _beside(own)
             ends = _either(
-                _ends_before(own, _beside(own), sign * end, least), _ends_before(own, elsewhere, sign * end, least)
+                _ends_before(own, beside, sign * end, least), _ends_before(own, elsewhere, sign * end, least)
             )
-            for flank in np.flatnonzero(sign * end - ends > FARTHER * apart):
+            most_apart = np.fmin(FARTHER * apart, ALL_ALONG * _widest_gap(beside, ends, sign * end))
+            for flank in np.flatnonzero(sign * end - ends > most_apart):
                 cells[flank] |= _between(edges, sign, min(ends[flank], sign * end), sign * end)[:, None] & columns
         unseen = cells.reshape(grid.delta.shape) & ~grid.seen
         found += [unseen_region(s, t, unseen[s, t], grid) for s, t in np.argwhere(unseen.any(axis=(2, 3)))]
@@ -160,6 +166,15 @@ def _ends_before(own: Array, others: Array, end: float, enough: int) -> Array:
     few = (own >= looked_at).sum(axis=-1)
     last = np.take_along_axis(np.pad(own, ((0, 0), (1, 0)), constant_values=-np.inf), -1 - few[:, None], axis=1)[:, 0]
     return np.where((usual >= enough) & (few <= HARDLY_ANY * usual) & np.isfinite(last), last, np.nan)
+
+
+def _widest_gap(others: Array, ends: Array, end: float) -> Array:
+    """How far apart, mm, readings of most ``others`` (flanks, others, most) lie at most between where flanks end, at
+    ``ends`` (flanks,) mm outward, and the ``end`` of the range; NaN: a flank doesn't end before.
+    """
+    places = np.pad(np.clip(others, ends[:, None, None], end), ((0, 0), (0, 0), (1, 1)), constant_values=end)
+    places[:, :, 0] = ends[:, None]
+    return _usual(np.diff(places, axis=2).max(axis=2))
 
 
 def _usual(values: Array) -> Array:
