@@ -32,7 +32,7 @@ from truestand.planning.room import Room
 from truestand.planning.target import Mount, PlannedSensor, View
 from truestand.planning.views import Setting, views_at
 from truestand.report.plan import plan_report
-from truestand.report.plan_tables import figures_of
+from truestand.report.plan_tables import figures_of, price
 from truestand.sim import paper_shaft, paper_stand
 from truestand.sim.recipe import simulation_from
 from truestand.station.recipe import read_devices, stops_of
@@ -139,6 +139,16 @@ def test_a_camera_that_hides_one_side_asks_for_two_views(few_places):
     assert found.rank > found.fewer.rank
     assert any(e.status != "measured" for e in found.fewer.asked)
     assert "With one view, these are not measured" in plan_report(found)
+
+
+@pytest.mark.more
+def test_a_further_view_is_worth_it_where_flanks_are_seen_in_part_only(few_places):
+    """No place sees the last of either flank: one view was planned, and one side was not measurable."""
+    found = plan(SPUR, stand(triangulation=radians(20.0), incidence_limit=radians(80.0)), paper_shaft())
+    assert found.hidden_flanks == 2 and len(found.views) == 2
+    assert {e.status for e in found.asked} == {"partial"}
+    (sentence,) = price(found)
+    assert sentence.startswith("With one view, these are not measured: ") and "F_r" in sentence
 
 
 @pytest.mark.more

@@ -126,10 +126,11 @@ class Plan:
         return max((e for e in self.asked if e.share is not None), key=lambda e: e.share or 0.0, default=None)
 
     @property
-    def rank(self) -> tuple[int, int]:
-        """How many of the asked are measured, and how many capable."""
+    def rank(self) -> tuple[int, int, int]:
+        """How many of the asked are measured, at least in part, and capable."""
         measured = [e for e in self.asked if e.status == "measured"]
-        return len(measured), sum(e.capable for e in measured)
+        in_part = sum(e.status != "not_measurable" for e in self.asked)
+        return len(measured), in_part, sum(e.capable for e in measured)
 
     def better_than(self, other: "Plan") -> bool:
         """Whether it shows a flank more, or measures more of what is asked."""

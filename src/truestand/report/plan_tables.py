@@ -79,15 +79,20 @@ def price(plan: Plan, written: Callable[[str], str] = str) -> Iterator[str]:
     fewer = plan.fewer
     if fewer is None:
         return
-    names = [f"{written(e.name)} {e.where}".strip() for e in fewer.asked if e.status != "measured"]
-    weak = [f"{written(e.name)} {e.where}".strip() for e in fewer.asked if e.status == "measured" and not e.capable]
+    now = {(e.name, e.where): e.status for e in plan.asked}
+    lost = [e for e in fewer.asked if e.status != "measured" and e.status != now.get((e.name, e.where))]
+    weak = [e for e in fewer.asked if e.status == "measured" and not e.capable]
     number_of = len(plan.views) - 1
     views = "one view" if number_of == 1 else f"{number_of} views"
-    if names:
-        yield f"With {views}, these are not measured: {', '.join(names)}."
-    if weak:
-        yield f"With {views}, these could not be shown to conform: {', '.join(weak)}."
-    if fewer.worst is not None and plan.worst is not None and fewer.worst.share and plan.worst.share:
+    for what, lines in (
+        ("are not measured", [e for e in lost if e.status == "not_measurable"]),
+        ("are seen in part only", [e for e in lost if e.status == "partial"]),
+        ("could not be shown to conform", weak),
+    ):
+        if lines:
+            named = ", ".join(f"{written(e.name)} {e.where}".strip() for e in lines)
+            yield f"With {views}, these {what}: {named}."
+    if not lost and fewer.worst is not None and plan.worst is not None and fewer.worst.share and plan.worst.share:
         yield (
             f"The largest U would be {100 * fewer.worst.share:.0f} % of the limits ({written(fewer.worst.name)}) "
             f"instead of {100 * plan.worst.share:.0f} % ({written(plan.worst.name)})."
