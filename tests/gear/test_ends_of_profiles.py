@@ -53,18 +53,19 @@ def test_a_profile_along_the_ranges_end_misses_no_reading():
     assert shown[0, 3].any()
 
 
-@pytest.mark.parametrize(("apart", "told"), [(0.5, False), (0.02, True)])
-def test_readings_that_lie_apart_across_a_helical_flank_may_begin_as_much_later(apart, told):
+@pytest.mark.parametrize(("apart", "moves_on", "told"), [(0.5, 0.0, False), (0.02, 0.0, True), (0.5, 0.31, True)])
+def test_readings_that_lie_apart_across_a_helical_flank_may_begin_as_much_later(apart, moves_on, told):
     """Profiles on end have them at the same roll lengths: 0.4 mm before the range's end on one flank, a little on all
-    others. Where they lie 0.02 mm apart, that flank is not seen to its end.
+    others. Where they lie 0.02 mm apart, or move on from profile to profile, that flank is not seen to its end.
     """
     profiles, number = [], 0
     for tooth in range(TEETH):
-        first = LOW + (0.4 if tooth == 7 else 0.01)
         for low in np.arange(5.0, 24.8, 0.1):
             rolls = np.full(POINTS, np.nan)
             on = min(int(2.0 / apart), POINTS)
-            rolls[:on] = first + apart * np.arange(on)
+            rolls[:on] = LOW + 0.01 + moves_on * number % apart + apart * np.arange(on)
+            if tooth == 7:
+                rolls = np.where(rolls > LOW + 0.4, rolls, np.nan) if moves_on else rolls + 0.39
             profiles.append((tooth, number, rolls, low + 0.02 * np.linspace(0.0, 1.0, POINTS)))
             number += 1
     flanks = flanks_of(profiles)
