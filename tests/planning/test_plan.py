@@ -15,7 +15,7 @@ from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic
 from truestand.devices.positioner import read_carrier
 from truestand.files.recipes.plan import planned_stand, read_task
-from truestand.files.recipes.recipes import read_stand, write_starters
+from truestand.files.recipes.recipes import read_simulation, read_stand, write_starters
 from truestand.files.records.plan_record import plan_record
 from truestand.files.records.schemas import schema_text
 from truestand.gear.geometry import involute
@@ -164,8 +164,6 @@ def test_the_stand_of_a_plan_is_one_that_the_virtual_stand_scans_from(few_places
     assert [s.device for s in again.sensors] == [None, "front"]
     assert again.table == known.table and again.sensors[0].linearity_U == known.sensor.linearity_U
     places = [v.mount.place for v in found.views]
-    from truestand.files.recipes.recipes import read_simulation
-
     virtual = dict(simulation_from(read_simulation(recipe)).views)
     for place, (name, mounting) in zip(places, virtual.items(), strict=True):
         assert degrees(mounting.phi) == pytest.approx(degrees(place.phi), abs=1e-3), name
@@ -173,6 +171,34 @@ def test_the_stand_of_a_plan_is_one_that_the_virtual_stand_scans_from(few_places
         assert mounting.plane_offset == pytest.approx(place.plane_offset, abs=1e-3)
     real = recipe.read_text().split("[simulation]")[0]
     assert planned_stand(real, found).count("[[simulation.view]]") == 2, "a stand that says nothing of a virtual one"
+
+
+@pytest.mark.more
+def test_the_virtual_stand_of_a_plan_has_the_sensor_that_was_planned(few_places, tmp_path):
+    """It had the places only: another sensor than the starter's was planned and the starter's scanned from there."""
+    write_starters(tmp_path)
+    recipe = tmp_path / "stand.toml"
+    text = recipe.read_text().replace("mirrored = false", "line_mm = [28.0, 48.0]\nnoise_um = 2.0", 1)
+    text += "\n[plan]\neccentricity_mm = 0.5\n"
+    found = plan(SLEEVE, *planned_from(recipe, text))
+    simulated = simulated_by(recipe, planned_stand(text, found))
+    assert simulated.optics.fan == pytest.approx(2 * np.arctan(38.0 / 2 / 95.0), abs=1e-6)
+    assert (simulated.optics.noise, simulated.running.eccentricity) == pytest.approx((0.002, 0.5))
+    assert degrees(simulated.optics.most_incidence) == 85.0, "assumed, where [simulation] says nothing of it"
+    assert simulated.acquisition.profiles == 11000, "stated, where [plan] says nothing of it"
+    dirty = text.split("[simulation]")[0] + "[[simulation.dirt]]\nsurface = 'base'\nshare = 0.01\nheight_um = 9.0\n"
+    simulated = simulated_by(recipe, planned_stand(dirty, found))
+    assert simulated.acquisition.profiles == found.setting.profiles and simulated.workpiece.patches
+
+
+def planned_from(recipe, text):
+    recipe.write_text(text)
+    return read_stand(recipe), paper_shaft(), read_task(recipe)
+
+
+def simulated_by(recipe, text):
+    recipe.write_text(text)
+    return simulation_from(read_simulation(recipe))
 
 
 POSITIONER = """

@@ -7,15 +7,32 @@ from functools import cache
 from types import UnionType
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from truestand.core.errors import BadRecipe
+
+NEEDED = {
+    "tuple_type": "need a list",
+    "list_type": "need a list",
+    "too_long": "need {max_length} values",
+    "too_short": "need {min_length} or more",
+    "dict_type": "need a table",
+    "model_type": "need a table",
+}
+"""What pydantic says in Python's words, by its types of errors."""
 
 
 class Recipe(BaseModel):
     """A table of a recipe: no unknown key, no infinity, no NaN."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value_as_a_number(cls, value: Any, field: ValidationInfo) -> Any:
+        if isinstance(value, bool) and cls.model_fields[str(field.field_name)].annotation is not bool:
+            raise ValueError("need no truth value")
+        return value
 
 
 R = TypeVar("R", bound=Recipe)
@@ -80,8 +97,9 @@ def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
         advice = f"did you mean {near[0]!r}?" if near else f"known keys: {', '.join(known)}"
         return f"{inside}unknown key {key!r}; {advice}"
     if first["type"] == "missing":
-        return f"{inside}key {key!r} is missing"
-    return f"{inside}{key}: found {first['input']!r}; {message[0].lower()}{message[1:]}"
+        return f"{inside}value {key + 1} is missing" if isinstance(key, int) else f"{inside}key {key!r} is missing"
+    needed = NEEDED.get(first["type"], f"{message[0].lower()}{message[1:]}").format(**first.get("ctx", {}))
+    return f"{inside}{key}: found {first['input']!r}; {needed}"
 
 
 def _inside(place: Sequence[int | str]) -> str:

@@ -1,6 +1,7 @@
 """Turned parts and parts with a CAD model, as their recipes describe them: numbers only."""
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -52,6 +53,13 @@ class Turned:
     def __post_init__(self) -> None:
         if not self.sections:
             raise BadRecipe("found no section, need at least one; add a [[section]] with from_mm, to_mm, diameter_mm")
+        for first, second in combinations(self.sections, 2):
+            low, high = max(first.bottom, second.bottom), min(first.top, second.top)
+            if low < high and first.diameter != second.diameter:
+                raise BadRecipe(
+                    f"sections {first.name!r} and {second.name!r}: found both from {low:g} to {high:g} mm, with "
+                    f"diameters of {first.diameter:g} and {second.diameter:g} mm; need one diameter at a height"
+                )
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,7 +234,8 @@ def part_of(table: Mapping[str, Any], path: Path | str) -> Part:
         case "cad":
             return build(partial(_cad, Path(path).parent), checked(CadRecipe, table, str(path)), path)
         case kind:
-            raise BadRecipe(f'{path}: found kind {kind!r}, need one of {", ".join(KINDS)}, as in kind = "gear"')
+            found = "no kind" if kind is None else f"kind {kind!r}"
+            raise BadRecipe(f'{path}: found {found}, need one of {", ".join(KINDS)}, as in kind = "gear"')
 
 
 def recipe_of_identified(seen: IdentifiedGear, bottom: float, top: float) -> str:

@@ -1,8 +1,10 @@
 """``[plan]`` of stand.toml, which only ``truestand plan`` reads; and the stand.toml that a plan comes to."""
 
-from math import degrees, radians
+import tomllib
+from collections.abc import Mapping, Sequence
+from math import atan, degrees, radians
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
@@ -18,8 +20,7 @@ SENSOR_TABLES = ("[[sensor]]", "[sensor.", "[[simulation.view]]", SWEPT)
 """What a plan takes the place of in a stand.toml."""
 PLACE_KEYS = ("phi_deg", "standoff_mm", "height_mm", "laser_plane_tilt_deg", "laser_plane_offset_mm", "azimuth_deg")
 """Of ``[simulation]``, which hold for a single sensor."""
-PLANNED_KEYS = {"[devices.positioner]": ("swept",), "[simulation]": PLACE_KEYS}
-"""Of tables that it leaves, by their names."""
+SIMULATION = "[simulation]"
 Pair = tuple[float, float]
 
 
@@ -67,15 +68,36 @@ def read_task(path: Path | str) -> Task:
 
 
 def planned_stand(text: str, plan: Plan) -> str:
-    """The text of a stand.toml with the sensors of a plan in place of its own, and as many of the virtual stand."""
+    """The text of a stand.toml with the sensors of a plan for its own, and a virtual stand as it was planned."""
     sensors = "\n".join(_sensor_text(view) for view in plan.views)
     views = "\n".join(_virtual_view_text(view) for view in plan.views)
     swept = "\n".join(_swept_text(body) for body in plan.search.turning) if plan.setting.carrier else ""
-    return "\n".join(part for part in (_without_sensors(text), sensors, swept, views) if part)
+    virtual = _virtual_keys(tomllib.loads(text), plan)
+    kept = _without(text, {"[devices.positioner]": ("swept",), SIMULATION: (*PLACE_KEYS, *virtual)})
+    return "\n".join(part for part in (_with_virtual(kept, virtual), sensors, swept, views) if part)
 
 
-def _without_sensors(text: str) -> str:
-    """The recipe without its sensors."""
+def _virtual_keys(recipe: Mapping[str, Any], plan: Plan) -> dict[str, float]:
+    """Keys of ``[simulation]``: what the first view's data sheet and ``[plan]`` state, and what was assumed where
+    nothing else is stated.
+    """
+    view, asked = plan.views[0], recipe.get("plan", {})
+    sensor, optics = view.scan.stand.sensor, view.mount.sensor.optics
+    fan = 2 * atan(float(optics.half_line(optics.middle)) / optics.middle)
+    planned = {
+        "fan_deg": (sensor.line, degrees(fan)),
+        "triangulation_deg": (sensor.triangulation, degrees(optics.triangulation)),
+        "most_incidence_deg": (sensor.incidence_limit, degrees(optics.incidence_limit)),
+        "noise_um": (sensor.noise, 1000.0 * optics.noise),
+        "eccentricity_um": (asked.get("eccentricity_mm"), 1000.0 * plan.setting.eccentricity),
+        "profiles": (asked.get("turns"), plan.setting.profiles),
+    }
+    own = recipe.get("simulation", {})
+    return {key: value for key, (stated, value) in planned.items() if stated is not None or key not in own}
+
+
+def _without(text: str, keys: Mapping[str, Sequence[str]]) -> str:
+    """The recipe without its sensors, and without some ``keys`` of tables."""
     kept, table, open_brackets = [], "", 0
     for line in text.splitlines():
         if open_brackets > 0:  # the rest of a value that is left out
@@ -83,11 +105,23 @@ def _without_sensors(text: str) -> str:
             continue
         if line.startswith("["):
             table = line.split("#")[0].strip()
-        if line.split("=")[0].strip() in PLANNED_KEYS.get(table, ()):
+        if line.split("=")[0].strip() in keys.get(table, ()):
             open_brackets = _brackets(line)
         elif not table.startswith(SENSOR_TABLES):
             kept.append(line)
     return "\n".join(kept).rstrip() + "\n"
+
+
+def _with_virtual(text: str, keys: Mapping[str, float]) -> str:
+    """The recipe with ``keys`` at the head of its ``[simulation]``, or with one of its own."""
+    lines = text.splitlines()
+    at = next((k for k, line in enumerate(lines) if line.split("#")[0].strip() == SIMULATION), len(lines))
+    head = lines[at : at + 1] or ["", SIMULATION]
+    return "\n".join([*lines[:at], *head, *_toml_lines(keys), *lines[at + 1 :]]) + "\n"
+
+
+def _toml_lines(keys: Mapping[str, float]) -> list[str]:
+    return [f"{key} = {round(value, 4) + 0!r}" for key, value in keys.items()]
 
 
 def _brackets(line: str) -> int:
@@ -115,9 +149,8 @@ def _swept_text(body: Round) -> str:
 def _virtual_view_text(view: View) -> str:
     """The same place on the virtual stand."""
     place = view.mount.place
-    keys = {
+    lines = "\n".join(_toml_lines({
         "azimuth_deg": degrees(place.azimuth), "phi_deg": degrees(place.phi), "standoff_mm": place.standoff,
         "height_mm": place.height, "laser_plane_offset_mm": place.plane_offset,
-    }  # fmt: skip
-    lines = "\n".join(f"{key} = {round(value, 4) + 0.0!r}" for key, value in keys.items())
+    }))  # fmt: skip
     return f'[[simulation.view]]\nname = "{view.mount.sensor.name}"\n{lines}\n'
