@@ -432,9 +432,7 @@ def test_a_slot_of_few_profiles_is_as_wide_as_the_next_profile_says_or_not():
 
 
 def test_sections_that_are_drawn_over_each_other_are_refused():
-    with pytest.raises(
-        BadRecipe, match=r"'base' and 'step': found both from -3 to -0\.5 mm"
-    ):
+    with pytest.raises(BadRecipe, match=r"'base' and 'step': found both from -3 to -0\.5 mm"):
         Turned((BASE, Section("step", -3.0, 3.0, 20.0)))
     assert Turned((BASE, Section("end", -3.0, -0.5, 25.0))), "two stretches of one cylinder"
     assert Turned((BASE, Section("step", -0.5, 3.0, 20.0)))
