@@ -28,6 +28,12 @@ ranges bend.
 """
 MOST_POINTS = 0.1
 """Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
+MOSTLY, SELDOM = 0.5, 0.02
+"""Share of the profiles at a point's most frequent range in which those beside it must see one nearer and one farther;
+and, as a share of them, profiles that may lie on the other side of it where a surface ends at a face,
+"""
+CLOSE, LEAST_CLOSE = 0.1, 3
+"""mm to which its other ranges come up there, and number of them that do."""
 FARTHEST = 100.0
 """mm from the middle of all ranges that are looked at."""
 
@@ -70,7 +76,25 @@ def _stuck(z: Array) -> list[tuple[int, float]]:
     go_on = np.maximum(_through(number, point, step), np.max([number[point, step + k] for k in (-3, -2, 2, 3)], axis=0))
     alone = own > OFTEN * go_on
     stuck = [(int(p), middle + STEP * (int(s) - half)) for p, s in zip(point[alone], step[alone], strict=True)]
-    return stuck if len(set(point[alone])) <= MOST_POINTS * z.shape[1] else []
+    stuck = [(p, at) for p, at in stuck if not _on_a_face(z, p, at)]
+    return stuck if len({p for p, _ in stuck}) <= MOST_POINTS * z.shape[1] else []
+
+
+def _on_a_face(z: Array, point: int, at: float) -> bool:
+    """Whether a point that often has the range ``at`` (mm) may see a face across the rays, which stays where it is as
+    the part turns, and which few rays meet: it lies between what the points beside it see; or a cylinder that meets the
+    face comes nearer from one side, up to it and no farther.
+    """
+    there = np.abs(z[:, point] - at) < STEP
+    if 0 < point < z.shape[1] - 1:
+        beside = z[there][:, [point - 1, point + 1]]
+        between = (beside.min(axis=1) < at - STEP) & (beside.max(axis=1) > at + STEP)
+        if between.mean() > MOSTLY:
+            return True
+    off = z[~there, point] - at
+    on_other_side = min(np.count_nonzero(off < 0), np.count_nonzero(off > 0))
+    close = np.count_nonzero(np.abs(off) < CLOSE)
+    return bool(on_other_side <= SELDOM * np.count_nonzero(there) and close >= LEAST_CLOSE)
 
 
 def _numbers(steps: Array, half: int) -> Ints:
