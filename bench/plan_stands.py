@@ -77,6 +77,8 @@ FAR_BEYOND = 1.5
 """U by which a line is off that is named."""
 LOST = 0.1
 """mm of U from which nothing is known of a line: parts of it count as not seen."""
+LESS_STEEP = 20
+"""Incidences below the flanks' at which a sensor's error is told: with a corner there the shaft's plane was 2 U off."""
 FEED = 2.0
 """mm of height from one feed mark of the gear to the next."""
 
@@ -176,14 +178,15 @@ def real_sensor(part: Part, place: Mounting, rng: np.random.Generator) -> Optics
 
 def flank_bias(gear: Gear, place: Mounting, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
     """By how much flanks read farther out, from the least to the most incidence at which any is seen: a shift, a slope,
-    a bend and a wave of half their size; level surfaces don't.
+    a bend and a wave of half their size; less steep surfaces, the shaft's, by the tangent less.
     """
     level, slope, bend, wave = rng.normal(0, INCIDENCE_U / 2, 4)
     least, most = incidences(gear, place)
     steep = np.linspace(-0.5, 0.5, 17)
     read = level + slope * steep + bend * (4.0 * steep**2 - 0.5) + wave / 4 * np.sin(tau * steep)
-    angles = np.linspace(least, most, steep.size)
-    return (0.0, 0.0), (least / 2, 0.0), *zip(angles.tolist(), read.tolist(), strict=True)
+    below, angles = np.linspace(0.0, least, LESS_STEEP)[:-1], np.linspace(least, most, steep.size)
+    read = np.concatenate([read[0] * np.tan(below) / tan(least), read])
+    return tuple(zip([*below.tolist(), *angles.tolist()], read.tolist(), strict=True))
 
 
 def incidences(gear: Gear, place: Mounting) -> tuple[float, float]:
