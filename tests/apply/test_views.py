@@ -170,6 +170,13 @@ def test_a_scan_given_to_the_wrong_view_that_shows_no_shaft_is_found_by_the_part
 
 
 @pytest.mark.more
+def test_a_scan_of_another_gear_is_given_to_no_other_view():
+    """Rolled up as another view's, nothing of the drawn gear was measured, and yet that view was named the right one."""
+    other = replace(SPUR, teeth=17, module=2.5, profile_shift=0.3, tip_diameter=49.0, root_diameter=37.75)
+    demand_right_views(scans(VirtualGear(other)), calibrated(), SPUR, False)
+
+
+@pytest.mark.more
 def test_an_inspection_names_the_right_view(tmp_path):
     front, _ = scans(GEAR)
     wrong = replace(without_shaft(front), stand=STAND.of_view("rear"))

@@ -89,10 +89,9 @@ def demand_right_views(scans: tuple[Scan, ...], calibration: Calibration, part: 
 
     def shows_part(scan: Scan, view: Calibration) -> bool:
         try:
-            inspect(roll(scan, view, start_stated), part)
+            return not inspect(roll(scan, view, start_stated), part).reasons
         except TruestandError:
             return False
-        return True
 
     for scan in scans if calibration.views else ():
         if not shows_part(scan, calibration.for_scan(scan)):
