@@ -169,9 +169,15 @@ def test_a_scan_given_to_the_wrong_view_that_shows_no_shaft_is_found_by_the_part
         demand_right_views((replace(front, stand=STAND.of_view("rear")),), calibrated(), SPUR, False)
 
 
+def test_one_scan_given_for_two_views_is_refused():
+    front = roll(replace(scans(GEAR)[0], sha256="1" * 64), calibrated())
+    with pytest.raises(BadRecipe, match="the same scan twice, need one scan of each view"):
+        inspect((front, front), SPUR)
+
+
 @pytest.mark.more
 def test_a_scan_of_another_gear_is_given_to_no_other_view():
-    """Rolled up as another view's, nothing of the drawn gear was measured, and yet that view was named the right one."""
+    """Rolled up as another view's it was untrusted, and yet that view was named the right one."""
     other = replace(SPUR, teeth=17, module=2.5, profile_shift=0.3, tip_diameter=49.0, root_diameter=37.75)
     demand_right_views(scans(VirtualGear(other)), calibrated(), SPUR, False)
 

@@ -132,6 +132,11 @@ def test_a_mistake_in_the_stand_is_named_in_one_line(tmp_path, old, new, words):
     assert "\n" not in str(caught.value)
 
 
+def test_two_sensors_of_one_name_are_refused(tmp_path):
+    with pytest.raises(BadRecipe, match=r"found two \[\[sensor\]\]s named 'front', need a name"):
+        stand(tmp_path, '[[sensor]]\nname = "front"\n[[sensor]]\nname = "front"\n')
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -212,7 +212,7 @@ def test_numbers_that_do_not_fit_are_refused(turned, message):
 def test_the_same_scan_twice_is_refused():
     twice = replace(EMPTY, scan=replace(scan_of(), sha256="7"))
     with pytest.raises(BadRecipe, match="found the same scan twice"):
-        laid_together([twice, twice], SPUR, (0, 7))
+        inspect([twice, twice], SPUR, (0, 7))
 
 
 def scan_of():

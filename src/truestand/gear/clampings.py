@@ -95,9 +95,6 @@ def _firsts(surfaces: Sequence[Surface], turned: Sequence[PartTurned]) -> list[i
             f"found --part-turned for {len(turned)} clampings and {len(surfaces)} scans, need one number of teeth "
             "for each scan, in their order"
         )
-    known = [s.scan.sha256 for s in surfaces if s.scan is not None and s.scan.sha256]
-    if len(set(known)) < len(known):
-        raise BadRecipe("found the same scan twice, need one scan of each clamping")
     names = ["" if s.calibration is None else s.calibration.name for s in surfaces]
     firsts = [names.index(name) for name in names]
     for first in firsts:

@@ -41,11 +41,14 @@ def inspect(
     Raises:
         NotEnoughData: nothing of the part is in view.
         WrongDrawing: what was seen is another gear than the drawing's.
-        BadRecipe: a surface doesn't say from which scan and calibration it comes, a part that is no gear was clamped
-            again, or teeth that the pitches contradict.
+        BadRecipe: a surface doesn't say from which scan and calibration it comes, a scan is given twice, a part that is
+            no gear was clamped again, or teeth that the pitches contradict.
     """
     surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
     demand_views(len(surfaces), part, part_turned is not None)
+    known = [s.scan.sha256 for s in surfaces if s.scan is not None and s.scan.sha256]
+    if len(set(known)) < len(known):
+        raise BadRecipe("found the same scan twice, need one scan of each view or clamping")
     if isinstance(part, Turned) and _is_shaft(part, surfaces[0].origin[1].artefact):
         surfaces = tuple(with_sensor_as_calibrated(s) for s in surfaces)
     if part.temperature.growth:

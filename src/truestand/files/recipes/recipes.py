@@ -119,6 +119,14 @@ class StandRecipe(Recipe):
     operator: str | None = None
 
     @model_validator(mode="after")
+    def _named(self) -> "StandRecipe":
+        names = [sensor.name for sensor in self.sensor]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"found two [[sensor]]s named {twice!r}, need a name of its own for each")
+        return self
+
+    @model_validator(mode="after")
     def _carried(self) -> "StandRecipe":
         for sensor in self.sensor:
             if not sensor.position and (sensor.position_U_um or sensor.position_U_deg):
