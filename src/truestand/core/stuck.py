@@ -75,9 +75,10 @@ def _stuck(z: Array) -> list[tuple[int, float]]:
     number[blind & ~binary_opening(blind, np.ones(GROUP))] = z.shape[0]
     go_on = np.maximum(_through(number, point, step), np.max([number[point, step + k] for k in (-3, -2, 2, 3)], axis=0))
     alone = own > OFTEN * go_on
+    if len(set(point[alone])) > MOST_POINTS * z.shape[1]:
+        return []
     stuck = [(int(p), middle + STEP * (int(s) - half)) for p, s in zip(point[alone], step[alone], strict=True)]
-    stuck = [(p, at) for p, at in stuck if not _on_a_face(z, p, at)]
-    return stuck if len({p for p, _ in stuck}) <= MOST_POINTS * z.shape[1] else []
+    return [(p, at) for p, at in stuck if not _on_a_face(z, p, at)]
 
 
 def _on_a_face(z: Array, point: int, at: float) -> bool:
