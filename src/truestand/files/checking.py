@@ -98,8 +98,8 @@ def _plain(wrong: ValidationError, model: type[BaseModel]) -> str:
         return f"{inside}unknown key {key!r}; {advice}"
     if first["type"] == "missing":
         return f"{inside}value {key + 1} is missing" if isinstance(key, int) else f"{inside}key {key!r} is missing"
-    known = NEEDED.get(first["type"])
-    needed = f"{message[0].lower()}{message[1:]}" if known is None else known.format(**first.get("ctx", {}))
+    wording = NEEDED.get(first["type"])
+    needed = f"{message[0].lower()}{message[1:]}" if wording is None else wording.format(**first.get("ctx", {}))
     return f"{inside}{key}: found {first['input']!r}; {needed}"
 
 
