@@ -30,7 +30,7 @@ MOST_POINTS = 0.1
 """Share of the points that may be stuck: where more look like that, the sensor counts in coarse steps."""
 MOSTLY, SELDOM = 0.5, 0.02
 """Share of the profiles at a point's most frequent range in which those beside it must see one nearer and one farther;
-and, as a share of them, profiles that may lie on the other side of it where a surface ends at a face,
+and, as a share of them, profiles that may lie on the other side of it where a cylinder ends at a face.
 """
 CLOSE, LEAST_CLOSE = 0.1, 3
 """mm to which its other ranges come up there, and number of them that do."""
