@@ -52,8 +52,10 @@ crest, of its flanks; mm where it has none.
 """
 USUAL_WAVES, USUAL_FEED = 2.0, 2.0
 """Of this form, waves along the profile; mm of height from one mark that a hob's feed left on the face to the next."""
-PARTS = 4
-"""Of a cell's height, for each of which it is told which profiles meet it: on helical flanks they pass aslant."""
+PARTS, ASIDE = 4, (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Of a cell's height, for each of which it is told which profiles meet it: on helical flanks they pass aslant. Of the
+eccentricity, ways aside for which it is told what is seen of a tooth.
+"""
 USUAL_CLASS = 7
 """By which U is weighed where the drawing limits nothing."""
 FORMS = (0.2, 0.7, 1.4)
@@ -188,12 +190,16 @@ class GearTarget:
         return 2, self.gear.teeth, cells.rolls.size, cells.edges.size - 1
 
     def _readings(self, view: View, cells: "_Cells") -> "_Readings":
-        """What a profile of a view would have in each cell."""
+        """What a profile of a view would have in each cell, of the teeth as their shaft runs out."""
         nominal, shape, sight = self.toothing.nominal, cells.shape, self._sight(view, cells)
         apart = _heights_apart(sight.z.reshape(shape), cells.heights, view)
-        number = np.where(sight.seen.reshape(shape), np.diff(cells.edges) / apart, 0.0)
+        run_out = view.calibration.eccentricity
+        seen = np.array([self._sight(view, cells, way * run_out).seen.reshape(shape) for way in ASIDE])
+        aside = np.sin(self.gear.pitch * np.arange(self.gear.teeth))
+        nearest = np.abs(aside[:, None] - ASIDE).argmin(axis=1)
+        number = np.where(seen[nearest].swapaxes(0, 1), np.diff(cells.edges) / apart[:, None], 0.0)
         u = view.mount.sensor.optics.noise * np.abs(sight.facing.reshape(shape)) / nominal.normal_per_delta
-        return _Readings(number[:, None], u[:, None])
+        return _Readings(number, u[:, None])
 
     def _scanned(
         self, grid: Grid, influences: Sequence[Influence], read: "_Read", form: float, rng: np.random.Generator
@@ -231,11 +237,14 @@ class GearTarget:
         shares = tuple(np.where(total > 0, of / one, 1 / len(views)) for of in count)
         return _Read(shares, total, grid.roll + (up - 0.5) * grid.size[0], u)
 
-    def _sight(self, view: View, cells: "_Cells") -> Sight:
-        """What a view sees of the cells (2 R H,) of a tooth."""
+    def _sight(self, view: View, cells: "_Cells", aside: float = 0.0) -> Sight:
+        """What a view sees of the cells (2 R H,) of a tooth that passes ``aside`` (mm) of where one of a shaft that
+        runs true would.
+        """
         side, i, j = np.indices(cells.shape).reshape(3, -1)
         points, normals = _flank_points(self.toothing, side, cells.rolls[i], cells.heights[j])
-        return look(points, normals, centred(view.calibration), view.mount.sensor.optics, (*self.bodies, *self.shaft))
+        bodies = (*self.bodies, *self.shaft)
+        return look(points, normals, centred(view.calibration, aside), view.mount.sensor.optics, bodies)
 
     def _grid(self, cells: "_Cells", readings: Sequence["_Readings"]) -> Grid:
         """All cells that views show, of a gear with usual slopes and form; nothing errs in reading it."""
@@ -281,11 +290,12 @@ class _Cells:
 
 @dataclass(frozen=True, slots=True)
 class _Readings:
-    """What a profile of a view has in the cells, were it to meet them; (2, 1, R, H)."""
+    """What a profile of a view has in the cells, were it to meet them."""
 
     number: Array
+    """(2, teeth, R, H)."""
     u: Array
-    """mm of delta: standard deviation of a reading."""
+    """(2, 1, R, H) mm of delta: standard deviation of a reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,8 +321,8 @@ def gear_target(
 
 
 def _in_parts(number: Array, first: float) -> Array:
-    """Readings (``PARTS``, 2, 1, R, H) that a profile has in each part of the cells, of a ``number`` (2, 1, R, H) in
-    the whole; ``first``: share 0..1 of one by which the lowest misses the end of the face.
+    """Readings (``PARTS``, 2, teeth, R, H) that a profile has in each part of the cells, of a ``number`` (2, teeth, R,
+    H) in the whole; ``first``: share 0..1 of one by which the lowest misses the end of the face.
     """
     before = np.cumsum(number, axis=3) - number
     ends = [np.floor(first + before + number * part / PARTS) for part in range(PARTS + 1)]

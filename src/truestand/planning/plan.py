@@ -23,7 +23,16 @@ from truestand.planning.gear_target import gear_target
 from truestand.planning.optics import optics_of
 from truestand.planning.place import Place
 from truestand.planning.room import Room
-from truestand.planning.search import ENOUGH, ComparedPlaces, KnownViews, Search, Step, best_views, search_of
+from truestand.planning.search import (
+    ENOUGH,
+    RUNNING_TRUE,
+    ComparedPlaces,
+    KnownViews,
+    Search,
+    Step,
+    best_views,
+    search_of,
+)
 from truestand.planning.sight import CAUSES
 from truestand.planning.target import ORDER, PlannedSensor, Target, View, share_of_room
 from truestand.planning.views import Setting, uncalibrated
@@ -188,7 +197,7 @@ def _with(
     views = choice.views
     seen = np.zeros(len(search.target.surfaces.points), dtype=bool)
     for view in views:
-        seen |= search.seen_from(view.mount)
+        seen |= search.seen_from(view.mount)[RUNNING_TRUE]
     coverage = search.target.surfaces.coverage(seen)
     unseen = _unseen(search, seen, None if views else choice.why_not)
     return Plan(part, search.setting, search, views, coverage, unseen, fewer, assumed, choice.tried)

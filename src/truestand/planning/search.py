@@ -12,6 +12,7 @@ from math import ceil
 import numpy as np
 
 from truestand.core.arrays import Array, Mask
+from truestand.core.calibration import Calibration
 from truestand.core.errors import NotEnoughData
 from truestand.planning.corridor import Corridors
 from truestand.planning.kinematics import Position
@@ -20,12 +21,18 @@ from truestand.planning.optics import Optics
 from truestand.planning.place import Place
 from truestand.planning.places import beside, places_for, rounded
 from truestand.planning.room import Room, apart, clearance, in_room
-from truestand.planning.sight import CAUSES, look
+from truestand.planning.sight import CAUSES, Sight, centred, look
 from truestand.planning.target import Mount, PlannedSensor, Target, View
 from truestand.planning.views import Setting, loosely_joined, shaft_in_view, shows_shaft, uncalibrated, views_at
 
-ENOUGH = 0.97
-"""Coverage of a surface from which more of it makes nothing better."""
+ENOUGH, ENOUGH_ASIDE = 0.97, 0.85
+"""Coverage of a surface from which more of it makes nothing better; where run-out brings it aside, a line is measured
+from 0.9 of its flank on, of whose points a row is a ninth.
+"""
+RUN_OUT, RUNNING_TRUE = (0.0, -1.0, 1.0), 0
+"""Of the eccentricity, ways aside for which it is looked from a place, and which of them is none: a shaft that runs
+true.
+"""
 AS_GOOD = 0.01
 """Of missing coverage, within which places count as equal."""
 POOL, MOST_GROUPS, MOST_JOINT, MOST_ROUNDS = 36, 120, 4, 5
@@ -50,10 +57,15 @@ class Candidate:
     """Of the positioner that brings a sensor there; None: it stands there."""
     clearance: float
     """mm."""
-    seen: Mask
-    """(n,) of the surfaces' points."""
+    all_round: Mask
+    """(``RUN_OUT``, n): the surfaces' points that are seen,"""
     facing: float
-    """Mean cosine of the incidence on what is seen."""
+    """and the mean cosine of the incidence on them, of a shaft that runs true."""
+
+    @property
+    def seen(self) -> Mask:
+        """(n,) of a shaft that runs true."""
+        return np.asarray(self.all_round[RUNNING_TRUE])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +95,14 @@ class Search:
     """and because too little of the shaft is in view there."""
 
     def missing(self, seen: Mask) -> float:
-        """How much of the surfaces is missing, up to what is enough of each."""
-        return sum(max(ENOUGH - share, 0.0) for share in self.target.surfaces.coverage(seen).values())
+        """How much of all surfaces is missing in what is ``seen`` (``RUN_OUT``, n)."""
+        return float(self.missing_of_each(seen).sum())
+
+    def missing_of_each(self, seen: Mask) -> Array:
+        """How much (surfaces,) of each is missing in what is ``seen`` (``RUN_OUT``, n), up to what is enough of it."""
+        enough = np.where(np.arange(len(RUN_OUT)) == RUNNING_TRUE, ENOUGH, ENOUGH_ASIDE)[:, None]
+        shares = np.array([list(self.target.surfaces.coverage(s).values()) for s in seen])
+        return np.asarray(np.maximum(enough - shares, 0.0).sum(axis=0))
 
     @property
     def turning(self) -> tuple[Round, ...]:
@@ -120,18 +138,21 @@ class Search:
         return carrier.barred(Corridors(carrier.kinematics, size, self.swept, self.room), positions)
 
     def seen_from(self, mount: Mount) -> Mask:
-        """The points (n,) that a view shows."""
-        surfaces, bodies = self.target.surfaces, (*self.target.bodies, *self.target.shaft)
-        view = uncalibrated(mount.place, self.setting)
-        return look(surfaces.points, surfaces.normals, view, mount.sensor.optics.tightened, bodies).seen
+        """The points (``RUN_OUT``, n) that a view shows."""
+        return _seen(self.sights(uncalibrated(mount.place, self.setting), mount.sensor.optics))
+
+    def sights(self, view: Calibration, optics: Optics) -> list[Sight]:
+        """What a view surely sees of the surfaces, at each of ``RUN_OUT``."""
+        surfaces, bodies, optics = self.target.surfaces, (*self.target.bodies, *self.target.shaft), optics.tightened
+        views = [centred(view, share * self.setting.eccentricity) for share in RUN_OUT]
+        return [look(surfaces.points, surfaces.normals, aside, optics, bodies) for aside in views]
 
 
 def search_of(setting: Setting, target: Target, room: Room, sensors: Sequence[PlannedSensor], step: Step) -> Search:
     """The places from which the shaft can be calibrated and nothing touches the housing of a sensor; of those that a
     positioner carries, the places that it reaches.
     """
-    surfaces, bodies = target.surfaces, (*target.bodies, *target.shaft)
-    search = Search(setting, target, room, (), np.zeros((len(CAUSES), len(surfaces.points))), 0, 0)
+    search = Search(setting, target, room, (), np.zeros((len(CAUSES), len(target.surfaces.points))), 0, 0)
     found, hidden, touching, blind = [], search.hidden.copy(), 0, 0
     kinds = dict.fromkeys((sensor.optics, sensor.carried) for sensor in sensors)
     places = [(own, *where) for own, carried in kinds for where in places_for(own, carried, setting, target)]
@@ -144,12 +165,17 @@ def search_of(setting: Setting, target: Target, room: Room, sensors: Sequence[Pl
         elif not shows_shaft(shaft_in_view(view, own.tightened, setting.shaft), setting.shaft):
             blind += 1
         else:
-            sight = look(surfaces.points, surfaces.normals, view, own.tightened, bodies)
-            hidden += sight.hidden
-            if sight.seen.any():
-                facing = float(sight.facing[sight.seen].mean())
-                found.append(Candidate(place, own, position, gap, sight.seen, facing))
+            sights = search.sights(view, own)
+            true = sights[RUNNING_TRUE]
+            hidden += true.hidden
+            if true.seen.any():
+                facing = float(true.facing[true.seen].mean())
+                found.append(Candidate(place, own, position, gap, _seen(sights), facing))
     return replace(search, candidates=tuple(found), hidden=hidden, touching=touching, blind=blind)
+
+
+def _seen(sights: Sequence[Sight]) -> Mask:
+    return np.stack([sight.seen for sight in sights])
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +268,7 @@ def _groups(search: Search, number: int) -> list[tuple[int, ...]]:
     """Sets of so many candidates that show as much together as any do."""
     if not search.candidates:
         return []
-    seen = np.array([c.seen for c in search.candidates])
+    seen = np.array([c.all_round for c in search.candidates])
     groups = _grown(search, seen, _pool(search, seen), number)
     if not groups:
         return []
@@ -254,7 +280,7 @@ def _groups(search: Search, number: int) -> list[tuple[int, ...]]:
 def _pool(search: Search, seen: Array) -> list[int]:
     """Candidates that show most of one surface, or of all together: some of each, seen squarely or not."""
     surfaces, facing = search.target.surfaces, np.array([c.facing for c in search.candidates])
-    shown = np.minimum([list(surfaces.coverage(s).values()) for s in seen], ENOUGH)
+    shown = -np.array([search.missing_of_each(s) for s in seen])
     picked: list[int] = []
     for score in (shown.sum(axis=1), *shown.T):
         as_good = np.flatnonzero(score >= score.max() - AS_GOOD)
