@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from truestand.apply.transfer import roll, transfer
+from truestand.apply.transfer import roll, transfer, transfer_remarks
 from truestand.apply.witness import witness
 from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.frames import RADIAL
 from truestand.core.scan import interpret
 from truestand.core.stand import Table
-from truestand.core.surface import apply_calibration
+from truestand.core.surface import apply_calibration, table_angle
 from truestand.parts.drawings import Section, Turned
 from truestand.parts.inspect import inspect
 from truestand.sim import FormWave, simulate
@@ -30,6 +30,14 @@ def calibrated(name):
     named = NAMED[name]
     scan = interpret(simulate(named.stand(), named.simulation(), shaft(), 0).recording, named.stand())
     return calibrate(scan, shaft())
+
+
+@cache
+def homed_with(eccentricity):
+    named = replace(BLIND, running={**BLIND.running, "eccentricity": eccentricity})
+    return calibrate(
+        interpret(simulate(named.stand(), named.simulation(), shaft(), 0).recording, named.stand()), shaft()
+    )
 
 
 def wheel():
@@ -97,6 +105,32 @@ def test_the_shaft_in_view_ties_a_scan_that_starts_elsewhere(start, zero):
     assert abs(off) * GEAR_RADIUS < 0.002
     assert abs(off) < tied.witness.angle_U < 0.02 / GEAR_RADIUS
     assert tied.witness.surfaces == ("base",)
+
+
+@pytest.mark.parametrize("speed", [0.997, 1.0013])
+@pytest.mark.parametrize("eccentric", [0.88, 0.3])
+def test_a_table_that_turns_at_another_speed_than_at_the_calibration_is_followed(speed, eccentric):
+    """Homed, without an angle: *shaft turned against the table's zero*, or pitch with U of hundreds of um."""
+    known = homed_with(eccentric)
+    scan = part_scan("home", acquisition={"speed_factor": speed}, running={"eccentricity": eccentric})
+    tied = transfer(scan, known)
+    assert tied.calibration.status == "valid", tied.calibration.reasons
+    assert tied.calibration.speed_change == pytest.approx(speed - 1.0, abs=tied.witness.gained_U / 6.9)
+    turned = table_angle(tied.scan, tied.calibration)
+    true = scan.angle * speed
+    assert abs(turned - true).max() < tied.witness.angle_U + tied.witness.gained_U / 2
+    assert tied.witness.angle_U == tied.calibration.angle_U
+    (remark,) = (m for m in transfer_remarks(tied.calibration) if m.code == "table_speed_followed")
+    assert ("faster" if speed > 1.0 else "slower") in remark
+
+
+def test_a_shaft_that_has_turned_is_told_at_another_speed_too():
+    """The band is too unsure of the angle to tie it."""
+    known, running = homed_with(0.3), {"eccentricity": 0.3}
+    scan = part_scan("home", acquisition={"speed_factor": 0.997, "start_angle": 0.03}, running=running)
+    tied = transfer(scan, known)
+    assert tied.witness.angle_U > 0.02 / GEAR_RADIUS
+    assert [r.code for r in tied.calibration.reasons] == ["shaft_turned"]
 
 
 def test_outliers_and_lost_readings_do_not_change_the_tie():

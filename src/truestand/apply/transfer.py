@@ -85,13 +85,18 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     calibration = replace(_moved_out(calibration, band), wobble=band.wobble)
     unknown = calibration.angle_zero == "unknown"
     by_index = scan.angle_zero == calibration.angle_zero == "index"
-    if by_index or band.angle_U > limit:  # the band only checks what ties the scan already
+    if not untied and not unknown and (by_index or band.angle_U > limit):
+        checks = (*checks, _still_tied(band, limit))
+    loose = band.angle_U > limit and not (band.gained and not untied and not unknown)
+    if by_index or loose:  # the band only checks what ties the scan already
         reasons = (*reasons, *untied)
-        checks = checks if untied or unknown else (*checks, _still_tied(band, limit))
-    elif untied or unknown or abs(band.angle_shift) > band.angle_U:
-        scan = replace(scan, angle=scan.angle + band.angle_shift)
+    elif untied or unknown or band.gained or abs(band.angle_shift) > band.angle_U:
         others = tuple(r for r in calibration.reasons if r.code != UNTIED.code)
-        calibration = replace(calibration, angle_zero="witness", angle_U=band.angle_U, reasons=others)
+        faster = band.gained / (scan.angle[-1] - scan.angle[0])
+        calibration = replace(
+            calibration, angle_zero="witness", angle_U=band.angle_U, speed_change=faster, reasons=others
+        )
+        scan = band.tied(scan)
     failed = (c.reason for c in checks if not c.ok)
     return Transfer(scan, _with_reasons(calibration, (*reasons, *failed), scan), band, checks)
 
@@ -154,6 +159,12 @@ def transfer_remarks(calibration: Calibration) -> tuple[Message, ...]:
             "at the calibration: taken into account"
         )
         found.append(Message("sensor_followed", text))
+    if calibration.speed_change:
+        text = (
+            f"by the shaft in view the table turned {100 * abs(calibration.speed_change):.2g} % "
+            f"{'faster' if calibration.speed_change > 0 else 'slower'} than at the calibration: taken into account"
+        )
+        found.append(Message("table_speed_followed", text))
     if wobble is not None and wobble.amplitude >= NOTICEABLE_MM:
         text = (
             f"the shaft in view shows a wave of {1000 * wobble.amplitude:.1f} um {wobble.waves} times a turn that the "
@@ -233,9 +244,10 @@ def _steady(band: Witness, where: str) -> tuple[Check, ...]:
 
 def _still_tied(band: Witness, limit: float) -> Check:
     """Whether index or home still tie the angle: the shaft's axis lies in the direction that the calibration found."""
-    allowed, ok = limit + band.angle_U, abs(band.angle_shift) <= limit + band.angle_U
+    shift, U = band.shift_at_start
+    allowed, ok = limit + U, abs(shift) <= limit + U
     return Check(
-        "shaft_turned", "shaft turned against the table's zero, mrad", 1000 * band.angle_shift, 1000 * allowed, ok,
+        "shaft_turned", "shaft turned against the table's zero, mrad", 1000 * shift, 1000 * allowed, ok,
         "the shaft has turned on the table, the angle lost its zero, or the sensor moved sideways: home the table and "
         "scan again, or calibrate again",
     )  # fmt: skip

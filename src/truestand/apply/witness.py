@@ -47,6 +47,14 @@ LEAST_LIMIT_MM = 1e-7
 """Deviations below it are no outliers, however alike all others are."""
 MOST_WAVES, NO_NOISE = 60, 5.0
 """Waves a turn that are looked for; standard deviations of its size from which a wave is none of noise."""
+RATE_OF_MEAN = sqrt(12.0)
+"""U of how much a value changes over a scan, over that of its mean, where both are told by noise."""
+SPEED_SURE, DIRECTION_U = 2.0, 0.01
+"""U by which a table must be found to turn at another speed than at the calibration for it to be believed; rad of U of
+the shaft's direction up to which it is looked for.
+"""
+TURN_STEP = 1e-3
+"""rad by which the scan is turned to see what its readings do then."""
 BEARING_CHANGE_U = 2e-4
 """mm, k = 2: by how much a good table's axis runs differently from one scan to the next; what repeats cancels."""
 
@@ -61,6 +69,11 @@ class Witness:
     angle_shift: float
     """What has to be added to the scan's table angle so that it counts from the calibration's zero."""
     angle_U: float
+    gained: float
+    """By how much too little that angle counts from the scan's first profile to its last, beside: the table turned
+    faster than at the calibration. 0: a scan with an angle of its own, or no speed to be told from the calibration's.
+    """
+    gained_U: float
     radial: float
     """By how much the sensor stands farther out than the calibration says."""
     radial_U: float
@@ -77,6 +90,15 @@ class Witness:
     change_U: float
     """Of ``eccentricity_change``, in the direction in which it is known worst."""
 
+    @property
+    def shift_at_start(self) -> tuple[float, float]:
+        """``angle_shift`` of the scan's first profile, where the table stood at its zero, and its U."""
+        return self.angle_shift - self.gained / 2, hypot(self.angle_U, self.gained_U / 2)
+
+    def tied(self, scan: Scan) -> Scan:
+        """The scan with its table angle counted from the calibration's zero, at the speed at which the table turned."""
+        return _turned(scan, self.angle_shift, self.gained)
+
 
 def witness(scan: Scan, calibration: Calibration) -> Witness | None:
     """What the shaft in view of a scan says; None where too little of it shows, or the drawing is not known.
@@ -90,16 +112,12 @@ def witness(scan: Scan, calibration: Calibration) -> Witness | None:
     if start is None:
         return None
     shift, bands = start
-    fit = _fitted(sampled, calibration, shift, bands)
-    for _ in range(MOST_STEPS):
-        turn = _turn(fit, calibration)
-        shift += turn
-        fit = _fitted(sampled, calibration, shift, bands)
-        if abs(turn) < SETTLED_RAD:
-            break
-    if abs(fit.move[0]) > REACH_MM:
-        return None  # something else, taken for the shaft
-    return _witness_of(fit, shift, calibration, bands)
+    found = _witness_of(_tied(sampled, calibration, shift, bands), calibration, bands)
+    if scan.free_speed and found.angle_U < DIRECTION_U:
+        shift = found.angle_shift
+        faster = _witness_of(_tied(sampled, calibration, shift, bands, at_any_speed=True), calibration, bands)
+        found = faster if abs(faster.gained) > SPEED_SURE * faster.gained_U else found
+    return None if abs(found.radial) > REACH_MM else found  # something else, taken for the shaft
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +143,36 @@ class _Fit:
     drift_variance: float
     """mm^2."""
     wobble: Wobble | None
+    gained: float
+    """rad by which the table turned farther than its angle says, from the scan's first profile to its last,"""
+    gained_variance: float
+    """rad^2; 0: of a speed that is not fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Tied:
+    """The fit at the table angle at which the shaft's axis lies where the calibration has it."""
+
+    fit: _Fit
+    shift: float
+    gained: float
+    """rad, of the table angle: as of ``Witness``."""
+
+
+def _tied(scan: Scan, calibration: Calibration, shift: float, bands: list[_Band], at_any_speed: bool = False) -> _Tied:
+    gained = 0.0
+    for _ in range(MOST_STEPS):
+        fit = _fitted(_turned(scan, shift, gained), calibration, bands, at_any_speed)
+        turn = _turn(fit, calibration)
+        if max(abs(turn), abs(fit.gained)) < SETTLED_RAD:
+            break
+        shift, gained = shift + turn, gained + fit.gained
+    return _Tied(fit, shift, gained)
+
+
+def _turned(scan: Scan, shift: float, gained: float) -> Scan:
+    """The scan with its table angle farther by a ``shift``, and by what it ``gained`` over the scan, rad."""
+    return replace(scan, angle=scan.angle + shift + gained * scan.time_at(np.arange(scan.profiles)))
 
 
 def _shaft_bands(scan: Scan, calibration: Calibration) -> tuple[float, list[_Band]] | None:
@@ -188,11 +236,43 @@ def _shaft_bins(seen: Ints, on_shaft: Ints, mean: Array) -> Mask:
     return np.asarray(shaft & (np.abs(mean - nearest) < SLEEVE_MM))
 
 
-def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Band]) -> _Fit:
-    """How far sensor and axis have moved, if the table's angle counts from ``shift``: robust least squares."""
-    turned = replace(scan, angle=scan.angle + shift)
-    surface = apply_calibration(turned, calibration)
-    angle = table_angle(turned, calibration)
+def _fitted(scan: Scan, calibration: Calibration, bands: list[_Band], at_any_speed: bool) -> _Fit:
+    """How far sensor and axis have moved by the scan's table angle, and how they go on moving: robust least squares."""
+    off, angle = _off(scan, calibration, bands), table_angle(scan, calibration)
+    psi, row, time = off.psi, off.row, scan.time_at(off.row)
+    # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
+    design = np.column_stack([np.cos(psi + angle[row]), -np.cos(psi), -np.sin(psi)])
+    sectors = np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS
+    move, covariance = _robust_fit(design, -off.trace, sectors)
+    over_time = [design, design[:, 0] * time]
+    if at_any_speed:  # where the table turns faster, the axis comes round sooner, and form
+        sooner = _off(_turned(scan, TURN_STEP, 0.0), calibration, bands)
+        over_time.append((sooner.trace - off.trace) / TURN_STEP * time)
+    going_on = np.column_stack(over_time)
+    rates, rates_covariance = _robust_fit(going_on, -off.trace, sectors)
+    wobble = _wobble(-off.trace - going_on @ rates, angle[row])
+    variance = np.diag(rates_covariance)
+    gained = (float(rates[4]), float(variance[4])) if at_any_speed else (0.0, 0.0)
+    return _Fit(move, covariance, off.middle, float(rates[3]), float(variance[3]), wobble, *gained)
+
+
+@dataclass(frozen=True, slots=True)
+class _Off:
+    """How far the bands' readings (n,) are off the calibrated shaft: one of each band and profile."""
+
+    trace: Array
+    """mm, outwards."""
+    psi: Array
+    """rad: where on the shaft."""
+    row: Ints
+    """Of the scan."""
+    middle: float
+    """mm: mean height."""
+
+
+def _off(scan: Scan, calibration: Calibration, bands: list[_Band]) -> _Off:
+    surface = apply_calibration(scan, calibration)
+    angle = table_angle(scan, calibration)
     rows, traces, heights, azimuths = [], [], [], []
     for band in bands:
         deviation = _deviation(surface, band, calibration) - calibration.bearing_at(angle)[:, None]
@@ -204,15 +284,7 @@ def _fitted(scan: Scan, calibration: Calibration, shift: float, bands: list[_Ban
         azimuths.append(np.arctan2(y, x))
         heights.append(np.full(seen.size, float(np.median(surface.z[band.on]))))
     trace, psi, row = np.concatenate(traces), np.concatenate(azimuths), np.concatenate(rows)
-    # Farther out along T's X the sensor sees more; an axis that has moved towards the reading sees less.
-    design = np.column_stack([np.cos(psi + angle[row]), -np.cos(psi), -np.sin(psi)])
-    sectors = np.floor(psi * (SECTORS / tau)).astype(np.intp) % SECTORS
-    move, covariance = _robust_fit(design, -trace, sectors)
-    over_time = np.column_stack([design, design[:, 0] * (row / scan.profiles - 0.5)])
-    drifting, drift_covariance = _robust_fit(over_time, -trace, sectors)
-    middle = float(np.mean(np.concatenate(heights)))
-    wobble = _wobble(-trace - over_time @ drifting, angle[row])
-    return _Fit(move, covariance, middle, float(drifting[3]), float(drift_covariance[3, 3]), wobble)
+    return _Off(trace, psi, row, float(np.mean(np.concatenate(heights))))
 
 
 def _wobble(rest: Array, angle: Array) -> Wobble | None:
@@ -260,7 +332,8 @@ def _turn(fit: _Fit, calibration: Calibration) -> float:
     return wrap(atan2(after[1], after[0]) - atan2(before[1], before[0]))
 
 
-def _witness_of(fit: _Fit, shift: float, calibration: Calibration, bands: list[_Band]) -> Witness:
+def _witness_of(found: _Tied, calibration: Calibration, bands: list[_Band]) -> Witness:
+    fit, shift = found.fit, found.shift
     axis = _axis(calibration, fit.middle)
     size = max(hypot(*axis), 1e-9)
     along = axis / size
@@ -274,6 +347,8 @@ def _witness_of(fit: _Fit, shift: float, calibration: Calibration, bands: list[_
         height=float(sum(b.height for b in bands)),
         angle_shift=wrap(shift),
         angle_U=min(K * sqrt(float(across @ covariance @ across)) / size, pi),
+        gained=found.gained,
+        gained_U=hypot(K * sqrt(fit.gained_variance), RATE_OF_MEAN * BEARING_CHANGE_U / size) if found.gained else 0.0,
         radial=float(fit.move[0]),
         radial_U=K * sqrt(float(fit.covariance[0, 0])),
         drift=fit.drift,

@@ -291,6 +291,8 @@ class Calibration:
     valid_until: str | None = None
     moved_out: float = 0.0
     """mm by which the sensor stands farther out than when it was calibrated, taken into account by ``transfer``."""
+    speed_change: float = 0.0
+    """Relative: by how much faster the table turned than when it was calibrated, taken into account by ``transfer``."""
     wobble: Wobble | None = None
     """What the shaft in view of a part's scan tells ``transfer`` of how sensor or table wobble."""
     followed: bool = False
