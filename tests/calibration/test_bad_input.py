@@ -16,7 +16,8 @@ from truestand.calibration.segment import segment
 from truestand.calibration.start import rough_stand
 from truestand.core.errors import NotEnoughData
 from truestand.core.frames import Pose, shaft_parameters
-from truestand.core.scan import Recording, interpret, profile_number
+from truestand.core.scan import Recording, interpret, profile_number, table_angle
+from truestand.core.stand import Stand
 from truestand.core.surface import apply_calibration
 from truestand.sim import FormWave, Keyway, Patch, simulate
 from truth import Named, scan_of, shaft, truth_of
@@ -238,6 +239,16 @@ def test_a_counter_that_starts_again_goes_on():
     z = np.zeros((6, 1))
     number = profile_number(Recording(z, z, "test", "", counter=counter))
     assert number.tolist() == [0, 1, 2, 3, 4, 7]
+
+
+def test_an_encoder_that_starts_again_every_turn_counts_on():
+    """*need one full revolution, got 0.20*."""
+    z, counts = np.zeros((1000, 1)), np.arange(1000) * 27
+    on, again = (
+        table_angle(Recording(z, z, "test", "", encoder=of), Stand(y="encoder", counts_per_turn=9000))[0]
+        for of in (counts, counts % 9000)
+    )
+    assert np.array_equal(on, again) and on[-1] > 2.9 * 2 * np.pi
 
 
 def test_whole_profiles_lost_are_no_trouble():

@@ -165,6 +165,10 @@ def test_the_same_scan_twice_and_scans_of_two_stands_are_refused():
     homed = replace(scan(180), angle_source="index")
     with pytest.raises(BadRecipe, match="one zero for all"):
         calibrate_positions((scan(0), homed), (0.0, radians(180)), artefact())
+    sensor = replace(scan(180).stand.sensor, name="rear")
+    rear = replace(scan(180), stand=replace(scan(180).stand, sensors=(sensor,)))
+    with pytest.raises(BadRecipe, match="by views 'front' and 'rear', need one view; leave out --clamped-at-deg"):
+        calibrate_positions((scan(0), rear), (0.0, radians(180)), artefact())
 
 
 def test_a_shaft_known_from_clampings_verifies_with_its_axes():

@@ -164,6 +164,11 @@ def _demand_one_stand(scans: tuple[Scan, ...]) -> None:
     sha256 = [s.sha256 for s in scans if s.sha256]
     if len(set(sha256)) < len(sha256):
         raise BadRecipe("found the same scan twice, need one scan for each clamping")
+    if len(views := dict.fromkeys(s.view for s in scans)) > 1:
+        raise BadRecipe(
+            f"found scans of one shaft clamped again by views {' and '.join(map(repr, views))}, need one view; leave "
+            "out --clamped-at-deg to calibrate views together"
+        )
     zeros = {s.angle_zero for s in scans}
     if len(zeros) > 1:
         raise BadRecipe(

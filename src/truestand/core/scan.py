@@ -181,13 +181,21 @@ def table_angle(recording: Recording, stand: Stand, start_angle: float | None = 
     if encoder is not None:
         if stand.counts_per_turn <= 0:
             raise BadRecipe("the scan has encoder counts but [scan] counts_per_turn is 0; state the counts of one turn")
-        return sign * encoder * (tau / stand.counts_per_turn), "encoder"
+        return sign * _counted_on(encoder, stand.counts_per_turn) * (tau / stand.counts_per_turn), "encoder"
     angle = np.radians(recording.y) if stand.y == "angle_deg" and recording.y is not None else recording.angle
     if angle is not None:
-        return sign * np.unwrap(angle), "angle"
+        return sign * _counted_on(angle, tau), "angle"
     if stand.y in ("angle_deg", "encoder") and recording.y is None and recording.format == "xyz blocks":
         raise BadRecipe(f"[scan] y = {stand.y!r}, but the Y block is not constant along each profile; check [scan] y")
     return _angle_from_speed(recording, stand, start_angle or 0.0)
+
+
+def _counted_on(values: Array, turn: float) -> Array:
+    """Values (N,) that may start again every ``turn``, going on; what is not known stays so."""
+    known = np.isfinite(values)
+    counted = values.astype(np.float64)
+    counted[known] = np.unwrap(counted[known], period=turn)
+    return counted
 
 
 def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple[Array, AngleSource]:

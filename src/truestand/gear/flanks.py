@@ -288,7 +288,8 @@ def find_toothing(surface: Surface, nominal: Involute, datum: Datum) -> Toothing
         g = nominal.gear
         raise NotEnoughData(
             f"found {points.angle.size} points between heights {g.face_from:g} and {g.face_to:g} mm near diameter "
-            f"{2 * nominal.measuring_radius:.1f} mm, need the toothing in view; check face_from_mm and the scan"
+            f"{2 * nominal.measuring_radius:.1f} mm, need the toothing in view; check face_from_mm, teeth, "
+            "module_mm and the scan"
         )
     first_tooth = _centred(points, nominal, _phase(points, nominal))
     flank, delta = assign(points, nominal, first_tooth)
