@@ -83,14 +83,13 @@ def transfer(scan: Scan, calibration: Calibration, start_stated: bool = False) -
     band, limit = _with_place_retaken(band, scan, calibration), MOST_ARC_MM / _outside(scan, calibration)
     checks = _moved(band, calibration.stand.sensor)
     calibration = replace(_moved_out(calibration, band), wobble=band.wobble)
-    unknown = calibration.angle_zero == "unknown"
+    tied, sure = not untied and calibration.angle_zero != "unknown", band.angle_U <= limit
     by_index = scan.angle_zero == calibration.angle_zero == "index"
-    if not untied and not unknown and (by_index or band.angle_U > limit):
+    if tied and (by_index or not sure):
         checks = (*checks, _still_tied(band, limit))
-    loose = band.angle_U > limit and not (band.gained and not untied and not unknown)
-    if by_index or loose:  # the band only checks what ties the scan already
+    if by_index or not (sure or (tied and band.gained)):  # the band only checks what ties the scan already
         reasons = (*reasons, *untied)
-    elif untied or unknown or band.gained or abs(band.angle_shift) > band.angle_U:
+    elif not tied or band.gained or abs(band.angle_shift) > band.angle_U:
         others = tuple(r for r in calibration.reasons if r.code != UNTIED.code)
         faster = band.gained / (scan.angle[-1] - scan.angle[0])
         calibration = replace(
