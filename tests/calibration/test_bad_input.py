@@ -14,7 +14,7 @@ from truestand.calibration.repeated import repeated_share
 from truestand.calibration.robust_wave import robust_wave
 from truestand.calibration.segment import segment
 from truestand.calibration.start import rough_stand
-from truestand.core.errors import NotEnoughData
+from truestand.core.errors import BadRecipe, NotEnoughData
 from truestand.core.frames import Pose, shaft_parameters
 from truestand.core.scan import Recording, interpret, profile_number, table_angle
 from truestand.core.stand import Stand
@@ -249,6 +249,29 @@ def test_an_encoder_that_starts_again_every_turn_counts_on():
         for of in (counts, counts % 9000)
     )
     assert np.array_equal(on, again) and on[-1] > 2.9 * 2 * np.pi
+
+
+@pytest.mark.parametrize("true", [8964, 9010, 9036, 9090])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_encoder_that_starts_again_elsewhere_is_refused(true, sign):
+    """A calibration by 1 % more counts was valid, and one pitch 1.4 mm off, decided."""
+    z, counts = np.zeros((1000, 1)), (sign * np.arange(1000) * 27 + np.arange(1000) % 3) % true
+    with pytest.raises(
+        BadRecipe, match=r"start again after about \d+, need \[scan\] counts_per_turn = 9000"
+    ) as refused:
+        table_angle(Recording(z, z, "test", "", encoder=counts), Stand(y="encoder", counts_per_turn=9000))
+    assert abs(int(str(refused.value).split("about ")[1].split(",")[0]) - true) <= 3
+
+
+def test_an_angle_that_stands_still_and_leaps_is_told():
+    """One tooth read F_alpha 431 um where 4 is true. Profiles that are lost are fine, and a table that stops."""
+    z, counts = np.zeros((1000, 1)), np.arange(1000) * 15
+    held, stopped = np.where((counts > 6000) & (counts < 6600), 6000, counts), np.minimum(counts, 12000)
+    own = Stand(y="encoder", counts_per_turn=9000)
+    told = [interpret(Recording(z, z, "test", "", encoder=of), own).reasons
+            for of in (counts, held, stopped, np.delete(counts, np.s_[400:440]))]  # fmt: skip
+    assert [[r.code for r in reasons] for reasons in told] == [[], ["angle_held"], [], []]
+    assert "still for 39 profiles before profile 440, and then leaps by 40 steps" in told[1][0]
 
 
 def test_whole_profiles_lost_are_no_trouble():

@@ -14,12 +14,21 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.errors import BadRecipe
 from truestand.core.message import Message
+from truestand.core.robust import robust_sd
 from truestand.core.stand import Stand
 from truestand.core.stuck import without_stuck
 
 AngleSource = Literal["index", "time", "angle", "encoder"]
 AngleZero = Literal["index", "home", "witness", "unknown"]
 """What ties a table angle to that of another scan: an index, the home position, a witness band, nothing."""
+BESIDE, MOST_OFF, OFF_SD = 20, 1.5, 5.0
+"""Steps of an encoder to either side of where it starts again; counts, and robust standard deviations of those steps,
+by which the table may be out of step there.
+"""
+LEAP, HELD = 4, 0.1
+"""Usual steps of the angle that make a leap, and profiles for which it stood still before; share of a step that counts
+as none.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +159,7 @@ def interpret(
     z, remarks = without_stuck(_within_range(recording.z, stand.sensor.range))
     return Scan(
         x, z, angle, stand, source, recording.sha256, recording.time, recording.counter, recording.intensity,
-        _incomplete_reasons(recording), remarks,
+        (*_incomplete_reasons(recording), *_held_reasons(angle, source)), remarks,
     )  # fmt: skip
 
 
@@ -170,6 +179,21 @@ def _incomplete_reasons(recording: Recording) -> tuple[Message, ...]:
     return tuple(Message("scan_incomplete", f"the scan is incomplete: {reason}; scan again") for reason in reasons)
 
 
+def _held_reasons(angle: Array, source: AngleSource) -> tuple[Message, ...]:
+    """Why a recorded angle (N,) isn't that of its profiles: it stands still for some, and then makes up for them."""
+    steps = np.abs(np.diff(angle)) if source in ("angle", "encoder") else np.zeros(0)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    for leap in np.flatnonzero(steps > LEAP * usual) if usual else ():
+        held = int(np.argmax(np.append(steps[:leap][::-1] > HELD * usual, True)))  # steps before it that are none
+        if held >= LEAP and steps[leap] > held / 2 * usual:
+            text = (
+                f"the recorded angle stands still for {held} profiles before profile {leap + 1}, and then leaps by "
+                f"{steps[leap] / usual:.0f} steps: their angle is wrong; check the encoder's connection and scan again"
+            )
+            return (Message("angle_held", text),)
+    return ()
+
+
 def table_angle(recording: Recording, stand: Stand, start_angle: float | None = None) -> tuple[Array, AngleSource]:
     """Table angle theta (N,) rad and what it rests on, best source first: encoder, angle, time, profile number.
 
@@ -184,18 +208,39 @@ def table_angle(recording: Recording, stand: Stand, start_angle: float | None = 
         return sign * _counted_on(encoder, stand.counts_per_turn) * (tau / stand.counts_per_turn), "encoder"
     angle = np.radians(recording.y) if stand.y == "angle_deg" and recording.y is not None else recording.angle
     if angle is not None:
-        return sign * _counted_on(angle, tau), "angle"
+        return sign * np.unwrap(angle), "angle"
     if stand.y in ("angle_deg", "encoder") and recording.y is None and recording.format == "xyz blocks":
         raise BadRecipe(f"[scan] y = {stand.y!r}, but the Y block is not constant along each profile; check [scan] y")
     return _angle_from_speed(recording, stand, start_angle or 0.0)
 
 
-def _counted_on(values: Array, turn: float) -> Array:
-    """Values (N,) that may start again every ``turn``, going on; what is not known stays so."""
-    known = np.isfinite(values)
-    counted = values.astype(np.float64)
-    counted[known] = np.unwrap(counted[known], period=turn)
-    return counted
+def _counted_on(counts: Array, turn: int) -> Array:
+    """Encoder counts (N,) that may start again every ``turn``, going on.
+
+    Raises:
+        BadRecipe: they start again after another number of counts.
+    """
+    steps = np.diff(counts)
+    forward = 1.0 if np.median(steps) >= 0 else -1.0
+    again = forward * steps < -turn / 4
+    if not again.any() or steps.size < 2:
+        return counts
+    steps = steps + forward * turn * again
+    off, spread = np.transpose([_out_of_step(steps, int(at)) for at in np.flatnonzero(again)])
+    low, high, out = counts.min(), counts.max(), float(np.median(off))
+    if abs(out) > max(MOST_OFF, OFF_SD * spread.max()) or high - low >= turn:
+        raise BadRecipe(
+            f"found encoder counts from {low:.0f} to {high:.0f} that start again after about {turn - forward * out:.0f}"
+            f", need [scan] counts_per_turn = {turn} of them; state the counts of one turn"
+        )
+    return np.asarray(counts + forward * turn * np.concatenate([[0], np.cumsum(again)]))
+
+
+def _out_of_step(steps: Array, at: int) -> tuple[float, float]:
+    """By how much one of the steps differs from those beside it, and how much these scatter."""
+    beside = np.concatenate([steps[max(at - BESIDE, 0) : at], steps[at + 1 : at + 1 + BESIDE]])
+    usual = float(np.median(beside))
+    return float(steps[at]) - usual, robust_sd(beside - usual)
 
 
 def _angle_from_speed(recording: Recording, stand: Stand, start: float) -> tuple[Array, AngleSource]:

@@ -25,6 +25,8 @@ LEAST_TURNS = 1.99
 """Fewer leave most of the flanks with one pass."""
 WHOLE_PASS = 0.7
 """Share of the usual number of points that a flank's pass must have: at the scan's ends some are cut off."""
+CUT_OFF, LEAST_AGAIN = 2.0, 0.5
+"""Flanks that a scan's ends may cut off; share of the others that must be found again a turn later."""
 KNOTS_PER_TOOTH = 1.0
 SMOOTHING = 0.1
 """Weight of the change from knot to knot against the passes: without it, um of misfit turn into mm where the passes
@@ -64,10 +66,14 @@ def with_correct_angles(views: tuple[GearView, ...]) -> tuple[GearView, ...]:
 
 def correct_angle(view: GearView) -> GearView:
     """The same with a corrected table angle, as long as the passes of the flanks agree better with it."""
-    best, scan = view, view.scan
-    passes = _passes(best) if scan.angle_source in ("index", "time") else None
-    if passes is None:
+    if not view.flanks.delta.size:
+        return view
+    scan, passes = view.scan, _passes(view)
+    best = replace(view, unrepeated=passes.unrepeated)
+    if not passes.repeated:
         return best
+    if not scan.free_speed:
+        return replace(best, apart_rms=passes.rms)
     best = replace(best, before_rms=passes.rms, after_rms=passes.rms)
     for _ in range(ROUNDS if scan.revolutions >= LEAST_TURNS else 0):
         if passes.rms < NOTICEABLE:
@@ -75,7 +81,7 @@ def correct_angle(view: GearView) -> GearView:
         frequencies = _frequencies(passes)
         corrected = _rolled_up(best, _angle_error(passes, frequencies, scan.profiles, view.flanks.toothing))
         again = _passes(corrected)
-        if again is None or again.rms > LARGEST_SHARE_LEFT * passes.rms:
+        if not again.repeated or again.rms > LARGEST_SHARE_LEFT * passes.rms:
             break
         explained = best.explained and (frequencies is not None or passes.rms < MOST_LEFT)
         passes, best = again, replace(corrected, after_rms=again.rms, explained=explained)
@@ -108,8 +114,8 @@ def _lever_arms(calibration: Calibration, toothing: Toothing) -> Array:
     return np.concatenate(arms)
 
 
-def _passes(rolled: GearView) -> "_Passes | None":
-    """Every pass of every flank; None where nothing passed twice."""
+def _passes(rolled: GearView) -> "_Passes":
+    """Every pass of every flank."""
     flanks, scan, toothing = rolled.flanks, rolled.scan, rolled.flanks.toothing
     teeth = toothing.nominal.gear.teeth
     around = toothing.first_tooth + (flanks.flank % teeth) * toothing.nominal.gear.pitch
@@ -126,8 +132,6 @@ def _passes(rolled: GearView) -> "_Passes | None":
     usual = np.median(count[count > 0])
     whole = np.flatnonzero(count > WHOLE_PASS * usual)
     flank = whole // turns
-    if np.unique(flank).size == flank.size:
-        return None
     at = time[whole] / scan.profiles * scan.revolutions
     arm = _lever_arms(rolled.calibration, toothing)[flank] / toothing.nominal.base_radius
     return _Passes(flank, at, position[whole], arm, scan.revolutions, teeth)
@@ -188,10 +192,22 @@ class _Passes:
     teeth: int
 
     @property
+    def repeated(self) -> int:
+        """How many passes are not the first of their flank."""
+        return int(self.flank.size - np.unique(self.flank).size)
+
+    @property
+    def unrepeated(self) -> bool:
+        """Whether fewer flanks than the turns tell were found again where they passed before: the others are farther
+        from there than a flank is looked for.
+        """
+        again = np.unique(self.flank).size * min(self.turns - 1.0, 1.0) - CUT_OFF
+        return again >= CUT_OFF and self.repeated < LEAST_AGAIN * again
+
+    @property
     def rms(self) -> float:
         """mm, about the mean of each flank, degrees of freedom counted."""
-        free = max(self.flank.size - np.unique(self.flank).size, 1)
-        return float(np.sqrt(np.square(self.about_means(self.position)).sum() / free))
+        return float(np.sqrt(np.square(self.about_means(self.position)).sum() / max(self.repeated, 1)))
 
     def about_means(self, values: Array) -> Array:
         """Values (n,) or (n, m) about the mean of their flank."""

@@ -47,7 +47,7 @@ from truestand.gear.grid import Grid, grid_of
 from truestand.gear.levels import left_between, levelled
 from truestand.gear.match import check_drawing
 from truestand.gear.rays import rays_of_views
-from truestand.gear.remarks import remarks_of, unevenness
+from truestand.gear.remarks import contradicting_turns, remarks_of, unevenness
 from truestand.gear.seams import tied, tied_roughly
 from truestand.gear.smooth_flanks import areal_positions, smooth_flanks, smooth_surface
 from truestand.gear.teeth import FoldedMap, below_tips, fold, other_teeth, teeth_there, tip_and_root
@@ -196,7 +196,7 @@ def _further_reasons(
     return (
         *other_diameters(folded, surface, toothing),
         *other_teeth(folded, toothing.nominal),
-        *(reason for view in views for reason in unevenness(view)),
+        *(reason for view in views for reason in (*contradicting_turns(view), *unevenness(view))),
         *contradictions(seams),
     )
 

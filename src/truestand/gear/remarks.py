@@ -20,6 +20,7 @@ from truestand.gear.grid import FINE_STEP, profiles_for, step_on_flank
 from truestand.gear.teeth import Diameter
 from truestand.gear.traces import profile_points
 from truestand.gear.views import GearView, joined
+from truestand.uncertainty.lines import once_per_turn
 
 SHORT_FACE = 0.6
 """mm by which the flanks seen may end before the drawing's face does without a word."""
@@ -32,6 +33,8 @@ MOST_REGIONS = 12
 OR_THE_GEAR = "or the gear is made so"
 TIP, NOTICEABLE_CHAMFER = 0.1, 0.02
 """Share of a profile at its upper end, and mm by which most teeth may fall away there without a word."""
+MOST_APART = 0.005
+"""mm, rms, by which the passes of a flank may differ by a recorded angle, beside what its U allows."""
 NOTICEABLE_SLOPE = 0.003
 """mm of mean slope below which nothing is said."""
 
@@ -62,13 +65,28 @@ def remarks_of(
 
 def unevenness(view: GearView) -> tuple[Message, ...]:
     """Why nothing is decided where the table turned unevenly; empty where it did not."""
-    if view.uneven_rms is None:
+    if view.uneven_rms is None or view.unrepeated:
         return ()
     text = (
         f"the table turned unevenly: passes of one flank are {1000 * view.uneven_rms:.1f} um (rms) apart, pitch "
         "may be wrong by as much and more: record the table's angle, or turn it steadily"
     )
     return (Message("table_uneven", text),)
+
+
+def contradicting_turns(view: GearView) -> tuple[Message, ...]:
+    """Why nothing is decided where flanks pass at another angle when they pass again; empty where they don't."""
+    _, U = once_per_turn(view.scan)
+    allowed = MOST_APART + U * view.flanks.toothing.nominal.base_radius
+    if view.unrepeated:
+        what = "flanks that pass twice are mostly not found where they passed before"
+        why = "the table's speed or [scan] counts_per_turn is another one"
+    elif view.apart_rms is not None and view.apart_rms > allowed:
+        what = f"passes of one flank are {1000 * view.apart_rms:.1f} um (rms) apart, {1000 * allowed:.1f} at most"
+        why = "the recorded angle jumped, [scan] counts_per_turn is another one, or part or sensor moved"
+    else:
+        return ()
+    return (Message("turns_contradict", f"turns contradict each other: {what}; {why}: scan again"),)
 
 
 def _sides_not_seen(coverage: Coverage) -> tuple[Message, ...]:

@@ -32,6 +32,10 @@ class GearView:
     calibration: Calibration
     before_rms: float | None = None
     """mm: by how much the passes of a flank disagreed; None: the angle was measured, or nothing passed twice."""
+    apart_rms: float | None = None
+    """mm: the same of a scan whose angle was measured."""
+    unrepeated: bool = False
+    """Whether flanks that passed twice were mostly not found again where they passed before."""
     after_rms: float | None = None
     """mm: the same with the corrected angle."""
     explained: bool = True
