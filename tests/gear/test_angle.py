@@ -75,3 +75,29 @@ def test_measured_angle_is_not_corrected():
     few = replace(scan, angle_source="angle")
     found = inspect_gear(apply_calibration(few, replace(true_calibration(), reasons=())), SPUR)
     assert not any("steady speed" in r for r in found.remarks) and not found.reasons
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(lambda a: 9e-4 * (a > 3.3), "um (rms) apart, 6.1 at most"), (lambda a: 1.1e-4 * a, "um (rms) apart"),
+     (lambda a: 3e-5 * np.sin(0.7 * a), None)],
+    ids=["a jump by five counts", "other counts per turn", "within its U"],
+)  # fmt: skip
+def test_a_measured_angle_that_turns_contradict_decides_nothing(error, told):
+    """A pitch that jumped by 21 um was *does not conform*, at U 1.9, on a gear that does."""
+    scan = scan_of(SPUR, WORN, simulation(5600))
+    off = replace(scan, angle_source="angle", angle=scan.angle + error(scan.angle))
+    found = inspect_gear(apply_calibration(off, replace(true_calibration(), reasons=())), SPUR)
+    assert [r.code for r in found.reasons] == (["turns_contradict"] if told else [])
+    assert told is None or told in found.reasons[0]
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("source", ["index", "angle"])
+def test_flanks_that_are_not_found_again_are_no_damage(source):
+    """A table 0.3 % faster: flanks of the second turn lay beyond the gate, and were chipped by 0.4 mm."""
+    scan = scan_of(SPUR, WORN, simulation(4800))
+    faster = replace(scan, angle_source=source, angle=scan.angle * 1.003)
+    found = inspect_gear(apply_calibration(faster, replace(true_calibration(), reasons=())), SPUR)
+    assert "turns_contradict" in [r.code for r in found.reasons] and found.verdict == "undecided"
