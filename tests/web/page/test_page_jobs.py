@@ -154,6 +154,24 @@ def test_a_result_that_could_not_be_read_at_once_is_asked_for_again(open_tab, st
     assert len(refused) > 1
 
 
+def test_the_end_takes_the_keyboard_whichever_answer_comes_first(open_tab, stand):
+    stand.will_measure("inspect", stored_results.conforming(inspection(stand)))
+    stand.run("long", kind="inspect", part="gear")
+    tab, held = open_tab("#/job"), []
+
+    def hold_first(route):
+        held.append(route)
+        if len(held) > 1:
+            route.fallback()
+
+    tab.get_by_role("button", name="Stop").wait_for()
+    tab.route(re.compile(r"/api/results/\d+$"), hold_first)
+    (stand.job_folder / "stop").touch()
+    tab.get_by_role("heading", name="conforms").wait_for()
+    held[0].fallback()
+    assert tab.evaluate("document.activeElement.tagName") == "H1"
+
+
 def test_calibrate_and_verify(open_tab, stand):
     stand.will_measure("calibrate", stored_results.read(stand.made, "calibration"))
     stand.will_measure("verify", stored_results.read(stand.made, "verification"))

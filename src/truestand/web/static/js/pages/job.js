@@ -22,18 +22,19 @@ export async function show(page, _, signal) {
     add(page, heading(t("job.title")), empty(t("job.none"), link(t("page.home"), "/", { kind: "primary" })));
     return;
   }
-  let drawn = null;
+  let [drawn, watched] = [null, false];
   await draw();
   store.on("job", draw, signal);
-  store.onChange(() => store.running || ended(page, true, signal), signal);
+  store.onChange(() => store.running || ended(page, watched, signal), signal);
 
   function draw() {
     const key = `${store.job.id} ${store.job.state}`;
     if (key === drawn) return;
-    const first = drawn === null;
     drawn = key;
-    if (store.running) delete page.dataset.ended;
-    return store.running ? put(page, working(signal)) : ended(page, first, signal);
+    if (!store.running) return ended(page, watched, signal);
+    watched = true;
+    delete page.dataset.ended;
+    return put(page, working(signal));
   }
 }
 
@@ -162,21 +163,23 @@ function sensorView(name) {
   };
 }
 
-/** The end: huge, what decided it, and where to go from here. */
-async function ended(page, first, signal) {
+/** The end: huge, what decided it, and where to go from here. It takes the keyboard where the job was `watched`. */
+async function ended(page, watched, signal) {
   const job = store.job;
   const result = job.number && (await get(`api/results/${job.number}`, signal).catch(() => null));
   if (signal.aborted || store.job.id !== job.id) return; // the next job may have begun
-  if (job.number && !result) setTimeout(() => signal.aborted || ended(page, first, signal), ASK_AGAIN_MS);
+  if (job.number && !result) setTimeout(() => signal.aborted || ended(page, watched, signal), ASK_AGAIN_MS);
   const key = JSON.stringify([job.id, result?.entry]);
   if (page.dataset.ended === key) return;
+  const takesFocus = (watched && !page.dataset.ended) || page.contains(document.activeElement);
   page.dataset.ended = key;
   const over = [title(job), result?.entry.serial].filter(Boolean).join(" · ");
   put(page, guide(job, 1), stamp(outcome(job, result), over, job.message),
     result && h("div", { class: "why" }, decisive(result.entry, result.record)), h("div", { class: "actions large" }, onward(job)));
   say(`${title(job)}: ${page.querySelector(".word").textContent}`);
-  if (!first) page.querySelector("h1")?.setAttribute("tabindex", "-1");
-  if (!first) page.querySelector("h1")?.focus();
+  if (!takesFocus) return;
+  page.querySelector("h1")?.setAttribute("tabindex", "-1");
+  page.querySelector("h1")?.focus();
 }
 
 /** What came of a job. A result counts as what it is worth: it may rest on a calibration that is in doubt. */
