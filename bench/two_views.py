@@ -2,12 +2,14 @@
 
     python bench/two_views.py poses --stands 100
     python bench/two_views.py ideal --stands 20
+    python bench/two_views.py exact --stands 20
     python bench/two_views.py seams --stands 100
     python bench/two_views.py gears
 
 poses: linearity of 20 um in one wave, coaxiality of 10 um, mountings, diameters and what the table's bearing does once
-a turn towards each sensor drawn; ideal: none of it. seams: a helical gear by both, the rear one moved by 20 um towards
-the axis since the calibration in every second stand. gears: helical gears of both hands, figures against the truth.
+a turn towards each sensor drawn; ideal: none of it, 0.5 um of noise; exact: no noise either. seams: a helical gear by
+both, the rear one moved by 20 um towards the axis since the calibration in every second stand. gears: helical gears of
+both hands, figures against the truth.
 """
 
 import argparse
@@ -57,6 +59,8 @@ ABOVE = (
 )
 """Both see the shoulder's face."""
 LINEARITY_U, COAXIALITY_U = 0.02, 0.01
+IDEAL = {"ideal": 0.0005, "exact": 0.0}
+"""mm of noise, all that is drawn of such sensors."""
 MOVED, OUTSIDE = 0.02, 25.0
 """mm: the move, and the radius at which the relative pose is looked at."""
 
@@ -94,12 +98,14 @@ class World:
 
 
 def world(
-    rng: np.random.Generator, places: tuple[Mounting, Mounting], ideal: bool, per_turn: int, points: int
+    rng: np.random.Generator, places: tuple[Mounting, Mounting], ideal: float | None, per_turn: int, points: int
 ) -> World:
+    """``ideal``: mm of noise of sensors and a shaft without any other error; None: they err."""
     base, shaft = paper_simulation(), paper_shaft()
     bearing = replace(shaft.cylinders[1], coaxiality_U=COAXIALITY_U)
-    artefact = shaft if ideal else replace(shaft, cylinders=(shaft.cylinders[0], bearing))
-    size = 0.0 if ideal else 1.0
+    errs = ideal is None
+    artefact = replace(shaft, cylinders=(shaft.cylinders[0], bearing)) if errs else shaft
+    size = float(errs)
     off = size * rng.normal(0, COAXIALITY_U / 2, 2)
     slope = size * rng.normal(0, COAXIALITY_U / 2 / bearing.length, 2)
     workpiece = Workpiece(
@@ -115,8 +121,8 @@ def world(
         for name, p in zip(NAMES, places, strict=True)
     )  # fmt: skip
     optics = tuple(
-        replace(base.optics, fan=FAN, noise=0.0005 if ideal else 0.005, step_z=0.0 if ideal else 0.004,
-                step_x=0.0 if ideal else 0.001, nonlinearity=size * float(rng.normal(0, LINEARITY_U / 2 * sqrt(2.0))),
+        replace(base.optics, fan=FAN, noise=0.005 if ideal is None else ideal, step_z=size * 0.004,
+                step_x=size * 0.001, nonlinearity=size * float(rng.normal(0, LINEARITY_U / 2 * sqrt(2.0))),
                 nonlinearity_phase=float(rng.uniform(0, tau)), scale_error=size * float(rng.normal(0, 5e-5)))
         for _ in NAMES
     )  # fmt: skip
@@ -125,7 +131,7 @@ def world(
         tilt=float(rng.uniform(2e-4, 1e-3)), tilt_direction=float(rng.uniform(0, tau)),
     )  # fmt: skip
     acquisition = replace(base.acquisition, profiles=round(1.1 * per_turn), columns=("encoder",))
-    linearity = 0.0005 if ideal else LINEARITY_U
+    linearity = LINEARITY_U if errs else 0.0005
     sensors = tuple(Sensor(n, 200.0, points, (70.0, 120.0), linearity_U=linearity, incidence_U=0.005) for n in NAMES)
     stand = Stand(Table(tau * 200.0 / per_turn, "ccw", "home"), sensors, counts_per_turn=COUNTS)
     simulation = replace(
@@ -144,7 +150,7 @@ def off_by(running: Running, x: float, y: float) -> Running:
     return replace(running, eccentricity=hypot(x, y), eccentricity_direction=atan2(y, x))
 
 
-def try_poses(ideal: bool, seed: int) -> tuple[float, ...]:
+def try_poses(ideal: float | None, seed: int) -> tuple[float, ...]:
     """Errors of azimuth (urad) and height (um) of the rear view, and both in U."""
     rng = np.random.default_rng(seed)
     here = world(rng, ABOVE, ideal, 2000, 320)
@@ -182,7 +188,7 @@ def real_gear(gear: Gear, rng: np.random.Generator) -> VirtualGear:
 def try_seam(seed: int) -> tuple[bool, bool, float]:
     """Whether the rear view had moved, whether it was noticed, and the largest seam in U."""
     rng = np.random.default_rng(seed)
-    here = world(rng, (FRONT, REAR), False, 2000, 240)
+    here = world(rng, (FRONT, REAR), None, 2000, 240)
     gear = helical(15.0)
     found = calibrate_views(here.scans(seed), here.artefact)
     moved = bool(seed % 2)
@@ -202,7 +208,7 @@ def try_seam(seed: int) -> tuple[bool, bool, float]:
 def try_gear(angle: float, seed: int) -> dict[str, tuple[float, float, str]]:
     """Error and U (um) of the worst line of each figure, and its status."""
     rng = np.random.default_rng(seed)
-    here = world(rng, (FRONT, REAR), True, 4000, 480)
+    here = world(rng, (FRONT, REAR), IDEAL["ideal"], 4000, 480)
     gear, found = helical(angle), calibrate_views(here.scans(seed), here.artefact)
     part = real_gear(gear, rng)
     seen = here.seen(seed + 1, part)
@@ -224,15 +230,15 @@ def try_gear(angle: float, seed: int) -> dict[str, tuple[float, float, str]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("poses", "ideal", "seams", "gears"))
+    parser.add_argument("what", choices=("poses", *IDEAL, "seams", "gears"))
     parser.add_argument("--stands", type=int, default=100)
     parser.add_argument("--first-seed", type=int, default=90000)
     parser.add_argument("--jobs", type=int, default=2)
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + 2 * options.stands, 2)
     with ProcessPoolExecutor(options.jobs) as pool:
-        if options.what in ("poses", "ideal"):
-            rows = np.array(list(pool.map(partial(try_poses, options.what == "ideal"), seeds)))
+        if options.what == "poses" or options.what in IDEAL:
+            rows = np.array(list(pool.map(partial(try_poses, IDEAL.get(options.what)), seeds)))
             for k, name in ((0, "azimuth, urad"), (1, "height, um"), (5, "off at 25 mm, um"), (6, "turned, urad")):
                 size = np.abs(rows[:, k])
                 print(

@@ -68,6 +68,9 @@ ANGLE = {"profiles": PER_TURN, "columns": ("angle",)}
 STANDS = {
     "paper": Named(),
     "plane off and tilted": Named(PLANE, TILTED, ROUND, {"noise": 0.010}),
+    "without noise": Named(
+        {**PLANE, "plane_offset": 0.6}, TILTED, optics={"noise": 0.0, "step_z": 0.0, "step_x": 0.0}, acquisition=ANGLE
+    ),
     "sensor 25 um non-linear": Named(optics={"nonlinearity": 0.025}),
     "sensor non-linear, plane off": Named(PLANE, optics={"nonlinearity": 0.025}),
     "sensor non-linear from step to step": Named(

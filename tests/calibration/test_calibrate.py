@@ -116,6 +116,14 @@ def test_only_noise_is_left(name):
     assert calibrated(name).residuals.rms == pytest.approx(across, rel=0.02)
 
 
+def test_without_noise_no_prior_pulls_the_plane():
+    """The mounting, known to 1 mm, says 0; the coaxiality that nobody stated leaves 30 um of *U*."""
+    found, true = calibrated("without noise"), truth_of("without noise")["sensor"]
+    assert found.status == "valid"
+    assert abs(found.plane_offset - true["laser_plane_offset_mm"]) < 0.0005
+    assert abs(found.plane_tilt - radians(true["laser_plane_tilt_deg"])) < 20e-6
+
+
 @pytest.mark.more
 @pytest.mark.parametrize("name", [n for n, s in STANDS.items() if s.optics.get("nonlinearity")])
 def test_a_non_linear_sensor_does_not_fake_a_laser_plane(name):

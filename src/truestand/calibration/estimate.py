@@ -124,7 +124,8 @@ class Noise:
     """Noise of the cells' readings, and the share of the data's weight that the model's floor leaves."""
 
     sd: Array
-    """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it."""
+    """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it; at least so much that the
+    cell's own is MODEL_U."""
     share: float
 
     def ratio(self, residuals: Array, counts: Array) -> Array:
@@ -144,12 +145,14 @@ def noise_of(residuals: Array, counts: Array, cylinder: Ints) -> Noise:
     """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true.
 
     Each cylinder by itself: one that has a wave of form of which the model doesn't know yet would show as outliers
-    beside a smooth one, and the wave would never be found.
+    beside a smooth one, and the wave would never be found. No cell is truer than the model: without noise the least
+    that a prior pulls would make outliers of cells, and what is left of them would be pulled the farther.
     """
     sd = np.empty(residuals.size)
     for k in np.unique(cylinder):
         on = cylinder == k
-        sd[on] = max(robust_sd(residuals[on] * np.sqrt(counts[on])), 1e-7)
+        root = np.sqrt(counts[on])
+        sd[on] = np.maximum(robust_sd(residuals[on] * root), MODEL_U * root)
     total = float(Noise(sd, 1.0).weights(residuals, counts).sum())
     return Noise(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
