@@ -124,8 +124,8 @@ class Noise:
     """Noise of the cells' readings, and the share of the data's weight that the model's floor leaves."""
 
     sd: Array
-    """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it; at least so much that the
-    cell's own is MODEL_U."""
+    """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it, and so much at least
+    that the cell's own is MODEL_U."""
     share: float
 
     def ratio(self, residuals: Array, counts: Array) -> Array:
