@@ -76,6 +76,11 @@ class Surface:
         return angle[order], np.hypot(x, y)[order]
 
 
+def each_of(surfaces: Surface | Sequence[Surface]) -> tuple[Surface, ...]:
+    """Several surfaces, or the only one."""
+    return (surfaces,) if isinstance(surfaces, Surface) else tuple(surfaces)
+
+
 def stacked(surfaces: Sequence[Surface]) -> Surface:
     """The profiles of several surfaces in one C, one after the other, without their origin; a single one as it is."""
     if len(surfaces) == 1:
@@ -92,7 +97,14 @@ def surface_of(profile: Ints | NDArray[np.int32], surfaces: Sequence[Surface]) -
 def stacked_values(of_views: Sequence[Array]) -> Array:
     """Values (N, M) of the readings of several scans, one scan after the other; NaN where one has fewer points."""
     points = max(values.shape[1] for values in of_views)
-    return np.concatenate([np.pad(v, ((0, 0), (0, points - v.shape[1])), constant_values=np.nan) for v in of_views])
+    out = np.empty((sum(values.shape[0] for values in of_views), points))
+    first = 0
+    for values in of_views:
+        rows = out[first : first + values.shape[0]]
+        rows[:, : values.shape[1]] = values
+        rows[:, values.shape[1] :] = np.nan
+        first += values.shape[0]
+    return out
 
 
 def apply_calibration(scan: Scan, calibration: Calibration) -> Surface:

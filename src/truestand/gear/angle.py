@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truestand.core.arrays import Array, Mask
 from truestand.core.calibration import Calibration
 from truestand.core.robust import medians, robust_sd
-from truestand.core.surface import apply_calibration, stacked, table_angle
+from truestand.core.surface import apply_calibration, table_angle
 from truestand.gear.flanks import Flanks, Toothing, find_toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import MEDIAN_SPAN, bin_index
@@ -60,7 +60,7 @@ def with_correct_angles(views: tuple[GearView, ...]) -> tuple[GearView, ...]:
     if len(views) == 1 or all(new.surface is old.surface for new, old in zip(corrected, views, strict=True)):
         return corrected
     old = views[0].flanks.toothing  # one for all again
-    toothing = find_toothing(stacked([view.surface for view in corrected]), old.nominal, old.datum)
+    toothing = find_toothing([view.surface for view in corrected], old.nominal, old.datum)
     return tuple(view.rolled_up(view.surface, toothing) for view in corrected)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from truestand.apply.datum import Datum
 from truestand.core.arrays import Array, Mask
 from truestand.core.errors import NotEnoughData
-from truestand.core.surface import Surface, sensor_origins, table_angle
+from truestand.core.surface import Surface, each_of, sensor_origins, table_angle
 from truestand.gear.geometry import SIGMA, Involute
 from truestand.statistics.lone_readings import MOST_SLANT, lone_readings
 
@@ -277,13 +277,13 @@ def assign(points: ToothedZone, nominal: Involute, first_tooth: float) -> tuple[
     return flank, delta
 
 
-def find_toothing(surface: Surface, nominal: Involute, datum: Datum) -> Toothing:
-    """Where the drawing's toothing stands in the scan.
+def find_toothing(surfaces: Surface | Sequence[Surface], nominal: Involute, datum: Datum) -> Toothing:
+    """Where the drawing's toothing stands in a scan, or in several in one frame.
 
     Raises:
         NotEnoughData: nothing of the toothing is in view.
     """
-    points = near_measuring_circle(surface, nominal, datum)
+    points = near_measuring_circle(surfaces, nominal, datum)
     if points.angle.size < 100:
         g = nominal.gear
         raise NotEnoughData(
@@ -305,13 +305,14 @@ def flank_offsets(surface: Surface, toothing: Toothing) -> Array:
     return _offsets(*assign(points, nominal, toothing.first_tooth), nominal)
 
 
-def near_measuring_circle(surface: Surface, nominal: Involute, datum: Datum) -> ToothedZone:
-    """About ``SEARCH_POINTS`` points near the measuring circle, evenly over the scan."""
+def near_measuring_circle(surfaces: Surface | Sequence[Surface], nominal: Involute, datum: Datum) -> ToothedZone:
+    """About ``SEARCH_POINTS`` points near the measuring circle, evenly over the scans; readings numbered in each."""
+    every = each_of(surfaces)
     depth = SEARCH_DEPTH * nominal.gear.module
     low = max(nominal.measuring_radius - depth, nominal.base_radius * 1.002)
     high = min(nominal.measuring_radius + depth, nominal.gear.tip_diameter / 2 - 0.05 * nominal.gear.module)
-    thin = max(1, int(surface.x.size / (20 * SEARCH_POINTS)))
-    parts = [toothed_zone(surface, nominal, datum, rows, low, high, thin) for rows in blocks(surface)]
+    thin = max(1, int(sum(s.x.size for s in every) / (20 * SEARCH_POINTS)))
+    parts = [toothed_zone(s, nominal, datum, rows, low, high, thin) for s in every for rows in blocks(s)]
     return ToothedZone(*(np.concatenate([getattr(p, n) for p in parts]) for n in ToothedZone.__slots__))
 
 
@@ -363,20 +364,26 @@ def about_circle(flanks: Flanks) -> Flanks:
     return flanks.select(np.abs(flanks.roll - nominal.measuring_roll) < ABOUT_CIRCLE * nominal.control_length)
 
 
-def without_lone_readings(flanks: Flanks, live: Mask, angle: Array) -> Flanks:
-    """The flanks without readings that nothing bears out; ``live`` (points,): points of a profile that see anything;
-    ``angle`` (profiles,) rad of the table.
+def without_readings(flanks: Flanks, readings: Mask) -> Flanks:
+    """The flanks without some ``readings`` (profiles * points,) of the scan."""
+    outside = flanks.outside_gate
+    return replace(flanks.select(~readings[flanks.index]), outside_gate=outside.select(~readings[outside.index]))
+
+
+def readings_alone(flanks: Flanks, live: Mask, angle: Array) -> Mask:
+    """Readings (profiles * points,) on flanks that nothing bears out; ``live`` (points,): points of a profile that see
+    anything; ``angle`` (profiles,) rad of the table.
 
     Those outside the gate bear each other out, too, and so do those on either side of blind points.
     """
-    outside = flanks.outside_gate
-    every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([outside])
+    every = FlankPoints(*(getattr(flanks, name) for name in COLUMNS)).joined([flanks.outside_gate])
     row, column = np.divmod(every.index, live.size)
     points = int(np.count_nonzero(live))
     index = row * points + (np.cumsum(live) - 1)[column]
-    kept = ~lone_readings(every.delta, every.flank, index, points, angle, _slant(flanks, live.size, angle))
-    on = flanks.delta.size
-    return replace(flanks.select(kept[:on]), outside_gate=outside.select(kept[on:]))
+    alone = lone_readings(every.delta, every.flank, index, points, angle, _slant(flanks, live.size, angle))
+    found = np.zeros(angle.size * live.size, dtype=bool)
+    found[every.index[alone]] = True
+    return found
 
 
 def _slant(flanks: Flanks, points: int, angle: Array) -> float:

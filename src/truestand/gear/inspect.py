@@ -14,7 +14,7 @@ from truestand.core.frames import UNKNOWNS
 from truestand.core.inspection import Inspection, Seam, contradictions
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration, stacked
+from truestand.core.surface import Surface, apply_calibration, each_of, stacked
 from truestand.gear.angle import with_correct_angles
 from truestand.gear.assess import assess
 from truestand.gear.blind import blind_of_helices
@@ -90,19 +90,19 @@ def inspect_gear(
         WrongDrawing: what was seen is another gear than the drawing's.
         BadRecipe: a surface doesn't say from which scan and calibration it comes.
     """
-    surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    surfaces = each_of(surface)
     nominal, datum = involute(gear), datum or datum_of(surfaces[0].origin[1], gear.datum, gear.bore_clearance)
     surfaces, seams = tied_roughly(surfaces, nominal, datum)
     whole = stacked(surfaces)
-    views = views_of(surfaces, find_toothing(whole, nominal, datum))
+    views = views_of(surfaces, find_toothing(surfaces, nominal, datum))
     views = views if sides_tied else each_by_one_side(views)
     reasons = _reasons(whole, views, seams)
-    views = with_correct_angles(views)
+    views = tuple(view.with_alone_told() for view in with_correct_angles(views))
     views, seams = (views, seams) if seams else tied(views)
     views, apart = levelled(views)
     seen, step = [view.borne_out() for view in views], max((v.scan.step for v in views), key=abs)
     flanks = joined(seen, views)
-    folded, grid = fold(stacked([view.surface for view in views]), flanks.toothing), grid_of(flanks)
+    folded, grid = fold([view.surface for view in views], flanks.toothing), grid_of(flanks)
     flanks = joined(_below_own_tips(seen, views, folded, grid.scatter), views)
     complete = with_deep_damage(flanks, grid)
     evaluator, measures = evaluate_flanks(complete, step)

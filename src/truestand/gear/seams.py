@@ -13,14 +13,14 @@ from math import sqrt
 import numpy as np
 
 from truestand.apply.datum import Datum
-from truestand.core.arrays import Array, Mask
+from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.calibration import VIEW_UNKNOWNS, Calibration, JointCovariance
 from truestand.core.frames import (
     UNKNOWNS,
 )
 from truestand.core.inspection import Seam
 from truestand.core.robust import robust_sd
-from truestand.core.surface import Surface, apply_calibration, stacked
+from truestand.core.surface import Surface, apply_calibration
 from truestand.gear.flanks import find_toothing, flank_offsets
 from truestand.gear.geometry import FLANKS, Involute
 from truestand.gear.grid import grid_of, means_of
@@ -39,6 +39,8 @@ FAR_APART = 0.1
 """mm of delta: so far apart, flanks of two views are laid onto each other before points are told to be on flanks."""
 PLACES = 5
 """Along the face at which flanks are compared roughly."""
+BLOCKS = 8
+"""Of cells along the profile, and along the face: what differences follow is worked out in the middle of each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,7 @@ def tied_roughly(
     covariance = joint_covariance([s.origin[1] for s in surfaces]) if len(surfaces) > 1 else None
     if covariance is None:
         return surfaces, ()
-    toothing = find_toothing(stacked(surfaces), nominal, datum)
+    toothing = find_toothing(surfaces, nominal, datum)
     shape = (2, nominal.gear.teeth, PLACES)
     roll, height = np.full(shape, nominal.measuring_roll), np.linspace(*nominal.helix_range, PLACES)
     seen = [seen_flanks(*s.origin, toothing, roll, np.broadcast_to(height, shape)) for s in surfaces]
@@ -103,7 +105,7 @@ def tied(views: tuple[GearView, ...]) -> tuple[tuple[GearView, ...], tuple[Seam,
         return views, seams
     old = views[0].flanks.toothing
     surfaces = _rolled_up(surfaces, differences)
-    toothing = find_toothing(stacked(surfaces), old.nominal, old.datum)
+    toothing = find_toothing(surfaces, old.nominal, old.datum)
     return tuple(view.rolled_up(s, toothing) for view, s in zip(views, surfaces, strict=True)), seams
 
 
@@ -111,7 +113,9 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
     """What views differ by in the cells of flanks that both show."""
     flanks = joined([view.borne_out() for view in views], views)
     grid, toothing = grid_of(flanks), flanks.toothing
-    seen = [seen_flanks(view.scan, view.calibration, toothing, grid.roll, grid.height) for view in views]
+    (rows, row), (columns, column) = (_blocks(cells) for cells in grid.delta.shape[2:])
+    roll, height = (of[:, :, row][..., column] for of in (grid.roll, grid.height))
+    seen = [seen_flanks(view.scan, view.calibration, toothing, roll, height) for view in views]
     means = [means_of([part_of(flanks, views, k)], grid) for k in range(len(views))]
     found = []
     for (a, b), side in product(_pairs([view.calibration for view in views]), (0, 1)):
@@ -121,8 +125,16 @@ def _differences(views: tuple[GearView, ...]) -> list[Difference]:
         teeth, least = _teeth_of(both[side]), min(_teeth_of(np.isfinite(means[k][side])) for k in (a, b))
         if teeth >= max(LEAST_TEETH, LEAST_SHARE * least) and np.count_nonzero(both) >= LEAST_CELLS:
             u = robust_sd(apart[both] - np.median(apart[both])) / sqrt(teeth)
-            found.append(difference_of(seen, (a, b), side, float(np.median(apart[both])), u, both))
+            weights = np.add.reduceat(np.add.reduceat(both.astype(float), rows, axis=2), columns, axis=3)
+            found.append(difference_of(seen, (a, b), side, float(np.median(apart[both])), u, weights))
     return found
+
+
+def _blocks(cells: int) -> tuple[Ints, Ints]:
+    """First and middle one of each of about ``BLOCKS`` blocks of so many cells."""
+    step = max(1, cells // BLOCKS)
+    first = np.arange(0, cells, step)
+    return first, np.minimum(first + step // 2, cells - 1)
 
 
 def _teeth_of(seen: Mask) -> int:
@@ -139,10 +151,12 @@ def _pairs(calibrations: Sequence[Calibration]) -> list[tuple[int, int]]:
 
 
 def difference_of(
-    seen: Sequence[SeenFlanks], of: tuple[int, int], side: int, value: float, u: float, both: Mask
+    seen: Sequence[SeenFlanks], of: tuple[int, int], side: int, value: float, u: float, weights: Array | Mask
 ) -> Difference:
-    """What the views ``of`` a pair differ by, mm with its standard uncertainty, in the cells that ``both`` show."""
-    signs, mean = {of[0]: 1.0, of[1]: -1.0}, both.reshape(-1) / np.count_nonzero(both)
+    """What the views ``of`` a pair differ by, mm with its standard uncertainty, and what that follows in ``seen``
+    places, by the ``weights`` (2, teeth, ...) with which both show them.
+    """
+    signs, mean = {of[0]: 1.0, of[1]: -1.0}, weights.reshape(-1) / weights.sum()
 
     def row(of_views: Iterable[Array]) -> Array:
         return np.concatenate([signs.get(k, 0.0) * (by @ mean) for k, by in enumerate(of_views)])

@@ -4,6 +4,7 @@ All are read from the folded map: the teeth cut open and laid side by side, as t
 the pitch and the height. It needs no flank, so it also shows teeth that aren't there and corners that broke off.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
@@ -16,7 +17,7 @@ from truestand.core.harmonics import fit_harmonics_robustly
 from truestand.core.inspection import GUARD_FACTOR, Defect, decide
 from truestand.core.message import Message
 from truestand.core.robust import medians, nan_median, robust_sd
-from truestand.core.surface import Surface
+from truestand.core.surface import Surface, each_of
 from truestand.gear.flanks import END_MARGIN, TIP_MARGIN, Flanks, Toothing, blocks, toothed_zone
 from truestand.gear.geometry import Involute
 from truestand.gear.grid import bin_index, centres_of
@@ -92,19 +93,23 @@ class Diameter:
     budget: tuple[Contribution, ...]
 
 
-def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> FoldedMap:
-    """The folded map of every tooth, of so many ``rows`` over the height or of as many as its points fill."""
+def fold(surfaces: Surface | Sequence[Surface], toothing: Toothing, rows: int | None = None) -> FoldedMap:
+    """The folded map of every tooth as one scan shows it or several in one frame, of so many ``rows`` over the height
+    or of as many as its points fill.
+    """
+    every = each_of(surfaces)
+    profiles = sum(surface.x.shape[0] for surface in every)
     nominal = toothing.nominal
     g = nominal.gear
     low, high = g.root_diameter / 2 - REACH, g.tip_diameter / 2 + REACH
     bottom, top = g.face_from + END_MARGIN, g.face_to - END_MARGIN
-    angle, radius, height = _zone(surface, toothing, low, high, THIN)
-    if rows is None and COLUMNS * (top - bottom) * surface.x.shape[0] > HEIGHT_CELL * height.size:
-        angle, radius, height = _zone(surface, toothing, low, high)
+    angle, radius, height = _zone(every, toothing, low, high, THIN)
+    if rows is None and COLUMNS * (top - bottom) * profiles > HEIGHT_CELL * height.size:
+        angle, radius, height = _zone(every, toothing, low, high)
     pitches = (angle - toothing.first_tooth) / g.pitch
     tooth = np.rint(pitches)
     place = bin_index(pitches - tooth, -0.5, 0.5, PLACES)
-    spacing = (top - bottom) * surface.x.shape[0] / max(height.size, 1)  # of the points of a profile
+    spacing = (top - bottom) * profiles / max(height.size, 1)  # of the points of a profile
     rows = rows or max(1, round((top - bottom) / max(HEIGHT_CELL, COLUMNS * spacing)))
     row = bin_index(height, bottom, top, rows)
     cell = ((tooth.astype(np.int64) % g.teeth) * PLACES + place) * rows + row
@@ -118,11 +123,14 @@ def fold(surface: Surface, toothing: Toothing, rows: int | None = None) -> Folde
     return FoldedMap(found, places, centres_of(bottom, top, rows))
 
 
-def _zone(surface: Surface, toothing: Toothing, low: float, high: float, thin: int = 1) -> tuple[Array, Array, Array]:
+def _zone(
+    surfaces: Sequence[Surface], toothing: Toothing, low: float, high: float, thin: int = 1
+) -> tuple[Array, Array, Array]:
     """Angles (rad), radii and heights (n,) mm of the points with radii ``low`` to ``high`` (mm), every ``thin``-th of
     a profile.
     """
-    zones = [toothed_zone(surface, toothing.nominal, toothing.datum, rows, low, high, thin) for rows in blocks(surface)]
+    nominal, datum = toothing.nominal, toothing.datum
+    zones = [toothed_zone(s, nominal, datum, rows, low, high, thin) for s in surfaces for rows in blocks(s)]
     angle, radius, height = (
         np.concatenate([getattr(zone, name) for zone in zones]) for name in ("angle", "radius", "height")
     )

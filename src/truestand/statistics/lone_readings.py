@@ -62,7 +62,9 @@ def lone_readings(
         return np.zeros(0, dtype=bool)
     row, column = np.divmod(index, points)
     image: Image = np.full((angle.size + 2 * ROWS, points + 2 * MARGIN), np.nan, dtype=np.float32)
-    image[row + ROWS, column + MARGIN] = delta
+    width, flat = image.shape[1], image.reshape(-1)
+    at = (row + ROWS) * width + column + MARGIN
+    flat[at] = delta
     reach = ALIKE * sqrt(2.0) * max(_spread(image), LEAST_SPREAD)
     seen, alike, along = np.zeros((3, delta.size), dtype=np.int8)
     above = delta - _median_of(surface, delta)
@@ -72,7 +74,7 @@ def lone_readings(
     beside += [(r, c + round(r * slant)) for r in range(-ROWS, ROWS + 1) if r for c in ACROSS]
     in_row = {}
     for r, c in beside:
-        apart = np.abs(image[row + ROWS + r, column + MARGIN + c] - delta)
+        apart = np.abs(flat.take(at + (r * width + c)) - delta)
         with np.errstate(invalid="ignore"):
             goes_along = apart < farther
             along += goes_along
@@ -83,7 +85,7 @@ def lone_readings(
                 alike += apart < reach
     shown, repeated = np.zeros((2, delta.size), dtype=bool)
     for place in _places_in_other_turns(angle):
-        low, high = _bracket(image, place[row], column)
+        low, high = _bracket(image, np.where(repeated, np.nan, place[row]), column)
         drift = _drift(delta - _nearest(image, place[row], column), surface, angle[row])
         with np.errstate(invalid="ignore"):
             repeated |= (delta - drift > low - reach) & (delta - drift < high + reach)
@@ -164,11 +166,16 @@ def _bracket(image: Image, place: Array, column: NDArray[np.int64]) -> tuple[Arr
     """Least and largest delta (n,) of the readings about each ``place`` (n,) between two profiles; NaN: none."""
     there = np.flatnonzero(np.isfinite(place))
     first = np.minimum(place[there].astype(np.int64), image.shape[0] - 2 * ROWS - 2)
-    low, high = np.full((2, place.size), np.nan)
+    width, flat = image.shape[1], image.reshape(-1)
+    at = (first + ROWS) * width + column[there] + MARGIN
+    least, largest = np.full((2, there.size), np.nan, dtype=np.float32)
     for r in (0, 1):
         for c in (-1, 0, 1):
-            other = image[first + ROWS + r, column[there] + MARGIN + c]
-            low[there], high[there] = np.fmin(low[there], other), np.fmax(high[there], other)
+            other = flat.take(at + (r * width + c))
+            np.fmin(least, other, out=least)
+            np.fmax(largest, other, out=largest)
+    low, high = np.full((2, place.size), np.nan)
+    low[there], high[there] = least, largest
     return low, high
 
 
@@ -176,7 +183,7 @@ def _nearest(image: Image, place: Array, column: NDArray[np.int64]) -> Array:
     """delta (n,) of the reading nearest to each ``place`` (n,); NaN: none."""
     there = np.isfinite(place)
     row = np.rint(np.where(there, place, 0.0)).astype(np.int64)
-    return np.where(there, image[row + ROWS, column + MARGIN], np.nan)
+    return np.where(there, image.reshape(-1).take((row + ROWS) * image.shape[1] + column + MARGIN), np.nan)
 
 
 def _drift(apart: Array, surface: NDArray[np.integer], angle: Array) -> Array:
