@@ -117,7 +117,7 @@ def test_only_noise_is_left(name):
 
 
 def test_without_noise_no_prior_pulls_the_plane():
-    """The mounting, known to 1 mm, says 0; the coaxiality that nobody stated leaves 30 um of *U*."""
+    """The mounting, known to 1 mm, says 0; the coaxiality that nobody stated leaves 40 um of *U*."""
     found, true = calibrated("without noise"), truth_of("without noise")["sensor"]
     assert found.status == "valid"
     assert abs(found.plane_offset - true["laser_plane_offset_mm"]) < 0.0005

@@ -370,7 +370,7 @@ def without_readings(flanks: Flanks, readings: Mask) -> Flanks:
     return replace(flanks.select(~readings[flanks.index]), outside_gate=outside.select(~readings[outside.index]))
 
 
-def readings_alone(flanks: Flanks, live: Mask, angle: Array) -> Mask:
+def lone_readings_on(flanks: Flanks, live: Mask, angle: Array) -> Mask:
     """Readings (profiles * points,) on flanks that nothing bears out; ``live`` (points,): points of a profile that see
     anything; ``angle`` (profiles,) rad of the table.
 

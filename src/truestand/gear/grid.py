@@ -1,6 +1,6 @@
 """Flank points reduced to cells of roll length times height, one grid a tooth and flank: what everything is read from.
 
-A cell's value is the mean of its points, outliers among them are out already (``readings_alone``). Its median
+A cell's value is the mean of its points, outliers among them are out already (``lone_readings_on``). Its median
 stands beside it for the search for defects. Cells have edges where traces have theirs: at the middle of the face
 +- b / 20.
 

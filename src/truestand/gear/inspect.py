@@ -97,7 +97,7 @@ def inspect_gear(
     views = views_of(surfaces, find_toothing(surfaces, nominal, datum))
     views = views if sides_tied else each_by_one_side(views)
     reasons = _reasons(whole, views, seams)
-    views = tuple(view.with_alone_told() for view in with_correct_angles(views))
+    views = tuple(view.with_lone_readings() for view in with_correct_angles(views))
     views, seams = (views, seams) if seams else tied(views)
     views, apart = levelled(views)
     seen, step = [view.borne_out() for view in views], max((v.scan.step for v in views), key=abs)

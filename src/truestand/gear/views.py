@@ -11,7 +11,7 @@ from truestand.core.calibration import Calibration
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import Scan
 from truestand.core.surface import Surface, surface_of, table_angle
-from truestand.gear.flanks import FlankPoints, Flanks, Toothing, find_flanks, readings_alone, without_readings
+from truestand.gear.flanks import FlankPoints, Flanks, Toothing, find_flanks, lone_readings_on, without_readings
 from truestand.gear.geometry import FLANKS
 
 Points = TypeVar("Points", bound=FlankPoints)
@@ -50,7 +50,7 @@ class GearView:
     """(2,): sides whose root another view sees less steeply: near it, this one's rays need not show the flank."""
     fillet_reach: Array | None = None
     """(2,) mm: roll length up to which this one of several views may read the fillet on left and right flanks."""
-    alone: Mask | None = None
+    lone: Mask | None = None
     """(profiles * points,): readings of the scan on flanks that nothing bears out; None: not told yet."""
 
     @property
@@ -80,16 +80,16 @@ class GearView:
         flanks = _of_side(find_flanks(surface, toothing), self.side)
         return replace(self, surface=surface, flanks=flanks, scan=scan, calibration=calibration)
 
-    def with_alone_told(self) -> Self:
-        """The same, which of its readings stand alone being told, wherever its flanks are moved from here on."""
-        return replace(self, alone=self._readings_alone())
+    def with_lone_readings(self) -> Self:
+        """The same, knowing which of its readings stand alone, wherever its flanks are moved from here on."""
+        return replace(self, lone=self._lone_readings())
 
     def borne_out(self) -> Flanks:
         """Its flanks without readings that stand alone."""
-        return without_readings(self.flanks, self._readings_alone() if self.alone is None else self.alone)
+        return without_readings(self.flanks, self._lone_readings() if self.lone is None else self.lone)
 
-    def _readings_alone(self) -> Mask:
-        return readings_alone(self.flanks, self.scan.live, self.angle)
+    def _lone_readings(self) -> Mask:
+        return lone_readings_on(self.flanks, self.scan.live, self.angle)
 
 
 def views_of(surfaces: Sequence[Surface], toothing: Toothing) -> tuple[GearView, ...]:

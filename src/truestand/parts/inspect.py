@@ -12,7 +12,7 @@ from truestand.core.errors import BadRecipe, TruestandError
 from truestand.core.inspection import Inspection
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, apply_calibration
+from truestand.core.surface import Surface, apply_calibration, each_of
 from truestand.core.temperature import Temperature
 from truestand.gear.clampings import Together, laid_together
 from truestand.gear.drawing import Gear
@@ -44,7 +44,7 @@ def inspect(
         BadRecipe: a surface doesn't say from which scan and calibration it comes, a scan is given twice, a part that is
             no gear was clamped again, or teeth that the pitches contradict.
     """
-    surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    surfaces = each_of(surface)
     demand_views(len(surfaces), part, part_turned is not None)
     known = [s.scan.sha256 for s in surfaces if s.scan is not None and s.scan.sha256]
     if len(set(known)) < len(known):

@@ -15,7 +15,7 @@ from truestand.core.frames import UNKNOWNS
 from truestand.core.inspection import Seam
 from truestand.core.message import Message
 from truestand.core.scan import Scan
-from truestand.core.surface import Surface, sensor_origins, stacked, surface_of, table_angle
+from truestand.core.surface import Surface, each_of, sensor_origins, stacked, surface_of, table_angle
 from truestand.uncertainty.influence import (
     independent_parts,
     influence_of_view,
@@ -131,7 +131,7 @@ def views_of(surface: Surface | Sequence[Surface]) -> PartViews:
     Raises:
         BadRecipe: a surface doesn't say from which scan and calibration it comes.
     """
-    surfaces = (surface,) if isinstance(surface, Surface) else tuple(surface)
+    surfaces = each_of(surface)
     return PartViews(tuple(PartView(s, *s.origin) for s in surfaces))
 
 
