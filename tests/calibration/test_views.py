@@ -53,7 +53,7 @@ def off_at(calibration, simulation):
     ("noise", "most", "most_turned"), [(0.0, 1.0, 30.0), (0.5, 1.2, 55.0)], ids=["no noise", "0.5 um"]
 )
 def test_ideal_sensors_stand_where_they_stand(noise, most, most_turned, offsets):
-    """With noise twice the most of 20 stands (seeds 105000 of ``bench/two_views.py ideal``), of four times the readings."""
+    """With noise twice the most of 20 stands of four times the readings (``two_views.py ideal``, seeds 105000)."""
     front, rear = (replace(place, plane_offset=d) for place, d in zip((FRONT, REAR), offsets, strict=True))
     ideal = two_views(front, rear, optics=replace(TWO.optics, noise=noise * UM, step_z=0.0, step_x=0.0))
     stated = calibrate_views(scans_of(ideal, two_sensors(linearity_U=0.0005)), SHAFT)
