@@ -50,14 +50,20 @@ class Solution:
 
 
 def gauss_newton(
-    model: Model, cells: Cells, start: Array, priors: tuple[Prior, ...], settled: float = SETTLED
+    model: Model,
+    cells: Cells,
+    start: Array,
+    priors: tuple[Prior, ...],
+    settled: float = SETTLED,
+    alike: bool = False,
 ) -> Solution:
     """Fit the model to the cells from ``start`` until no unknown of the geometry moves by more than ``settled``.
 
-    The data's weight follows from its own residuals (robustly), so that priors and data are on one scale.
+    The data's weight follows from its own residuals (robustly), so that priors and data are on one scale. ``alike``:
+    whether all cylinders are as noisy as the one that fits worst (``noise_of``).
     """
     precision = precision_of(priors, model.size)
-    at = _linearised(model, cells, start)
+    at = _linearised(model, cells, start, alike)
     converged = False
     steps = halvings = 0
     while not converged and steps < MOST_STEPS and halvings < MOST_HALVINGS:
@@ -68,15 +74,15 @@ def gauss_newton(
         converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
         if not converged:  # a step too small to matter is not worth another pass over all cells
             p, more = _improved(model, cells, at, change, precision)
-            at = _linearised(model, cells, p)
+            at = _linearised(model, cells, p, alike)
             halvings += more
     return replace(at, steps=steps, converged=converged, stuck=halvings >= MOST_HALVINGS)
 
 
-def _linearised(model: Model, cells: Cells, p: Array) -> Solution:
+def _linearised(model: Model, cells: Cells, p: Array, alike: bool) -> Solution:
     """The data's cost about some parameters."""
     residuals, jacobian = model.linearised(p, cells.readings)
-    noise = noise_of(residuals, cells.weight, cells.readings.cylinder)
+    noise = noise_of(residuals, cells.weight, cells.readings.cylinder, alike)
     weights = noise.weights(residuals, cells.weight)
     root = np.sqrt(weights)
     scaled = jacobian * root[:, None]  # times itself: BLAS works out one half only
@@ -141,18 +147,23 @@ class Noise:
         return self.share * tukey_cost(self.ratio(residuals, counts)) + float(precision @ (p * p))
 
 
-def noise_of(residuals: Array, counts: Array, cylinder: Ints) -> Noise:
+def noise_of(residuals: Array, counts: Array, cylinder: Ints, alike: bool) -> Noise:
     """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true.
 
     Each cylinder by itself: one that has a wave of form of which the model doesn't know yet would show as outliers
     beside a smooth one, and the wave would never be found. No cell is truer than the model: without noise the least
     that a prior pulls would make outliers of cells, and what is left of them would be pulled the farther.
+
+    From a start that is far off, each cylinder by itself goes astray: the one that happens to be fitted first seems
+    true, all misfit of the others counts as their noise, and they have no say any more in where the shaft is. So there
+    they are taken ``alike``: no cell is truer than those of the cylinder that fits worst.
     """
+    surfaces = [cylinder == k for k in np.unique(cylinder)]
+    truest = max(MODEL_U, *(robust_sd(residuals[on]) for on in surfaces)) if alike else MODEL_U
     sd = np.empty(residuals.size)
-    for k in np.unique(cylinder):
-        on = cylinder == k
+    for on in surfaces:
         root = np.sqrt(counts[on])
-        sd[on] = np.maximum(robust_sd(residuals[on] * root), MODEL_U * root)
+        sd[on] = np.maximum(robust_sd(residuals[on] * root), truest * root)
     total = float(Noise(sd, 1.0).weights(residuals, counts).sum())
     return Noise(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 

@@ -120,7 +120,8 @@ def refine(scan: Scan, segments: Segments, artefact: Artefact, start: RoughStand
     in_step = tuple(
         replace(q, considered=True) if q.name == STRETCH else q for q in priors_for(model, scan, segments, artefact)
     )
-    first = _fit(few, model, rough, np.full(len(model.radii), FIRST_LIMIT_MM), FIRST_SETTLED, in_step)
+    limit = np.full(len(model.radii), FIRST_LIMIT_MM)
+    first = _fit(few, model, rough, limit, FIRST_SETTLED, in_step, alike=True)
     first = _with_orders(few, first, _orders(first, few.scan))
     fit = _steady(_with_covariance(first if first.solution.stuck else _narrowed(view, first)))
     speed = float(fit.solution.parameters[SPEED])
@@ -203,6 +204,7 @@ def _fit(
     limit: Array,
     settled: float = SETTLED,
     priors: tuple[Prior, ...] | None = None,
+    alike: bool = False,
 ) -> Refined:
     """The model fitted to cells about the surface that the parameters predict, collected again where it moves away.
 
@@ -212,7 +214,7 @@ def _fit(
     priors = priors or priors_for(model, view.scan, view.segments, view.artefact)
     for _ in range(MOST_COLLECTIONS):
         cells = _cells(view, model, parameters, limit)
-        solution = gauss_newton(model, cells, parameters, priors, settled)
+        solution = gauss_newton(model, cells, parameters, priors, settled, alike)
         moved = model.residuals(parameters, cells.readings) - solution.residuals
         parameters = solution.parameters
         if solution.stuck or (np.abs(moved) < STILL * limit[cells.readings.cylinder]).all():
