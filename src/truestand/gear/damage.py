@@ -39,7 +39,9 @@ CLEAR = 6.0
 LEAST_CELLS, IN_ONE_ROW = 4, 8
 """Cells that make a region, and so many where they lie in one row: fewer may be outliers, or speckle."""
 LEAST_LOST, MOST_LOST = 1e-3, 0.05
-"""Share of rays that get lost on sound flanks at least, and share from which only their number counts."""
+"""Share of rays that get lost on sound flanks at least, and share from which only their number counts: of the twenty
+cells to which a region may go on from one, chance then leaves one out.
+"""
 RARELY_LOST = 1e-3
 """So seldom a ray must get lost for a cell without it to weigh as much as one that departs."""
 DEPTH_QUANTILE = 0.98
@@ -154,7 +156,8 @@ def damage_of(
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     known = depth[np.isfinite(depth)]
-    spread = max(grid.scatter, robust_sd(known) if known.size else 0.0)  # speckle is alike within a cell
+    spread = max(grid.scatter, LEAST_DEPTH / DEPARTS)  # speckle is alike within a cell
+    spread = max(spread, robust_sd(known) if known.size else 0.0)
     shared = hypot(evaluator.noise.of_row, apart)
     of_cells = np.hypot(spread / np.sqrt(np.maximum(grid.count, 1.0)), shared)
     by_few = np.abs(rest) < FAR_OFF_BY * of_cells
@@ -411,7 +414,7 @@ def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
     expected, missed = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
     on_most = (expected > 0) & (missed <= (1.0 - ON_MOST) * expected)
     too_often = rays.missed & _missed_too_often(rays, there)
-    weight = np.minimum(np.log(np.maximum(rays.lost, LEAST_LOST)) / log(RARELY_LOST), 1.0)
+    weight = np.clip(np.log(np.maximum(rays.lost, LEAST_LOST) / MOST_LOST) / log(RARELY_LOST / MOST_LOST), 0.0, 1.0)
     single = rays.missed & on_most & (rays.lost <= MOST_LOST)
     not_seen = single | _with_those_between(too_often, rays.expected & ~rays.missed, MOST_BETWEEN)
     return not_seen, np.where(too_often, 1.0, np.where(single, weight, 0.0))
