@@ -142,12 +142,13 @@ def test_tip_broken_by_less_than_the_limit_conforms():
 @pytest.mark.parametrize(
     ("how", "points"),
     tried(
-        [(None, POINTS)],
+        [(None, POINTS), (simulation(outliers=0.1), 400)],
         rarely=[(WILD, 240), (WILD, 640), (simulation(speckle=0.005), 320), (simulation(noise=0.02), POINTS)],
     ),
-    ids=["clean", "20 % wild, 10 % lost, sparse", "the same", "speckle", "noise of 20 um"],
+    ids=["clean", "10 % wild", "20 % wild, 10 % lost, sparse", "the same", "speckle", "noise of 20 um"],
 )
 def test_sound_gears_have_no_undecided_figure(how, points):
+    """Of 10 % wild readings, cells that lost theirs hung together by chance and were *not seen*: 54 undecided lines."""
     found = inspected(SOUND, GEAR, how, points)
     assert found.verdict == "conforms"
     assert all(d.verdict is None for d in found.defects)
