@@ -101,7 +101,7 @@ def test_a_dent_between_the_profiles_beside_the_measuring_circle_is_not_seen():
     assert line(found, "F_beta", 2).verdict == "undecided"
 
 
-@pytest.mark.parametrize("every", tried([], rarely=[3, 1, 6]))
+@pytest.mark.parametrize("every", tried([], 1, rarely=[3, 6]))
 def test_a_crater_that_runs_out_of_the_lower_end_of_the_profile_is_not_seen(every):
     """No reading returns from it, and none is missed between two others: F_alpha 0.0 +- 8.5, *conforms*, for 212."""
     gear, teeth = replace(helical(20.0), accuracy_class=10), range(1, 25, every)

@@ -81,12 +81,10 @@ def _ends_of_profiles(flanks: Flanks, grid: Grid, step: float, points: int) -> l
         for low, window, own in zip(lows, windows, outward, strict=True):
             least = (passes + 1) * _of_a_profile(window, points) + MORE
             columns = (grid.edges[1:] > low) & (grid.edges[:-1] < low + width)
-            beside = _beside(own)
             ends = _either(
-                _ends_before(own, beside, sign * end, least), _ends_before(own, elsewhere, sign * end, least)
+                *(_ends_far_before(own, others, sign * end, least, apart) for others in (_beside(own), elsewhere))
             )
-            most_apart = np.fmin(FARTHER * apart, ALL_ALONG * _widest_gap(beside, ends, sign * end))
-            for flank in np.flatnonzero(sign * end - ends > most_apart):
+            for flank in np.flatnonzero(np.isfinite(ends)):
                 cells[flank] |= _between(edges, sign, min(ends[flank], sign * end), sign * end)[:, None] & columns
         unseen = cells.reshape(grid.delta.shape) & ~grid.seen
         found += [unseen_region(s, t, unseen[s, t], grid) for s, t in np.argwhere(unseen.any(axis=(2, 3)))]
@@ -168,13 +166,22 @@ def _ends_before(own: Array, others: Array, end: float, enough: int) -> Array:
     return np.where((usual >= enough) & (few <= HARDLY_ANY * usual) & np.isfinite(last), last, np.nan)
 
 
-def _widest_gap(others: Array, ends: Array, end: float) -> Array:
-    """How far apart, mm, readings of most ``others`` (flanks, others, most) lie at most between where flanks end, at
-    ``ends`` (flanks,) mm outward, and the ``end`` of the range; NaN: a flank doesn't end before.
+def _ends_far_before(own: Array, others: Array, end: float, enough: int, apart: float) -> Array:
+    """``_ends_before``, where that is farther than readings of a profile lie ``apart`` (mm), or those of others."""
+    ends = _ends_before(own, others, end, enough)
+    most_apart = np.fmin(FARTHER * apart, ALL_ALONG * _widest_gap(others, ends, end, enough))
+    return np.where(end - ends > most_apart, ends, np.nan)
+
+
+def _widest_gap(others: Array, ends: Array, end: float, enough: int) -> Array:
+    """How far apart, mm, readings of most ``others`` (flanks, others, most) that have ``enough`` there lie at most
+    between where flanks end, at ``ends`` (flanks,) mm outward, and the ``end`` of the range; NaN: a flank doesn't end
+    before.
     """
+    shown = (others > ends[:, None, None]).sum(axis=2) >= enough
     places = np.pad(np.clip(others, ends[:, None, None], end), ((0, 0), (0, 0), (1, 1)), constant_values=end)
     places[:, :, 0] = ends[:, None]
-    return _usual(np.diff(places, axis=2).max(axis=2))
+    return _usual(np.where(shown, np.diff(places, axis=2).max(axis=2), np.nan))
 
 
 def _usual(values: Array) -> Array:
