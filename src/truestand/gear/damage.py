@@ -156,8 +156,8 @@ def damage_of(
     cell = cell_of(flanks, grid.nominal, grid.rolls.size, grid.edges)
     depth = (grid.delta - rest).reshape(-1)[cell] - flanks.delta
     known = depth[np.isfinite(depth)]
-    spread = max(grid.scatter, LEAST_DEPTH / DEPARTS)  # speckle is alike within a cell
-    spread = max(spread, robust_sd(known) if known.size else 0.0)
+    # Speckle is alike within a cell; without noise nanometres would depart.
+    spread = max(grid.scatter, LEAST_DEPTH / DEPARTS, robust_sd(known) if known.size else 0.0)
     shared = hypot(evaluator.noise.of_row, apart)
     of_cells = np.hypot(spread / np.sqrt(np.maximum(grid.count, 1.0)), shared)
     by_few = np.abs(rest) < FAR_OFF_BY * of_cells
